@@ -1,0 +1,27 @@
+"""The one error a user can cause."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from os import PathLike
+
+
+class InputError(Exception):
+    """A file, config or argument is wrong; the command ends with exit code 2.
+
+    `problems` holds one line a problem, each naming the place, what was found, and the fix.
+    """
+
+    def __init__(self, problems: str | Iterable[str]) -> None:
+        self.problems: tuple[str, ...] = (
+            (problems,) if isinstance(problems, str) else tuple(problems)
+        )
+        super().__init__("\n".join(self.problems))
+
+
+def input_error(place: str | PathLike[str], found: str, fix: str) -> InputError:
+    """Build the one-line error `place: found; fix`.
+
+    `place` is a file, `file:line`, `file:line:column` or `file:/dataset`.
+    """
+    return InputError(f"{place}: {found}; {fix}")

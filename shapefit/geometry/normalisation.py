@@ -1,0 +1,57 @@
+"""Centre and scale point sets to the units in which lambda and beta are stated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Normalised:
+    """points = (original - centroid) / scale; hidden points are 0.
+
+    points (..., d, p), centroid (..., d), scale (...).
+    """
+
+    points: Floats
+    centroid: Floats
+    scale: Floats
+
+
+def centroid(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
+    """Mean of the visible points, shape (..., d); nan where none is visible."""
+    if visible is None:
+        return points.mean(axis=-1)
+    count = visible.sum(axis=-1)[..., None]
+    total = np.where(visible[..., None, :], points, 0.0).sum(axis=-1)
+    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+
+
+def spread(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
+    """Mean over coordinates of the population standard deviation of the visible points."""
+    centred = points - centroid(points, visible)[..., None]
+    if visible is None:
+        return np.sqrt((centred**2).mean(axis=-1)).mean(axis=-1)
+    count = np.maximum(visible.sum(axis=-1), 1)[..., None]
+    squares = np.where(visible[..., None, :], centred, 0.0) ** 2
+    return np.sqrt(squares.sum(axis=-1) / count).mean(axis=-1)
+
+
+def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Normalised:
+    """(points - centroid) / spread, as the convex program and the dictionary expect them.
+
+    points (..., d, p), visible (..., p) bool or None for all. Where the visible points coincide
+    the scale is 0 and the normalised points are not finite: the caller decides what that means.
+    Source: released solver's convention, see docs/conventions.md.
+    """
+    middle = centroid(points, visible)
+    scale = spread(points, visible)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out = (points - middle[..., None]) / scale[..., None, None]
+    if visible is not None:
+        out = np.where(visible[..., None, :], out, 0.0)
+    return Normalised(out, middle, scale)

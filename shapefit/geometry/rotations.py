@@ -1,0 +1,56 @@
+"""Rotations: nearest, completed from two rows, random, about an axis, and the angle between."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def nearest_rotation(A: Floats) -> Floats:
+    """argmin ||R - A||_F over proper rotations; A and R (..., 3, 3)."""
+    U, _, Vt = np.linalg.svd(A)
+    flip = np.ones(A.shape[:-1])
+    flip[..., 2] = np.sign(np.linalg.det(U @ Vt))
+    return (U * flip[..., None, :]) @ Vt
+
+
+def complete_rotation(rows: Floats) -> Floats:
+    """Nearest two orthonormal rows and their cross product: (..., 2, 3) -> (..., 3, 3).
+
+    The two rows are the polar factor of the input, so a positive multiple of two rows of a
+    rotation comes back as that rotation (paper, section Reconstruction).
+    """
+    U, _, Vt = np.linalg.svd(rows, full_matrices=False)
+    top = U @ Vt
+    third = np.cross(top[..., 0, :], top[..., 1, :])
+    return np.concatenate([top, third[..., None, :]], axis=-2)
+
+
+def random_rotations(n: int, rng: np.random.Generator) -> Floats:
+    """n rotations, uniform over SO(3) (unit quaternions of Gaussian direction); (n, 3, 3)."""
+    w, x, y, z = (q := rng.standard_normal((4, n))) / np.linalg.norm(q, axis=0)
+    entries = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(entries), -1, 0)
+
+
+def rotation_about(axis: Floats, angles: Floats) -> Floats:
+    """R = I + sin(a) [u]_x + (1 - cos(a)) [u]_x^2 (Rodrigues); axis (3,), angles (n,) in rad."""
+    x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    a = np.asarray(angles, dtype=float)[..., None, None]
+    return np.eye(3) + np.sin(a) * K + (1 - np.cos(a)) * (K @ K)
+
+
+def rotation_angle(first: Floats, second: Floats) -> Floats:
+    """Angle of first^T second in degrees; (..., 3, 3) each, nan where an entry is nan.
+
+    Uses ||R1 - R2||_F = 2 sqrt(2) sin(angle / 2), which keeps its accuracy at small angles.
+    """
+    distance = np.linalg.norm(first - second, axis=(-2, -1))
+    return np.degrees(2 * np.arcsin(np.clip(distance / np.sqrt(8), 0, 1)))
