@@ -1,0 +1,170 @@
+"""Metrics against hand-computed cases, an independent minimiser, and their symmetries."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from shapefit.evaluation import metrics
+from shapefit.geometry.rotations import random_rotations
+
+SQUARE = np.array([[1.0, -1, 0, 0], [0, 0, 1, -1], [0, 0, 0, 0]])
+MIRROR = np.diag([1.0, 1.0, -1.0])
+
+
+def moved(shapes, rng):
+    n = len(shapes)
+    scale = rng.uniform(0.1, 10, n)[:, None, None]
+    return scale * (random_rotations(n, rng) @ shapes) + rng.standard_normal((n, 3, 1))
+
+
+@pytest.fixture
+def truth(rng):
+    return rng.standard_normal((20, 3, 8))
+
+
+@pytest.fixture
+def estimate(truth, rng):
+    return truth + 0.3 * rng.standard_normal(truth.shape)
+
+
+def best_distance(source, target, turn):
+    """Least squares by a general minimiser, then the mean distance it leaves."""
+
+    def move(v):
+        R = Rotation.from_rotvec(v[:3]).as_matrix() if turn else np.eye(3)
+        return np.exp(v[3]) * R @ source + v[4:, None]
+
+    starts = Rotation.random(8, rng=0).as_rotvec() if turn else np.zeros((1, 3))
+    runs = [
+        minimize(lambda v: ((move(v) - target) ** 2).sum(), np.r_[r, np.zeros(4)], tol=1e-12)
+        for r in starts
+    ]
+    best = min(runs, key=lambda run: run.fun)
+    return np.linalg.norm(move(best.x) - target, axis=0).mean()
+
+
+class TestSimilarity:
+    def test_hand_computed(self):
+        # Onto a unit square the doubled square fits exactly; pulling one diagonal out to length
+        # a = 3, b = 1 leaves s = (a + b) / (a^2 + b^2) = 0.4 and distances 0.2 and 0.6.
+        estimate = np.stack([2 * SQUARE, SQUARE * np.array([3, 3, 1, 1])])
+        error = metrics.similarity(estimate, np.stack([SQUARE, SQUARE]))
+        np.testing.assert_allclose(error, [0, 0.4], atol=1e-12)
+
+    def test_is_in_the_unit_of_the_truth(self, estimate, truth):
+        metres, millimetres = (metrics.similarity(estimate, u * truth) for u in (1, 1000))
+        np.testing.assert_allclose(millimetres, 1000 * metres)
+
+    def test_ignores_any_similarity_of_the_estimate(self, estimate, truth, rng):
+        error = metrics.similarity(estimate, truth)
+        np.testing.assert_allclose(metrics.similarity(moved(estimate, rng), truth), error)
+        assert error.min() > 0.1
+
+    def test_does_not_forgive_a_reflection(self, truth):
+        assert metrics.similarity(truth, truth).max() < 1e-12
+        assert metrics.similarity(MIRROR @ truth, truth).min() > 0.05
+
+    def test_agrees_with_a_general_minimiser(self, estimate, truth):
+        expected = [best_distance(*pair, turn=True) for pair in zip(estimate, truth, strict=True)]
+        np.testing.assert_allclose(metrics.similarity(estimate, truth), expected, rtol=1e-5)
+
+    @pytest.mark.parametrize("side", ["estimate", "truth"])
+    def test_leaves_out_landmarks_that_one_side_lacks(self, estimate, truth, side):
+        expected = metrics.similarity(estimate[:, :, 2:], truth[:, :, 2:])
+        lacking = {"estimate": estimate.copy(), "truth": truth.copy()}
+        lacking[side][:, :, :2] = np.nan
+        np.testing.assert_allclose(metrics.similarity(**lacking), expected)
+
+    def test_a_point_is_as_far_off_as_the_centroid(self, truth):
+        point = np.full_like(truth, 0.1)
+        point[:, :, 3] = np.nan
+        kept = np.delete(truth, 3, axis=-1)
+        centred = kept - kept.mean(axis=-1, keepdims=True)
+        expected = np.linalg.norm(centred, axis=1).mean(axis=-1)
+        np.testing.assert_allclose(metrics.similarity(point, truth), expected)
+
+
+class TestCamera:
+    def test_hand_computed(self):
+        # A quarter turn about z takes the truth to the camera.
+        quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+        estimate = 0.5 * quarter @ SQUARE + np.array([[7.0], [8], [9]])
+        error = metrics.camera(estimate[None], SQUARE[None], quarter[None])
+        np.testing.assert_allclose(error, [0], atol=1e-12)
+        wrong = metrics.camera(estimate[None], SQUARE[None], np.eye(3)[None])
+        # Unturned <e, x> = 0: the best scale is 0, and every landmark is 1 from the centroid.
+        np.testing.assert_allclose(wrong, [1], atol=1e-12)
+
+    def test_forgives_scale_and_translation_only(self, estimate, truth, rng):
+        R = random_rotations(len(truth), rng)
+        error = metrics.camera(R @ estimate, truth, R)
+        np.testing.assert_allclose(metrics.camera(3 * R @ estimate - 5, truth, R), error)
+        assert np.all(metrics.camera(estimate, truth, R) > error)
+
+    def test_agrees_with_a_general_minimiser(self, estimate, truth, rng):
+        R = random_rotations(len(truth), rng)
+        expected = [
+            best_distance(R_j @ e, R_j @ x, turn=False)
+            for e, x, R_j in zip(estimate, truth, R, strict=True)
+        ]
+        np.testing.assert_allclose(metrics.camera(R @ estimate, truth, R), expected, rtol=1e-5)
+
+    def test_an_inverted_estimate_is_not_flipped_by_a_negative_scale(self):
+        error = metrics.camera(-SQUARE[None], SQUARE[None], np.eye(3)[None])
+        np.testing.assert_allclose(error, [1])
+
+    def test_leaves_out_landmarks_that_one_side_lacks(self, estimate, truth, rng):
+        R = random_rotations(len(truth), rng)
+        expected = metrics.camera(estimate[:, :, 2:], truth[:, :, 2:], R)
+        truth[:, :, :2] = np.nan
+        np.testing.assert_allclose(metrics.camera(estimate, truth, R), expected)
+
+
+class TestReprojection:
+    def test_hand_computed(self):
+        observed = np.array([[[0.0, 1, np.nan], [0, 0, np.nan]]])
+        fitted = np.array([[[3.0, 1, 50], [4, 0, 50]]])
+        np.testing.assert_allclose(metrics.reprojection(fitted, observed), [5 / np.sqrt(2)])
+
+    def test_nothing_visible_is_no_error_of_zero(self):
+        nothing = np.full((1, 2, 4), np.nan)
+        assert np.isnan(metrics.reprojection(np.zeros((1, 2, 4)), nothing)).all()
+
+
+class TestFailedImages:
+    def test_are_nan_and_leave_the_others_alone(self, estimate, truth, rng):
+        R = random_rotations(len(truth), rng)
+        whole = metrics.similarity(estimate, truth), metrics.camera(estimate, truth, R)
+        estimate[3] = np.nan
+        for before, after in zip(
+            whole,
+            (metrics.similarity(estimate, truth), metrics.camera(estimate, truth, R)),
+            strict=True,
+        ):
+            assert np.flatnonzero(np.isnan(after)).tolist() == [3]
+            np.testing.assert_allclose(np.delete(after, 3), np.delete(before, 3))
+
+    def test_two_landmarks_are_too_few(self, estimate, truth):
+        estimate[0, :, 2:] = np.nan
+        estimate[1, :, 3:] = np.nan
+        assert np.isnan(metrics.similarity(estimate, truth)).tolist() == [True] + 19 * [False]
+
+
+class TestTruthScale:
+    def test_hand_computed(self):
+        # Population standard deviations sqrt(1/2), sqrt(1/2), 0 of the square.
+        np.testing.assert_allclose(
+            metrics.truth_scale(SQUARE[None], SQUARE[None]), [2 * np.sqrt(0.5) / 3]
+        )
+
+    def test_normalised_error_is_the_error_against_the_normalised_truth(self, estimate, truth):
+        centred = truth - truth.mean(axis=-1, keepdims=True)
+        unit = centred / truth.std(axis=-1).mean(axis=-1)[:, None, None]
+        np.testing.assert_allclose(
+            metrics.similarity(estimate, truth) / metrics.truth_scale(estimate, truth),
+            metrics.similarity(estimate, unit),
+        )
+
+    def test_true_landmarks_on_one_point_have_no_scale(self, truth):
+        assert np.isnan(metrics.truth_scale(truth, np.full_like(truth, 0.1))).all()
