@@ -1,0 +1,84 @@
+"""The config of `eval`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+
+from shapefit.config.model import CommandConfig, FromLists
+from shapefit.config.paths import InputPaths, OutputPath, PathWords, expand_path
+
+_RESULTS = "a path or glob, a list of them, or a mapping name -> path(s)"
+
+
+def _named(value: Any) -> Any:
+    """Give each file of a list its stem as name; a mapping has its names already."""
+    if isinstance(value, Mapping):
+        if not value:
+            raise ValueError(f"expected {_RESULTS}, found an empty mapping")
+        return dict(value)
+    patterns = value if isinstance(value, list | tuple) else [value]
+    if not patterns:
+        raise ValueError(f"expected {_RESULTS}, found an empty list")
+    named: dict[str, Path] = {}
+    for path in dict.fromkeys(file for pattern in patterns for file in expand_path(pattern)):
+        if path.stem in named:
+            raise ValueError(
+                f"{named[path.stem]} and {path} would both be called {path.stem!r}; "
+                "name them in the config, `results: {name: path}`"
+            )
+        named[path.stem] = path
+    return named
+
+
+class EvalConfig(CommandConfig):
+    """Compare results with the truth."""
+
+    results: Annotated[Mapping[str, InputPaths], PathWords(_RESULTS), BeforeValidator(_named)] = (
+        Field(
+            description="Result files to compare, each under the name its row will have; in a "
+            "list, a file is called by its name without folder and ending."
+        )
+    )
+    truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
+    output: OutputPath = Field(description="Folder to write the report to.")
+    match: str = Field(
+        "item",
+        min_length=1,
+        description="What tells the true shape of an image: `item`, or the name of a dataset of "
+        "the result that holds items of the truth.",
+    )
+    groups: Mapping[str, str] = Field(
+        default_factory=dict,
+        description="Groups of sequences to average over: name -> glob on sequence names.",
+    )
+    metrics: Annotated[
+        tuple[Literal["similarity", "camera", "rotation", "reprojection"], ...],
+        Field(min_length=1),
+        FromLists,
+    ] = Field(
+        ("similarity", "camera", "rotation", "reprojection"), description="Errors to measure."
+    )
+    published: Mapping[str, Mapping[str, float]] = Field(
+        default_factory=dict,
+        description="Rows quoted from a paper to set beside ours: row -> group -> mean "
+        "similarity error of normalised shapes.",
+    )
+    plots: bool = Field(True, description="Also draw the errors (PNG and SVG).")
+
+    @field_validator("published")
+    @classmethod
+    def _groups_exist(
+        cls, published: Mapping[str, Mapping[str, float]], info: ValidationInfo
+    ) -> Mapping[str, Mapping[str, float]]:
+        groups = info.data.get("groups", {})
+        for row, errors in published.items():
+            for group in errors:
+                if groups and group not in groups:
+                    raise ValueError(
+                        f"row {row!r} names the group {group!r}, which `groups` does not have"
+                    )
+        return published

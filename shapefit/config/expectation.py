@@ -1,0 +1,69 @@
+"""What a field expects, in words; for error messages and for the reference page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Annotation metadata: the words for a field whose type alone does not say them well."""
+
+    phrase: str
+
+
+_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
+
+
+def expectation(field: FieldInfo) -> str:
+    """Return what the field expects, such as `a whole number >= 1`."""
+    for entry in field.metadata:
+        if isinstance(entry, Expected):
+            return entry.phrase
+    return f"{_type_words(field.annotation)} {' and '.join(_bounds(field.metadata))}".rstrip()
+
+
+def _type_words(annotation: Any) -> str:
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin in (Union, UnionType):
+        return " or ".join(_type_words(kind) for kind in arguments if kind is not NoneType)
+    if origin is Literal:
+        return " or ".join(arguments)
+    if origin is tuple:
+        return f"a list, each {_type_words(arguments[0])}"
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return f"a mapping, each value {_type_words(arguments[1])}"
+    if issubclass(annotation, BaseModel):
+        return f"a mapping with the keys {', '.join(field_keys(annotation))}"
+    return _WORDS[annotation]
+
+
+def _bounds(metadata: Iterable[Any]) -> Iterator[str]:
+    for entry in metadata:
+        match entry:
+            case Ge(ge=bound):
+                yield f">= {bound}"
+            case Gt(gt=bound):
+                yield f"> {bound}"
+            case Le(le=bound):
+                yield f"<= {bound}"
+            case Lt(lt=bound):
+                yield f"< {bound}"
+
+
+def field_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """Return the fields of a model under the keys that YAML uses for them."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
+
+
+def submodel(field: FieldInfo) -> type[BaseModel] | None:
+    """Return the model of a field that is a mapping with known keys, otherwise None."""
+    kind = field.annotation
+    return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None

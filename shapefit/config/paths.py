@@ -1,0 +1,117 @@
+"""Paths in configs: relative to the file that says them, globs, `{data}` and `-`."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, PlainValidator
+
+from shapefit.config.expectation import Expected
+
+STANDARD_STREAM = Path("-")
+DATA = "{data}"
+
+
+class PathWords(Expected):
+    """Annotation metadata: the field holds paths."""
+
+
+def anchored(value: Any, folder: Path) -> Any:
+    """Return `value` with every path in it taken relative to `folder`.
+
+    `value` is what YAML gives: a text, or lists and mappings of texts. `-` and paths that begin
+    with `{data}` stay as they are.
+    """
+    if isinstance(value, list):
+        return [anchored(item, folder) for item in value]
+    if isinstance(value, dict):
+        return {key: anchored(item, folder) for key, item in value.items()}
+    if not isinstance(value, str) or value == "-" or value.startswith(DATA):
+        return value
+    return str(folder / Path(value).expanduser())
+
+
+def with_data(value: Any, data: Path) -> Any:
+    """Return `value` with `{data}` at the beginning of every path in it replaced by `data`."""
+    if isinstance(value, list):
+        return [with_data(item, data) for item in value]
+    if isinstance(value, dict):
+        return {key: with_data(item, data) for key, item in value.items()}
+    if not isinstance(value, str) or not value.startswith(DATA):
+        return value
+    return str(data) + value.removeprefix(DATA)
+
+
+def absolute_path(value: Any) -> Path:
+    """Return the absolute path of a text or path; `-` stays `-`. Raises ValueError."""
+    if not isinstance(value, str | Path):
+        raise ValueError(f"expected a path, found {value!r}")
+    text = str(value)
+    if not text:
+        raise ValueError("expected a path, found an empty text")
+    if DATA in text:
+        if text.startswith(DATA):
+            raise ValueError(
+                f"{text!r} begins with {DATA}, but `data` is not set; "
+                "set it in the config or with --set data=FOLDER"
+            )
+        raise ValueError(f"{text!r} has {DATA} inside; it can only stand at the beginning")
+    path = Path(text)
+    return path if path == STANDARD_STREAM else Path.cwd() / path.expanduser()
+
+
+def expand_path(value: Any) -> tuple[Path, ...]:
+    """Return the files that a path or glob names, sorted, at least one. Raises ValueError."""
+    path = absolute_path(value)
+    if path == STANDARD_STREAM or path.is_file():
+        return (path,)
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder; name its files, such as {path / '*.h5'}")
+    if not glob.has_magic(str(path)):
+        raise ValueError(f"no file {path}; check the spelling")
+    matches = sorted(Path(match) for match in glob.glob(str(path), recursive=True))
+    files = tuple(match for match in matches if match.is_file())
+    if not files:
+        raise ValueError(f"no file matches {path}; check the pattern")
+    return files
+
+
+def _one_file(value: Any) -> Path:
+    files = expand_path(value)
+    if len(files) > 1:
+        raise ValueError(f"{value} matches {len(files)} files; name one")
+    return files[0]
+
+
+def _as_tuple(value: Any) -> tuple[Any, ...]:
+    items = tuple(value) if isinstance(value, list | tuple) else (value,)
+    if not items:
+        raise ValueError("expected at least one path, found an empty list")
+    return items
+
+
+def _flat(expanded: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
+    return tuple(dict.fromkeys(path for files in expanded for path in files))
+
+
+DataFolder = Annotated[
+    Path | None,
+    PathWords("a folder"),
+    BeforeValidator(lambda value: None if value is None else absolute_path(value)),
+]
+
+OutputPath = Annotated[Path, PathWords("a path"), BeforeValidator(absolute_path)]
+
+InputPath = Annotated[Path, PathWords("a path"), BeforeValidator(_one_file)]
+
+# Each item becomes the tuple of the files that it names (so that a wrong item is reported at its
+# own place), and the tuples are joined last.
+InputPaths = Annotated[
+    tuple[Annotated[Path, PlainValidator(expand_path)], ...],
+    PathWords("a path or glob, or a list of them"),
+    BeforeValidator(_as_tuple),
+    AfterValidator(_flat),
+]

@@ -1,0 +1,79 @@
+"""What a schema rejects, said in the words and places of the user."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from shapefit.config.expectation import expectation, field_keys, submodel
+from shapefit.config.settings import Settings, found
+from shapefit.config.yaml12 import Location
+
+
+def schema_problems(
+    model: type[BaseModel], error: ValidationError, settings: Settings
+) -> list[str]:
+    """Return one line for each thing that the schema of `model` rejects in `settings`."""
+    return [_problem(model, detail, settings) for detail in error.errors()]
+
+
+def _problem(model: type[BaseModel], detail: ErrorDetails, settings: Settings) -> str:
+    location = detail["loc"]
+    owner, field = _schema_at(model, location)
+    match detail["type"]:
+        case "extra_forbidden":
+            place = settings.place(location, key=True)
+            return f"{place}: unknown key {str(location[-1])!r}{_known(model, owner, location)}"
+        case "missing" if field:
+            place = settings.place(location[:-1])
+            return f"{place}: missing key {str(location[-1])!r} ({field.description})"
+        case "value_error":
+            return f"{settings.place(location)}: {detail['ctx']['error']}"
+    wanted = expectation(field) if field else detail["msg"]
+    choices = re.findall(r"'([^']+)'", detail.get("ctx", {}).get("expected", ""))
+    return (
+        f"{settings.place(location)}: expected {wanted}, "
+        f"found {found(detail['input'])}{_did_you_mean(str(detail['input']), choices)}"
+    )
+
+
+def _schema_at(
+    model: type[BaseModel], location: Location
+) -> tuple[type[BaseModel], FieldInfo | None]:
+    """Return the field that `location` is or lies in (None if unknown), and its owner."""
+    owner = model
+    for key in location[:-1]:
+        field = field_keys(owner)[str(key)]
+        inner = submodel(field)
+        if inner is None:
+            return owner, field
+        owner = inner
+    return owner, field_keys(owner).get(str(location[-1]))
+
+
+def _known(model: type[BaseModel], owner: type[BaseModel], location: Location) -> str:
+    """Return the end of a message on an unknown key: the nearest key, or all that are known."""
+    key = str(location[-1])
+    guess = _did_you_mean(key, field_keys(owner))
+    if not guess:
+        elsewhere = [known for known in _dotted_keys(model) if known.split(".")[-1] == key]
+        guess = "".join(f"; did you mean {known!r}?" for known in elsewhere[:1])
+    return guess or f"; the keys here are {', '.join(field_keys(owner))}"
+
+
+def _dotted_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    for key, field in field_keys(model).items():
+        yield prefix + key
+        inner = submodel(field)
+        if inner is not None:
+            yield from _dotted_keys(inner, f"{prefix}{key}.")
+
+
+def _did_you_mean(text: str, choices: Iterable[str]) -> str:
+    nearest = get_close_matches(text, list(choices), n=1)
+    return f"; did you mean {nearest[0]!r}?" if nearest else ""

@@ -1,0 +1,125 @@
+"""One tree of values from a config file, `--set` options and arguments, with their places."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from shapefit.config.paths import anchored, with_data
+from shapefit.config.yaml12 import Location, Place, read_yaml
+from shapefit.errors import input_error
+
+COMMAND_LINE = "command line"
+
+
+@dataclass
+class Settings:
+    """Values for a config before they are checked; `problems` is what is wrong already.
+
+    `path_keys` are the top-level keys that hold paths.
+    """
+
+    path_keys: Collection[str]
+    values: dict[str, Any] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+    _places: dict[Location, Place] = field(
+        default_factory=lambda: {(): Place(COMMAND_LINE, COMMAND_LINE)}
+    )
+
+    def read_file(self, path: Path) -> None:
+        """Take the values of a YAML file; its paths are relative to its folder."""
+        document = read_yaml(_text(path), lambda line, column: f"{path}:{line}:{column}")
+        self.problems += document.problems
+        self._places |= document.places
+        if document.value is None:
+            self._places[()] = Place(f"{path}:1:1", f"{path}:1:1")
+        elif isinstance(document.value, dict):
+            self.values = document.value
+        else:
+            self.problems.append(
+                f"{self.place(())}: expected keys with values (key: value), "
+                f"found {found(document.value)}"
+            )
+        folder = Path.cwd() / path.parent
+        for key in self.values.keys() & self.path_keys:
+            self.values[key] = anchored(self.values[key], folder)
+
+    def set_option(self, option: str) -> None:
+        """Take `a.b=value`, the argument of a --set option; the value is YAML."""
+        place = f"--set {option}"
+        path, equals, text = option.partition("=")
+        keys = path.strip().split(".")
+        if not equals or not all(keys):
+            self.problems.append(f"{place}: expected key=value or key.key=value")
+            return
+        document = read_yaml(text, lambda _line, _column: place)
+        self.problems += document.problems
+        if not document.problems:
+            self._set(tuple(keys), document.value, place)
+
+    def set_argument(self, key: str, value: Any) -> None:
+        """Take a value that an argument of the command line gives."""
+        self._set((key,), value, f"{COMMAND_LINE}, {key}")
+
+    def _set(self, keys: tuple[str, ...], value: Any, place: str) -> None:
+        *parents, last = keys
+        mapping = self.values
+        for depth, key in enumerate(parents, start=1):
+            if key not in mapping:
+                mapping[key] = {}
+                self._places[keys[:depth]] = Place(place, place)
+            mapping = mapping[key]
+            if not isinstance(mapping, dict):
+                self.problems.append(
+                    f"{place}: {'.'.join(keys[:depth])} is {found(mapping)} and has no keys"
+                )
+                return
+        mapping[last] = value
+        for location in [known for known in self._places if known[: len(keys)] == keys]:
+            del self._places[location]
+        self._places[keys] = Place(place, place)
+
+    def with_data(self) -> dict[str, Any]:
+        """Return the values with `{data}` filled in, where the key `data` holds a path."""
+        data = self.values.get("data")
+        if not isinstance(data, str):
+            return self.values
+        folder = Path.cwd() / Path(data).expanduser()
+        return {
+            key: with_data(value, folder) if key in self.path_keys else value
+            for key, value in self.values.items()
+        }
+
+    def place(self, location: Location, *, key: bool = False) -> str:
+        """Return where the value at `location` (or its key) was said, or else its surroundings."""
+        if location in self._places:
+            place = self._places[location]
+            return place.key if key else place.value
+        return self.place(location[:-1])
+
+
+def found(value: Any) -> str:
+    """Return a value as a message names it."""
+    match value:
+        case None:
+            return "nothing"
+        case bool():
+            return str(value).lower()
+        case str():
+            return f"{value[:60]!r}"
+        case Mapping():
+            return "a mapping"
+        case list() | tuple():
+            return "a list"
+    return str(value)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise input_error(path, "not a text in UTF-8", "save it as UTF-8") from None
+    except OSError as error:
+        raise input_error(path, error.strerror or "cannot be read", "check the path") from None

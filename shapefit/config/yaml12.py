@@ -1,0 +1,114 @@
+"""YAML 1.2 read into plain values, with the place of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+Location = tuple[str | int, ...]
+"""The keys and list positions that lead to a value."""
+
+_SCALAR_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float")}
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a key and its value stand, as a message names them."""
+
+    key: str
+    value: str
+
+
+@dataclass
+class Document:
+    """What one YAML text says: plain values, the place of each, and what is wrong with it."""
+
+    value: Any = None
+    places: dict[Location, Place] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+
+def read_yaml(text: str, place: Callable[[int, int], str]) -> Document:
+    """Return what `text` says; `place` names a line and column, both from 1.
+
+    Numbers, true, false and null are as in YAML 1.2's core schema; everything else, dates too,
+    is text. A mapping's keys are always text; the first of a repeated key counts.
+    """
+    document = Document()
+    yaml = YAML(typ="safe", pure=True)
+    try:
+        root = yaml.compose(text)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = place(mark.line + 1, mark.column + 1) if mark else place(1, 1)
+        document.problems.append(f"{where}: not valid YAML: {error.problem or error.context}")
+    except YAMLError as error:
+        document.problems.append(f"{place(1, 1)}: not valid YAML: {str(error).splitlines()[0]}")
+    else:
+        if root is not None:
+            _Reader(yaml, place, document).read(root)
+    return document
+
+
+class _Reader:
+    def __init__(self, yaml: YAML, place: Callable[[int, int], str], document: Document) -> None:
+        self._construct = yaml.constructor.construct_object
+        self._place = place
+        self._document = document
+
+    def read(self, root: Node) -> None:
+        self._document.value = self._value(root, ())
+        self._document.places[()] = Place(self._at(root), self._at(root))
+
+    def _at(self, node: Node) -> str:
+        return self._place(node.start_mark.line + 1, node.start_mark.column + 1)
+
+    def _value(self, node: Node, location: Location) -> Any:
+        if isinstance(node, MappingNode):
+            return self._mapping(node, location)
+        if isinstance(node, SequenceNode):
+            return self._sequence(node, location)
+        return self._scalar(node)
+
+    def _mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        first: dict[str, str] = {}
+        for key_node, value_node in node.value:
+            key = key_node.value
+            if not isinstance(key_node, ScalarNode):
+                self._document.problems.append(f"{self._at(key_node)}: a key must be a text")
+            elif key in values:
+                self._document.problems.append(
+                    f"{self._at(key_node)}: repeated key {key!r}, first at {first[key]}; "
+                    "keep one of them"
+                )
+            else:
+                first[key] = self._at(key_node)
+                child = (*location, key)
+                self._document.places[child] = Place(first[key], self._at(value_node))
+                values[key] = self._value(value_node, child)
+        return values
+
+    def _sequence(self, node: SequenceNode, location: Location) -> list[Any]:
+        values = []
+        for index, item in enumerate(node.value):
+            child = (*location, index)
+            self._document.places[child] = Place(self._at(item), self._at(item))
+            values.append(self._value(item, child))
+        return values
+
+    def _scalar(self, node: Node) -> Any:
+        if node.tag not in _SCALAR_TAGS:
+            return node.value
+        try:
+            return self._construct(node)
+        except ValueError:
+            self._document.problems.append(
+                f"{self._at(node)}: {node.value!r} is not what its tag says"
+            )
+            return None
