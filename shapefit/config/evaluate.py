@@ -46,7 +46,7 @@ class EvalConfig(CommandConfig):
     truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
     output: OutputPath = Field(description="Folder to write the report to.")
     match: str = Field(
-        "item",
+        default="item",
         min_length=1,
         description="What tells the true shape of an image: `item`, or the name of a dataset of "
         "the result that holds items of the truth.",
@@ -60,14 +60,15 @@ class EvalConfig(CommandConfig):
         Field(min_length=1),
         FromLists,
     ] = Field(
-        ("similarity", "camera", "rotation", "reprojection"), description="Errors to measure."
+        default=("similarity", "camera", "rotation", "reprojection"),
+        description="Errors to measure.",
     )
     published: Mapping[str, Mapping[str, float]] = Field(
         default_factory=dict,
         description="Rows quoted from a paper to set beside ours: row -> group -> mean "
         "similarity error of normalised shapes.",
     )
-    plots: bool = Field(True, description="Also draw the errors (PNG and SVG).")
+    plots: bool = Field(default=True, description="Also draw the errors (PNG and SVG).")
 
     @field_validator("published")
     @classmethod

@@ -14,20 +14,20 @@ class SolverConfig(ConfigModel):
     """How the convex program is solved, and when an image counts as solved."""
 
     name: Literal["newton", "admm"] = Field(
-        "newton", description="The fast solver, or the paper's ADMM."
+        default="newton", description="The fast solver, or the paper's ADMM."
     )
     tolerance: float = Field(
-        1e-4,
+        default=1e-4,
         gt=0,
         description="An image is solved when its relative duality gap (stop: gap) or its relative "
         "residuals (stop: change) fall to this.",
     )
     stop: Literal["gap", "change"] = Field(
-        "gap",
+        default="gap",
         description="What the tolerance bounds: the relative duality gap, or the paper's rule on "
         "the change between iterations (admm only).",
     )
-    max_iterations: int = Field(1000, ge=1, description="Most iterations for one image.")
+    max_iterations: int = Field(default=1000, ge=1, description="Most iterations for one image.")
 
     @field_validator("stop")
     @classmethod
@@ -45,9 +45,11 @@ class FitConfig(CommandConfig):
     output: OutputPath = Field(
         description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
     )
-    method: Literal["convex"] = Field("convex", description="How to lift: the convex program.")
+    method: Literal["convex"] = Field(
+        default="convex", description="How to lift: the convex program."
+    )
     lam: float = Field(
-        0.1,
+        default=0.1,
         alias="lambda",
         ge=0,
         description="Weight of the sum of spectral norms, for normalised landmarks and atoms.",
@@ -55,11 +57,11 @@ class FitConfig(CommandConfig):
     solver: SolverConfig = Field(
         default_factory=SolverConfig, description="How the convex program is solved."
     )
-    threads: int = Field(0, ge=0, description="Threads to solve with; 0 is one per core.")
-    chunk: int = Field(4096, ge=1, description="Images held in memory at a time.")
+    threads: int = Field(default=0, ge=0, description="Threads to solve with; 0 is one per core.")
+    chunk: int = Field(default=4096, ge=1, description="Images held in memory at a time.")
     strict: bool = Field(
-        False, description="Count an image whose tolerance was not reached as failed."
+        default=False, description="Count an image whose tolerance was not reached as failed."
     )
     transforms: bool = Field(
-        False, description="Also write the (k, 2, 3) transforms of every image (large)."
+        default=False, description="Also write the (k, 2, 3) transforms of every image (large)."
     )

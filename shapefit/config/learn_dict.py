@@ -29,32 +29,36 @@ class LearnDictConfig(CommandConfig):
     shapes: InputPaths = Field(description="Files of 3D training shapes (HDF5 or CSV).")
     output: OutputPath = Field(description="Dictionary file to write (HDF5).")
     method: Literal["sparse-coding"] = Field(
-        "sparse-coding",
+        default="sparse-coding",
         description="How to learn: non-negative sparse coding with bounded atoms.",
     )
     every: int = Field(
-        1, ge=1, description="Keep every n-th shape of each sequence, starting with its first."
+        default=1,
+        ge=1,
+        description="Keep every n-th shape of each sequence, starting with its first.",
     )
     align: Annotated[
         Literal["all"] | tuple[str, ...], Expected(_ALIGN), BeforeValidator(_landmark_choice)
     ] = Field(
-        "all",
+        default="all",
         description="Landmarks that decide how training shapes are turned onto each other.",
     )
-    k: int = Field(64, ge=1, description="Number of atoms; at most the number of shapes.")
-    beta: float = Field(0.1, ge=0, description="Weight of the sparsity of the coefficients.")
+    k: int = Field(default=64, ge=1, description="Number of atoms; at most the number of shapes.")
+    beta: float = Field(
+        default=0.1, ge=0, description="Weight of the sparsity of the coefficients."
+    )
     iterations: int = Field(
-        15, ge=1, description="Most rounds of coding all shapes and updating all atoms."
+        default=15, ge=1, description="Most rounds of coding all shapes and updating all atoms."
     )
     tolerance: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         description="Stop when a round lowers the objective by less than this share of it; "
         "0 runs all rounds.",
     )
     atom_bound: Literal["unit", "mean"] = Field(
-        "unit",
+        default="unit",
         description="Largest norm of an atom: 1, or the mean norm of the atoms learning "
         "starts from.",
     )
-    seed: int = Field(0, ge=0, description="Seed of every random choice.")
+    seed: int = Field(default=0, ge=0, description="Seed of every random choice.")

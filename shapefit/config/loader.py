@@ -71,8 +71,5 @@ def _path_keys(model: type[CommandConfig]) -> set[str]:
 def dump_config(config: CommandConfig) -> str:
     """Return the config as YAML, every default spelled out; it loads again to the same config."""
     text = io.StringIO()
-    yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = False
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.dump(config.model_dump(mode="json"), text)
+    YAML().dump(config.model_dump(mode="json"), text)
     return text.getvalue()

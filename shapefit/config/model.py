@@ -35,7 +35,8 @@ class CommandConfig(ConfigModel):
     """Everything that one command can be told."""
 
     data: DataFolder = Field(
-        None, description="Folder that `{data}` stands for at the beginning of any other path."
+        default=None,
+        description="Folder that `{data}` stands for at the beginning of any other path.",
     )
 
     def as_json(self) -> str:

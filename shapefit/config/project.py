@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
@@ -12,41 +11,48 @@ from shapefit.config.model import CommandConfig, ConfigModel, FromLists
 from shapefit.config.paths import InputPaths, OutputPath
 
 Row = tuple[float, float, float]
-Rotation = Annotated[tuple[Row, Row, Row], Expected("three rows of three numbers"), FromLists]
+Rotation = tuple[Row, Row, Row]
 
 
-def _is_rotation(rows: tuple[Row, Row, Row], tolerance: float = 1e-6) -> bool:
-    for (i, a), (j, b) in itertools.combinations_with_replacement(enumerate(rows), 2):
-        if abs(sum(x * y for x, y in zip(a, b, strict=True)) - (i == j)) > tolerance:
-            return False
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
+def _dot(a: Row, b: Row) -> float:
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def _is_rotation(rows: Rotation, tolerance: float = 1e-6) -> bool:
+    """Return whether the rows are orthonormal and the third is the cross product of the others."""
+    (a, b, c), (d, e, f), third = rows
+    cross = (b * f - c * e, c * d - a * f, a * e - b * d)
+    products = [(_dot(x, y), i == j) for i, x in enumerate(rows) for j, y in enumerate(rows)]
+    products.append((_dot(cross, third), True))
+    return all(abs(product - target) <= tolerance for product, target in products)
 
 
 class CameraConfig(ConfigModel):
     """The camera that sees the shapes."""
 
     model: Literal["orthographic", "weak-perspective"] = Field(
-        "orthographic", description="Orthographic, or orthographic times a scale."
+        default="orthographic", description="Orthographic, or orthographic times a scale."
     )
     view: Literal["turntable", "random", "fixed"] = Field(
-        "turntable",
+        default="turntable",
         description="One full turn a sequence about the vertical axis, a random rotation for each "
         "image, or one given rotation for all.",
     )
-    rotation: Rotation | None = Field(
-        None,
-        description="Rotation from object to camera frame (view: fixed): three rows, "
-        "orthonormal, determinant +1.",
+    rotation: Annotated[Rotation | None, Expected("three rows of three numbers"), FromLists] = (
+        Field(
+            default=None,
+            description="Rotation from object to camera frame (view: fixed): three rows, "
+            "orthonormal, determinant +1.",
+        )
     )
     scale: float = Field(
-        1.0, gt=0, description="Image units per unit of the shape (weak-perspective only)."
+        default=1.0, gt=0, description="Image units per unit of the shape (weak-perspective only)."
     )
-    up: Literal["x", "y", "z"] = Field("y", description="The vertical axis of the shapes.")
+    up: Literal["x", "y", "z"] = Field(default="y", description="The vertical axis of the shapes.")
 
     @field_validator("rotation")
     @classmethod
-    def _proper(cls, rotation: tuple[Row, Row, Row] | None) -> tuple[Row, Row, Row] | None:
+    def _proper(cls, rotation: Rotation | None) -> Rotation | None:
         if rotation is not None and not _is_rotation(rotation):
             raise ValueError("expected a rotation (orthonormal rows, determinant +1)")
         return rotation
@@ -62,9 +68,11 @@ class CameraConfig(ConfigModel):
 class OutlierConfig(ConfigModel):
     """Landmarks that are grossly wrong."""
 
-    share: float = Field(0.0, ge=0, lt=1, description="Share of the visible landmarks.")
+    share: float = Field(default=0.0, ge=0, lt=1, description="Share of the visible landmarks.")
     size: float = Field(
-        1.0, gt=0, description="Largest displacement of an outlier, in units of the landmarks."
+        default=1.0,
+        gt=0,
+        description="Largest displacement of an outlier, in units of the landmarks.",
     )
 
 
@@ -79,17 +87,17 @@ class ProjectConfig(CommandConfig):
         default_factory=CameraConfig, description="The camera that sees the shapes."
     )
     noise: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         description="Standard deviation of Gaussian noise on landmarks, in units of the shape.",
     )
     hidden: float = Field(
-        0.0, ge=0, lt=1, description="Share of landmarks hidden, other ones in each image."
+        default=0.0, ge=0, lt=1, description="Share of landmarks hidden, other ones in each image."
     )
     outliers: OutlierConfig = Field(
         default_factory=OutlierConfig, description="Landmarks that are grossly wrong."
     )
-    seed: int = Field(0, ge=0, description="Seed of every random choice.")
+    seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
 
     @field_validator("camera")
     @classmethod

@@ -1,0 +1,56 @@
+"""The page of all config keys, written from the schema."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from shapefit.config.expectation import expectation, field_keys, submodel
+from shapefit.config.loader import CONFIGS
+
+_INTRODUCTION = """\
+# Config keys
+
+Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no` is a text. \
+`--set key=value` and `--set key.key=value` go over the file, arguments of the command over both.
+
+- Paths in a file are relative to the file, paths on the command line to the working directory.
+- A path to read may be a glob (`*`, `?`, `[...]`, `**`); it must match at least one file.
+- `-` is standard input or output, as CSV.
+- A path may begin with `{data}`: it stands for the folder that the key `data` names.
+- `--print-config` prints the config as the command understands it, with every default.
+"""
+
+
+def reference_page() -> str:
+    """Return the page of all keys of all commands, as Markdown."""
+    sections = [_section(command, model) for command, model in CONFIGS.items()]
+    return "\n".join([_INTRODUCTION, *sections])
+
+
+def _section(command: str, model: type[BaseModel]) -> str:
+    rows = "\n".join(_rows(model))
+    return (
+        f"## `{command}`\n\n{model.__doc__}\n\n"
+        f"| key | expects | default | meaning |\n|---|---|---|---|\n{rows}\n"
+    )
+
+
+def _rows(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    for key, field in field_keys(model).items():
+        inner = submodel(field)
+        if inner is None:
+            cells = (f"`{prefix}{key}`", expectation(field), _default(field), field.description)
+            yield f"| {' | '.join(str(cell) for cell in cells)} |"
+        else:
+            yield from _rows(inner, f"{prefix}{key}.")
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    default = field.get_default(call_default_factory=True)
+    return "none" if default is None else f"`{json.dumps(default)}`"
