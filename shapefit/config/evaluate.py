@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from shapefit.config.model import CommandConfig, FromLists
 from shapefit.config.paths import InputPaths, OutputPath, PathWords, expand_path
+
+Metric = Literal["similarity", "camera", "rotation", "reprojection"]
 
 _RESULTS = "a path or glob, a list of them, or a mapping name -> path(s)"
 
@@ -55,13 +57,8 @@ class EvalConfig(CommandConfig):
         default_factory=dict,
         description="Groups of sequences to average over: name -> glob on sequence names.",
     )
-    metrics: Annotated[
-        tuple[Literal["similarity", "camera", "rotation", "reprojection"], ...],
-        Field(min_length=1),
-        FromLists,
-    ] = Field(
-        default=("similarity", "camera", "rotation", "reprojection"),
-        description="Errors to measure.",
+    metrics: Annotated[tuple[Metric, ...], FromLists] = Field(
+        default=get_args(Metric), description="Errors to measure."
     )
     published: Mapping[str, Mapping[str, float]] = Field(
         default_factory=dict,
@@ -69,6 +66,13 @@ class EvalConfig(CommandConfig):
         "similarity error of normalised shapes.",
     )
     plots: bool = Field(default=True, description="Also draw the errors (PNG and SVG).")
+
+    @field_validator("metrics")
+    @classmethod
+    def _at_least_one(cls, metrics: tuple[Metric, ...]) -> tuple[Metric, ...]:
+        if not metrics:
+            raise ValueError("expected at least one metric, found an empty list")
+        return metrics
 
     @field_validator("published")
     @classmethod

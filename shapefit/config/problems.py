@@ -29,13 +29,13 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, settings: Settings) -
         case "extra_forbidden":
             place = settings.place(location, key=True)
             return f"{place}: unknown key {str(location[-1])!r}{_known(model, owner, location)}"
-        case "missing" if field:
+        case "missing" if field and field is field_keys(owner).get(str(location[-1])):
             place = settings.place(location[:-1])
             return f"{place}: missing key {str(location[-1])!r} ({field.description})"
         case "value_error":
             return f"{settings.place(location)}: {detail['ctx']['error']}"
-    wanted = expectation(field) if field else detail["msg"]
     choices = re.findall(r"'([^']+)'", detail.get("ctx", {}).get("expected", ""))
+    wanted = " or ".join(choices) or (expectation(field) if field else detail["msg"])
     return (
         f"{settings.place(location)}: expected {wanted}, "
         f"found {found(detail['input'])}{_did_you_mean(str(detail['input']), choices)}"

@@ -108,7 +108,7 @@ def found(value: Any) -> str:
         case bool():
             return str(value).lower()
         case str():
-            return f"{value[:60]!r}"
+            return repr(value) if len(value) <= 200 else f"{value[:200]!r}..."
         case Mapping():
             return "a mapping"
         case list() | tuple():

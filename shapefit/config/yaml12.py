@@ -55,6 +55,10 @@ def read_yaml(text: str, place: Callable[[int, int], str]) -> Document:
     return document
 
 
+def _is_absent(node: Node) -> bool:
+    return bool(node.start_mark.index == node.end_mark.index)
+
+
 class _Reader:
     def __init__(self, yaml: YAML, place: Callable[[int, int], str], document: Document) -> None:
         self._construct = yaml.constructor.construct_object
@@ -90,7 +94,8 @@ class _Reader:
             else:
                 first[key] = self._at(key_node)
                 child = (*location, key)
-                self._document.places[child] = Place(first[key], self._at(value_node))
+                said = key_node if _is_absent(value_node) else value_node
+                self._document.places[child] = Place(first[key], self._at(said))
                 values[key] = self._value(value_node, child)
         return values
 

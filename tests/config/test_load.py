@@ -1,0 +1,180 @@
+"""Files, options and arguments become one checked config."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from shapefit.config import EvalConfig, FitConfig, LearnDictConfig, dump_config, load_config
+from shapefit.errors import InputError
+
+PRINTABLE = st.text(st.characters(exclude_categories=["C", "Zl", "Zp"]), min_size=1)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working folder with data files, and configs in a subfolder."""
+    for name in ("a.h5", "b.h5", "c.csv", "configs/a.h5", "far/x.h5", "far/deep/y.h5"):
+        (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
+        (tmp_path / name).touch()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def write(folder: Path, text: str, name: str = "configs/c.yaml") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path.relative_to(folder)
+
+
+FIT = "landmarks: a.h5\ndictionary: a.h5\noutput: r.h5\n"
+
+
+def test_defaults_are_those_of_the_reference(folder):
+    config = load_config("fit", write(folder, FIT))
+    assert isinstance(config, FitConfig)
+    assert (config.lam, config.method, config.chunk, config.threads) == (0.1, "convex", 4096, 0)
+    assert config.solver.name == "newton"
+    assert config.solver.tolerance == 1e-4
+
+
+def test_yaml_is_1_2(folder):
+    path = write(folder, FIT.replace("r.h5", "no") + "lambda: 1e-3\nthreads: 010\n")
+    config = load_config("fit", path)
+    assert config.lam == 1e-3
+    assert config.threads == 10
+    assert config.output == folder / "configs" / "no"
+
+
+def test_a_number_in_quotes_is_a_text(folder):
+    with pytest.raises(InputError, match=r"c\.yaml:4:9: expected a number >= 0, found '0\.1'"):
+        load_config("fit", write(folder, FIT + "lambda: '0.1'\n"))
+
+
+def test_arguments_go_over_options_and_options_over_the_file(folder):
+    path = write(folder, FIT + "chunk: 1\nthreads: 1\nlambda: 1\n")
+    config = load_config("fit", path, ["chunk=2", "threads=2"], {"chunk": 3, "lambda": None})
+    assert (config.chunk, config.threads, config.lam) == (3, 2, 1)
+
+
+def test_an_option_sets_one_key_of_a_mapping_and_keeps_the_others(folder):
+    path = write(folder, FIT + "solver: {name: admm, tolerance: 1e-2}\n")
+    solver = load_config("fit", path, ["solver.stop=change"]).solver
+    assert (solver.name, solver.tolerance, solver.stop) == ("admm", 1e-2, "change")
+
+
+def test_options_are_yaml_in_flow_style(folder):
+    config = load_config(
+        "fit", write(folder, FIT), ["solver={name: admm, tolerance: 1e-7}", "strict=true"]
+    )
+    assert config.solver.tolerance == 1e-7
+    assert config.strict is True
+
+
+def test_no_file_is_needed(folder):
+    arguments = {"landmarks": ("c.csv",), "dictionary": "a.h5", "output": "-"}
+    config = load_config("fit", None, [], arguments)
+    assert config.landmarks == (folder / "c.csv",)
+    assert config.output == Path("-")
+
+
+def test_paths_are_relative_to_who_says_them(folder):
+    path = write(folder, FIT)
+    config = load_config("fit", path, ["output=o.h5"], {"landmarks": ("a.h5",)})
+    assert config.dictionary == folder / "configs" / "a.h5"
+    assert config.output == folder / "o.h5"
+    assert config.landmarks == (folder / "a.h5",)
+
+
+def test_globs_are_sorted_and_name_each_file_once(folder):
+    text = "shapes: [../b.h5, '../*.h5', '../far/**/*.h5']\noutput: d.h5\n"
+    config = load_config("learn-dict", write(folder, text))
+    names = [path.resolve().relative_to(folder).as_posix() for path in config.shapes]
+    assert names == ["b.h5", "a.h5", "far/deep/y.h5", "far/x.h5"]
+
+
+def test_a_file_with_a_glob_character_in_its_name_is_that_file(folder):
+    (folder / "x[1].h5").touch()
+    (folder / "x1.h5").touch()
+    config = load_config("learn-dict", None, [], {"shapes": "x[1].h5", "output": "d.h5"})
+    assert config.shapes == (folder / "x[1].h5",)
+
+
+def test_data_stands_for_a_folder(folder):
+    text = "data: ../far\nshapes: ['{data}/x.h5', '{data}/deep/*.h5']\noutput: d.h5\n"
+    config = load_config("learn-dict", write(folder, text))
+    assert [path.resolve() for path in config.shapes] == [
+        folder / "far/x.h5",
+        folder / "far/deep/y.h5",
+    ]
+    (folder / "other/deep").mkdir(parents=True)
+    for name in ("x.h5", "deep/z.h5"):
+        (folder / "other" / name).touch()
+    config = load_config("learn-dict", write(folder, text), ["data=other"])
+    assert config.shapes == (folder / "other/x.h5", folder / "other/deep/z.h5")
+
+
+def test_results_in_a_list_are_called_by_their_names(folder):
+    text = "results: ['../?.h5']\ntruth: ../a.h5\noutput: report\n"
+    config = load_config("eval", write(folder, text))
+    assert list(config.results) == ["a", "b"]
+
+
+def test_results_keep_the_names_of_a_mapping(folder):
+    text = "results: {ours: ../a.h5, theirs: [../b.h5, ../c.csv]}\ntruth: ../a.h5\noutput: r\n"
+    config = load_config("eval", write(folder, text))
+    assert isinstance(config, EvalConfig)
+    assert [len(paths) for paths in config.results.values()] == [1, 2]
+
+
+def test_the_config_is_frozen(folder):
+    config = load_config("fit", write(folder, FIT))
+    with pytest.raises(ValueError, match="frozen"):
+        config.lam = 2.0
+    with pytest.raises(ValueError, match="frozen"):
+        config.solver.tolerance = 2.0
+
+
+def test_json_holds_every_key_under_its_yaml_name(folder):
+    values = json.loads(load_config("fit", write(folder, FIT)).as_json())
+    assert values["lambda"] == 0.1
+    assert values["solver"]["tolerance"] == 1e-4
+    assert values["landmarks"] == [str(folder / "configs/a.h5")]
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@given(
+    lam=st.floats(min_value=0, allow_infinity=False),
+    threads=st.integers(0, 10**12),
+    tolerance=st.floats(min_value=0, exclude_min=True, allow_infinity=False),
+)
+def test_a_printed_fit_config_loads_again(folder, lam, threads, tolerance):
+    values = {"landmarks": ["a.h5", "-"], "dictionary": "b.h5", "output": "-", "lambda": lam}
+    config = FitConfig(**values, threads=threads, solver={"tolerance": tolerance, "name": "admm"})
+    assert load_config("fit", write(folder, dump_config(config))) == config
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@given(groups=st.dictionaries(PRINTABLE, st.text("*?[]a_ 1:#-'")), match=PRINTABLE)
+def test_a_printed_eval_config_loads_again(folder, groups, match):
+    published = {"row": dict.fromkeys(groups, 0.5)}
+    config = EvalConfig(
+        results={"no": "a.h5"},
+        truth="a.h5",
+        output="r",
+        match=match,
+        groups=groups,
+        published=published,
+    )
+    assert load_config("eval", write(folder, dump_config(config))) == config
+
+
+def test_a_printed_config_with_landmark_names_loads_again(folder):
+    config = LearnDictConfig(
+        shapes="a.h5", output="d.h5", data="far", align=["no", "1e-3", "hip: left"]
+    )
+    assert load_config("learn-dict", write(folder, dump_config(config))) == config

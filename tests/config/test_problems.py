@@ -1,0 +1,254 @@
+"""Every problem of a config is told at once, at its place, with what to do."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from shapefit.config import load_config
+from shapefit.errors import InputError
+
+FIT = "landmarks: a.h5\ndictionary: a.h5\noutput: r.h5\n"
+PROJECT = "shapes: a.h5\noutput: v.h5\n"
+LEARN = "shapes: a.h5\noutput: d.h5\n"
+EVAL = "results: a.h5\ntruth: a.h5\noutput: report\n"
+BASES = {"fit": FIT, "project": PROJECT, "learn-dict": LEARN, "eval": EVAL}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    (tmp_path / "a.h5").touch()
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub/a.csv").touch()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def problems(command: str, text: str, *options: str, **arguments) -> tuple[str, ...]:
+    Path("c.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_config(command, Path("c.yaml"), options, arguments)
+    return caught.value.problems
+
+
+def only_problem(command: str, addition: str, *options: str) -> str:
+    (problem,) = problems(command, BASES[command] + addition, *options)
+    return problem
+
+
+def test_every_problem_is_told_at_once():
+    text = "landmark: a.h5\ndictionary: a.h5\nlambda: -1\nlambda: 2\nsolver: {name: newtn}\n"
+    told = problems("fit", text, "chunk=0", "thread=1")
+    assert sorted(line.split(": ")[0] for line in told) == [
+        "--set chunk=0",
+        "--set thread=1",
+        "c.yaml:1:1",  # unknown landmark
+        "c.yaml:1:1",  # missing landmarks
+        "c.yaml:1:1",  # missing output
+        "c.yaml:3:9",
+        "c.yaml:4:1",
+        "c.yaml:5:16",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("command", "addition", "expected"),
+    [
+        ("fit", "lambda: -0.1", "c.yaml:4:9: expected a number >= 0, found -0.1"),
+        ("fit", "lambda: .nan", "c.yaml:4:9: expected a number >= 0, found nan"),
+        ("fit", "lambda: .inf", "c.yaml:4:9: expected a number >= 0, found inf"),
+        ("fit", "lambda: true", "c.yaml:4:9: expected a number >= 0, found true"),
+        ("fit", "lambda:", "c.yaml:4:1: expected a number >= 0, found nothing"),
+        ("fit", "lambda: [1]", "c.yaml:4:9: expected a number >= 0, found a list"),
+        ("fit", "strict: no", "c.yaml:4:9: expected true or false, found 'no'"),
+        ("fit", "chunk: 2.5", "c.yaml:4:8: expected a whole number >= 1, found 2.5"),
+        ("fit", "threads: -1", "c.yaml:4:10: expected a whole number >= 0, found -1"),
+        ("fit", "lam: 1", "c.yaml:4:1: unknown key 'lam'; did you mean 'lambda'?"),
+        (
+            "fit",
+            "tolerance: 1",
+            "c.yaml:4:1: unknown key 'tolerance'; did you mean 'solver.tolerance'?",
+        ),
+        (
+            "fit",
+            "solver: {zzz: 1}",
+            "c.yaml:4:10: unknown key 'zzz'; the keys here are name, tolerance, stop, "
+            "max_iterations",
+        ),
+        (
+            "fit",
+            "solver: newton",
+            "c.yaml:4:9: expected a mapping with the keys name, tolerance, stop, max_iterations, "
+            "found 'newton'",
+        ),
+        (
+            "fit",
+            "solver: {name: adm}",
+            "c.yaml:4:16: expected newton or admm, found 'adm'; did you mean 'admm'?",
+        ),
+        ("fit", "solver: {tolerance: 0}", "c.yaml:4:21: expected a number > 0, found 0"),
+        (
+            "fit",
+            "solver: {stop: change}",
+            "c.yaml:4:16: `stop: change` belongs to the solver admm; use `gap` or name: admm",
+        ),
+        ("learn-dict", "k: 0", "c.yaml:3:4: expected a whole number >= 1, found 0"),
+        ("learn-dict", "k: 1e3", "c.yaml:3:4: expected a whole number >= 1, found 1000.0"),
+        ("learn-dict", "every: 0", "c.yaml:3:8: expected a whole number >= 1, found 0"),
+        ("learn-dict", "beta: -1", "c.yaml:3:7: expected a number >= 0, found -1"),
+        ("learn-dict", "align: [a, b]", "found ['a', 'b']"),
+        ("learn-dict", "align: [a, b, a]", "found ['a', 'b', 'a']"),
+        ("learn-dict", "align: al", "found 'al'"),
+        (
+            "project",
+            "hidden: 1",
+            "c.yaml:3:9: expected a number >= 0 and < 1, found 1",
+        ),
+        ("project", "noise: -1", "c.yaml:3:8: expected a number >= 0, found -1"),
+        (
+            "project",
+            "camera: {view: fixed}",
+            "c.yaml:3:9: `rotation` and `view: fixed` go together; give both or neither",
+        ),
+        (
+            "project",
+            "camera: {rotation: [[1,0,0],[0,1,0],[0,0,1]]}",
+            "c.yaml:3:9: `rotation` and `view: fixed` go together; give both or neither",
+        ),
+        (
+            "project",
+            "camera: {view: fixed, rotation: [[1,0,0],[0,1,0],[0,0,-1]]}",
+            "c.yaml:3:33: expected a rotation (orthonormal rows, determinant +1)",
+        ),
+        (
+            "project",
+            "camera: {view: fixed, rotation: [[1,0,0],[0,1,0]]}",
+            "expected three rows of three numbers",
+        ),
+        (
+            "project",
+            "camera: {scale: 2}",
+            "c.yaml:3:17: an orthographic camera has scale 1; use model: weak-perspective",
+        ),
+        (
+            "eval",
+            "metrics: [camra]",
+            "c.yaml:4:11: expected similarity or camera or rotation or reprojection, found 'camra'; "
+            "did you mean 'camera'?",
+        ),
+        ("eval", "metrics: []", "c.yaml:4:10: expected at least one metric, found an empty list"),
+        ("eval", "groups: {A: 3}", "c.yaml:4:13: expected a mapping, each value a text, found 3"),
+        (
+            "eval",
+            "groups: {A: a_*}\npublished: {Paper: {B: 0.2}}",
+            "c.yaml:5:12: row 'Paper' names the group 'B', which `groups` does not have",
+        ),
+        ("eval", "published: {Paper: {A: .nan}}", "c.yaml:4:24: expected"),
+    ],
+)
+def test_one_wrong_value(command, addition, expected):
+    assert expected in only_problem(command, addition + "\n")
+
+
+def test_a_proper_rotation_is_accepted():
+    Path("c.yaml").write_text(
+        PROJECT + "camera: {view: fixed, rotation: [[0,1,0],[-1,0,0],[0,0,1.0]]}\n"
+    )
+    assert load_config("project", Path("c.yaml")).camera.rotation == (
+        (0, 1, 0),
+        (-1, 0, 0),
+        (0, 0, 1),
+    )
+
+
+@pytest.mark.parametrize(
+    ("option", "expected"),
+    [
+        ("lambda=-1", "--set lambda=-1: expected a number >= 0, found -1"),
+        ("lambda=", "--set lambda=: expected a number >= 0, found nothing"),
+        ("solver.nam=admm", "--set solver.nam=admm: unknown key 'nam'; did you mean 'name'?"),
+        ("solver.name=adm", "--set solver.name=adm: expected newton or admm, found 'adm'"),
+        ("lambda", "--set lambda: expected key=value or key.key=value"),
+        ("=1", "--set =1: expected key=value or key.key=value"),
+        ("lambda.x=1", "--set lambda.x=1: expected a number >= 0, found a mapping"),
+        ("method=*x", "--set method=*x: not valid YAML"),
+        ("solver={name: admm, name: newton}", "repeated key 'name'"),
+        ("dictionary.x=1", "--set dictionary.x=1: dictionary is 'a.h5' and has no keys"),
+    ],
+)
+def test_a_wrong_option_is_named_by_its_text(option, expected):
+    told = only_problem("fit", "", option)
+    assert expected.replace("'a.h5'", repr(str(Path.cwd() / "a.h5"))) in told
+
+
+def test_a_wrong_argument_is_named():
+    (told,) = problems("fit", FIT, dictionary="nowhere.h5")
+    assert told == f"command line, dictionary: no file {Path.cwd()}/nowhere.h5; check the spelling"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a: b: c\n", "c.yaml:1:5: not valid YAML: "),
+        ("lambda: [1, 2\n", "c.yaml:2:1: not valid YAML: "),
+        ("\tlambda: 1\n", "c.yaml:1:1: not valid YAML: "),
+        ("- a\n- b\n", "c.yaml:1:1: expected keys with values (key: value), found a list"),
+        ("--- {}\n--- {}\n", "c.yaml:2:1: not valid YAML: "),
+        ("? [a]\n: 1\n", "c.yaml:1:3: a key must be a text"),
+        ("lambda: !!int x\n", "c.yaml:1:9: 'x' is not what its tag says"),
+        ("a: \x00\n", "c.yaml:1:1: not valid YAML: "),
+    ],
+)
+def test_broken_yaml_has_a_place(text, expected):
+    assert any(line.startswith(expected) for line in problems("fit", text)), problems("fit", text)
+
+
+def test_an_empty_file_misses_the_required_keys():
+    told = problems("fit", "")
+    assert [re.sub(r" \(.*", "", line) for line in told] == [
+        "c.yaml:1:1: missing key 'landmarks'",
+        "c.yaml:1:1: missing key 'dictionary'",
+        "c.yaml:1:1: missing key 'output'",
+    ]
+
+
+def test_a_config_that_cannot_be_read_is_named(folder):
+    with pytest.raises(InputError, match=r"nowhere\.yaml: No such file"):
+        load_config("fit", Path("nowhere.yaml"))
+    with pytest.raises(InputError, match="sub: Is a directory"):
+        load_config("fit", Path("sub"))
+    (folder / "latin.yaml").write_bytes(b"output: \xe9\n")
+    with pytest.raises(InputError, match=r"latin\.yaml: not a text in UTF-8"):
+        load_config("fit", Path("latin.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("x.h5", "c.yaml:1:12: no file {folder}/x.h5; check the spelling"),
+        ("'*.csv'", "c.yaml:1:12: no file matches {folder}/*.csv; check the pattern"),
+        ("sub", "c.yaml:1:12: {folder}/sub is a folder; name its files, such as"),
+        ("3", "c.yaml:1:12: expected a path, found 3"),
+        ("''", "c.yaml:1:12: "),
+        ("[]", "c.yaml:1:12: expected at least one path, found an empty list"),
+        ("[a.h5, x.h5]", "c.yaml:1:19: no file {folder}/x.h5"),
+        ("'{data}/a.h5'", "set it in the config or with --set data=FOLDER"),
+        ("'sub/{data}/a.h5'", "it can only stand at the beginning"),
+    ],
+)
+def test_a_path_that_names_no_file(folder, path, expected):
+    (told,) = problems("fit", FIT.replace("a.h5", path, 1))
+    assert expected.format(folder=folder, data="{data}") in told
+
+
+def test_one_dictionary_only(folder):
+    (folder / "b.h5").touch()
+    (told,) = problems("fit", FIT.replace("dictionary: a.h5", "dictionary: '*.h5'"))
+    assert "matches 2 files; name one" in told
+
+
+def test_results_of_one_name_must_be_named_apart(folder):
+    (told,) = problems("eval", EVAL.replace("results: a.h5", "results: [a.h5, sub/a.csv]"))
+    assert "would both be called 'a'" in told
