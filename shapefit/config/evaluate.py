@@ -65,6 +65,9 @@ class EvalConfig(CommandConfig):
         description="Rows quoted from a paper to set beside ours: row -> group -> mean "
         "similarity error of normalised shapes.",
     )
+    caveats: Annotated[tuple[str, ...], FromLists] = Field(
+        default=(), description="What a reader of the numbers must know; printed with them."
+    )
     plots: bool = Field(default=True, description="Also draw the errors (PNG and SVG).")
 
     @field_validator("metrics")
