@@ -1,0 +1,111 @@
+"""The command `shapefit`: its commands, and what becomes of every error."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from types import FrameType
+from typing import NoReturn
+
+import click
+
+from shapefit import __version__
+from shapefit.errors import InputError
+
+from .evaluate import evaluate
+from .fit import fit
+from .learn_dict import learn_dict
+from .options import TRACEBACK_VARIABLE
+from .project import project
+
+INPUT_ERROR = 2
+INTERNAL_ERROR = 3
+INTERRUPTED = 128 + signal.SIGINT
+PIPE_CLOSED = 128 + signal.SIGPIPE
+
+
+@click.group(
+    name="shapefit",
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="""\b
+Exit codes:
+  0  everything was done
+  1  finished, but some items failed (they are listed)
+  2  bad usage, config or input
+  3  internal error (--traceback shows where)
+
+\b
+Examples, the whole chain:
+  shapefit learn-dict -c learn-dict.yaml train.h5 -o dict.h5
+  shapefit project    -c project.yaml test.h5 -o views.h5
+  shapefit fit        -c fit.yaml views.h5 -d dict.h5 -o result.h5
+  shapefit eval       -c eval.yaml result.h5 --truth test.h5 -o report/
+""",
+)
+@click.version_option(__version__, prog_name="shapefit")
+def commands() -> None:
+    """Lift 2D landmarks in single images to 3D shapes with a convex program.
+
+    Each command reads a YAML config; arguments and --set go over what it says. Human text goes
+    to stderr, data to files or stdout.
+    """
+
+
+for command in (learn_dict, project, fit, evaluate):
+    commands.add_command(command)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run the command line `arguments`; return the exit code."""
+    try:
+        with commands.make_context("shapefit", list(arguments)) as context:
+            code = commands.invoke(context)
+        sys.stdout.flush()
+    except click.exceptions.Exit as exit_:
+        return exit_.exit_code
+    except click.ClickException as error:
+        error.show()
+        return INPUT_ERROR
+    except InputError as error:
+        for problem in error.problems:
+            click.echo(f"Error: {problem}", err=True)
+        return INPUT_ERROR
+    except KeyboardInterrupt:
+        click.echo("Interrupted; no file is left half written.", err=True)
+        return INTERRUPTED
+    except BrokenPipeError:
+        _drop_standard_output()
+        return PIPE_CLOSED
+    except Exception as error:
+        return _internal_error(error)
+    return int(code)
+
+
+def _drop_standard_output() -> None:
+    """Let nothing more be written to a pipe that its reader closed, not even at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _internal_error(error: Exception) -> int:
+    if os.environ.get(TRACEBACK_VARIABLE) == "1":
+        import traceback
+
+        traceback.print_exception(error)
+        hint = "this is a bug in shapefit"
+    else:
+        hint = f"this is a bug in shapefit; --traceback or {TRACEBACK_VARIABLE}=1 shows where"
+    text = " ".join(str(error).split())
+    click.echo(f"Internal error: {type(error).__name__}: {text} ({hint})", err=True)
+    return INTERNAL_ERROR
+
+
+def _terminate(signal_number: int, _frame: FrameType | None) -> NoReturn:
+    raise SystemExit(128 + signal_number)
+
+
+def main() -> NoReturn:
+    """Run the command line of this process; a SIGTERM unwinds, so that no half file is left."""
+    signal.signal(signal.SIGTERM, _terminate)
+    sys.exit(run(sys.argv[1:]))
