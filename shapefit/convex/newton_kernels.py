@@ -1,0 +1,257 @@
+"""The fast solver: semismooth Newton on the augmented dual, one image at a time.
+
+The dual of the program in the reduced coordinates (reduction_kernels.py) is
+
+    max_Y <Y, W> - delta/2 ||Y||_F^2   s.t.  ||Y B_i^T||_* <= lambda,  |Y| <= bound,
+
+delta = 1 for a loss with a quadratic and 0 without. The proximal-point method on the primal
+(equivalently the augmented Lagrangian method on the dual) repeats, with growing sigma,
+
+    Y <- argmin phi(Y) = delta/2 ||Y||^2 - <Y, W> + 1/(2 sigma) sum_i ||prox(M_i + sigma Y B_i^T)||^2
+                                                  + 1/(2 sigma) ||soft(E + sigma Y)||^2
+    M_i <- prox_{sigma lambda}(M_i + sigma Y B_i^T),     E <- soft_{sigma bound}(E + sigma Y).
+
+phi is convex with a semismooth gradient and lives in 2 (p - 1) dimensions, so a Newton step costs
+one small Cholesky factorisation and few steps suffice. Every iterate carries its duality gap.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shapefit.convex.block_kernels import (
+    correlate,
+    jacobian_rows,
+    largest_nuclear_norm,
+    moreau,
+    prox_block,
+)
+from shapefit.convex.kernel import kernel
+from shapefit.convex.linear_kernels import newton_direction
+from shapefit.convex.reduction_kernels import expand_rows
+
+# sigma starts at START ||W|| / (lambda max ||B_i||), the step on which M can move by its own size,
+# grows by GROWTH an outer iteration and never beyond LIMIT times its start.
+START, GROWTH, LIMIT = 20.0, 4.0, 1e10
+# An inner problem is solved until ||gradient|| <= LOOSENESS ||change of (M, E)|| / sigma.
+LOOSENESS = 10.0
+ARMIJO, SHORTEST = 1e-4, 1e-4
+
+
+@kernel
+def soft_squared(E, Y, step, D, sigma, t):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """||soft_t(E + sigma (Y + step D))||^2; all (2, p)."""
+    value = 0.0
+    for a in range(2):
+        for j in range(E.shape[1]):
+            excess = abs(E[a, j] + sigma * (Y[a, j] + step * D[a, j])) - t
+            if excess > 0.0:
+                value += excess * excess
+    return value
+
+
+@kernel
+def solve_reduced(  # type: ignore[no-untyped-def]  # noqa: ANN201
+    W,
+    planes,
+    atoms,
+    lam,
+    delta,
+    bound,
+    visible,
+    h,
+    tolerance,
+    most,
+    M,
+    E,
+    y,  # noqa: ANN001
+):
+    """Solve one image from the start (M, E, y), which are overwritten; returns Newton steps.
+
+    W and y (2, q); planes (3, q, k) and atoms (k, 3, q) hold the reduced B; M (6, k); E (2, p) in
+    landmark space, read and written only where the bound is finite.
+    """
+    q, k, p = planes.shape[1], planes.shape[2], E.shape[1]
+    seen = q + 1
+    robust = np.isfinite(bound)
+    N, dN = np.zeros((6, k)), np.zeros((6, k))
+    total = np.empty(k)
+    active, fresh = np.empty(k, np.int64), np.empty((k, 6))
+    argument = np.empty(6)
+    Y, D = np.zeros((2, p)), np.zeros((2, p))
+    fresh_E = np.zeros((2, p))
+    g, d = np.empty(2 * q), np.empty(2 * q)
+    F = np.zeros((6 * k + (2 * seen if robust else 0), 2 * q))
+    H, small = np.empty((2 * q, 2 * q)), np.empty(2 * q)
+
+    largest = 0.0
+    for i in range(k):
+        size = 0.0
+        for b in range(3):
+            for j in range(q):
+                size += atoms[i, b, j] ** 2
+        largest = max(largest, size)
+    largest = np.sqrt(largest)
+    scale = 0.0
+    for j in range(q):
+        scale += W[0, j] ** 2 + W[1, j] ** 2
+    scale = np.sqrt(scale)
+    if scale == 0.0 or largest == 0.0:
+        return 0
+    sigma = START * scale / (lam * largest)
+    top = LIMIT * sigma
+
+    correlate(y, planes, N)
+    steps = 0
+    while True:
+        t = sigma * lam
+        inner = 0
+        if robust:
+            expand_rows(y, visible, h, seen, Y)
+        yy, yw = 0.0, 0.0
+        for j in range(q):
+            yy += y[0, j] ** 2 + y[1, j] ** 2
+            yw += y[0, j] * W[0, j] + y[1, j] * W[1, j]
+        phi = delta * 0.5 * yy - yw + moreau(M, N, 0.0, N, sigma, t, total) / (2.0 * sigma)
+        if robust:
+            phi += soft_squared(E, Y, 0.0, Y, sigma, sigma * bound) / (2.0 * sigma)
+        while True:
+            # gradient, with the proximal point it belongs to
+            for a in range(2):
+                for j in range(q):
+                    g[a * q + j] = delta * y[a, j] - W[a, j]
+            count, moved, norms = 0, 0.0, 0.0
+            for i in range(k):
+                if total[i] > t:
+                    active[count] = i
+                    new = fresh[count]
+                    for b in range(6):
+                        argument[b] = M[b, i] + sigma * N[b, i]
+                    norms += prox_block(argument, t, new)
+                    g0, g1 = g[:q], g[q:]
+                    B0, B1, B2 = atoms[i, 0], atoms[i, 1], atoms[i, 2]
+                    m0, m1, m2, m3, m4, m5 = new[0], new[1], new[2], new[3], new[4], new[5]
+                    for j in range(q):
+                        g0[j] += m0 * B0[j] + m1 * B1[j] + m2 * B2[j]
+                        g1[j] += m3 * B0[j] + m4 * B1[j] + m5 * B2[j]
+                    for b in range(6):
+                        moved += (new[b] - M[b, i]) ** 2
+                    count += 1
+                else:
+                    for b in range(6):
+                        moved += M[b, i] ** 2
+            penalty, largest_entry = lam * norms, 0.0
+            if robust:
+                for a in range(2):
+                    along = 0.0
+                    for l in range(seen):
+                        j = visible[l]
+                        value = E[a, j] + sigma * Y[a, j]
+                        excess = abs(value) - sigma * bound
+                        fresh_E[a, j] = np.sign(value) * excess if excess > 0.0 else 0.0
+                        along += fresh_E[a, j] * h[l]
+                        moved += (fresh_E[a, j] - E[a, j]) ** 2
+                        largest_entry = max(largest_entry, abs(Y[a, j]))
+                    for l in range(q):
+                        g[a * q + l] += fresh_E[a, visible[l]] - along * h[l]
+            gg, rr = 0.0, 0.0
+            for a in range(2):
+                for j in range(q):
+                    gg += g[a * q + j] ** 2
+                    rr += (delta * y[a, j] - g[a * q + j]) ** 2
+            # duality gap of the proximal point and of y, scaled to be feasible
+            if robust:
+                if delta > 0.0:
+                    for a in range(2):
+                        for j in range(p):
+                            penalty += bound * abs(fresh_E[a, j])
+                else:
+                    expand_rows(-g.reshape(2, q), visible, h, seen, D)
+                    for a in range(2):
+                        for j in range(p):
+                            penalty += bound * abs(fresh_E[a, j] + D[a, j])
+            primal = penalty + delta * 0.5 * rr
+            feasible = lam / max(largest_nuclear_norm(N), 1e-300)
+            if robust:
+                feasible = min(feasible, bound / max(largest_entry, 1e-300))
+            if delta > 0.0:
+                feasible = min(feasible, yw / max(yy, 1e-300))
+            dual = max(feasible, 0.0) * yw - delta * 0.5 * feasible * feasible * yy
+            gap = abs(primal - dual) / max(primal, 1e-300)
+            if delta == 0.0 and not robust:
+                gap = max(gap, np.sqrt(gg) / scale)
+            if gap <= tolerance or steps >= most or not np.isfinite(gap):
+                break
+            if inner > 0 and gg * sigma * sigma <= LOOSENESS * LOOSENESS * moved:
+                break
+            # Newton step
+            rows = 0
+            for c in range(count):
+                i = active[c]
+                for b in range(6):
+                    argument[b] = M[b, i] + sigma * N[b, i]
+                rows = jacobian_rows(argument, t, sigma, atoms[i], F, rows)
+            if robust:
+                root = np.sqrt(sigma)
+                for a in range(2):
+                    for l in range(seen):
+                        if fresh_E[a, visible[l]] != 0.0:
+                            Fr = F[rows]
+                            for j in range(2 * q):
+                                Fr[j] = 0.0
+                            for j in range(q):
+                                Fr[a * q + j] = -root * h[l] * h[j]
+                            if l < q:
+                                Fr[a * q + l] += root
+                            rows += 1
+            shift = delta
+            if delta == 0.0:
+                shift = sigma * largest * largest * (1e-13 + 1e-7 * min(1.0, np.sqrt(gg) / scale))
+            newton_direction(F, rows, shift, g, H, small, d)
+            direction = d.reshape(2, q)
+            correlate(direction, planes, dN)
+            if robust:
+                expand_rows(direction, visible, h, seen, D)
+            slope, yd, dd, wd = 0.0, 0.0, 0.0, 0.0
+            for a in range(2):
+                for j in range(q):
+                    slope += g[a * q + j] * d[a * q + j]
+                    yd += y[a, j] * d[a * q + j]
+                    wd += W[a, j] * d[a * q + j]
+                    dd += d[a * q + j] ** 2
+            step = 1.0
+            while True:
+                trial = delta * (0.5 * yy + step * yd + 0.5 * step * step * dd) - yw - step * wd
+                trial += moreau(M, N, step, dN, sigma, t, total) / (2.0 * sigma)
+                if robust:
+                    trial += soft_squared(E, Y, step, D, sigma, sigma * bound) / (2.0 * sigma)
+                enough = phi + ARMIJO * step * slope + 1e-13 * abs(phi)
+                if trial <= enough or step < SHORTEST:
+                    break
+                step *= 0.5
+            phi = trial
+            steps += 1
+            inner += 1
+            yy, yw = 0.0, 0.0
+            for a in range(2):
+                for j in range(q):
+                    y[a, j] += step * d[a * q + j]
+                    yy += y[a, j] ** 2
+                    yw += y[a, j] * W[a, j]
+            for b in range(6):
+                Nb, dNb = N[b], dN[b]
+                for i in range(k):
+                    Nb[i] += step * dNb[i]
+            if robust:
+                for a in range(2):
+                    for j in range(p):
+                        Y[a, j] += step * D[a, j]
+        M[:] = 0.0
+        for c in range(count):
+            for b in range(6):
+                M[b, active[c]] = fresh[c, b]
+        if robust:
+            E[:] = fresh_E
+        if gap <= tolerance or steps >= most or not np.isfinite(gap):
+            return steps
+        sigma = min(sigma * GROWTH, top)

@@ -1,0 +1,107 @@
+"""Data of the convex program, and the losses it can carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class Loss(Enum):
+    """Data term f(Omega o (W - sum M_i B_i - T 1^T)) of the program.
+
+    SQUARED        1/2 ||r||_F^2                                 (paper, eq. finalnoisy)
+    EXACT          0 where r = 0, infinite elsewhere             (paper, eq. finalnoiseless)
+    ABSOLUTE       ||r||_1                                       (paper, Discussion)
+    SPARSE_ERROR   min_E 1/2 ||r - E||_F^2 + beta ||E||_1        (Huber's function of r)
+    """
+
+    SQUARED = "squared"
+    EXACT = "exact"
+    ABSOLUTE = "l1"
+    SPARSE_ERROR = "sparse-error"
+
+    @property
+    def has_quadratic(self) -> bool:
+        """Return whether the conjugate of the loss holds the term 1/2 ||Y||_F^2."""
+        return self in (Loss.SQUARED, Loss.SPARSE_ERROR)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """min_{M,T} f(Omega o (W - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2 for n images.
+
+    landmarks W (n, 2, p), weights Omega (n, p) >= 0 with 0 = hidden (what W holds there is
+    irrelevant), atoms B (k, 3, p) shared by all images, lam (n,) > 0, loss f, and beta > 0, the
+    weight of ||E||_1 where the loss is SPARSE_ERROR. Raises ValueError on shapes or values that
+    do not fit.
+    """
+
+    landmarks: Floats
+    weights: Floats
+    atoms: Floats
+    lam: Floats
+    loss: Loss = Loss.SQUARED
+    beta: float = 0.1
+
+    def __post_init__(self) -> None:
+        n, two, p = self.landmarks.shape
+        k, three, q = self.atoms.shape
+        if two != 2 or three != 3 or p != q or k == 0:
+            raise ValueError(
+                f"landmarks {self.landmarks.shape} and atoms {self.atoms.shape}"
+                " must be (n, 2, p) and (k, 3, p)"
+            )
+        if self.weights.shape != (n, p) or self.lam.shape != (n,):
+            raise ValueError(
+                f"weights {self.weights.shape} and lam {self.lam.shape} must be ({n}, {p}), ({n},)"
+            )
+        if not (np.isfinite(self.weights).all() and (self.weights >= 0).all()):
+            raise ValueError("weights must be finite and >= 0")
+        if not (np.isfinite(self.lam).all() and (self.lam > 0).all()):
+            raise ValueError("lam must be finite and > 0")
+        if not np.isfinite(self.atoms).all():
+            raise ValueError("atoms must be finite")
+        if not self.beta > 0:
+            raise ValueError("beta must be > 0")
+
+    @property
+    def bound(self) -> float:
+        """Bound on the entries of the dual Y: beta, 1 or none, by the loss."""
+        if self.loss is Loss.SPARSE_ERROR:
+            return self.beta
+        return 1.0 if self.loss is Loss.ABSOLUTE else np.inf
+
+
+def build_problem(
+    landmarks: Floats,
+    atoms: Floats,
+    lam: Floats | float,
+    *,
+    weights: Floats | None = None,
+    loss: Loss = Loss.SQUARED,
+    beta: float = 0.1,
+) -> Problem:
+    """Problem with defaults filled in: one lambda for all, weight 1 where W is finite, else 0.
+
+    landmarks (n, 2, p) or (2, p) for a single image; hidden landmarks may be nan.
+    """
+    W = np.atleast_3d(landmarks) if landmarks.ndim == 3 else landmarks[None]
+    seen = np.isfinite(W).all(axis=1)
+    if weights is None:
+        weights = seen.astype(float)
+    weights = np.broadcast_to(weights, seen.shape)
+    if not seen[weights > 0].all():
+        raise ValueError("landmarks of positive weight must be finite")
+    return Problem(
+        np.ascontiguousarray(np.where((weights > 0)[:, None, :], W, 0.0), dtype=np.float64),
+        np.ascontiguousarray(weights, dtype=np.float64),
+        np.ascontiguousarray(atoms, dtype=np.float64),
+        np.ascontiguousarray(np.broadcast_to(np.asarray(lam, dtype=np.float64), (len(W),))),
+        loss,
+        beta,
+    )

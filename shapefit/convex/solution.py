@@ -1,0 +1,42 @@
+"""What a solver returns: one status, one certificate and one set of transforms an image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class Status(Enum):
+    """How the work on one image ended; the value is the word in files and reports."""
+
+    OPTIMAL = "optimal"
+    ITERATION_LIMIT = "iteration limit"
+    DEGENERATE = "degenerate input"
+    NUMERICAL_FAILURE = "numerical failure"
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Optimum of the convex program for n images.
+
+    transforms M (n, k, 2, 3); translation T (n, 2); dual Y (n, 2, p), feasible up to scaling;
+    errors E (n, 2, p), the sparse errors of a robust loss in the units of the landmarks, else
+    zero; objective and relative_gap (n,), computed from scratch at the end; residual (n,),
+    ||Omega o (W - sum M_i B_i - T 1^T)||_F / ||Omega o (W - mean)||_F; iterations (n,);
+    status, a Status an image.
+    """
+
+    transforms: Floats
+    translation: Floats
+    dual: Floats
+    errors: Floats
+    objective: Floats
+    relative_gap: Floats
+    residual: Floats
+    iterations: NDArray[np.int64]
+    status: tuple[Status, ...]
