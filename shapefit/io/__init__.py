@@ -1,0 +1,28 @@
+"""Files in and out; h5py and polars are imported when the first such file is handled."""
+
+from shapefit.io.atomic import atomic_path, check_output, digest
+from shapefit.io.dictionary_files import read_dictionary, write_dictionary
+from shapefit.io.landmark_files import LandmarkSource, open_landmarks
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, match_landmarks
+from shapefit.io.result_files import read_results
+from shapefit.io.shape_files import read_shapes, write_shapes
+from shapefit.io.writing import landmark_writer, result_writer
+
+__all__ = [
+    "LandmarkSet",
+    "LandmarkSource",
+    "ResultSet",
+    "ShapeSet",
+    "atomic_path",
+    "check_output",
+    "digest",
+    "landmark_writer",
+    "match_landmarks",
+    "open_landmarks",
+    "read_dictionary",
+    "read_results",
+    "read_shapes",
+    "result_writer",
+    "write_dictionary",
+    "write_shapes",
+]

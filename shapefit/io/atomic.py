@@ -1,0 +1,166 @@
+"""Outputs that appear whole or not at all: write beside the target, sync, rename."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import FileIO
+from pathlib import Path
+
+from shapefit.errors import input_error
+from shapefit.io.sources import is_stream, require_file
+
+NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+
+
+def check_output(target: Path) -> Path:
+    """Return the file that writing to `target` would replace, links followed.
+
+    Raises InputError where the folder is missing or not writable, or `target` is a folder or
+    some other thing that cannot be replaced by a file. Nothing is written.
+    """
+    resolved = Path(os.path.realpath(target))
+    folder = resolved.parent
+    if not os.path.isdir(folder):
+        found = f"its folder {folder} does not exist"
+        raise input_error(target, found, f"create the folder (mkdir -p '{folder}')")
+    if os.path.isdir(resolved):
+        raise input_error(target, "it is a folder", "give the name of a file in it")
+    if os.path.exists(resolved) and not os.path.isfile(resolved):
+        found = "it is not a regular file"
+        raise input_error(target, found, "give the name of a file, or - for CSV to standard output")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        found = f"its folder {folder} is not writable"
+        raise input_error(target, found, "choose another folder, or change its permissions")
+    return resolved
+
+
+@contextmanager
+def storage_errors(target: Path) -> Iterator[None]:
+    """Turn a full disk, quota or size limit into an InputError that names `target`."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            raise
+        found = f"cannot be written: {os.strerror(error.errno)}"
+        fix = "free some space or choose another disk (nothing was replaced)"
+        raise input_error(target, found, fix) from error
+
+
+@contextmanager
+def atomic_path(target: Path) -> Iterator[Path]:
+    """Give the path of an empty temporary file that becomes `target` on a clean exit.
+
+    The temporary lies beside the target and is hidden; on any error it is removed and the target
+    stays as it was. Its name ends in the suffix of the target. Raises InputError as
+    `check_output` does, and where the disk is full.
+    """
+    resolved = check_output(target)
+    temporary = _temporary_name(resolved)
+    with _creation_errors(target):
+        descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+    try:
+        _copy_mode(resolved, descriptor)
+        os.close(descriptor)
+        with storage_errors(target):
+            yield temporary
+            with temporary.open("rb") as written:
+                os.fsync(written.fileno())
+            temporary.replace(resolved)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+@contextmanager
+def atomic_file(target: Path) -> Iterator[FileIO]:
+    """Give an unbuffered binary file, open to read and write, that becomes `target`.
+
+    As `atomic_path`; moreover the file has no name before it is complete, where the system can do
+    that (Linux), so that not even a killed process leaves a part of it behind.
+    """
+    resolved = check_output(target)
+    with _creation_errors(target):
+        descriptor = _unnamed_file(resolved)
+    if descriptor is None:
+        with atomic_path(target) as temporary, FileIO(temporary, "r+") as file:
+            yield file
+        return
+    with FileIO(descriptor, "r+") as file, storage_errors(target):
+        yield file
+        os.fsync(descriptor)
+        _name_file(descriptor, resolved)
+
+
+def write_all(file: FileIO, data: bytes | memoryview) -> None:
+    """Write every byte of `data` (a raw file may take fewer at a time)."""
+    rest = memoryview(data)
+    while rest:
+        rest = rest[file.write(rest) :]
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of the file in hexadecimal; `stream` for what cannot be read twice (`-`, a pipe)."""
+    if is_stream(path):
+        return "stream"
+    require_file(path)
+    if not path.is_file():
+        return "stream"
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def _creation_errors(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        found = f"cannot be created: {error.strerror}"
+        raise input_error(target, found, "choose another file or folder") from error
+
+
+def _temporary_name(target: Path) -> Path:
+    """Return a new hidden name beside `target`, with its suffix."""
+    return target.with_name(f".{target.stem}-{secrets.token_hex(4)}.partial{target.suffix}")
+
+
+def _copy_mode(target: Path, descriptor: int) -> None:
+    """Give the open file the permissions of the file that it will replace, if there is one."""
+    if target.exists():
+        os.fchmod(descriptor, stat.S_IMODE(target.stat().st_mode))
+
+
+def _unnamed_file(target: Path) -> int | None:
+    """Open a file without a name in the folder of `target`; None where that is not possible."""
+    if not hasattr(os, "O_TMPFILE") or not Path("/proc/self/fd").is_dir():
+        return None
+    try:
+        descriptor = os.open(target.parent, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        if error.errno in {errno.EOPNOTSUPP, errno.EISDIR, errno.EINVAL}:
+            return None
+        raise
+    _copy_mode(target, descriptor)
+    return descriptor
+
+
+def _name_file(descriptor: int, target: Path) -> None:
+    """Give the unnamed file a name of its own, then rename it over `target`."""
+    name = _temporary_name(target)
+    folder = os.open(target.parent, os.O_RDONLY)
+    try:
+        # With a folder descriptor os.link calls linkat, which follows /proc/self/fd to the file.
+        os.link(f"/proc/self/fd/{descriptor}", name, src_dir_fd=folder, follow_symlinks=True)
+    finally:
+        os.close(folder)
+    try:
+        name.replace(target)
+    except BaseException:
+        name.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,56 @@
+"""Find items that occur twice, within a file or over several, without holding all their names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from shapefit.io.problems import LIMIT, input_problems
+
+
+@dataclass(frozen=True)
+class ItemList:
+    """The items of one file: `blocks` reads them anew from the start, `place` names a row."""
+
+    blocks: Callable[[], Iterable[Sequence[str]]]
+    place: Callable[[int], str]
+
+
+def check_unique_items(files: Sequence[ItemList]) -> None:
+    """Raise InputError for items that occur more than once, naming both places.
+
+    Holds 8 bytes an item; only where two hashes agree are the items read again and compared.
+    """
+    hashes = [
+        np.fromiter(map(hash, block), np.int64, len(block))
+        for file in files
+        for block in file.blocks()
+    ]
+    if not hashes:
+        return
+    ordered = np.sort(np.concatenate(hashes))
+    suspects = frozenset(ordered[1:][ordered[1:] == ordered[:-1]].tolist())
+    if suspects:
+        _compare(files, suspects)
+
+
+def _compare(files: Sequence[ItemList], suspects: frozenset[int]) -> None:
+    first: dict[str, str] = {}
+    told: list[str] = []
+    count = 0
+    for file in files:
+        for row, item in enumerate(chain.from_iterable(file.blocks())):
+            if hash(item) not in suspects:
+                continue
+            if item not in first:
+                first[item] = file.place(row)
+                continue
+            count += 1
+            if len(told) < LIMIT:
+                found = f"item '{item}' stands also at {first[item]}"
+                told.append(f"{file.place(row)}: {found}; give every item a name of its own")
+    if count:
+        raise input_problems(told, count)

@@ -1,0 +1,69 @@
+"""Datasets that a format does not know, carried along beside the ones that it knows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+# Datasets that belong to the file when they have so many axes, however many items there are.
+OF_THE_FILE = {"camera_matrix": 2, "mirror_index": 1}
+
+
+def is_per_item(name: str, shape: tuple[int, ...], count: int) -> bool:
+    """Whether a dataset of this shape has a row for each of `count` items."""
+    return shape[:1] == (count,) and OF_THE_FILE.get(name) != len(shape)
+
+
+class Extras(Mapping[str, Array]):
+    """Further datasets by name, as they stand in the file: `per_item` and `whole` ones.
+
+    The first axis of a `per_item` dataset runs over the items, and is sliced with them; a `whole`
+    one (a camera matrix, a list of colours) belongs to the file.
+    """
+
+    def __init__(
+        self,
+        per_item: Mapping[str, Array] | None = None,
+        whole: Mapping[str, Array] | None = None,
+    ) -> None:
+        self.per_item = dict(per_item or {})
+        self.whole = dict(whole or {})
+
+    @classmethod
+    def of(cls, datasets: Mapping[str, Array], count: int) -> Extras:
+        """Sort datasets by `is_per_item`.
+
+        What is already sorted is returned as it is. Raises ValueError where a dataset per item
+        has not `count` rows.
+        """
+        if not isinstance(datasets, Extras):
+            per_item: dict[str, Array] = {}
+            whole: dict[str, Array] = {}
+            for name, values in datasets.items():
+                array = np.asarray(values)
+                kind = per_item if is_per_item(name, array.shape, count) else whole
+                kind[name] = array
+            return cls(per_item, whole)
+        for name, array in datasets.per_item.items():
+            if len(array) != count:
+                raise ValueError(f"extras[{name!r}] has {len(array)} rows for {count} items")
+        return datasets
+
+    def take(self, rows: NDArray[np.intp]) -> Extras:
+        """Return the extras of these items."""
+        return Extras({name: array[rows] for name, array in self.per_item.items()}, self.whole)
+
+    def __getitem__(self, name: str) -> Array:
+        return self.per_item[name] if name in self.per_item else self.whole[name]
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self.per_item
+        yield from self.whole
+
+    def __len__(self) -> int:
+        return len(self.per_item) + len(self.whole)

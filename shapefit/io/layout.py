@@ -1,0 +1,158 @@
+"""The datasets of each file format: names, axes and kinds, stated once for reader and writer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["number", "index", "text", "label"]
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """One dataset of a format.
+
+    `axes` are as in the file: letters for sizes that agree over the file (n items, p landmarks,
+    q mesh vertices, k atoms, ...), numbers for fixed sizes. `points` marks coordinates, one point
+    a row in the file (..., p, 3) and one a column in memory (..., 3, p). `field` names the field
+    of the record. A "label" is text or an integer code.
+    """
+
+    name: str
+    axes: tuple[str | int, ...]
+    kind: Kind = "number"
+    required: bool = False
+    points: bool = False
+    field: str = ""
+
+    @property
+    def attribute(self) -> str:
+        """Name of the field of the record that holds it."""
+        return self.field or self.name
+
+    @property
+    def per_item(self) -> bool:
+        """Whether its first axis runs over the items."""
+        return self.axes[0] == "n"
+
+    @property
+    def memory_axes(self) -> tuple[str | int, ...]:
+        """Axes of the array in memory."""
+        if not self.points:
+            return self.axes
+        return (*self.axes[:-2], self.axes[-1], self.axes[-2])
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format: the value of its root attribute `format`, and its datasets."""
+
+    name: str
+    datasets: tuple[Dataset, ...]
+
+    @property
+    def per_item(self) -> tuple[Dataset, ...]:
+        """Datasets with a row for each item."""
+        return tuple(dataset for dataset in self.datasets if dataset.per_item)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the datasets."""
+        return frozenset(dataset.name for dataset in self.datasets)
+
+
+VERSION = 1
+UNKNOWN_UNIT = "unknown"
+
+# Root attributes that the formats define; others of the same name are stored with a prefix.
+PLAIN_ATTRIBUTES = frozenset({"format", "version", "unit", "y_axis"})
+_PREFIX = "shapefit_"
+
+# Attribute of a carried dataset: False where it belongs to the file, whatever its shape suggests.
+PER_ITEM_FLAG = "per_item"
+
+AXES = {
+    "n": "items",
+    "p": "landmarks",
+    "q": "mesh vertices",
+    "k": "atoms",
+    "e": "edges",
+    "f": "faces",
+    "t": "half-steps",
+}
+
+_LANDMARK_NAMES = Dataset("landmark_names", ("p",), "text", required=True)
+_ITEM = Dataset("item", ("n",), "text", required=True, field="items")
+_SEQUENCE = Dataset("sequence", ("n",), "text", field="sequences")
+_EDGES = Dataset("edges", ("e", 2), "index")
+_MESH_FACES = Dataset("mesh_faces", ("f", 3), "index")
+_MESH_VERTICES = Dataset("mesh_vertices", ("n", "q", 3), points=True)
+
+SHAPES = Format(
+    "shapefit-shapes",
+    (
+        _LANDMARK_NAMES,
+        _ITEM,
+        Dataset("shapes", ("n", "p", 3), required=True, points=True),
+        _SEQUENCE,
+        _EDGES,
+        _MESH_VERTICES,
+        _MESH_FACES,
+    ),
+)
+
+LANDMARKS = Format(
+    "shapefit-landmarks",
+    (
+        _LANDMARK_NAMES,
+        _ITEM,
+        Dataset("landmarks", ("n", "p", 2), required=True, points=True),
+        Dataset("confidence", ("n", "p")),
+        _SEQUENCE,
+    ),
+)
+
+RESULTS = Format(
+    "shapefit-result",
+    (
+        _LANDMARK_NAMES,
+        _ITEM,
+        Dataset("shapes", ("n", "p", 3), required=True, points=True),
+        Dataset("landmarks_fitted", ("n", "p", 2), points=True),
+        Dataset("coefficients", ("n", "k")),
+        Dataset("rotation", ("n", 3, 3)),
+        Dataset("translation", ("n", 2)),
+        Dataset("scale", ("n",)),
+        Dataset("objective", ("n",)),
+        Dataset("relative_gap", ("n",)),
+        Dataset("iterations", ("n",), "index"),
+        Dataset("status", ("n",), "label"),
+        _SEQUENCE,
+        Dataset("transforms", ("n", "k", 2, 3)),
+        _MESH_VERTICES,
+    ),
+)
+
+DICTIONARY = Format(
+    "shapefit-dictionary",
+    (
+        _LANDMARK_NAMES,
+        Dataset("atoms", ("k", "p", 3), required=True, points=True),
+        Dataset("mean_shape", ("p", 3), required=True, points=True),
+        _EDGES,
+        Dataset("mesh_vertices", ("k", "q", 3), points=True),
+        _MESH_FACES,
+        Dataset("objective_trace", ("t",)),
+    ),
+)
+
+
+def stored_name(attribute: str) -> str:
+    """Name of the root attribute that holds a record's attribute."""
+    return _PREFIX + attribute if attribute in PLAIN_ATTRIBUTES else attribute
+
+
+def plain_name(stored: str) -> str:
+    """Name of the record's attribute that a root attribute holds: undoes `stored_name`."""
+    name = stored.removeprefix(_PREFIX)
+    return name if name in PLAIN_ATTRIBUTES else stored

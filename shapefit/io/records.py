@@ -1,0 +1,232 @@
+"""What the files hold, in memory: shapes, landmarks and results, in the paper's orientation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from itertools import chain
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.io.extras import Extras
+from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Dataset, Format
+from shapefit.io.problems import input_problems
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Names = tuple[str, ...]
+Attribute = str | float | int
+Rows = NDArray[Any] | Sequence[int] | slice
+
+
+@dataclass(frozen=True)
+class ShapeSet:
+    """n shapes of p landmarks: shapes (n, 3, p) in `unit`.
+
+    items are unique; sequences (n) name the clip or group of each; edges (e, 2) and mesh_faces
+    (f, 3) hold indices of landmarks and mesh vertices; mesh_vertices (n, 3, q). extras are
+    further datasets as they stand in the file.
+    """
+
+    shapes: Floats
+    landmark_names: Names
+    items: Names
+    sequences: Names | None = None
+    edges: Integers | None = None
+    mesh_vertices: Floats | None = None
+    mesh_faces: Integers | None = None
+    unit: str = UNKNOWN_UNIT
+    extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
+
+    def __post_init__(self) -> None:
+        _complete(self)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def take(self, indices: Rows) -> ShapeSet:
+        """Return the shapes at these indices (numbers, a mask or a slice), in their order."""
+        return _take(self, indices)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LandmarkSet:
+    """n images of p landmarks: landmarks (n, 2, p) in `unit`, NaN where unseen.
+
+    confidence (n, p) >= 0 or None, which means 1 for all; y_axis tells where y points.
+    """
+
+    landmarks: Floats
+    confidence: Floats | None = None
+    landmark_names: Names
+    items: Names
+    sequences: Names | None = None
+    unit: str = UNKNOWN_UNIT
+    y_axis: Literal["up", "down"] = "up"
+    extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
+
+    def __post_init__(self) -> None:
+        _complete(self)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def take(self, indices: Rows) -> LandmarkSet:
+        """Return the images at these indices (numbers, a mask or a slice), in their order."""
+        return _take(self, indices)
+
+    def arrange(self, names: Sequence[str], place: str = "landmark_names") -> LandmarkSet:
+        """Return the same images with the landmarks `names`, in that order.
+
+        Landmarks that this set lacks are unseen (NaN, confidence 0); extras stay as they are.
+        Raises InputError at `place` where this set has a landmark that `names` lacks.
+        """
+        names = tuple(names)
+        if names == self.landmark_names:
+            return self
+        columns = match_landmarks(names, self.landmark_names, place)
+        landmarks = np.full((len(self), 2, len(names)), np.nan)
+        landmarks[..., columns] = self.landmarks
+        confidence = None
+        if self.confidence is not None:
+            confidence = np.zeros((len(self), len(names)))
+            confidence[:, columns] = self.confidence
+        return replace(self, landmarks=landmarks, confidence=confidence, landmark_names=names)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultSet:
+    """What a fit found for n images: shapes (n, 3, p) in the camera frame and `unit`.
+
+    NaN where an item failed. landmarks_fitted (n, 2, p); coefficients (n, k); rotation (n, 3, 3);
+    translation (n, 2); scale, objective, relative_gap, iterations, status (n); transforms
+    (n, k, 2, 3); mesh_vertices (n, 3, q). All but the shapes are None where they are not known,
+    as in a CSV file. attributes are stored with the file (method, times, config, digests).
+    """
+
+    shapes: Floats
+    landmarks_fitted: Floats | None = None
+    coefficients: Floats | None = None
+    rotation: Floats | None = None
+    translation: Floats | None = None
+    scale: Floats | None = None
+    objective: Floats | None = None
+    relative_gap: Floats | None = None
+    iterations: Integers | None = None
+    status: NDArray[Any] | None = None
+    landmark_names: Names
+    items: Names
+    sequences: Names | None = None
+    transforms: Floats | None = None
+    mesh_vertices: Floats | None = None
+    extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
+    unit: str = UNKNOWN_UNIT
+    y_axis: Literal["up", "down"] = "up"
+    attributes: Mapping[str, Attribute] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _complete(self)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def take(self, indices: Rows) -> ResultSet:
+        """Return the results at these indices (numbers, a mask or a slice), in their order."""
+        return _take(self, indices)
+
+
+Record = TypeVar("Record", ShapeSet, LandmarkSet, ResultSet)
+
+_FORMATS: Mapping[type, Format] = {
+    ShapeSet: SHAPES,
+    LandmarkSet: LANDMARKS,
+    ResultSet: RESULTS,
+}
+
+
+def match_landmarks(
+    have: Sequence[str], want: Sequence[str], place: str = "landmark_names"
+) -> NDArray[np.intp]:
+    """Return i with have[i[j]] == want[j] for every j.
+
+    Raises InputError at `place` with the nearest names for every wanted name that is not there.
+    """
+    index = {name: number for number, name in enumerate(have)}
+    strange = [name for name in want if name not in index]
+    if strange:
+        raise input_problems([_strange_landmark(place, name, have) for name in strange])
+    return np.array([index[name] for name in want], dtype=np.intp)
+
+
+def concatenate(parts: Sequence[Record]) -> Record:
+    """Join records of the same landmarks, optional fields and extras, in their order.
+
+    What is not per item is taken from the first part.
+    """
+    first = parts[0]
+    if len(parts) == 1:
+        return first
+    changes: dict[str, Any] = {}
+    for dataset in _FORMATS[type(first)].per_item:
+        values = [getattr(part, dataset.attribute) for part in parts]
+        if values[0] is None:
+            continue
+        text = dataset.kind == "text"
+        changes[dataset.attribute] = tuple(chain(*values)) if text else np.concatenate(values)
+    extras = [Extras.of(part.extras, len(part)) for part in parts]
+    per_item = {
+        name: np.concatenate([e.per_item[name] for e in extras]) for name in extras[0].per_item
+    }
+    return replace(first, **changes, extras=Extras(per_item, extras[0].whole))
+
+
+def _strange_landmark(place: str, name: str, known: Sequence[str]) -> str:
+    nearest = get_close_matches(name, known, n=3, cutoff=0.5)
+    if nearest:
+        fix = "did you mean " + " or ".join(f"'{near}'" for near in nearest) + "?"
+    else:
+        names = ", ".join(known[:10]) + (", ..." if len(known) > 10 else "")
+        fix = f"use one of: {names}"
+    return f"{place}: there is no landmark '{name}'; {fix}"
+
+
+def _take(records: Record, indices: Rows) -> Record:
+    rows = np.arange(len(records))[indices]
+    changes: dict[str, Any] = {}
+    for dataset in _FORMATS[type(records)].per_item:
+        value = getattr(records, dataset.attribute)
+        if value is None:
+            continue
+        text = dataset.kind == "text"
+        changes[dataset.attribute] = tuple(value[row] for row in rows) if text else value[rows]
+    extras = Extras.of(records.extras, len(records))
+    return replace(records, **changes, extras=extras.take(rows))
+
+
+def _complete(records: ShapeSet | LandmarkSet | ResultSet) -> None:
+    """Bring the fields to their types; ValueError where axes disagree (a programmer's error)."""
+    sizes: dict[str, int] = {}
+    for dataset in _FORMATS[type(records)].datasets:
+        value = getattr(records, dataset.attribute)
+        if value is None:
+            continue
+        value = tuple(value) if dataset.kind == "text" else np.asarray(value, _dtype(dataset))
+        object.__setattr__(records, dataset.attribute, value)
+        shape = np.shape(value) if dataset.kind != "text" else (len(value),)
+        expected = tuple(
+            sizes.setdefault(axis, size) if isinstance(axis, str) else axis
+            for axis, size in zip(dataset.memory_axes, shape, strict=False)
+        )
+        if shape != expected or len(shape) != len(dataset.axes):
+            raise ValueError(
+                f"{dataset.attribute} has the shape {shape}; "
+                f"expected {dataset.memory_axes} = {expected}"
+            )
+    object.__setattr__(records, "extras", Extras.of(records.extras, len(records)))
+
+
+def _dtype(dataset: Dataset) -> type | None:
+    return {"number": np.float64, "index": np.int64}.get(dataset.kind)

@@ -1,0 +1,36 @@
+"""Read files of results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from shapefit.io.duplicates import ItemList, check_unique_items
+from shapefit.io.layout import RESULTS
+from shapefit.io.records import ResultSet
+from shapefit.io.sources import is_hdf5
+
+
+def read_results(path: Path) -> ResultSet:
+    """Read a result from HDF5 or CSV (`-` is standard input).
+
+    From CSV all but shapes, names, items and sequences is None. Raises InputError for what is
+    wrong with the file, and for items that occur twice.
+    """
+    if not is_hdf5(path):
+        from shapefit.io.csv_tables import read_result_table
+
+        return read_result_table(path)
+    from shapefit.io.hdf5_checks import check_named
+    from shapefit.io.hdf5_reading import Hdf5Reader
+
+    with Hdf5Reader(path, RESULTS) as reader:
+        items = reader.read("item")
+        check_named(reader, [items])
+        check_unique_items([ItemList(lambda: [items], lambda row: reader.place("item", row))])
+        return ResultSet(
+            **reader.fields(),
+            extras=reader.extras(),
+            unit=reader.unit,
+            y_axis=reader.y_axis,
+            attributes=reader.attributes,
+        )

@@ -1,0 +1,77 @@
+"""What an input path points at: standard input, an HDF5 file, or CSV text."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from shapefit.errors import input_error
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+HDF5_SUFFIXES = frozenset({".h5", ".hdf5", ".hdf", ".he5"})
+STREAM = "-"
+
+
+def is_stream(path: Path) -> bool:
+    """Whether the path is `-`: standard input or output."""
+    return str(path) == STREAM
+
+
+def source_name(path: Path) -> str:
+    """Name of the input in messages."""
+    return "standard input" if is_stream(path) else str(path)
+
+
+def require_file(path: Path) -> None:
+    """Raise InputError unless `path` is a file that can be read and is not empty."""
+    if not os.path.exists(path):
+        raise input_error(path, "there is no such file", _missing_fix(path))
+    if os.path.isdir(path):
+        raise input_error(path, "it is a folder", f"name the files in it, e.g. '{path}/*.h5'")
+    if not os.access(path, os.R_OK):
+        raise input_error(path, "may not be read", "change its permissions")
+    if path.is_file() and path.stat().st_size == 0:
+        raise input_error(path, "is empty (0 bytes)", "make or copy the file again")
+
+
+def is_hdf5(path: Path) -> bool:
+    """Whether to read the file as HDF5: by its first bytes, else by its suffix.
+
+    Raises InputError as `require_file` does, and where the suffix promises HDF5 but the content
+    is something else.
+    """
+    if is_stream(path):
+        return False
+    require_file(path)
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        if file.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE:
+            return True
+    if path.suffix.lower() in HDF5_SUFFIXES:
+        fix = "give an HDF5 file, or name it .csv if it is CSV"
+        raise input_error(path, "is not an HDF5 file", fix)
+    return False
+
+
+def read_text_bytes(path: Path) -> bytes:
+    """Return all bytes of standard input or of a text file."""
+    data = sys.stdin.buffer.read() if is_stream(path) else path.read_bytes()
+    if not data:
+        raise input_error(source_name(path), "is empty (0 bytes)", "write a CSV with a header line")
+    return data
+
+
+def is_csv_target(path: Path) -> bool:
+    """Whether an output path asks for CSV: `-` or a name that ends in .csv."""
+    return is_stream(path) or path.suffix.lower() == ".csv"
+
+
+def _missing_fix(path: Path) -> str:
+    folder = path.parent
+    while not os.path.exists(folder):
+        folder = folder.parent
+    if folder != path.parent:
+        return f"check the path ({folder} exists, what follows does not)"
+    return "check its name"
