@@ -12,7 +12,7 @@ from shapefit.convex.kernel import kernel
 
 
 @kernel
-def correlate(Y, planes, N):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def correlate(Y, planes, N):
     """N_i = Y B_i^T for all atoms; Y (2, q), N (6, k).
 
     Four landmarks a pass: fewer loads and stores of N than one at a time.
@@ -41,7 +41,7 @@ def correlate(Y, planes, N):  # type: ignore[no-untyped-def]  # noqa: ANN001, AN
 
 
 @kernel
-def largest_nuclear_norm(N):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def largest_nuclear_norm(N):
     """max_i ||N_i||_*; N (6, k)."""
     r0, r1, r2, r3, r4, r5 = N[0], N[1], N[2], N[3], N[4], N[5]
     largest = 0.0
@@ -55,7 +55,7 @@ def largest_nuclear_norm(N):  # type: ignore[no-untyped-def]  # noqa: ANN001, AN
 
 
 @kernel
-def moreau(M, N, step, dN, sigma, t, total):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def moreau(M, N, step, dN, sigma, t, total):
     """sum_i ||prox_t(M_i + sigma (N_i + step dN_i))||_F^2, and s1 + s2 of every argument.
 
     M, N, dN (6, k); total (k,) is written: atom i is active where total[i] > t.
@@ -85,7 +85,7 @@ def moreau(M, N, step, dN, sigma, t, total):  # type: ignore[no-untyped-def]  # 
 
 
 @kernel
-def prox_block(q, t, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def prox_block(q, t, out):
     """out = prox_t(q) for one block (6,) with s1 + s2 > t; returns the norm of the result."""
     x0, x1, x2, y0, y1, y2 = q[0], q[1], q[2], q[3], q[4], q[5]
     A = x0 * x0 + x1 * x1 + x2 * x2
@@ -112,7 +112,7 @@ def prox_block(q, t, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
 
 
 @kernel
-def jacobian_rows(q, t, sigma, B, F, count):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def jacobian_rows(q, t, sigma, B, F, count):
     """Append the rows f with sum f^T f = sigma B_i^T (D prox_t)(q) B_i; returns the new count.
 
     With q = U diag(s) V^T and prox_t(q) = U diag(f) V^T the derivative acts on X = U^T dq V:

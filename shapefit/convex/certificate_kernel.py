@@ -8,7 +8,7 @@ from shapefit.convex.kernel import kernel
 
 
 @kernel
-def certify(W, omega, B, lam, delta, bound, M, E, Y, T):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def certify(W, omega, B, lam, delta, bound, M, E, Y, T):
     """Objective, relative duality gap and relative residual; T (2,) and E (2, p) are written.
 
     W (2, p), omega (p,), B (k, 3, p), M (k, 2, 3), Y (2, p). On entry E holds the sparse errors

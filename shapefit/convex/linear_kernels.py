@@ -8,7 +8,7 @@ from shapefit.convex.kernel import kernel
 
 
 @kernel
-def _gram(F, rows, n, shift, H):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _gram(F, rows, n, shift, H):
     """H = shift I + F^T F, upper triangle; F (rows, n), four rows a pass."""
     for i in range(n):
         Hi = H[i]
@@ -35,7 +35,7 @@ def _gram(F, rows, n, shift, H):  # type: ignore[no-untyped-def]  # noqa: ANN001
 
 
 @kernel
-def _outer_gram(F, rows, n, shift, H):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _outer_gram(F, rows, n, shift, H):
     """H = shift I + F F^T, upper triangle."""
     for i in range(rows):
         Fi, Hi = F[i], H[i]
@@ -49,7 +49,7 @@ def _outer_gram(F, rows, n, shift, H):  # type: ignore[no-untyped-def]  # noqa: 
 
 
 @kernel
-def _solve_factored(H, n, x):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _solve_factored(H, n, x):
     """x <- H^-1 x by Cholesky, H (n, n) positive definite, upper triangle, overwritten.
 
     Right-looking and by rows, so that the inner loops run over contiguous memory. Pivots that
@@ -82,7 +82,7 @@ def _solve_factored(H, n, x):  # type: ignore[no-untyped-def]  # noqa: ANN001, A
 
 
 @kernel
-def newton_direction(F, rows, shift, gradient, H, small, d):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def newton_direction(F, rows, shift, gradient, H, small, d):
     """d = -(shift I + F^T F)^-1 gradient; F (rows, n), gradient and d (n,).
 
     Where F has fewer rows than columns and the shift is not small, the inverse is taken in the

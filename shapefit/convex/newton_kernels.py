@@ -7,8 +7,9 @@ The dual of the program in the reduced coordinates (reduction_kernels.py) is
 delta = 1 for a loss with a quadratic and 0 without. The proximal-point method on the primal
 (equivalently the augmented Lagrangian method on the dual) repeats, with growing sigma,
 
-    Y <- argmin phi(Y) = delta/2 ||Y||^2 - <Y, W> + 1/(2 sigma) sum_i ||prox(M_i + sigma Y B_i^T)||^2
-                                                  + 1/(2 sigma) ||soft(E + sigma Y)||^2
+    Y <- argmin phi(Y) = delta/2 ||Y||^2 - <Y, W>
+                         + 1/(2 sigma) sum_i ||prox_{sigma lambda}(M_i + sigma Y B_i^T)||^2
+                         + 1/(2 sigma) ||soft_{sigma bound}(E + sigma Y)||^2
     M_i <- prox_{sigma lambda}(M_i + sigma Y B_i^T),     E <- soft_{sigma bound}(E + sigma Y).
 
 phi is convex with a semismooth gradient and lives in 2 (p - 1) dimensions, so a Newton step costs
@@ -39,7 +40,7 @@ ARMIJO, SHORTEST = 1e-4, 1e-4
 
 
 @kernel
-def soft_squared(E, Y, step, D, sigma, t):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def soft_squared(E, Y, step, D, sigma, t):
     """||soft_t(E + sigma (Y + step D))||^2; all (2, p)."""
     value = 0.0
     for a in range(2):
@@ -51,7 +52,7 @@ def soft_squared(E, Y, step, D, sigma, t):  # type: ignore[no-untyped-def]  # no
 
 
 @kernel
-def solve_reduced(  # type: ignore[no-untyped-def]  # noqa: ANN201
+def solve_reduced(
     W,
     planes,
     atoms,
@@ -64,7 +65,7 @@ def solve_reduced(  # type: ignore[no-untyped-def]  # noqa: ANN201
     most,
     M,
     E,
-    y,  # noqa: ANN001
+    y,
 ):
     """Solve one image from the start (M, E, y), which are overwritten; returns Newton steps.
 
@@ -144,16 +145,16 @@ def solve_reduced(  # type: ignore[no-untyped-def]  # noqa: ANN201
             if robust:
                 for a in range(2):
                     along = 0.0
-                    for l in range(seen):
-                        j = visible[l]
+                    for m in range(seen):
+                        j = visible[m]
                         value = E[a, j] + sigma * Y[a, j]
                         excess = abs(value) - sigma * bound
                         fresh_E[a, j] = np.sign(value) * excess if excess > 0.0 else 0.0
-                        along += fresh_E[a, j] * h[l]
+                        along += fresh_E[a, j] * h[m]
                         moved += (fresh_E[a, j] - E[a, j]) ** 2
                         largest_entry = max(largest_entry, abs(Y[a, j]))
-                    for l in range(q):
-                        g[a * q + l] += fresh_E[a, visible[l]] - along * h[l]
+                    for m in range(q):
+                        g[a * q + m] += fresh_E[a, visible[m]] - along * h[m]
             gg, rr = 0.0, 0.0
             for a in range(2):
                 for j in range(q):
@@ -194,15 +195,15 @@ def solve_reduced(  # type: ignore[no-untyped-def]  # noqa: ANN201
             if robust:
                 root = np.sqrt(sigma)
                 for a in range(2):
-                    for l in range(seen):
-                        if fresh_E[a, visible[l]] != 0.0:
+                    for m in range(seen):
+                        if fresh_E[a, visible[m]] != 0.0:
                             Fr = F[rows]
                             for j in range(2 * q):
                                 Fr[j] = 0.0
                             for j in range(q):
-                                Fr[a * q + j] = -root * h[l] * h[j]
-                            if l < q:
-                                Fr[a * q + l] += root
+                                Fr[a * q + j] = -root * h[m] * h[j]
+                            if m < q:
+                                Fr[a * q + m] += root
                             rows += 1
             shift = delta
             if delta == 0.0:

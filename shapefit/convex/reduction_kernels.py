@@ -13,7 +13,7 @@ from shapefit.convex.kernel import kernel
 
 
 @kernel
-def find_visible(omega, visible, h):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def find_visible(omega, visible, h):
     """Indices of positive weights, and the reflection I - h h^T that maps omega to the last axis.
 
     visible (p,) and h (p,) are written; returns the number of visible landmarks.
@@ -39,7 +39,7 @@ def find_visible(omega, visible, h):  # type: ignore[no-untyped-def]  # noqa: AN
 
 
 @kernel
-def reduce_rows(X, omega, visible, h, seen, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def reduce_rows(X, omega, visible, h, seen, out):
     """out = the first seen - 1 columns of (X Omega)(I - h h^T); X (r, p), out (r, seen - 1)."""
     for r in range(X.shape[0]):
         along = 0.0
@@ -50,7 +50,7 @@ def reduce_rows(X, omega, visible, h, seen, out):  # type: ignore[no-untyped-def
 
 
 @kernel
-def expand_rows(y, visible, h, seen, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def expand_rows(y, visible, h, seen, out):
     """out = [y 0](I - h h^T) at the visible landmarks, 0 elsewhere: the dual of reduce_rows.
 
     y (r, seen - 1), out (r, p); every row of out is orthogonal to omega.

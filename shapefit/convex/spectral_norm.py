@@ -7,6 +7,8 @@ singular values satisfy s1 + s2 = sqrt(tr A + 2 r) and (s1 + s2)(s1 - s2) = sqrt
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,7 +47,7 @@ def prox_spectral_norm(Q: Floats, t: Floats | float) -> Floats:
     s1, s2 = (total + difference) / 2, (total - difference) / 2
     eye = np.eye(2)
 
-    def block(scalar: Floats) -> Floats:
+    def block(scalar: NDArray[Any]) -> NDArray[Any]:
         return scalar[..., None, None]
 
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
