@@ -1,0 +1,171 @@
+"""`eval`: results against the truth, image by image, summed up in tables and plots."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from shapefit import __version__
+from shapefit.config import EvalConfig
+from shapefit.errors import input_error
+from shapefit.evaluation import plots, tables
+from shapefit.evaluation.report import NORMALISED, Method, Report
+from shapefit.evaluation.summary import ImageErrors, Summary, group_sequences, summarise
+from shapefit.io import read_results, read_shapes
+from shapefit.io.atomic import atomic_path, check_output, digest
+from shapefit.io.sources import is_stream
+from shapefit.pipelines.judgement import Judgement, abbreviate, judge
+from shapefit.pipelines.outcome import Failure, Outcome
+
+
+def run(config: EvalConfig) -> Iterator[Outcome]:
+    """Judge every result file, then write the tables and plots to the output folder.
+
+    One outcome a result file, with the images that failed, and a last one with the Markdown
+    tables as its note. Nothing is written before all results were judged. Raises InputError for
+    files that cannot be read or compared, groups that no sequence belongs to, an output folder
+    that cannot be written, and plots without matplotlib.
+    """
+    _check_folder(config.output)
+    if config.plots:
+        plots.require_matplotlib()
+    truth = read_shapes(config.truth)
+    methods: list[Method] = []
+    errors: list[ImageErrors] = []
+    warnings: list[str] = []
+    for name, files in config.results.items():
+        judgements = []
+        for file in files:
+            judgement = judge(file, read_results(file), truth, config.match, config.metrics)
+            judgements.append(judgement)
+            yield Outcome(
+                done=len(judgement.items),
+                failures=tuple(Failure(i, f"{name}: {w}") for i, w in judgement.failures.items()),
+                warnings=judgement.warnings,
+                note=name,
+            )
+            warnings += judgement.warnings
+        _check_distinct(judgements)
+        methods.append(_method(name, judgements))
+        errors += _image_errors(name, judgements)
+    grouping, ungrouped = _grouping(config, errors)
+    report = Report(
+        methods=tuple(methods),
+        summaries=tuple(s for e in errors for s in summarise(e, grouping)),
+        published=config.published,
+        caveats=config.caveats,
+        warnings=tuple(dict.fromkeys([*warnings, *ungrouped])),
+        provenance=_provenance(config),
+    )
+    written = _write(config.output, errors, report, with_plots=config.plots)
+    yield Outcome(warnings=ungrouped, note=tables.markdown(report), written=written)
+
+
+def _check_folder(folder: Path) -> None:
+    """Raise InputError unless the folder can be made or written to; change nothing."""
+    if is_stream(folder):
+        raise input_error("output", "eval writes several files", "give the name of a folder")
+    if folder.exists() and not folder.is_dir():
+        raise input_error(folder, "it is not a folder", "give the name of a folder")
+    check_output(folder / "report.md" if folder.is_dir() else folder)
+
+
+def _check_distinct(judgements: Sequence[Judgement]) -> None:
+    """Raise InputError where two files of one method have the same item."""
+    seen: dict[str, Path] = {}
+    for judgement in judgements:
+        for item in judgement.items:
+            if item in seen:
+                found = f"has the item '{item}', which {seen[item]} has too"
+                fix = "give each file a name of its own in `results`, or leave one out"
+                raise input_error(judgement.file, found, fix)
+        seen |= dict.fromkeys(judgement.items, judgement.file)
+
+
+def _method(name: str, judgements: Sequence[Judgement]) -> Method:
+    return Method(
+        name=name,
+        files=tuple(str(j.file) for j in judgements),
+        images=sum(len(j.items) for j in judgements),
+        failures={item: why for j in judgements for item, why in j.failures.items()},
+    )
+
+
+def _image_errors(name: str, judgements: Sequence[Judgement]) -> list[ImageErrors]:
+    """Join what the files of one method say about each metric and unit."""
+    kinds = dict.fromkeys(kind for judgement in judgements for kind in judgement.errors)
+    joined = []
+    for metric, unit in kinds:
+        having = [j for j in judgements if (metric, unit) in j.errors]
+        items = tuple(item for j in having for item in j.items)
+        sequences = tuple(sequence for j in having for sequence in j.sequences)
+        values = np.concatenate([j.errors[metric, unit] for j in having])
+        joined.append(ImageErrors(name, metric, unit, items, sequences, values))
+    return joined
+
+
+def _grouping(
+    config: EvalConfig, errors: Sequence[ImageErrors]
+) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+    """Sequences of each group, and warnings about globs and sequences that match nothing."""
+    sequences = dict.fromkeys(s for e in errors for s in e.sequences if s)
+    grouping = group_sequences(config.groups, sequences)
+    empty = [group for group, members in grouping.items() if not members]
+    if len(empty) == len(grouping):
+        found = f"no sequence matches a group; the sequences are {abbreviate(list(sequences))}"
+        raise input_error("groups", found, "correct the globs, or leave `groups` out")
+    grouped = {member for members in grouping.values() for member in members}
+    outside = [sequence for sequence in sequences if sequence not in grouped]
+    warnings = [f"group {g}: no sequence matches {config.groups[g]!r}" for g in empty]
+    if outside:
+        warnings.append(f"sequences in no group, only in per_image.csv: {abbreviate(outside)}")
+    return grouping, tuple(warnings)
+
+
+def _provenance(config: EvalConfig) -> dict[str, object]:
+    files = [*config.truth, *(file for files in config.results.values() for file in files)]
+    return {
+        "version": __version__,
+        "config": json.loads(config.as_json()),
+        "inputs": {str(file): digest(file) for file in files},
+    }
+
+
+def _write(
+    folder: Path, errors: Sequence[ImageErrors], report: Report, *, with_plots: bool
+) -> tuple[Path, ...]:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        found = f"the folder cannot be made: {error.strerror}"
+        raise input_error(folder, found, "choose another folder") from error
+    writers: dict[str, Callable[[Path], object]] = {
+        "per_image.csv": lambda path: tables.write_per_image(path, errors),
+        "report.csv": lambda path: tables.write_report_csv(path, report.summaries),
+        "report.json": lambda path: path.write_text(tables.report_json(report), encoding="utf-8"),
+        "report.md": lambda path: path.write_text(tables.markdown(report), encoding="utf-8"),
+    }
+    written = []
+    for name, write in writers.items():
+        with atomic_path(folder / name) as path:
+            write(path)
+        written.append(folder / name)
+    return (*written, *(_plot(folder, report) if with_plots else ()))
+
+
+def _plot(folder: Path, report: Report) -> Iterator[Path]:
+    """Draw each metric once: what is also given in the unit of the truth, normalised."""
+    drawn: dict[str, list[Summary]] = {}
+    for (metric, unit), summaries in tables.by_kind(report.summaries).items():
+        if metric not in drawn or unit == NORMALISED:
+            drawn[metric] = summaries
+    for metric, summaries in drawn.items():
+        figure = plots.bar_plot(summaries)
+        for file_format in plots.FORMATS:
+            target = folder / f"{metric}.{file_format}"
+            with atomic_path(target) as path:
+                plots.save(figure, path, file_format)
+            yield target
