@@ -91,7 +91,7 @@ def build_problem(
     landmarks (n, 2, p) or (2, p) for a single image; hidden landmarks may be nan.
     """
     W = landmarks if landmarks.ndim == 3 else landmarks[None]
-    seen: NDArray[np.bool_] = np.isfinite(W).all(axis=1)
+    seen = np.all(np.isfinite(W), axis=1)
     if weights is None:
         weights = seen.astype(float)
     weights = np.broadcast_to(weights, seen.shape)
