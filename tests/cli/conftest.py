@@ -1,0 +1,56 @@
+"""Stand-ins for the pipelines, so that the command line is tested alone."""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType, SimpleNamespace
+
+import pytest
+from shapefit_cli.main import run
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working folder with input files and a config of `fit`."""
+    for name in ("views.h5", "dict.h5", "shapes.h5", "result.h5"):
+        (tmp_path / name).touch()
+    (tmp_path / "fit.yaml").write_text(
+        "landmarks: views.h5\ndictionary: dict.h5\noutput: result.h5\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SHAPEFIT_TRACEBACK", "0")
+    return tmp_path
+
+
+@pytest.fixture
+def fake_pipeline(monkeypatch):
+    """Put `run(config)` in the place of a pipeline; what it was given is `.configs`."""
+
+    def install(name, outcomes):
+        configs = []
+
+        def pipeline_run(config):
+            configs.append(config)
+            for outcome in outcomes:
+                if isinstance(outcome, BaseException):
+                    raise outcome
+                yield outcome
+
+        module = ModuleType(f"shapefit.pipelines.{name}")
+        module.run = pipeline_run
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        return configs
+
+    return install
+
+
+@pytest.fixture
+def shapefit(folder, capsys):
+    """Run the command line in this process."""
+
+    def invoke(*arguments):
+        code = run([str(argument) for argument in arguments])
+        output = capsys.readouterr()
+        return SimpleNamespace(code=code, out=output.out, err=output.err)
+
+    return invoke

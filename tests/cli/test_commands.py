@@ -1,0 +1,95 @@
+"""What the commands hand to their pipelines, and what they print."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from shapefit.config import EvalConfig, FitConfig, LearnDictConfig, ProjectConfig, load_config
+from shapefit.pipelines.outcome import Failure, Outcome
+
+
+@pytest.mark.parametrize(
+    ("arguments", "pipeline", "kind"),
+    [
+        (["learn-dict", "shapes.h5", "-o", "d.h5"], "learn_dict", LearnDictConfig),
+        (["fit", "views.h5", "-d", "dict.h5", "-o", "-"], "fit", FitConfig),
+        (["project", "shapes.h5", "-o", "v.h5"], "project", ProjectConfig),
+        (["eval", "result.h5", "--truth", "shapes.h5", "-o", "r"], "evaluate", EvalConfig),
+    ],
+)
+def test_each_command_calls_its_pipeline(shapefit, fake_pipeline, arguments, pipeline, kind):
+    configs = fake_pipeline(pipeline, [Outcome(done=1)])
+    assert shapefit(*arguments).code == 0
+    assert [type(config) for config in configs] == [kind]
+
+
+def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folder):
+    (folder / "more.csv").touch()
+    configs = fake_pipeline("fit", [Outcome()])
+    shapefit(
+        "fit", "-c", "fit.yaml", "v*.h5", "more.csv", "-d", "dict.h5", "-o", "out.csv",
+        "--set", "lambda=1e-3", "--set", "solver.name=admm",
+    )  # fmt: skip
+    (config,) = configs
+    assert config.landmarks == (folder / "views.h5", folder / "more.csv")
+    assert config.output == folder / "out.csv"
+    assert (config.lam, config.solver.name) == (1e-3, "admm")
+
+
+def test_truth_can_be_given_twice(shapefit, fake_pipeline, folder):
+    configs = fake_pipeline("evaluate", [Outcome(note="table")])
+    shapefit("eval", "result.h5", "--truth", "shapes.h5", "--truth", "views.h5", "-o", "report")
+    assert configs[0].truth == (folder / "shapes.h5", folder / "views.h5")
+
+
+def test_text_goes_to_stderr_only(shapefit, fake_pipeline, folder):
+    fake_pipeline(
+        "fit",
+        [
+            Outcome(done=2, total=3, note="gap 1e-5", warnings=("y_axis is down",)),
+            Outcome(done=1, total=3, written=(folder / "result.h5",)),
+        ],
+    )
+    result = shapefit("fit", "-c", "fit.yaml")
+    assert result.out == ""
+    assert "Warning: y_axis is down\n" in result.err
+    assert "fit: 3 images in " in result.err
+    assert result.err.endswith("wrote result.h5\n")
+
+
+def test_eval_prints_its_table_to_stdout(shapefit, fake_pipeline):
+    table = "| method | error |\n|---|---|\n| ours | 0.3 |"
+    fake_pipeline("evaluate", [Outcome(done=1, note="ours"), Outcome(note=table)])
+    result = shapefit("eval", "result.h5", "--truth", "shapes.h5", "-o", "report")
+    assert result.out == table + "\n"
+    assert "| method" not in result.err
+
+
+def test_failed_items_give_exit_code_1_and_are_listed(shapefit, fake_pipeline):
+    failures = tuple(Failure(f"img_{i}", "all landmarks hidden") for i in range(23))
+    fake_pipeline(
+        "fit", [Outcome(done=30, failures=failures[:15]), Outcome(failures=failures[15:])]
+    )
+    result = shapefit("fit", "-c", "fit.yaml")
+    assert result.code == 1
+    assert "Failed: img_0: all landmarks hidden\n" in result.err
+    assert "Failed: img_19: all landmarks hidden\n" in result.err
+    assert "img_20" not in result.err
+    assert "Failed: and 3 more\n" in result.err
+    assert "23 failed" in result.err
+
+
+def test_print_config_prints_yaml_and_does_nothing(shapefit, fake_pipeline, folder):
+    configs = fake_pipeline("fit", [])
+    result = shapefit("fit", "-c", "fit.yaml", "--set", "lambda=2", "--print-config")
+    assert (result.code, result.err, configs) == (0, "", [])
+    (folder / "printed.yaml").write_text(result.out)
+    expected = load_config("fit", Path("fit.yaml"), ["lambda=2"])
+    assert load_config("fit", Path("printed.yaml")) == expected
+
+
+def test_one_item_is_singular(shapefit, fake_pipeline):
+    fake_pipeline("fit", [Outcome(done=1)])
+    assert "fit: 1 image in " in shapefit("fit", "-c", "fit.yaml").err

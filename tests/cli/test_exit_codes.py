@@ -1,0 +1,99 @@
+"""What becomes of every kind of error."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from shapefit.errors import InputError
+from shapefit.pipelines.outcome import Outcome
+
+
+def test_an_input_error_names_every_problem(shapefit, fake_pipeline):
+    fake_pipeline("fit", [InputError(["a.csv:3: no number", "a.csv:5: repeated"])])
+    result = shapefit("fit", "-c", "fit.yaml")
+    assert result.code == 2
+    assert result.err == "Error: a.csv:3: no number\nError: a.csv:5: repeated\n"
+
+
+def test_a_wrong_config_stops_before_the_pipeline(shapefit, fake_pipeline):
+    configs = fake_pipeline("fit", [Outcome()])
+    result = shapefit("fit", "-c", "fit.yaml", "--set", "lambda=-1", "--set", "chunk=0")
+    assert (result.code, configs) == (2, [])
+    assert result.err == (
+        "Error: --set lambda=-1: expected a number >= 0, found -1\n"
+        "Error: --set chunk=0: expected a whole number >= 1, found 0\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["fit", "--nonsense"], "No such option"),
+        (["nonsense"], "No such command"),
+        (["fit", "-c", "nowhere.yaml"], "Error: nowhere.yaml: No such file"),
+        (["fit", "-o"], "requires an argument"),
+        ([], "Usage: shapefit"),
+    ],
+)
+def test_bad_usage(shapefit, arguments, message):
+    result = shapefit(*arguments)
+    assert result.code == 2
+    assert message in result.err
+    assert result.out == ""
+
+
+def test_an_internal_error_is_one_line(shapefit, fake_pipeline):
+    fake_pipeline("fit", [Outcome(done=1), ZeroDivisionError("division\nby zero")])
+    result = shapefit("fit", "-c", "fit.yaml")
+    assert result.code == 3
+    assert result.err == (
+        "Internal error: ZeroDivisionError: division by zero "
+        "(this is a bug in shapefit; --traceback or SHAPEFIT_TRACEBACK=1 shows where)\n"
+    )
+
+
+def test_the_traceback_can_be_seen(shapefit, fake_pipeline, monkeypatch):
+    fake_pipeline("fit", [ZeroDivisionError("division by zero")])
+    assert "Traceback" in shapefit("fit", "-c", "fit.yaml", "--traceback").err
+    monkeypatch.setenv("SHAPEFIT_TRACEBACK", "0")
+    assert "Traceback" not in shapefit("fit", "-c", "fit.yaml").err
+    monkeypatch.setenv("SHAPEFIT_TRACEBACK", "1")
+    result = shapefit("fit", "-c", "fit.yaml")
+    assert result.code == 3
+    assert "Traceback" in result.err
+
+
+def test_an_interrupt_is_not_an_error(shapefit, fake_pipeline):
+    fake_pipeline("fit", [Outcome(done=1), KeyboardInterrupt()])
+    result = shapefit("fit", "-c", "fit.yaml")
+    assert result.code == 130
+    assert result.err == "Interrupted; no file is left half written.\n"
+
+
+def test_the_pipeline_is_closed_when_the_command_line_breaks_off(
+    shapefit, fake_pipeline, monkeypatch
+):
+    closed = []
+
+    class Outcomes:
+        def __iter__(self):
+            yield Outcome(done=1)
+
+        def close(self):
+            closed.append(True)
+
+    fake_pipeline("fit", [])
+    monkeypatch.setattr(sys.modules["shapefit.pipelines.fit"], "run", lambda _config: Outcomes())
+    monkeypatch.setattr("shapefit_cli.report.Report.add", lambda *_: 1 / 0)
+    assert shapefit("fit", "-c", "fit.yaml").code == 3
+    assert closed == [True]
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["--version"], ["fit", "--help"]])
+def test_help_and_version_go_to_stdout(shapefit, arguments):
+    result = shapefit(*arguments)
+    assert result.code == 0
+    assert "shapefit" in result.out
+    assert result.err == ""

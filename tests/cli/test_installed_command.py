@@ -1,0 +1,125 @@
+"""The installed command as a process: start-up, pipes, signals, terminals."""
+
+from __future__ import annotations
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import termios
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+COMMAND = Path(sys.executable).with_name("shapefit")
+
+HEAVY = {"numpy", "scipy", "numba", "h5py", "polars", "pydantic", "ruamel", "trimesh", "tqdm"}
+
+DRIVER = """
+import sys, time
+from types import ModuleType
+from shapefit.pipelines.outcome import Outcome
+from shapefit_cli import main
+
+def run(config):
+{body}
+
+module = ModuleType("shapefit.pipelines.fit")
+module.run = run
+sys.modules[module.__name__] = module
+main.main()
+"""
+
+
+def driver(folder: Path, body: str) -> list[str]:
+    """Return a command line that is `shapefit fit` with the given body of its pipeline."""
+    script = folder / "driver.py"
+    script.write_text(DRIVER.format(body=textwrap.indent(textwrap.dedent(body), "    ")))
+    return [sys.executable, str(script), "fit", "-c", "fit.yaml"]
+
+
+def test_help_imports_nothing_heavy():
+    code = "import sys, shapefit_cli.main; print(*{name.split('.')[0] for name in sys.modules})"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not HEAVY & set(shown.stdout.split())
+
+
+def test_help_is_quick():
+    def seconds() -> float:
+        start = time.perf_counter()
+        subprocess.run([COMMAND, "--help"], check=True, stdout=subprocess.DEVNULL)
+        return time.perf_counter() - start
+
+    assert min(seconds() for _ in range(5)) < 0.25
+
+
+def test_a_reader_that_stops_reading_is_not_an_internal_error(folder):
+    body = """
+    for number in range(100_000):
+        print(number)
+    yield Outcome(done=1)
+    """
+    process = subprocess.Popen(
+        driver(folder, body), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "0\n"
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    process.stderr.close()
+    assert process.wait() == 128 + signal.SIGPIPE
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 128 + signal.SIGTERM)]
+)
+def test_a_signal_unwinds_the_pipeline(folder, number, code):
+    body = """
+    try:
+        print("ready", flush=True)
+        time.sleep(60)
+        yield Outcome(done=1)
+    finally:
+        print("unwound", flush=True)
+    """
+    process = subprocess.Popen(driver(folder, body), stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(number)
+    assert process.stdout.read() == "unwound\n"
+    process.stdout.close()
+    assert process.wait() == code
+
+
+BAR_BODY = """
+for done in range(3):
+    time.sleep(0.15)
+    yield Outcome(done=1, total=3, note=f"gap {done}")
+"""
+
+
+def test_a_terminal_gets_a_bar(folder):
+    reader, writer = pty.openpty()
+    termios.tcsetwinsize(writer, (24, 80))
+    process = subprocess.Popen(driver(folder, BAR_BODY), stderr=writer, stdout=subprocess.DEVNULL)
+    os.close(writer)
+    text = b""
+    while True:
+        try:
+            piece = os.read(reader, 4096)
+        except OSError:  # the terminal is gone with the process
+            break
+        if not piece:
+            break
+        text += piece
+    os.close(reader)
+    assert process.wait() == 0
+    assert b"3/3" in text
+    assert b"gap 2" in text
+
+
+def test_a_file_gets_no_bar(folder):
+    result = subprocess.run(driver(folder, BAR_BODY), capture_output=True, text=True, check=True)
+    assert result.stderr.startswith("fit: 3 images in ")
+    assert result.stderr.count("\n") == 1

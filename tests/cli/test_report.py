@@ -1,0 +1,57 @@
+"""Outcomes fold into a report of bounded size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from shapefit_cli.report import LISTED, Report
+
+from shapefit.pipelines.outcome import Failure, Outcome
+
+
+def folded(*outcomes: Outcome) -> Report:
+    report = Report("fit", "image")
+    for outcome in outcomes:
+        report.add(outcome)
+    return report
+
+
+def test_the_exit_code_tells_failed_items():
+    assert folded().exit_code == 0
+    assert folded(Outcome(done=3, warnings=("odd",))).exit_code == 0
+    assert folded(Outcome(done=1, failures=(Failure("a", "b"),)), Outcome(done=1)).exit_code == 1
+
+
+def test_the_order_of_outcomes_does_not_matter_for_the_counts():
+    outcomes = [Outcome(done=n, failures=(Failure(str(n), "x"),) * n) for n in range(5)]
+    forwards, backwards = folded(*outcomes), folded(*reversed(outcomes))
+    assert (forwards.done, forwards.failed) == (backwards.done, backwards.failed) == (10, 10)
+
+
+def test_a_repeated_warning_is_told_once_with_its_count():
+    lines = list(folded(*[Outcome(warnings=("odd",))] * 3, Outcome(warnings=("even",))).lines())
+    assert lines[:2] == ["Warning: odd (3 times)", "Warning: even"]
+
+
+def test_many_failures_and_warnings_are_counted_and_not_kept():
+    outcomes = [
+        Outcome(failures=(Failure(f"i{n}", "x"),), warnings=(f"w{n}",)) for n in range(LISTED + 7)
+    ]
+    report = folded(*outcomes)
+    lines = list(report.lines())
+    assert lines.count("Warning: and 7 more") == lines.count("Failed: and 7 more") == 1
+    assert len(lines) == 2 * (LISTED + 1) + 1
+    assert report.failed == LISTED + 7
+
+
+def test_the_last_note_that_says_something_is_kept():
+    assert folded(Outcome(note="a"), Outcome(note="b"), Outcome()).note == "b"
+
+
+def test_written_files_are_named_from_the_working_folder(tmp_path, monkeypatch):
+    inside = tmp_path / "here"
+    inside.mkdir()
+    monkeypatch.chdir(inside)
+    outcome = Outcome(written=(inside / "a.h5", tmp_path / "b.h5", Path("-")))
+    *_, summary = folded(outcome).lines()
+    assert summary.endswith(f"; wrote a.h5, {tmp_path / 'b.h5'}, standard output")
