@@ -1,0 +1,190 @@
+"""The rooms of CONTRIBUTING.md import one way, the package never prints, start-up stays light."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).resolve().parents[1]
+
+LIGHT = {*sys.stdlib_module_names, "click", "shapefit_cli"}
+LIGHT_OF_THE_PACKAGE = {"shapefit", "shapefit.__version__", "shapefit.errors.InputError"}
+"""With LIGHT, what `cli` and `shapefit/__init__.py` may import when they are loaded."""
+
+
+def rooms() -> list[str]:
+    """Return the rooms in the order of the map, as modules; `shapefit_cli` is the last."""
+    text = (PROJECT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    found = re.findall(r"^\| `(shapefit/\w+|cli)(?:/|\.py)` \|", text, flags=re.MULTILINE)
+    return ["shapefit_cli" if room == "cli" else room.replace("/", ".") for room in found]
+
+
+ROOMS = rooms()
+
+
+def module_of(path: Path) -> str:
+    parts = path.relative_to(PROJECT).with_suffix("").parts
+    names = ["shapefit_cli" if parts[0] == "cli" else parts[0], *parts[1:]]
+    return ".".join(names[:-1] if names[-1] == "__init__" else names)
+
+
+def imports(tree: ast.AST, module: str, *, package: bool = False) -> Iterator[tuple[int, str]]:
+    """Yield line and name of each import under `tree`; `from a import b` counts as `a.b`."""
+    base = module.split(".") if package else module.split(".")[:-1]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = base[: len(base) - node.level + 1] if node.level else []
+            origin = [*above, *([node.module] if node.module else [])]
+            yield from ((node.lineno, ".".join([*origin, alias.name])) for alias in node.names)
+
+
+def room_of(name: str) -> str | None:
+    return next((room for room in ROOMS if name == room or name.startswith(f"{room}.")), None)
+
+
+def upward_imports(source: str, module: str, *, package: bool = False) -> list[str]:
+    """Return the imports of a lower room of the map from a higher one."""
+    own = room_of(module)
+    wrong = []
+    for line, name in imports(ast.parse(source), module, package=package):
+        room = room_of(name)
+        if room and (own is None or ROOMS.index(room) > ROOMS.index(own)):
+            wrong.append(f"line {line}: {module} imports {name}")
+    return wrong
+
+
+def talk(source: str, module: str) -> list[str]:
+    """Return the uses of print and click."""
+    tree = ast.parse(source)
+    wrong = [f"line {n}: {name}" for n, name in imports(tree, module) if name.startswith("click")]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and node.id == "print":
+            wrong.append(f"line {node.lineno}: print")
+    return wrong
+
+
+def module_level(tree: ast.Module) -> ast.Module:
+    """Return `tree` without the bodies that do not run on import: functions, TYPE_CHECKING."""
+
+    class Pruned(ast.NodeTransformer):
+        def visit_FunctionDef(self, _node):
+            return None
+
+        visit_AsyncFunctionDef = visit_FunctionDef
+
+        def visit_If(self, node):
+            is_typing = isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+            return None if is_typing else self.generic_visit(node)
+
+    return Pruned().visit(tree)
+
+
+def heavy_imports(source: str, module: str, *, package: bool = False) -> list[str]:
+    """Return the imports at module level of anything that is not light."""
+    tree = module_level(ast.parse(source))
+    return [
+        f"line {line}: {module} imports {name}"
+        for line, name in imports(tree, module, package=package)
+        if name.split(".")[0] not in LIGHT and name not in LIGHT_OF_THE_PACKAGE
+    ]
+
+
+PACKAGE = sorted((PROJECT / "shapefit").rglob("*.py"))
+CLI = sorted((PROJECT / "cli").rglob("*.py"))
+
+
+def each(paths: list[Path]) -> pytest.MarkDecorator:
+    names = [str(path.relative_to(PROJECT)) for path in paths]
+    return pytest.mark.parametrize("path", paths, ids=names)
+
+
+def test_the_map_lists_every_room():
+    folders = {path.parent for path in PACKAGE} - {PROJECT / "shapefit"}
+    assert {f"shapefit.{folder.name}" for folder in folders} <= set(ROOMS)
+    assert ROOMS[0] == "shapefit.errors"
+    assert ROOMS[-1] == "shapefit_cli"
+
+
+@each(PACKAGE + CLI)
+def test_rooms_import_one_way(path):
+    package = path.name == "__init__.py"
+    assert upward_imports(path.read_text("utf-8"), module_of(path), package=package) == []
+
+
+@each(PACKAGE)
+def test_the_package_neither_prints_nor_knows_click(path):
+    assert talk(path.read_text("utf-8"), module_of(path)) == []
+
+
+@each([*CLI, PROJECT / "shapefit/__init__.py"])
+def test_start_up_imports_nothing_heavy(path):
+    package = path.name == "__init__.py"
+    assert heavy_imports(path.read_text("utf-8"), module_of(path), package=package) == []
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("shapefit.errors", "from shapefit.geometry import rotations"),
+        ("shapefit.geometry.rotations", "import shapefit.convex.problem"),
+        ("shapefit.convex.admm", "def f():\n    from shapefit.dictionary.model import Dictionary"),
+        ("shapefit.config.fit", "from shapefit import io"),
+        ("shapefit.config.fit", "from ..io import records"),
+        ("shapefit.io.hdf5", "from shapefit.pipelines.fit import run"),
+        ("shapefit.pipelines.fit", "import shapefit_cli.main"),
+    ],
+)
+def test_an_import_against_the_order_is_seen(module, source):
+    assert len(upward_imports(source, module)) == 1
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("shapefit.io.hdf5", "from shapefit.config import FitConfig\nimport shapefit.errors"),
+        ("shapefit.io.hdf5", "from .records import ShapeSet\nfrom shapefit import __version__"),
+        ("shapefit_cli.fit", "from .report import Report"),
+    ],
+)
+def test_an_import_along_the_order_is_let_through(module, source):
+    assert upward_imports(source, module) == []
+
+
+@pytest.mark.parametrize("source", ["print(1)", "import click", "from click import echo"])
+def test_talk_is_seen(source):
+    assert len(talk(source, "shapefit.io.hdf5")) == 1
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import numpy as np",
+        "from shapefit.config import load_config",
+        "from shapefit import config",
+        "class A:\n    import scipy.linalg",
+        "if x:\n    from tqdm import tqdm",
+    ],
+)
+def test_a_heavy_import_is_seen(source):
+    assert len(heavy_imports(source, "shapefit_cli.fit")) == 1
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import click\nimport importlib.metadata\nfrom collections.abc import Iterator",
+        "from shapefit.errors import InputError\nfrom shapefit import __version__",
+        "from .report import Report",
+        "def f():\n    import numpy",
+        "if TYPE_CHECKING:\n    from shapefit.config import FitConfig",
+    ],
+)
+def test_a_light_import_is_let_through(source):
+    assert heavy_imports(source, "shapefit_cli.fit") == []
