@@ -22,8 +22,10 @@ def check_output(target: Path) -> Path:
     """Return the file that writing to `target` would replace, links followed.
 
     Raises InputError where the folder is missing or not writable, or `target` is a folder or
-    some other thing that cannot be replaced by a file. Nothing is written.
+    some other thing that cannot be replaced by a file. Nothing is written. `-` is always good.
     """
+    if is_stream(target):
+        return target
     resolved = Path(os.path.realpath(target))
     folder = resolved.parent
     if not os.path.isdir(folder):
@@ -34,7 +36,8 @@ def check_output(target: Path) -> Path:
     if os.path.exists(resolved) and not os.path.isfile(resolved):
         found = "it is not a regular file"
         raise input_error(target, found, "give the name of a file, or - for CSV to standard output")
-    if not os.access(folder, os.W_OK | os.X_OK):
+    effective = os.access in os.supports_effective_ids
+    if not os.access(folder, os.W_OK | os.X_OK, effective_ids=effective):
         found = f"its folder {folder} is not writable"
         raise input_error(target, found, "choose another folder, or change its permissions")
     return resolved

@@ -14,8 +14,9 @@ from shapefit.io.csv_text import CsvText
 from shapefit.io.problems import Problems
 from shapefit.io.records import Floats, LandmarkSet, ResultSet, ShapeSet
 
-UNSEEN_FIX = "leave the cell empty where the landmark is unseen"
 FINITE_FIX = "write a finite number"
+UNSEEN_FIX = f"{FINITE_FIX}, or leave the cell empty where the landmark is unseen"
+FAILED_FIX = f"{FINITE_FIX}, or leave the cell empty where the item failed"
 
 
 def read_shape_table(path: Path) -> ShapeSet:
@@ -45,7 +46,7 @@ def read_landmark_table(path: Path) -> LandmarkSet:
 def read_result_table(path: Path) -> ResultSet:
     """Read `item,landmark,x,y,z[,sequence]`; empty cells stand for items that failed."""
     table = _Tidy(path, ("x", "y", "z"), ("sequence",))
-    table.check_numbers(("x", "y", "z"), FINITE_FIX, empty_allowed=True)
+    table.check_numbers(("x", "y", "z"), FAILED_FIX, empty_allowed=True)
     table.raise_if_wrong()
     return ResultSet(
         shapes=table.points(("x", "y", "z")),

@@ -6,7 +6,7 @@ import csv
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from functools import cached_property
-from io import StringIO
+from io import BytesIO, StringIO
 from pathlib import Path
 
 import polars as pl
@@ -69,15 +69,15 @@ class CsvText:
             raise input_error(f"{self.name}:{line}", "is not text (a zero byte)", fix)
 
     def _read_header(self, required: Sequence[str], optional: Sequence[str]) -> list[str]:
-        first = self._data.partition(b"\n")[0].decode("utf-8").removeprefix(BYTE_ORDER_MARK)
-        header = next(csv.reader([first.rstrip("\r")]), [])
+        first = BytesIO(self._data).readline().decode("utf-8").removeprefix(BYTE_ORDER_MARK)
+        header = next(csv.reader([first.rstrip("\r\n")]), [])
         columns = [column.strip() for column in header]
         wanted = ",".join(required) + "".join(f"[,{column}]" for column in optional)
         known = {*required, *optional}
         place = f"{self.name}:1"
         if not known & set(columns):
             fix = f"write the header {wanted}, with commas"
-            raise input_error(place, f"the header is '{first.strip()}'", fix)
+            raise input_error(place, f"the header is '{first.strip()[:80]}'", fix)
         problems = Problems()
         for column in columns:
             if column not in known:

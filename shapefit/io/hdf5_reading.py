@@ -196,7 +196,8 @@ class Hdf5Reader:
             elif node is None and not dataset.required:
                 continue
             else:
-                wrong = f"there is no such dataset; add it: {_wanted(dataset)}"
+                found = "there is no such dataset" if node is None else "is not a dataset"
+                wrong = f"{found}; {_wanted(dataset)}"
             if wrong:
                 problems.append(f"{self.place(dataset.name)}: {wrong}")
         if problems:
@@ -211,7 +212,7 @@ class Hdf5Reader:
         if agrees:
             return None
         sizes = ", ".join(str(self._sizes.get(str(axis), axis)) for axis in dataset.axes)
-        return f"has the shape {shape}; store it as {_wanted(dataset)}, here ({sizes})"
+        return f"has the shape {shape}; {_wanted(dataset)}, here ({sizes})"
 
     def _read_landmark_names(self) -> tuple[str, ...]:
         names: tuple[str, ...] = self.read("landmark_names")
@@ -256,10 +257,10 @@ def _wrong_kind(node: Any, dataset: Dataset) -> str | None:
 
 
 def _wanted(dataset: Dataset) -> str:
-    """Say how to store a dataset: `numbers (items, landmarks, 3)`."""
+    """Say how to store a dataset: `store numbers (items, landmarks, 3)`."""
     kinds = {"number": "numbers", "index": "integers", "text": "UTF-8 text", "label": "UTF-8 text"}
     axes = ", ".join(AXES.get(str(axis), str(axis)) for axis in dataset.axes)
-    return f"{kinds[dataset.kind]} ({axes})"
+    return f"store {kinds[dataset.kind]} ({axes})"
 
 
 def _plain(value: Any) -> Any:

@@ -25,8 +25,9 @@ def read_shapes(paths: Sequence[Path]) -> ShapeSet:
     InputError for what is wrong with a file, for items that occur twice, and for files that do
     not go together (other landmarks, units, meshes or further datasets).
     """
-    files = [(source_name(path), _read(path)) for path in paths]
-    check_unique_items([_item_list(*file) for file in files])
+    sets = [_read(path) for path in paths]
+    check_unique_items([_item_list(path, part) for path, part in zip(paths, sets, strict=True)])
+    files = [(source_name(path), part) for path, part in zip(paths, sets, strict=True)]
     files = [file for file in files if len(file[1])] or files[:1]
     landmark_names = files[0][1].landmark_names
     files = [(name, _arranged(shapes, landmark_names, name)) for name, shapes in files]
@@ -61,8 +62,10 @@ def _read(path: Path) -> ShapeSet:
     return shapes
 
 
-def _item_list(name: str, shapes: ShapeSet) -> ItemList:
-    return ItemList(lambda: [shapes.items], lambda row: f"{name}, item {row + 1}")
+def _item_list(path: Path, shapes: ShapeSet) -> ItemList:
+    hdf5 = is_hdf5(path)
+    name = source_name(path)
+    return ItemList(lambda: [shapes.items], lambda row: f"{name}:/item[{row}]" if hdf5 else name)
 
 
 def _arranged(shapes: ShapeSet, names: tuple[str, ...], place: str) -> ShapeSet:

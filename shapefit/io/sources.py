@@ -29,7 +29,7 @@ def require_file(path: Path) -> None:
         raise input_error(path, "there is no such file", _missing_fix(path))
     if os.path.isdir(path):
         raise input_error(path, "it is a folder", f"name the files in it, e.g. '{path}/*.h5'")
-    if not os.access(path, os.R_OK):
+    if not os.access(path, os.R_OK, effective_ids=os.access in os.supports_effective_ids):
         raise input_error(path, "may not be read", "change its permissions")
     if path.is_file() and path.stat().st_size == 0:
         raise input_error(path, "is empty (0 bytes)", "make or copy the file again")

@@ -1,0 +1,136 @@
+"""Small records for the tests of files, and a look at what an error says."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError
+from shapefit.io.extras import Extras
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+
+NAMES = ("head", "left hand", "right hand", "foot")
+
+
+@pytest.fixture
+def shapes(rng) -> ShapeSet:
+    return ShapeSet(
+        shapes=rng.normal(size=(5, 3, 4)),
+        landmark_names=NAMES,
+        items=tuple(f"walk/{i}" for i in range(5)),
+        sequences=("walk",) * 3 + ("run",) * 2,
+        edges=np.array([[0, 1], [0, 2], [0, 3]]),
+        mesh_vertices=rng.normal(size=(5, 3, 6)),
+        mesh_faces=np.array([[0, 1, 2], [3, 4, 5]]),
+        unit="m",
+        extras={"mirror_index": np.array([0, 2, 1, 3]), "weight": rng.normal(size=5)},
+    )
+
+
+@pytest.fixture
+def landmarks(rng) -> LandmarkSet:
+    points = rng.normal(size=(5, 2, 4))
+    points[1, :, 2] = np.nan
+    return LandmarkSet(
+        landmarks=points,
+        confidence=rng.uniform(size=(5, 4)),
+        landmark_names=NAMES,
+        items=tuple(f"image {i}" for i in range(5)),
+        sequences=("a", "a", "b", "b", "b"),
+        unit="px",
+        y_axis="down",
+        extras=Extras(
+            {"true_rotation": rng.normal(size=(5, 3, 3)), "true_model": np.array(list("vwxyz"))},
+            {"camera_matrix": np.eye(3), "maker": np.array("José", dtype=object)},
+        ),
+    )
+
+
+@pytest.fixture
+def results(rng, landmarks) -> ResultSet:
+    return ResultSet(
+        shapes=rng.normal(size=(5, 3, 4)),
+        landmarks_fitted=rng.normal(size=(5, 2, 4)),
+        coefficients=rng.normal(size=(5, 7)),
+        rotation=rng.normal(size=(5, 3, 3)),
+        translation=rng.normal(size=(5, 2)),
+        scale=rng.normal(size=5),
+        objective=rng.normal(size=5),
+        relative_gap=rng.uniform(size=5),
+        iterations=np.arange(5),
+        status=np.array(["solved", "failed", "solved", "solved", "iteration limit"]),
+        landmark_names=NAMES,
+        items=landmarks.items,
+        sequences=landmarks.sequences,
+        transforms=rng.normal(size=(5, 7, 2, 3)),
+        mesh_vertices=rng.normal(size=(5, 3, 6)),
+        extras=landmarks.extras,
+        unit="px",
+        y_axis="down",
+        attributes={"method": "convex", "solve_seconds": 1.5, "count": 5, "version": "0.1.0"},
+    )
+
+
+@pytest.fixture
+def dictionary(rng) -> Dictionary:
+    return Dictionary(
+        atoms=rng.normal(size=(7, 3, 4)),
+        landmark_names=NAMES,
+        mean_shape=rng.normal(size=(3, 4)),
+        edges=np.array([[0, 1], [2, 3]]),
+        mesh_vertices=rng.normal(size=(7, 3, 6)),
+        mesh_faces=np.array([[0, 1, 2]]),
+        objective_trace=rng.uniform(size=9),
+        provenance={"version": "0.1.0", "config": '{"k": 7}', "inputs": "{}"},
+    )
+
+
+@pytest.fixture
+def same() -> Callable[[object, object], None]:
+    """Assert that two records agree field by field, to the last bit."""
+
+    def check(one, other) -> None:
+        assert type(one) is type(other)
+        for name, value in vars(one).items():
+            found = getattr(other, name)
+            if isinstance(value, Extras):
+                for part in ("per_item", "whole"):
+                    mine, theirs = getattr(value, part), getattr(found, part)
+                    assert mine.keys() == theirs.keys()
+                    for key in mine:
+                        np.testing.assert_array_equal(mine[key], theirs[key])
+            elif isinstance(value, np.ndarray):
+                np.testing.assert_array_equal(value, found, strict=value.dtype.kind != "U")
+            else:
+                assert value == found, name
+
+    return check
+
+
+@pytest.fixture
+def problems() -> Callable[..., tuple[str, ...]]:
+    """Call a function that must raise InputError, and return the problems it tells."""
+
+    def catch(function, *arguments) -> tuple[str, ...]:
+        with pytest.raises(InputError) as caught:
+            function(*arguments)
+        return caught.value.problems
+
+    return catch
+
+
+@pytest.fixture
+def run_python() -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run a script in a fresh interpreter."""
+
+    def run(script: str, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-c", script, *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+    return run

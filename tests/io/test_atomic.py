@@ -1,0 +1,184 @@
+"""Outputs appear whole or not at all, whatever ends the writer."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import shutil
+import signal
+import stat
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from shapefit.errors import InputError
+from shapefit.io.atomic import atomic_file, atomic_path, check_output, digest, write_all
+
+
+@pytest.fixture(params=["unnamed", "named"])
+def writer(request, monkeypatch):
+    """Write bytes through atomic_file, with and without the system's unnamed files."""
+    if request.param == "named":
+        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+
+    def write(target: Path, data: bytes = b"new", error: Exception | None = None) -> None:
+        with atomic_file(target) as file:
+            write_all(file, data)
+            if error:
+                raise error
+
+    return write
+
+
+def by_path(target: Path, data: bytes = b"new", error: Exception | None = None) -> None:
+    with atomic_path(target) as temporary:
+        temporary.write_bytes(data)
+        if error:
+            raise error
+
+
+def test_a_new_file_appears_and_an_old_one_is_replaced(tmp_path, writer):
+    target = tmp_path / "out.bin"
+    for write, data in ((writer, b"one"), (writer, b"two"), (by_path, b"three")):
+        write(target, data)
+        assert target.read_bytes() == data
+    assert os.listdir(tmp_path) == ["out.bin"]
+
+
+def test_after_an_error_the_old_file_stands_alone(tmp_path, writer):
+    target = tmp_path / "out.bin"
+    target.write_bytes(b"old")
+    for write in (writer, by_path):
+        with pytest.raises(ZeroDivisionError):
+            write(target, error=ZeroDivisionError())
+        assert target.read_bytes() == b"old"
+        assert os.listdir(tmp_path) == ["out.bin"]
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
+def test_a_full_disk_is_an_input_error(tmp_path, writer, number, problems):
+    target = tmp_path / "out.bin"
+    target.write_bytes(b"old")
+    for write in (writer, by_path):
+        (line,) = problems(write, target, b"new", OSError(number, "no room"))
+        assert line.startswith(f"{target}: cannot be written: ")
+        assert "free some space" in line
+        assert target.read_bytes() == b"old"
+        assert os.listdir(tmp_path) == ["out.bin"]
+
+
+def test_other_errors_of_the_system_are_not_hidden(tmp_path, writer):
+    with pytest.raises(BrokenPipeError):
+        writer(tmp_path / "out.bin", error=BrokenPipeError(errno.EPIPE, "gone"))
+
+
+def test_a_failing_rename_leaves_nothing(tmp_path, writer, monkeypatch):
+    target = tmp_path / "out.bin"
+    target.write_bytes(b"old")
+
+    def fail(*_):
+        raise OSError(errno.EIO, "broken")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(OSError, match="broken"):
+        writer(target)
+    assert target.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["out.bin"]
+
+
+def test_a_missing_folder(tmp_path, writer, problems):
+    target = tmp_path / "no" / "such" / "out.h5"
+    for write in (writer, by_path, check_output):
+        (line,) = problems(write, target)
+        assert line == (
+            f"{target}: its folder {target.parent} does not exist; "
+            f"create the folder (mkdir -p '{target.parent}')"
+        )
+
+
+def test_a_folder_or_device_as_target(tmp_path, problems):
+    assert "it is a folder" in problems(check_output, tmp_path)[0]
+    assert "not a regular file" in problems(check_output, Path(os.devnull))[0]
+    with pytest.raises(InputError):
+        by_path(Path(os.devnull))
+    assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
+
+
+@pytest.fixture
+def locked_folder():
+    """Make a folder that the user of this test may not write to, even where that is root."""
+    folder = Path(tempfile.mkdtemp())
+    folder.chmod(0o555)
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(65534)
+    yield folder
+    if root:
+        os.seteuid(0)
+    folder.chmod(0o755)
+    shutil.rmtree(folder)
+
+
+def test_a_folder_that_is_not_writable(locked_folder, writer, problems):
+    target = locked_folder / "out.h5"
+    for write in (writer, by_path, check_output):
+        (line,) = problems(write, target)
+        assert line.startswith(f"{target}: its folder {locked_folder} is not writable; choose")
+    assert os.listdir(locked_folder) == []
+
+
+def test_permissions_are_those_of_the_old_file_or_of_any_new_one(tmp_path, writer):
+    plain = tmp_path / "plain"
+    plain.write_bytes(b"")
+    for write in (writer, by_path):
+        target = tmp_path / f"new-{write.__name__}"
+        write(target)
+        assert target.stat().st_mode == plain.stat().st_mode
+        target.chmod(0o640)
+        write(target)
+        assert stat.S_IMODE(target.stat().st_mode) == 0o640
+
+
+def test_a_link_stays_and_its_file_is_replaced(tmp_path, writer):
+    (tmp_path / "real").write_bytes(b"old")
+    link = tmp_path / "link"
+    link.symlink_to("real")
+    writer(link)
+    assert link.is_symlink()
+    assert (tmp_path / "real").read_bytes() == b"new"
+
+
+def test_the_temporary_path_keeps_the_suffix(tmp_path):
+    with atomic_path(tmp_path / "plot.png") as temporary:
+        assert temporary.suffix == ".png"
+        assert temporary.parent == tmp_path
+        assert temporary.name.startswith(".")
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from shapefit.io.atomic import atomic_file, write_all
+with atomic_file(Path(sys.argv[1])) as file:
+    write_all(file, b"half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="this system has no unnamed files")
+def test_a_killed_process_leaves_the_old_file_alone(tmp_path, run_python):
+    target = tmp_path / "out.bin"
+    target.write_bytes(b"old")
+    assert run_python(KILLED, target).returncode == -signal.SIGKILL
+    assert target.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["out.bin"]
+
+
+def test_digest(tmp_path, problems):
+    path = tmp_path / "file"
+    path.write_bytes(b"content")
+    assert digest(path) == hashlib.sha256(b"content").hexdigest()
+    assert digest(Path("-")) == "stream"
+    assert "no such file" in problems(digest, tmp_path / "none")[0]

@@ -1,0 +1,119 @@
+"""Records in memory: taking, joining, matching of landmark names."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shapefit.io.extras import Extras
+from shapefit.io.records import LandmarkSet, ShapeSet, concatenate, match_landmarks
+
+
+def test_match_landmarks_finds_every_wanted_name():
+    assert match_landmarks(["a", "b", "c"], ["c", "a"]).tolist() == [2, 0]
+    assert match_landmarks(["a", "b"], []).tolist() == []
+
+
+def test_match_landmarks_lists_the_nearest_names(problems):
+    have = ["left hand", "right hand", "head", "foot"]
+    lines = problems(
+        match_landmarks, have, ["head", "left hnad", "xyz"], "views.h5:/landmark_names"
+    )
+    assert lines == (
+        "views.h5:/landmark_names: there is no landmark 'left hnad'; "
+        "did you mean 'left hand' or 'right hand'?",
+        "views.h5:/landmark_names: there is no landmark 'xyz'; "
+        "use one of: left hand, right hand, head, foot",
+    )
+
+
+def test_match_landmarks_tells_ten_strange_names_and_counts_the_rest(problems):
+    lines = problems(match_landmarks, ["head"], [f"x{i}" for i in range(13)])
+    assert len(lines) == 11
+    assert lines[-1] == "... and 3 more"
+
+
+@pytest.mark.parametrize("rows", [[3, 0], np.array([False, True, True, False, False]), slice(1, 4)])
+@pytest.mark.parametrize("kind", ["shapes", "landmarks", "results"])
+def test_take(request, kind, rows):
+    record = request.getfixturevalue(kind)
+    part = record.take(rows)
+    kept = np.arange(5)[rows]
+    assert len(part) == len(kept)
+    assert part.items == tuple(record.items[i] for i in kept)
+    assert part.sequences == tuple(record.sequences[i] for i in kept)
+    main = "landmarks" if kind == "landmarks" else "shapes"
+    np.testing.assert_array_equal(getattr(part, main), getattr(record, main)[kept])
+    for name, values in record.extras.per_item.items():
+        np.testing.assert_array_equal(part.extras[name], values[kept])
+    for name, values in record.extras.whole.items():
+        np.testing.assert_array_equal(part.extras[name], values)
+
+
+def test_taking_a_result_slices_every_field(results):
+    part = results.take([4, 2])
+    for name in (
+        "coefficients",
+        "rotation",
+        "translation",
+        "scale",
+        "objective",
+        "relative_gap",
+        "iterations",
+        "status",
+        "transforms",
+        "mesh_vertices",
+        "landmarks_fitted",
+    ):
+        np.testing.assert_array_equal(getattr(part, name), getattr(results, name)[[4, 2]])
+    assert part.attributes == results.attributes
+
+
+@pytest.mark.parametrize("kind", ["shapes", "landmarks", "results"])
+def test_concatenate_undoes_take(request, kind, same):
+    record = request.getfixturevalue(kind)
+    same(
+        concatenate([record.take(slice(0, 0)), record.take(slice(0, 2)), record.take([2, 3, 4])]),
+        record,
+    )
+
+
+def test_arrange_matches_by_name_and_hides_what_is_not_there(landmarks):
+    names = ("foot", "tail", "head", "right hand", "left hand")
+    arranged = landmarks.arrange(names)
+    assert arranged.landmark_names == names
+    np.testing.assert_array_equal(arranged.landmarks[..., [2, 4, 3, 0]], landmarks.landmarks)
+    np.testing.assert_array_equal(arranged.confidence[:, [2, 4, 3, 0]], landmarks.confidence)
+    assert np.isnan(arranged.landmarks[..., 1]).all()
+    assert (arranged.confidence[:, 1] == 0).all()
+
+
+def test_arrange_refuses_to_drop_a_landmark(landmarks, problems):
+    (line,) = problems(landmarks.arrange, ("head", "left hand", "right hand"), "views.csv")
+    assert line.startswith("views.csv: there is no landmark 'foot'; ")
+
+
+def test_arrays_of_wrong_shape_are_a_programmers_error(rng):
+    with pytest.raises(ValueError, match="shapes has the shape"):
+        ShapeSet(rng.normal(size=(2, 4, 3)), ("a", "b", "c", "d"), ("x", "y"))
+    with pytest.raises(ValueError, match="confidence has the shape"):
+        LandmarkSet(
+            landmarks=np.zeros((2, 2, 1)),
+            confidence=np.zeros((1, 1)),
+            landmark_names=("a",),
+            items=("x", "y"),
+        )
+    with pytest.raises(ValueError, match="'w'"):
+        ShapeSet(np.zeros((1, 3, 1)), ("a",), ("x",), extras=Extras({"w": np.zeros(2)}))
+
+
+def test_extras_are_sorted_by_their_shape():
+    datasets = {"angle": np.zeros((3, 2)), "camera_matrix": np.eye(3), "colours": np.zeros((4, 3))}
+    extras = Extras.of(datasets, 3)
+    assert set(extras.per_item) == {"angle"}
+    assert set(extras.whole) == {"camera_matrix", "colours"}
+    assert set(extras) == set(datasets)
+    assert len(extras) == 3
+    assert Extras.of(extras, 3) is extras
+    per_item = Extras.of({"camera_matrix": np.zeros((3, 3, 3))}, 3)
+    assert set(per_item.per_item) == {"camera_matrix"}
