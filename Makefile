@@ -1,0 +1,66 @@
+# Every target does its own set-up in .venv; it needs Python >= 3.11, make and a C compiler.
+#
+#   make demo         the main job on sample_data
+#   make test         all tests
+#   make check        format, lint, types, tests, import order, docs
+#   make docs         write the generated pages of docs/
+#   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
+
+PYTHON ?= python3
+DATA ?=
+PYTEST_OPTIONS ?= -n 2
+
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/ready
+SHAPEFIT := $(BIN)/shapefit
+CODE := shapefit cli docs tests sample_data benchmarks
+SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
+
+.PHONY: demo test check format-check lint types docs mocap-table clean
+
+demo: $(READY)
+	$(call chain,demo)
+
+mocap-table: $(READY)
+	$(call chain,mocap)
+
+test: $(READY)
+	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+
+# The tests hold the import order and the docs in step as well.
+check: format-check lint types test
+
+format-check: $(READY)
+	$(BIN)/ruff format --check $(CODE)
+
+lint: $(READY)
+	$(BIN)/ruff check $(CODE)
+
+types: $(READY)
+	$(BIN)/mypy shapefit cli
+
+docs: $(READY)
+	$(BIN)/python docs/generate.py
+
+clean:
+	rm -rf $(VENV) results
+
+# $(call chain,NAME): learn, project, fit and evaluate with configs/NAME into results/NAME.
+define chain
+@mkdir -p results/$(1)
+$(SHAPEFIT) learn-dict -c configs/$(1)/learn-dict.yaml $(SET_DATA)
+$(SHAPEFIT) project -c configs/$(1)/project.yaml $(SET_DATA)
+$(SHAPEFIT) fit -c configs/$(1)/fit.yaml $(SET_DATA)
+$(SHAPEFIT) eval -c configs/$(1)/eval.yaml $(SET_DATA)
+@echo "The results are in results/$(1), the report with tables and plots in results/$(1)/report."
+endef
+
+# Rebuilt when the dependencies change, not otherwise.
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	    { echo "shapefit needs Python >= 3.11; say which: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt --editable '.[dev]'
+	@touch $@
