@@ -1,0 +1,67 @@
+"""From the transforms of the convex program to coefficients, rotations and the 3D shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.convex.spectral_norm import spectral_norm
+from shapefit.geometry.rotations import nearest_rotation
+
+Floats = NDArray[np.float64]
+
+# An atom is active where its coefficient is more than this share of the largest one.
+ACTIVE = 1e-6
+# A transform is orthogonal where ||M M^T / c^2 - I||_F is at most this.
+ORTHOGONAL = 1e-3
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """S = sum_i c_i R_i B_i and its parts, for n images.
+
+    shapes (n, 3, p); coefficients c (n, k); rotation (n, 3, 3), the rotation nearest to
+    sum_i c_i R_i, nan where all coefficients are 0; active_atoms (n,); tight (n,): are all active
+    transforms orthogonal, so that the optimum solves the per-atom nonconvex model too?
+    """
+
+    shapes: Floats
+    coefficients: Floats
+    rotation: Floats
+    active_atoms: NDArray[np.int64]
+    tight: NDArray[np.bool_]
+
+
+def complete_transforms(M: Floats) -> Floats:
+    """[M; c (m_1 x m_2) / c^2]: c_i R_i from M_i = c_i times two rows of R_i.
+
+    M (..., 2, 3) -> (..., 3, 3); the third row is the cross product of the first two rows of
+    R_i = M_i / c_i with c_i = ||M_i||_2 (paper, section Reconstruction), 0 where M_i is 0.
+    """
+    c = spectral_norm(M)[..., None]
+    third = np.cross(M[..., 0, :], M[..., 1, :])
+    third = np.divide(third, c, out=np.zeros_like(third), where=c > 0)
+    return np.concatenate([M, third[..., None, :]], axis=-2)
+
+
+def reconstruct(M: Floats, atoms: Floats) -> Reconstruction:
+    """S = sum_i c_i R_i B_i (paper, eq. new3dmodel); M (n, k, 2, 3), atoms B (k, 3, p)."""
+    n, k = M.shape[:2]
+    turned = complete_transforms(M)
+    shapes = turned.transpose(0, 2, 1, 3).reshape(n, 3, 3 * k) @ atoms.reshape(3 * k, -1)
+    coefficients = spectral_norm(M)
+    largest = coefficients.max(axis=1, keepdims=True)
+    active = (coefficients > ACTIVE * largest) & (largest > 0)
+
+    total = turned.sum(axis=1)
+    rotation = np.full((n, 3, 3), np.nan)
+    known = np.isfinite(total).all(axis=(1, 2)) & (largest[:, 0] > 0)
+    rotation[known] = nearest_rotation(total[known])
+
+    gram = M @ M.swapaxes(-1, -2)
+    square = np.where(active, coefficients, 1.0)[..., None, None] ** 2
+    deviation = np.linalg.norm(gram / square - np.eye(2), axis=(-2, -1))
+    tight = np.where(active, deviation <= ORTHOGONAL, True).all(axis=1) & active.any(axis=1)
+    return Reconstruction(shapes, coefficients, rotation, active.sum(axis=1), tight)
