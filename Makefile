@@ -14,7 +14,6 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
 SHAPEFIT := $(BIN)/shapefit
-CODE := shapefit cli docs tests sample_data benchmarks
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
 .PHONY: demo test check format-check lint types docs mocap-table clean
@@ -32,10 +31,10 @@ test: $(READY)
 check: format-check lint types test
 
 format-check: $(READY)
-	$(BIN)/ruff format --check $(CODE)
+	$(BIN)/ruff format --check .
 
 lint: $(READY)
-	$(BIN)/ruff check $(CODE)
+	$(BIN)/ruff check .
 
 types: $(READY)
 	$(BIN)/mypy shapefit cli

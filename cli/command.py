@@ -44,6 +44,6 @@ def run_command(
             progress.advance(outcome.done, outcome.total, "" if note_is_result else outcome.note)
     if note_is_result:
         click.echo(report.note)
-    for line in report.lines():
+    for line in report.lines(with_note=not note_is_result):
         click.echo(line, err=True)
     return report.exit_code

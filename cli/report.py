@@ -49,7 +49,7 @@ class Report:
         """Return 0 if no item failed, otherwise 1."""
         return 1 if self.failed else 0
 
-    def lines(self) -> Iterator[str]:
+    def lines(self, *, with_note: bool = True) -> Iterator[str]:
         """Yield the report as lines of text: warnings, failures, then one line on everything."""
         for warning, times in self._warnings.items():
             yield f"Warning: {warning}" + (f" ({times} times)" if times > 1 else "")
@@ -59,16 +59,17 @@ class Report:
             yield f"Failed: {failure.item}: {failure.reason}"
         if self.failed > len(self._failures):
             yield f"Failed: and {self.failed - len(self._failures)} more"
-        yield self._summary()
+        yield "; ".join(self._summary(with_note))
 
-    def _summary(self) -> str:
+    def _summary(self, with_note: bool) -> Iterator[str]:
+        plural = "" if self.done == 1 else "s"
         seconds = time.monotonic() - self._started
         failed = f", {self.failed} failed" if self.failed else ""
-        written = f"; wrote {', '.join(map(_shown, self.written))}" if self.written else ""
-        return (
-            f"{self.command}: {self.done} {self.unit}{'' if self.done == 1 else 's'} "
-            f"in {seconds:.1f} s{failed}{written}"
-        )
+        yield f"{self.command}: {self.done} {self.unit}{plural} in {seconds:.1f} s{failed}"
+        if with_note and self.note:
+            yield self.note
+        if self.written:
+            yield f"wrote {', '.join(map(_shown, self.written))}"
 
 
 def _shown(path: Path) -> str:

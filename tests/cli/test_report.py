@@ -44,8 +44,11 @@ def test_many_failures_and_warnings_are_counted_and_not_kept():
     assert report.failed == LISTED + 7
 
 
-def test_the_last_note_that_says_something_is_kept():
-    assert folded(Outcome(note="a"), Outcome(note="b"), Outcome()).note == "b"
+def test_the_last_note_that_says_something_is_told():
+    report = folded(Outcome(note="a"), Outcome(note="b"), Outcome())
+    assert report.note == "b"
+    assert [line.split("; ")[1:] for line in report.lines()] == [["b"]]
+    assert [line.split("; ")[1:] for line in report.lines(with_note=False)] == [[]]
 
 
 def test_written_files_are_named_from_the_working_folder(tmp_path, monkeypatch):
