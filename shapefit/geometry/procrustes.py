@@ -1,0 +1,118 @@
+"""Procrustes: one point set onto another, and many shapes onto their common mean."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.geometry.rotations import nearest_rotation
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """x -> scale * rotation @ x + translation.
+
+    scale (...), rotation (..., 3, 3), translation (..., 3).
+    """
+
+    scale: Floats
+    rotation: Floats
+    translation: Floats
+
+    def apply(self, points: Floats) -> Floats:
+        """Move points (..., 3, p)."""
+        turned = self.rotation @ points
+        return self.scale[..., None, None] * turned + self.translation[..., None]
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """shapes = rotations @ original shapes, and their mean.
+
+    shapes (n, 3, p), mean (3, p), rotations (n, 3, 3) proper; `still` tells whether the mean came
+    to rest within the rounds allowed.
+    """
+
+    shapes: Floats
+    mean: Floats
+    rotations: Floats
+    rounds: int
+    still: bool
+
+
+def coincide(points: Floats) -> NDArray[np.bool_]:
+    """Tell where all points of (..., d, p) are one point, up to rounding; shape (...)."""
+    extent = np.ptp(points, axis=-1).max(axis=-1)
+    size = np.abs(points).max(axis=(-2, -1))
+    return extent <= 4 * np.finfo(np.float64).eps * size
+
+
+def rotation_onto(source: Floats, target: Floats) -> Floats:
+    """argmin ||R source - target||_F over proper rotations R.
+
+    source and target (..., 3, p), taken as they are (not centred); R (..., 3, 3). Where the
+    minimiser is not unique, as for points on one line, one of them is returned, always the same;
+    it is the identity where source or target is 0, and nan where an entry is not finite.
+    Source: Kabsch 1976, Umeyama 1991.
+    """
+    cross = target @ np.swapaxes(source, -1, -2)
+    finite = np.isfinite(cross).all(axis=(-2, -1), keepdims=True)
+    return np.where(finite, nearest_rotation(np.where(finite, cross, 0.0)), np.nan)
+
+
+def similarity_transform(source: Floats, target: Floats) -> Similarity:
+    """argmin ||s R source + t 1^T - target||_F over s >= 0, proper rotations R and t.
+
+    source and target (..., 3, p) with equal batch axes. The scale is the least-squares one,
+    <R source, target> / ||source||^2 of the centred points. Where the points of the source
+    coincide every s and R fit equally: s = 1 and R = I. Where those of the target coincide s = 0
+    and R = I. Points on one line get one of the best rotations. Entries that are not finite make
+    that transform nan and leave the others alone. Source: Umeyama 1991.
+    """
+    source_middle = source.mean(axis=-1, keepdims=True)
+    target_middle = target.mean(axis=-1, keepdims=True)
+    X = np.where(coincide(source)[..., None, None], 0.0, source - source_middle)
+    Y = np.where(coincide(target)[..., None, None], 0.0, target - target_middle)
+    R = rotation_onto(X, Y)
+    size = (X**2).sum(axis=(-2, -1))
+    overlap = ((R @ X) * Y).sum(axis=(-2, -1))
+    scale = np.divide(overlap, size, out=np.ones_like(size), where=size != 0)
+    translation = (target_middle - scale[..., None, None] * (R @ source_middle))[..., 0]
+    return Similarity(scale, R, translation)
+
+
+def generalised_procrustes(
+    shapes: Floats,
+    landmarks: Sequence[int] | None = None,
+    tolerance: float = 1e-8,
+    max_rounds: int = 100,
+) -> Alignment:
+    """min sum_j ||(R_j S_j - mean) P||_F^2 over proper rotations R_j and the mean.
+
+    shapes (n, 3, p), each centred and normalised already: scale and position stay as they are. P
+    keeps the given landmarks (None: all) and subtracts their centroid, so that a subset such as
+    the torso chooses the rotation by its own form while the whole shape is turned. Each round
+    turns every shape onto the mean and averages again, until the mean moves by at most
+    `tolerance` of its norm. The first mean is the first shape, and the answer is given in the
+    frame of the first shape (rotations[0] = I): it does not depend on how the other shapes were
+    turned before. Source: Gower 1975.
+    """
+    chosen = shapes if landmarks is None else shapes[:, :, list(landmarks)]
+    chosen = chosen - chosen.mean(axis=-1, keepdims=True)
+    mean = chosen[0]
+    still = False
+    rounds = 0
+    while not still and rounds < max_rounds:
+        rounds += 1
+        R = rotation_onto(chosen, mean)
+        previous, mean = mean, np.einsum("jab,jbp->ap", R, chosen) / len(chosen)
+        still = bool(np.linalg.norm(mean - previous) <= tolerance * np.linalg.norm(previous))
+    R = R[0].T @ R
+    R[0] = np.eye(3)
+    aligned = R @ shapes
+    return Alignment(aligned, aligned.mean(axis=0), R, rounds, still)
