@@ -90,7 +90,7 @@ def bar_plot(summaries: Sequence[Summary]) -> Figure:
     figure = Figure(figsize=(1.1 + width, 0.5 + row_height * len(rows)))
     figure.set_layout_engine("constrained")
     axes = figure.subplots(len(rows), squeeze=False)[:, 0]
-    top = 1.15 * max((s.mean for s in summaries if not math.isnan(s.mean)), default=0.0)
+    top = 1.05 * max((s.mean for s in summaries if not math.isnan(s.mean)), default=0.0)
     for axis, row in zip(axes, rows, strict=True):
         _style(axis, slots, top or 1.0, f"mean error ({summaries[0].unit})")
         start = 0.0 if slots > FEWEST_SLOTS else (slots - row[0].slots) / 2
@@ -155,9 +155,9 @@ def _draw(axis: Axes, start: float, group: _Group, methods: Sequence[str]) -> No
             places, heights, width, label=method, color=colour, hatch=hatch, edgecolor="white",
             linewidth=0.3, zorder=2,
         )  # fmt: skip
-    title = "" if group.name == ALL else group.name
     axis.annotate(
-        title, (start - BARS / 2, 1), xycoords=("data", "axes fraction"), va="top",
+        "" if group.name == ALL else group.name, (start - BARS / 2, 1),
+        xycoords=("data", "axes fraction"), xytext=(0, 4), textcoords="offset points",
         fontweight="bold", fontsize=9, color=INK,
     )  # fmt: skip
 
@@ -179,7 +179,7 @@ def _style(axis: Axes, slots: float, top: float, label: str) -> None:
 
 def _head(figure: Figure, axis: Axes, title: str, methods: int) -> None:
     """Title above the first row, legend of the methods below the last."""
-    axis.set_title(title, loc="left", color=INK, fontsize=12, pad=10)
+    axis.set_title(title, loc="left", color=INK, fontsize=12, pad=20)
     handles, names = axis.get_legend_handles_labels()
     figure.legend(
         handles[:methods], names[:methods], loc="outside lower center", ncols=min(methods, 4),

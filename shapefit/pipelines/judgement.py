@@ -111,7 +111,7 @@ def _truth_items(file: Path, results: ResultSet, match: str) -> tuple[str, ...]:
         found = f"has the shape {np.shape(named)}"
         fix = f"`match` takes a dataset of {len(results)} items of the truth, one an image"
         raise input_error(f"{file}:/{match}", found, fix)
-    return tuple(key.decode() if isinstance(key, bytes) else str(key) for key in named)
+    return tuple(map(str, named))
 
 
 def _truth_rows(file: Path, keys: Sequence[str], truth: ShapeSet) -> NDArray[np.intp]:

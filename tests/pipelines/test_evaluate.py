@@ -12,7 +12,7 @@ from shapefit.config import EvalConfig
 from shapefit.errors import InputError
 from shapefit.evaluation import metrics, tables
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import result_writer, write_shapes
+from shapefit.io import open_landmarks, read_shapes, result_writer, write_shapes
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate import run
 
@@ -281,3 +281,35 @@ class TestInputErrors:
     def test_output_is_standard_output(self, config):
         with pytest.raises(InputError, match="folder"):
             next(run(changed(config, output="-")))
+
+
+@pytest.mark.real_data
+def test_real_cars_are_matched_by_their_model(real_data, tmp_path):
+    with open_landmarks([real_data / "cars" / "annotated_cars.h5"]) as source:
+        cars = next(source.chunks(300))
+    models = read_shapes([real_data / "cars" / "models.h5"])
+    rows = [models.items.index(model) for model in cars.extras["true_model"]]
+    R = np.asarray(cars.extras["true_rotation"], dtype=float)
+    perfect = ResultSet(
+        shapes=50 * R @ models.shapes[rows],
+        landmarks_fitted=cars.landmarks + np.array([[3.0], [4.0]]),
+        rotation=R,
+        landmark_names=cars.landmark_names,
+        items=cars.items,
+        unit=cars.unit,
+        y_axis=cars.y_axis,
+        extras={**cars.extras, "landmarks": cars.landmarks.swapaxes(-1, -2)},
+    )
+    write_results(tmp_path / "cars.h5", perfect)
+    config = EvalConfig(
+        results=[tmp_path / "cars.h5"],
+        truth=[real_data / "cars" / "models.h5"],
+        output=tmp_path / "report",
+        match="true_model",
+        plots=False,
+    )
+    judged, _ = run(config)
+    assert (judged.failures, judged.warnings) == ((), ())
+    for row in rows_of(tmp_path / "report", "report.csv"):
+        expected = 5.0 if row["metric"] == "reprojection" else 0.0
+        np.testing.assert_allclose(float(row["mean"]), expected, atol=1e-4)

@@ -111,9 +111,7 @@ def test_another_dataset_can_name_the_truth(fields, truth):
     models = truth.take([2, 0])
     fields["shapes"] = truth.shapes[[0, 0, 2, 2, 0, 2]]
     fields["extras"] = {
-        "true_model": np.array(
-            ["item0", b"item0", "item2", "item2", "item0", "item2"], dtype=object
-        )
+        "true_model": np.array(["item0", "item0", "item2", "item2", "item0", "item2"], dtype=object)
     }
     judgement = judged(fields, models, "true_model", ["similarity"])
     np.testing.assert_allclose(judgement.errors["similarity", "m"], np.zeros(N), atol=1e-12)
