@@ -61,7 +61,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         provenance=_provenance(config),
     )
     written = _write(config.output, errors, report, with_plots=config.plots)
-    yield Outcome(warnings=ungrouped, note=tables.markdown(report), written=written)
+    yield Outcome(warnings=ungrouped, note=tables.markdown(report).rstrip(), written=written)
 
 
 def _check_folder(folder: Path) -> None:

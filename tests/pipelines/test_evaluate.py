@@ -100,7 +100,7 @@ def test_last_outcome_shows_the_table_and_lists_what_was_written(config):
     assert (judged.done, judged.failures, judged.warnings) == (N, (), ())
     assert {path.name for path in written.written} == FILES
     assert {path.name for path in config.output.iterdir()} == FILES
-    assert written.note == (config.output / "report.md").read_text()
+    assert f"{written.note}\n" == (config.output / "report.md").read_text()
     assert "Subject 13" in written.note
 
 
