@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import InputError, input_error
+from shapefit.errors import input_error
 from shapefit.io.extras import Array, Extras
 
 Text = TypeVar("Text", bound=str)
@@ -35,8 +35,7 @@ def agreed(what: str, stated: Sequence[tuple[str, Text | None]], default: Text) 
 def check_same_array(what: str, files: Sequence[tuple[str, NDArray[np.int64] | None]]) -> None:
     """Raise InputError unless all files have the same array, or none has it."""
     for place, array in files[1:]:
-        if not _same(array, files[0][1]):
-            raise _differs(what, place, files[0][0])
+        _compare(what, files[0], (place, array))
 
 
 def check_same_extras(files: Sequence[tuple[str, Extras]]) -> None:
@@ -44,23 +43,28 @@ def check_same_extras(files: Sequence[tuple[str, Extras]]) -> None:
 
     Those per item must agree in the shape of a row, the others in their values.
     """
+    first_place, first = files[0]
     for place, extras in files[1:]:
-        first_place, first = files[0]
         for name in {**first, **extras}:
-            if name in first.per_item and name in extras.per_item:
-                same = first.per_item[name].shape[1:] == extras.per_item[name].shape[1:]
-            else:
-                same = _same(first.whole.get(name), extras.whole.get(name))
-                same = same and name not in {**first.per_item, **extras.per_item}
-            if not same:
-                raise _differs(f"dataset {name}", place, first_place)
+            one, other = _comparable(first, name), _comparable(extras, name)
+            _compare(f"dataset {name}", (first_place, one), (place, other))
 
 
-def _same(one: Array | None, other: Array | None) -> bool:
-    if one is None or other is None:
-        return one is other
-    return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
+def _comparable(extras: Extras, name: str) -> Array | None:
+    if name in extras.per_item:
+        return np.array(["per item", *extras.per_item[name].shape[1:]], dtype=object)
+    return extras.whole.get(name)
 
 
-def _differs(what: str, place: str, first: str) -> InputError:
-    return input_error(place, f"its {what} is not that of {first}", APART)
+def _compare(what: str, first: tuple[str, Array | None], file: tuple[str, Array | None]) -> None:
+    place, array = file
+    first_place, expected = first
+    if array is None and expected is None:
+        return
+    if array is None:
+        raise input_error(place, f"has no {what}, unlike {first_place}", APART)
+    if expected is None:
+        raise input_error(place, f"has a {what}, unlike {first_place}", APART)
+    floats = array.dtype.kind == expected.dtype.kind == "f"
+    if not np.array_equal(array, expected, equal_nan=floats):
+        raise input_error(place, f"its {what} is not that of {first_place}", APART)

@@ -155,7 +155,9 @@ class _Tidy:
         names, codes = self._codes("sequence")
         first_row = np.unique(self._item, return_index=True)[1]
         of_item = codes[first_row]
-        self._note("sequence", codes != of_item[self._item], "give an item one sequence")
+        self._note(
+            "sequence", codes != of_item[self._item], "give all rows of an item one sequence"
+        )
         return tuple(names[code] for code in of_item)
 
     def _check_repeated(self) -> None:

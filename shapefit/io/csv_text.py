@@ -101,12 +101,18 @@ class CsvText:
             self._check_widths()
             reason = str(error).partition("\n")[0]
             fix = "put cells with commas or quotes in double quotes, and double the quotes in them"
-            raise input_error(self.name, f"cannot be read as CSV ({reason})", fix) from error
+            raise input_error(self._quoted(), f"cannot be read as CSV ({reason})", fix) from error
         cells = cells.filter(pl.any_horizontal(pl.all().fill_null("") != ""))
         commas = self._data.count(b",")
         if b'"' in self._data or commas != (len(self.columns) - 1) * (len(cells) + 1):
             self._check_widths()
         return cells
+
+    def _quoted(self) -> str:
+        """Name the first line with a quote inside a cell: what else could polars refuse?"""
+        lines = (line for line, cells in self._records() if any('"' in cell for cell in cells))
+        line = next(lines, None)
+        return self.name if line is None else f"{self.name}:{line}"
 
     def _check_widths(self) -> None:
         problems = Problems()

@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from shapefit.io.atomic import atomic_file, storage_errors, write_all
+from shapefit.io.layout import NOTHING_APPENDED
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
 
@@ -30,13 +31,18 @@ class CsvWriter:
         self._write = write
         self._columns: list[str] | None = None
 
+    @property
+    def begun(self) -> bool:
+        """Whether a record was appended."""
+        return self._columns is not None
+
     def append(self, record: ShapeSet | LandmarkSet | ResultSet) -> None:
         """Write one row for each landmark of each item.
 
         Raises ValueError where the columns are not those of the first record.
         """
         table = _tidy(record)
-        first = self._columns is None
+        first = not self.begun
         if not first and table.columns != self._columns:
             raise ValueError("the columns of this record are not those of the first")
         self._columns = table.columns
@@ -51,10 +57,16 @@ def csv_output(target: Path) -> Iterator[CsvWriter]:
     """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
     if is_stream(target):
         with storage_errors(Path("standard output")):
-            yield CsvWriter(_write_to_stdout)
+            yield from _checked(CsvWriter(_write_to_stdout))
         return
     with atomic_file(target) as file:
-        yield CsvWriter(lambda data: write_all(file, data))
+        yield from _checked(CsvWriter(lambda data: write_all(file, data)))
+
+
+def _checked(writer: CsvWriter) -> Iterator[CsvWriter]:
+    yield writer
+    if not writer.begun:
+        raise ValueError(NOTHING_APPENDED)
 
 
 def _write_to_stdout(data: bytes) -> None:

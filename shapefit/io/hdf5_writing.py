@@ -12,7 +12,14 @@ import h5py
 import numpy as np
 
 from shapefit.io.extras import Array, Extras
-from shapefit.io.layout import PER_ITEM_FLAG, VERSION, Dataset, Format, stored_name
+from shapefit.io.layout import (
+    NOTHING_APPENDED,
+    PER_ITEM_FLAG,
+    VERSION,
+    Dataset,
+    Format,
+    stored_name,
+)
 from shapefit.io.spool import Spool
 
 CHUNK_BYTES = 1 << 18
@@ -85,7 +92,7 @@ class Hdf5Writer:
 
     def _finish(self) -> None:
         if self._first is None:
-            raise ValueError("nothing was appended; append one record, which may be empty")
+            raise ValueError(NOTHING_APPENDED)
         root = self._file.attrs
         root["format"] = self._form.name
         root["version"] = VERSION

@@ -71,6 +71,8 @@ _PREFIX = "shapefit_"
 # Attribute of a carried dataset: False where it belongs to the file, whatever its shape suggests.
 PER_ITEM_FLAG = "per_item"
 
+NOTHING_APPENDED = "nothing was appended; append one record, which may be empty"
+
 AXES = {
     "n": "items",
     "p": "landmarks",

@@ -94,7 +94,7 @@ def _completed(files: Sequence[tuple[str, ShapeSet]]) -> list[ShapeSet]:
     unit = agreed("unit", units, UNKNOWN_UNIT)
     meshes = [(name, part.mesh_vertices) for name, part in files]
     sizes = [(name, None if mesh is None else np.array(mesh.shape[1:])) for name, mesh in meshes]
-    check_same_array("number of mesh_vertices", sizes)
+    check_same_array("mesh", sizes)
     check_same_array("mesh_faces", [(name, part.mesh_faces) for name, part in files])
     check_same_extras([(name, Extras.of(part.extras, len(part))) for name, part in files])
     edges = next((part.edges for _, part in files if part.edges is not None), None)

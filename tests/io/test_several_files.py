@@ -1,0 +1,254 @@
+"""Several files read as one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.io import landmark_writer, open_landmarks, read_shapes, write_shapes
+from shapefit.io.duplicates import ItemList, check_unique_items
+
+ORDER = [2, 0, 3, 1]
+
+
+def permuted_shapes(shapes, order):
+    """Write down the same shapes with their landmarks in another order."""
+    position = np.argsort(order)
+    return replace(
+        shapes,
+        shapes=shapes.shapes[..., order],
+        landmark_names=tuple(shapes.landmark_names[i] for i in order),
+        edges=position[shapes.edges],
+        extras={**shapes.extras, "mirror_index": position[shapes.extras["mirror_index"][order]]},
+    )
+
+
+def views_file(path, landmarks):
+    with landmark_writer(path) as writer:
+        writer.append(landmarks)
+    return path
+
+
+def renamed(record, prefix):
+    return replace(record, items=tuple(prefix + item for item in record.items))
+
+
+# Shapes
+
+
+@pytest.mark.parametrize("suffixes", [(".h5", ".h5"), (".csv", ".csv")])
+def test_permuted_landmarks_are_matched_by_name(tmp_path, shapes, same, suffixes):
+    one, two = (tmp_path / f"{name}{suffix}" for name, suffix in zip("ab", suffixes, strict=True))
+    write_shapes(one, shapes.take([0, 1]))
+    write_shapes(two, permuted_shapes(shapes.take([2, 3, 4]), ORDER))
+    found = read_shapes([one, two])
+    if suffixes == (".h5", ".h5"):
+        same(found, shapes)
+    np.testing.assert_array_equal(found.shapes, shapes.shapes)
+    assert found.landmark_names == shapes.landmark_names
+    assert found.items == shapes.items
+
+
+def test_edges_and_mirror_follow_their_landmarks(tmp_path, shapes):
+    write_shapes(tmp_path / "a.h5", replace(shapes.take([0]), edges=None))
+    write_shapes(tmp_path / "b.h5", permuted_shapes(shapes.take([1]), ORDER))
+    found = read_shapes([tmp_path / "a.h5", tmp_path / "b.h5"])
+    np.testing.assert_array_equal(found.edges, shapes.edges)
+    np.testing.assert_array_equal(found.extras["mirror_index"], shapes.extras["mirror_index"])
+
+
+def test_other_landmarks(tmp_path, shapes, problems):
+    one, two = tmp_path / "a.h5", tmp_path / "b.h5"
+    write_shapes(one, shapes.take([0]))
+    other = ("head", "left hand", "right hand", "feet")
+    write_shapes(two, replace(shapes.take([1]), landmark_names=other))
+    assert problems(read_shapes, [one, two]) == (
+        f"{two}: there is no landmark 'feet'; did you mean 'foot'?",
+    )
+    fewer = permuted_shapes(shapes.take([1]), [0, 1, 2, 3])
+    fewer = replace(
+        fewer, shapes=fewer.shapes[..., :3], landmark_names=other[:3], edges=None, extras={}
+    )
+    write_shapes(two, fewer)
+    (line,) = problems(read_shapes, [one, two])
+    assert line.startswith(f"{two}: there is no landmark 'foot'; ")
+
+
+def test_items_in_two_files(tmp_path, shapes, problems):
+    one, two, three = tmp_path / "a.h5", tmp_path / "b.h5", tmp_path / "c.csv"
+    write_shapes(one, shapes.take([0, 1]))
+    write_shapes(two, shapes.take([2, 1]))
+    write_shapes(three, shapes.take([0]))
+    assert problems(read_shapes, [one, two, three]) == (
+        f"{two}:/item[1]: item 'walk/1' stands also at {one}:/item[1]; "
+        "give every item a name of its own",
+        f"{three}: item 'walk/0' stands also at {one}:/item[0]; give every item a name of its own",
+    )
+
+
+def test_shapes_that_do_not_go_together(tmp_path, shapes, problems):
+    one, two = tmp_path / "a.h5", tmp_path / "b.h5"
+    write_shapes(one, shapes.take([0]))
+    part = shapes.take([1])
+    for other, found in (
+        (replace(part, unit="mm"), f"its unit is 'mm', that of {one} is 'm'"),
+        (replace(part, mesh_vertices=None), f"has no mesh, unlike {one}"),
+        (
+            replace(part, mesh_faces=part.mesh_faces[::-1]),
+            f"its mesh_faces is not that of {one}",
+        ),
+        (replace(part, extras={}), f"has no dataset weight, unlike {one}"),
+        (
+            replace(part, extras={**part.extras, "mirror_index": np.arange(4)}),
+            f"its dataset mirror_index is not that of {one}",
+        ),
+        (
+            replace(part, extras={**part.extras, "weight": np.zeros((1, 2))}),
+            f"its dataset weight is not that of {one}",
+        ),
+        (
+            replace(part, extras={**part.extras, "more": np.zeros(1)}),
+            f"has a dataset more, unlike {one}",
+        ),
+    ):
+        write_shapes(two, other)
+        assert problems(read_shapes, [one, two]) == (
+            f"{two}: {found}; give files that agree, or run them apart",
+        )
+
+
+def test_files_without_sequences_units_or_shapes_go_with_others(tmp_path, shapes):
+    one, two, three = tmp_path / "a.h5", tmp_path / "b.h5", tmp_path / "c.h5"
+    write_shapes(one, replace(shapes.take([0]), sequences=None, unit="unknown"))
+    write_shapes(two, replace(shapes.take([]), unit="mm", extras={}))
+    write_shapes(three, shapes.take([1]))
+    found = read_shapes([one, two, three])
+    assert found.sequences == ("", "walk")
+    assert found.unit == "m"
+    assert len(found) == 2
+
+
+# Landmarks
+
+
+def test_chunks_run_over_the_ends_of_files(tmp_path, landmarks, same):
+    paths = [
+        views_file(tmp_path / f"{rows}.h5", landmarks.take(rows))
+        for rows in (slice(0, 1), slice(1, 1), slice(1, 4), slice(4, 5))
+    ]
+    with open_landmarks(paths) as source:
+        assert source.count == 5
+        assert source.landmark_names == landmarks.landmark_names
+        assert (source.unit, source.y_axis) == ("px", "down")
+        for size in (1, 2, 3, 5, 100):
+            chunks = list(source.chunks(size))
+            assert [len(chunk) for chunk in chunks] == [size] * (5 // size) + [5 % size] * (
+                5 % size > 0
+            )
+            start = 0
+            for chunk in chunks:
+                same(chunk, landmarks.take(slice(start, start + size)))
+                start += size
+
+
+def test_landmarks_of_files_are_united(tmp_path, landmarks):
+    one = views_file(
+        tmp_path / "a.h5", replace(landmarks.take([0]), confidence=None, sequences=None)
+    )
+    other = replace(landmarks.take([1, 2]), landmark_names=("foot", "tail", "head", "right hand"))
+    two = views_file(tmp_path / "b.h5", other)
+    with open_landmarks([one, two]) as source:
+        (chunk,) = source.chunks(10)
+    assert source.landmark_names == ("head", "left hand", "right hand", "foot", "tail")
+    assert chunk.sequences == ("", "a", "b")
+    np.testing.assert_array_equal(chunk.landmarks[0, :, :4], landmarks.landmarks[0])
+    assert np.isnan(chunk.landmarks[0, :, 4]).all()
+    np.testing.assert_array_equal(chunk.confidence[0], [1, 1, 1, 1, 0])
+    np.testing.assert_array_equal(chunk.landmarks[1:][..., [3, 4, 0, 2]], other.landmarks)
+    assert np.isnan(chunk.landmarks[1:, :, 1]).all()
+    np.testing.assert_array_equal(chunk.confidence[1:][:, [3, 4, 0, 2]], other.confidence)
+    assert (chunk.confidence[1:, 1] == 0).all()
+
+
+def test_csv_and_hdf5_together(tmp_path, landmarks):
+    plain = replace(landmarks, extras={})
+    one = views_file(tmp_path / "a.csv", plain.take([0, 1]))
+    two = views_file(tmp_path / "b.h5", plain.take([2, 3, 4]))
+    with open_landmarks([one, two]) as source:
+        (chunk,) = source.chunks(10)
+    np.testing.assert_array_equal(chunk.landmarks, landmarks.landmarks)
+    assert (source.unit, source.y_axis, chunk.unit, chunk.y_axis) == ("px", "down", "px", "down")
+
+
+def test_landmarks_that_do_not_go_together(tmp_path, landmarks, problems):
+    one = views_file(tmp_path / "a.h5", landmarks.take([0]))
+    part = landmarks.take([1])
+    for other, found in (
+        (replace(part, y_axis="up"), f"its y_axis is 'up', that of {one} is 'down'"),
+        (replace(part, unit="m"), f"its unit is 'm', that of {one} is 'px'"),
+        (replace(part, extras={}), f"has no dataset true_model, unlike {one}"),
+    ):
+        two = views_file(tmp_path / "b.h5", other)
+        assert problems(open_landmarks, [one, two]) == (
+            f"{two}: {found}; give files that agree, or run them apart",
+        )
+
+
+def test_images_in_two_files(tmp_path, landmarks, problems):
+    one = views_file(tmp_path / "a.h5", landmarks)
+    two = views_file(tmp_path / "b.csv", landmarks.take([3]))
+    assert problems(open_landmarks, [one, two]) == (
+        f"{two}: item 'image 3' stands also at {one}:/item[3]; give every item a name of its own",
+    )
+
+
+def test_more_files_than_may_be_open(tmp_path, landmarks, run_python):
+    for i in range(70):
+        views_file(tmp_path / f"{i}.h5", renamed(landmarks.take([0]), str(i)))
+    script = """
+import resource, sys
+from pathlib import Path
+resource.setrlimit(resource.RLIMIT_NOFILE, (50, 50))
+from shapefit.io import open_landmarks
+with open_landmarks(sorted(Path(sys.argv[1]).glob("*.h5"))) as source:
+    print(sum(len(chunk) for chunk in source.chunks(4)))
+"""
+    assert run_python(script, tmp_path).stdout == "70\n"
+
+
+def test_leaving_the_source_closes_its_files(tmp_path, landmarks):
+    path = views_file(tmp_path / "a.h5", landmarks)
+    with open_landmarks([path]) as source:
+        chunks = source.chunks(2)
+        next(chunks)
+    assert list(chunks) == []
+
+
+def test_a_chunk_has_at_least_one_image(tmp_path, landmarks):
+    with (
+        open_landmarks([views_file(tmp_path / "a.h5", landmarks)]) as source,
+        pytest.raises(ValueError, match="at least 1"),
+    ):
+        source.chunks(0)
+
+
+# Duplicates
+
+
+def test_items_with_the_same_hash_are_compared(monkeypatch, problems):
+    monkeypatch.setattr("shapefit.io.duplicates.hash", len, raising=False)
+    blocks = [("ab", "cd"), ("e",)]
+    check_unique_items([ItemList(lambda: blocks, str)])
+    twice = [*blocks, ("cd",)]
+    assert problems(check_unique_items, [ItemList(lambda: twice, "row {}".format)]) == (
+        "row 3: item 'cd' stands also at row 1; give every item a name of its own",
+    )
+
+
+def test_many_duplicates_are_counted(problems):
+    items = [str(i % 100) for i in range(300)]
+    lines = problems(check_unique_items, [ItemList(lambda: [items], str)])
+    assert len(lines) == 11
+    assert lines[-1] == "... and 190 more"
