@@ -50,6 +50,11 @@ def test_yaml_is_1_2(folder):
     assert config.output == folder / "configs" / "no"
 
 
+def test_a_date_is_a_text(folder):
+    path = write(folder, FIT.replace("r.h5", "2001-01-01"))
+    assert load_config("fit", path).output == folder / "configs" / "2001-01-01"
+
+
 def test_a_number_in_quotes_is_a_text(folder):
     with pytest.raises(InputError, match=r"c\.yaml:4:9: expected a number >= 0, found '0\.1'"):
         load_config("fit", write(folder, FIT + "lambda: '0.1'\n"))

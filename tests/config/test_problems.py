@@ -183,6 +183,12 @@ def test_a_wrong_option_is_named_by_its_text(option, expected):
     assert expected.replace("'a.h5'", repr(str(Path.cwd() / "a.h5"))) in told
 
 
+def test_an_option_over_a_mapping_is_blamed_for_what_is_in_it():
+    option = "solver={name: adm}"
+    told = only_problem("fit", "solver: {name: admm}\n", option)
+    assert told.startswith(f"--set {option}: expected newton or admm, found 'adm'")
+
+
 def test_a_wrong_argument_is_named():
     (told,) = problems("fit", FIT, dictionary="nowhere.h5")
     assert told == f"command line, dictionary: no file {Path.cwd()}/nowhere.h5; check the spelling"
