@@ -56,19 +56,23 @@ def test_help_is_quick():
     assert min(seconds() for _ in range(5)) < 0.25
 
 
-def test_a_reader_that_stops_reading_is_not_an_internal_error(folder):
-    body = """
-    for number in range(100_000):
+@pytest.mark.parametrize("lines", [1, 100_000], ids=["at the last flush", "while writing"])
+def test_a_reader_that_stops_reading_is_not_an_internal_error(folder, lines):
+    body = f"""
+    sys.stdin.readline()
+    for number in range({lines}):
         print(number)
     yield Outcome(done=1)
     """
     process = subprocess.Popen(
-        driver(folder, body), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        driver(folder, body), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
-    assert process.stdout.readline() == "0\n"
     process.stdout.close()
-    assert process.stderr.read() == ""
+    process.stdin.write(b"go\n")
+    process.stdin.close()
+    told = process.stderr.read()
     process.stderr.close()
+    assert b"rror" not in told
     assert process.wait() == 128 + signal.SIGPIPE
 
 
