@@ -64,8 +64,13 @@ def test_a_reader_that_stops_reading_is_not_an_internal_error(folder, lines):
         print(number)
     yield Outcome(done=1)
     """
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     process = subprocess.Popen(
-        driver(folder, body), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        driver(folder, body),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=buffered,
     )
     process.stdout.close()
     process.stdin.write(b"go\n")
