@@ -151,18 +151,22 @@ class Hdf5Reader:
         for name, dataset in found:
             if name in self.form.names or not isinstance(dataset, h5py.Dataset):
                 continue
-            if dataset.shape is None or not (_is_text(dataset) or dataset.dtype.kind in "biufc"):
+            with self._damage(name):
+                carried = dataset.shape is not None and (
+                    _is_text(dataset) or dataset.dtype.kind in "biufc"
+                )
+                flagged = bool(dataset.attrs.get(PER_ITEM_FLAG, True))
+            if not carried:
                 fix = "store numbers or text, or remove it"
                 raise input_error(self.place(name), "cannot be carried along", fix)
-            flagged = bool(dataset.attrs.get(PER_ITEM_FLAG, True))
-            mine = flagged and is_per_item(name, dataset.shape, self._sizes.get("n", -1))
+            mine = flagged and is_per_item(name, dataset.shape, self.count)
             (per_item if mine else whole).append(name)
         return per_item, whole
 
     def _values(self, name: str, rows: slice | tuple[()]) -> Any:
-        dataset = self._file[name]
         try:
             with self._damage(name):
+                dataset = self._file[name]
                 return dataset.asstr()[rows] if _is_text(dataset) else dataset[rows]
         except UnicodeDecodeError as error:
             fix = "write its texts as UTF-8"
@@ -232,7 +236,7 @@ class Hdf5Reader:
             yield
         except UnicodeDecodeError:
             raise
-        except (OSError, RuntimeError, KeyError, ValueError) as error:
+        except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
             place = self.place(name) if name else self.path
             reason = str(error).partition("\n")[0]
             fix = "the file may be cut off or damaged: copy or make it again"

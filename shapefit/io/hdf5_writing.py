@@ -122,7 +122,7 @@ class Hdf5Writer:
         return self._file.create_dataset(
             name,
             shape=(0, *rest),
-            maxshape=(None, *rest),
+            maxshape=(None, *(size or None for size in rest)),
             chunks=(rows, *(max(size, 1) for size in rest)),
             dtype=_file_type(values),
         )

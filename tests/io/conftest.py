@@ -91,7 +91,7 @@ def dictionary(rng) -> Dictionary:
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def same() -> Callable[[object, object], None]:
     """Assert that two records agree field by field, to the last bit."""
 

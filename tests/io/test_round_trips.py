@@ -1,0 +1,223 @@
+"""Whatever is written is read back, to the last bit, in each format a record has."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import (
+    landmark_writer,
+    open_landmarks,
+    read_dictionary,
+    read_results,
+    read_shapes,
+    result_writer,
+    write_dictionary,
+    write_shapes,
+)
+from shapefit.io.extras import Extras
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, concatenate
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+anything = st.floats()
+texts = st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=6)
+names = st.text(st.characters(exclude_characters="\0", codec="utf-8"), min_size=1, max_size=6)
+
+
+def optional(strategy):
+    return st.none() | strategy
+
+
+def distinct(size):
+    return st.lists(names, min_size=size, max_size=size, unique=True).map(tuple)
+
+
+def numbers(shape, elements=finite):
+    return arrays(np.float64, shape, elements=elements)
+
+
+def indices(columns, size):
+    """Pairs or triples of indices that are smaller than `size`."""
+    return arrays(np.int64, (2 if size else 0, columns), elements=st.integers(0, max(size - 1, 0)))
+
+
+@st.composite
+def sizes(draw):
+    """Sizes of a record, and the fields that all records have."""
+    n = draw(st.integers(0, 4))
+    p = draw(st.integers(1 if n else 0, 3))
+    common = {
+        "landmark_names": draw(distinct(p)),
+        "items": draw(distinct(n)),
+        "sequences": draw(optional(st.lists(texts, min_size=n, max_size=n).map(tuple))),
+        "unit": draw(names),
+        "extras": Extras(
+            draw(st.fixed_dictionaries({}, optional={"turn": numbers((n, 2), anything)})),
+            draw(st.fixed_dictionaries({}, optional={"matrix": numbers((3, 3), anything)})),
+        ),
+    }
+    return n, p, common
+
+
+@st.composite
+def shape_sets(draw):
+    n, p, common = draw(sizes())
+    q = draw(st.integers(1, 4))
+    return ShapeSet(
+        shapes=draw(numbers((n, 3, p))),
+        edges=draw(optional(indices(2, p))),
+        mesh_vertices=draw(numbers((n, 3, q))),
+        mesh_faces=draw(optional(indices(3, q))),
+        **common,
+    )
+
+
+@st.composite
+def landmark_sets(draw):
+    n, p, common = draw(sizes())
+    points = draw(numbers((n, 2, p)))
+    unseen = draw(arrays(np.bool_, (n, 1, p)))
+    return LandmarkSet(
+        landmarks=np.where(unseen, np.nan, points),
+        confidence=draw(optional(numbers((n, p), st.floats(0, allow_infinity=False)))),
+        y_axis=draw(st.sampled_from(["up", "down"])),
+        **common,
+    )
+
+
+@st.composite
+def result_sets(draw):
+    n, p, common = draw(sizes())
+    k = draw(st.integers(0, 3))
+    shapes = draw(numbers((n, 3, p)))
+    failed = draw(arrays(np.bool_, (n, 1, 1)))
+    status = arrays(np.dtype("U6"), n, elements=st.sampled_from(["solved", "failed", ""]))
+    return ResultSet(
+        shapes=np.where(failed, np.nan, shapes),
+        landmarks_fitted=draw(optional(numbers((n, 2, p), anything))),
+        coefficients=draw(optional(numbers((n, k), anything))),
+        rotation=draw(optional(numbers((n, 3, 3), anything))),
+        translation=draw(optional(numbers((n, 2), anything))),
+        scale=draw(optional(numbers(n, anything))),
+        objective=draw(optional(numbers(n, anything))),
+        relative_gap=draw(optional(numbers(n, anything))),
+        iterations=draw(optional(arrays(np.int64, n))),
+        status=draw(optional(status)),
+        transforms=draw(optional(numbers((n, k, 2, 3), anything))),
+        mesh_vertices=draw(optional(numbers((n, 3, 2), anything))),
+        y_axis=draw(st.sampled_from(["up", "down"])),
+        attributes=draw(attributes(st.integers(-9, 9) | finite | texts)),
+        **common,
+    )
+
+
+def attributes(values):
+    known = st.sampled_from(["method", "version", "format", "unit", "y_axis", "inputs"])
+    return st.dictionaries(known, values)
+
+
+@st.composite
+def dictionaries(draw):
+    k, p, q = (draw(st.integers(1, 3)) for _ in range(3))
+    return Dictionary(
+        atoms=draw(numbers((k, 3, p))),
+        landmark_names=draw(distinct(p)),
+        mean_shape=draw(numbers((3, p))),
+        edges=draw(optional(indices(2, p))),
+        mesh_vertices=draw(numbers((k, 3, q))),
+        mesh_faces=draw(optional(indices(3, q))),
+        objective_trace=draw(numbers(draw(st.integers(0, 3)))),
+        provenance=draw(attributes(texts)),
+    )
+
+
+@pytest.fixture(scope="module")
+def folder():
+    with TemporaryDirectory() as path:
+        yield Path(path)
+
+
+def check_table(same, found, record, kept):
+    """A table keeps these fields, as far as there is an item that has them."""
+    if not len(record):
+        assert len(found) == 0
+        return
+    bare = {f.name: getattr(record, f.name) for f in fields(record) if f.name in kept}
+    same(found, type(record)(**bare))
+
+
+@settings(deadline=None, max_examples=30)
+@given(record=shape_sets())
+def test_shapes(folder, same, record):
+    write_shapes(folder / "shapes.h5", record)
+    same(read_shapes([folder / "shapes.h5"]), record)
+    write_shapes(folder / "shapes.csv", record)
+    kept = {"shapes", "landmark_names", "items", "sequences"}
+    check_table(same, read_shapes([folder / "shapes.csv"]), record, kept)
+
+
+@settings(deadline=None, max_examples=30)
+@given(record=landmark_sets(), size=st.integers(1, 5))
+def test_landmarks(folder, same, record, size):
+    kept = {"landmarks", "confidence", "landmark_names", "items", "sequences"}
+    for suffix in ("h5", "csv"):
+        path = folder / f"views.{suffix}"
+        with landmark_writer(path) as writer:
+            for start in range(0, max(len(record), 1), size):
+                writer.append(record.take(slice(start, start + size)))
+        with open_landmarks([path]) as source:
+            found = concatenate(list(source.chunks(size)))
+        if suffix == "h5":
+            same(found, record)
+        else:
+            check_table(same, found, record, kept)
+
+
+@settings(deadline=None, max_examples=30)
+@given(record=result_sets(), size=st.integers(1, 5))
+def test_results(folder, same, record, size):
+    kept = {"shapes", "landmark_names", "items", "sequences"}
+    for suffix in ("h5", "csv"):
+        path = folder / f"result.{suffix}"
+        with result_writer(path) as writer:
+            for start in range(0, max(len(record), 1), size):
+                writer.append(record.take(slice(start, start + size)))
+        if suffix == "h5":
+            same(read_results(path), record)
+        else:
+            check_table(same, read_results(path), record, kept)
+
+
+@settings(deadline=None, max_examples=30)
+@given(dictionary=dictionaries())
+def test_dictionary(folder, same, dictionary):
+    write_dictionary(folder / "dict.h5", dictionary)
+    same(read_dictionary(folder / "dict.h5"), dictionary)
+
+
+@pytest.mark.real_data
+def test_real_files_come_back_as_they_were(tmp_path, real_data, same):
+    for name in ("mocap/subject13_29_120fps_exact.h5", "cars/models.h5", "cars/fg3dcar_shapes.h5"):
+        shapes = read_shapes([real_data / name])
+        write_shapes(tmp_path / "again.h5", shapes)
+        same(read_shapes([tmp_path / "again.h5"]), shapes)
+    with open_landmarks([real_data / "cars/annotated_cars.h5"]) as source:
+        assert source.count == 1195
+        with landmark_writer(tmp_path / "cars.h5") as writer:
+            chunks = list(source.chunks(500))
+            for chunk in chunks:
+                writer.append(chunk)
+    assert {"true_model", "true_rotation", "camera_matrix"} <= set(chunks[0].extras)
+    with open_landmarks([tmp_path / "cars.h5"]) as source:
+        same(concatenate(list(source.chunks(200))), concatenate(chunks))
+    plain = replace(shapes, edges=None, extras={}, unit="unknown")
+    write_shapes(tmp_path / "again.csv", shapes)
+    same(read_shapes([tmp_path / "again.csv"]), plain)

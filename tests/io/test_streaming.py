@@ -1,0 +1,191 @@
+"""Long streams: flat memory, full disks, killed writers, and quick starts."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from shapefit.io import landmark_writer, open_landmarks, read_results, result_writer
+from shapefit.io.records import LandmarkSet, ResultSet
+
+MAKE = """
+import os, resource, signal, sys
+from pathlib import Path
+import numpy as np
+from shapefit.errors import InputError
+from shapefit.io import *
+
+def views(start, size):
+    return LandmarkSet(
+        landmarks=np.random.default_rng(start).normal(size=(size, 2, 15)),
+        landmark_names=[f"landmark {i}" for i in range(15)],
+        items=[f"sequence/{i:09}" for i in range(start, start + size)],
+        extras={"true_rotation": np.zeros((size, 3, 3))},
+    )
+
+def results(chunk):
+    n = len(chunk)
+    return ResultSet(
+        shapes=np.ones((n, 3, 15)),
+        landmarks_fitted=chunk.landmarks,
+        coefficients=np.ones((n, 64)),
+        status=np.full(n, "solved"),
+        landmark_names=chunk.landmark_names,
+        items=chunk.items,
+        extras=chunk.extras,
+    )
+"""
+
+FULL = """
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
+try:
+    with result_writer(Path(sys.argv[1])) as writer:
+        for start in range(0, 8000, 1000):
+            writer.append(results(views(start, 1000)))
+    print("written")
+except InputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("limit", [0, 1_000, 300_000, 2_500_000])
+@pytest.mark.parametrize("name", ["result.h5", "result.csv"])
+def test_a_disk_that_fills_while_writing(tmp_path, run_python, name, limit):
+    target = tmp_path / name
+    target.write_text("old")
+    done = run_python(MAKE + FULL, target, str(limit))
+    assert done.stdout.startswith(f"{target}: cannot be written: File too large; free some space")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert target.read_text() == "old"
+    assert os.listdir(tmp_path) == [name]
+
+
+def test_the_disk_test_can_pass(tmp_path, run_python):
+    done = run_python(MAKE + FULL, tmp_path / "result.h5", str(10**9))
+    assert (done.stdout, done.returncode) == ("written\n", 0)
+    assert len(read_results(tmp_path / "result.h5")) == 8000
+
+
+KILLED = """
+with result_writer(Path(sys.argv[1])) as writer:
+    for start in range(0, 4000, 1000):
+        writer.append(results(views(start, 1000)))
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="this system has no unnamed files")
+@pytest.mark.parametrize("name", ["result.h5", "result.csv"])
+def test_a_writer_that_is_killed(tmp_path, run_python, name):
+    target = tmp_path / name
+    target.write_text("old")
+    assert run_python(MAKE + KILLED, target).returncode == -signal.SIGKILL
+    assert target.read_text() == "old"
+    assert os.listdir(tmp_path) == [name]
+
+
+@pytest.mark.parametrize("name", ["result.h5", "result.csv"])
+def test_an_error_between_chunks(tmp_path, results, name):
+    target = tmp_path / name
+    target.write_text("old")
+
+    def write():
+        with result_writer(target) as writer:
+            writer.append(results)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert target.read_text() == "old"
+    assert os.listdir(tmp_path) == [name]
+
+
+MEMORY = """
+def peak():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+def run(count):
+    with landmark_writer(Path(sys.argv[1]) / "views.h5") as writer:
+        for start in range(0, count, 2000):
+            writer.append(views(start, 2000))
+    with open_landmarks([Path(sys.argv[1]) / "views.h5"]) as source:
+        with result_writer(Path(sys.argv[1]) / "result.h5") as writer:
+            for chunk in source.chunks(2000):
+                writer.append(results(chunk))
+
+run(20_000)
+before = peak()
+run(120_000)
+print(peak() - before)
+"""
+
+
+def test_memory_is_flat_in_the_number_of_images(tmp_path, run_python):
+    # 100,000 images more hold 31 MB of landmarks and rotations, and 130 MB of results.
+    done = run_python(MAKE + MEMORY, tmp_path)
+    assert done.stderr == ""
+    assert int(done.stdout) < 12e6
+
+
+@pytest.mark.parametrize(("name", "absent"), [("views.h5", {"polars"}), ("views.csv", {"h5py"})])
+def test_only_the_library_of_the_file_is_imported(tmp_path, run_python, landmarks, name, absent):
+    with landmark_writer(tmp_path / name) as writer:
+        writer.append(landmarks)
+    script = """
+import sys
+from pathlib import Path
+from shapefit.io import *
+heavy = {"h5py", "polars", "scipy", "numba", "trimesh", "matplotlib"}
+assert not heavy & set(sys.modules)
+path = Path(sys.argv[1])
+with open_landmarks([path]) as source, landmark_writer(path.with_stem("again")) as writer:
+    for chunk in source.chunks(10):
+        writer.append(chunk)
+print(*heavy & set(sys.modules))
+"""
+    done = run_python(script, tmp_path / name)
+    assert done.stderr == ""
+    assert set(done.stdout.split()) == {"h5py", "polars"} - absent
+
+
+def test_a_subject_of_the_motion_capture_is_read_and_written_quickly(tmp_path, rng):
+    n, p, k = 21_740, 15, 64
+    landmarks = LandmarkSet(
+        landmarks=rng.normal(size=(n, 2, p)),
+        landmark_names=tuple(f"joint {i}" for i in range(p)),
+        items=tuple(f"13_01/{i:06}" for i in range(n)),
+        sequences=("13_01",) * n,
+    )
+    with landmark_writer(tmp_path / "views.h5") as writer:
+        writer.append(landmarks)
+    results = ResultSet(
+        shapes=rng.normal(size=(n, 3, p)),
+        landmarks_fitted=landmarks.landmarks,
+        coefficients=rng.normal(size=(n, k)),
+        landmark_names=landmarks.landmark_names,
+        items=landmarks.items,
+        sequences=landmarks.sequences,
+        status=np.full(n, "solved"),
+    )
+
+    def read():
+        with open_landmarks([tmp_path / "views.h5"]) as source:
+            assert sum(len(chunk) for chunk in source.chunks(4096)) == n
+
+    def write():
+        with result_writer(tmp_path / "result.h5") as writer:
+            for row in range(0, n, 4096):
+                writer.append(results.take(slice(row, row + 4096)))
+
+    assert min(seconds(read) for _ in range(3)) < 0.5
+    assert min(seconds(write) for _ in range(3)) < 0.5
+
+
+def seconds(action):
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start
