@@ -15,6 +15,10 @@ from shapefit.dictionary.coding import objectives, sparse_code
 Floats = NDArray[np.float64]
 AtomBound = Literal["unit", "mean"]
 
+# How far beyond its end the atom update is followed, in lengths of the update: at first, and the
+# factors after a round in which that paid and one in which it did not.
+REACH, LONGER, SHORTER = 0.5, 1.3, 0.5
+
 
 @dataclass(frozen=True)
 class Learned:
@@ -60,23 +64,39 @@ def learn(
     shapes at even distances in the order given, scaled to the bound, and their coding. Each of
     the `iterations` rounds updates the atoms, replaces dead ones, codes again, and yields its
     state; they end early where a round lowers the objective by no more than `tolerance` of it.
-    No half-step raises the objective. Nothing is random: equal shapes give equal atoms, and
-    turning all shapes turns the atoms. Source: paper, eq. dl.
+
+    To need fewer rounds, the coding is first tried with atoms that lie beyond the update, on the
+    line from the old ones; it counts if the objective is not above that of the update. So no
+    half-step raises the objective. Nothing is random: equal shapes give equal atoms, and turning
+    all shapes turns the atoms. Source: paper, eq. dl; the overrelaxation is our own.
     """
     n = len(shapes)
     if not 1 <= k <= n:
         raise ValueError(f"k must be within 1..{n} (the number of shapes), is {k}")
     chosen = shapes[np.linspace(0, n - 1, k).round().astype(int)]
     bound = 1.0 if atom_bound == "unit" else float(np.linalg.norm(chosen, axis=(1, 2)).mean())
+
+    def total(B: Floats, C: Floats) -> float:
+        return float(objectives(shapes, B, beta, C).sum())
+
     B = _scaled_to(bound, chosen)
     C = sparse_code(shapes, B, beta)
-    trace = [float(objectives(shapes, B, beta, C).sum())]
+    trace = [total(B, C)]
+    reach = REACH
     for _ in range(iterations):
-        B = update_atoms(shapes, C, B, bound)
-        trace.append(float(objectives(shapes, B, beta, C).sum()))
-        B = replace_dead_atoms(shapes, C, B, bound)
-        C = sparse_code(shapes, B, beta, start=C)
-        trace.append(float(objectives(shapes, B, beta, C).sum()))
+        updated = update_atoms(shapes, C, B, bound)
+        trace.append(total(updated, C))
+        beyond = _within(bound, updated + reach * (updated - B))
+        B_next = replace_dead_atoms(shapes, C, beyond, bound)
+        C_next = sparse_code(shapes, B_next, beta, start=C)
+        if total(B_next, C_next) <= trace[-1]:
+            reach *= LONGER
+        else:
+            reach *= SHORTER
+            B_next = replace_dead_atoms(shapes, C, updated, bound)
+            C_next = sparse_code(shapes, B_next, beta, start=C)
+        B, C = B_next, C_next
+        trace.append(total(B, C))
         yield Learned(B, C, np.array(trace))
         if trace[-3] - trace[-1] <= tolerance * trace[-3]:
             return
@@ -104,3 +124,7 @@ def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats, boun
 
 def _scaled_to(norm: float, shapes: Floats) -> Floats:
     return shapes * (norm / np.linalg.norm(shapes, axis=(-2, -1), keepdims=True))
+
+
+def _within(bound: float, atoms: Floats) -> Floats:
+    return atoms * (bound / np.linalg.norm(atoms, axis=(1, 2), keepdims=True).clip(min=bound))
