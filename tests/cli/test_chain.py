@@ -1,0 +1,137 @@
+"""The installed commands one after the other, on sample data and on real data."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from shapefit.config import load_config
+
+COMMAND = Path(sys.executable).with_name("shapefit")
+SMALL = ("--set", "k=16", "--set", "iterations=2")
+
+
+def shapefit(*arguments: object, folder: Path, text: str = "") -> subprocess.CompletedProcess[str]:
+    """Run the installed command in `folder`; fail with what it says unless it exits with 0."""
+    line = [str(COMMAND), *map(str, arguments)]
+    result = subprocess.run(line, cwd=folder, input=text, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    return result
+
+
+@pytest.fixture(scope="module")
+def demo(project, tmp_path_factory):
+    """The chain with configs/demo and a small dictionary; what eval printed, and the folder."""
+    folder, configs = tmp_path_factory.mktemp("demo"), project / "configs/demo"
+    shapefit(
+        "learn-dict", "-c", configs / "learn-dict.yaml", *SMALL, "--set", "every=8",
+        "-o", "dict.h5", folder=folder,
+    )  # fmt: skip
+    shapefit("project", "-c", configs / "project.yaml", "-o", "views.h5", folder=folder)
+    shapefit(
+        "fit", "-c", configs / "fit.yaml", "views.h5", "-d", "dict.h5", "-o", "result.h5",
+        folder=folder,
+    )  # fmt: skip
+    shown = shapefit(
+        "eval", "-c", configs / "eval.yaml", "result.h5", "-o", "report", "--set", "plots=false",
+        folder=folder,
+    )  # fmt: skip
+    return folder, shown.stdout
+
+
+def similarity_errors(report: Path) -> dict[str, float]:
+    """Return the mean normalised similarity error of each group."""
+    with report.open(newline="", encoding="utf-8") as file:
+        return {
+            row["group"]: float(row["mean"])
+            for row in csv.DictReader(file)
+            if row["metric"] == "similarity" and row["unit"] == "normalised" and not row["sequence"]
+        }
+
+
+def test_the_demo_lifts_people(demo):
+    folder, table = demo
+    assert "| " in table
+    assert table.strip() == (folder / "report/report.md").read_text(encoding="utf-8").strip()
+    (error,) = similarity_errors(folder / "report/report.csv").values()
+    flat = 1.0  # the error of a shape without any depth is about the spread of the depths
+    assert 0 < error < flat / 2
+
+
+def test_fit_writes_csv_to_a_pipe(demo, project):
+    folder, _ = demo
+    views = (project / "sample_data/people_views.csv").read_text(encoding="utf-8")
+    result = shapefit("fit", "-d", "dict.h5", "-o", "-", "-", folder=folder, text=views)
+    rows = list(csv.DictReader(result.stdout.splitlines()))
+    assert set(rows[0]) >= {"item", "landmark", "x", "y", "z"}
+    assert {row["item"] for row in rows} == {
+        row["item"] for row in csv.DictReader(views.splitlines())
+    }
+    assert result.stderr.startswith("fit: ")
+
+
+def test_a_wrong_name_leaves_the_old_result(demo):
+    folder, _ = demo
+    before = (folder / "result.h5").read_bytes()
+    line = [COMMAND, "fit", "-d", "dict.h5", "-o", "result.h5", "-"]
+    wrong = "item,landmark,x,y\na,pelviss,1,2\na,rhip,2,1\na,lhip,0,0\n"
+    result = subprocess.run(line, cwd=folder, input=wrong, capture_output=True, text=True)
+    assert result.returncode == 2
+    assert "pelviss" in result.stderr
+    assert "pelvis" in result.stderr.replace("pelviss", "")
+    assert (folder / "result.h5").read_bytes() == before
+
+
+def test_a_hidden_image_fails_and_the_others_go_on(demo, project):
+    folder, _ = demo
+    views = (project / "sample_data/people_views.csv").read_text(encoding="utf-8")
+    text = views.rstrip("\n") + "\nhidden,pelvis,,\n"
+    line = [COMMAND, "fit", "-d", "dict.h5", "-o", "-", "-"]
+    result = subprocess.run(line, cwd=folder, input=text, capture_output=True, text=True)
+    assert result.returncode == 1
+    assert "Failed: hidden: " in result.stderr
+    assert "1 failed" in result.stderr
+
+
+@pytest.mark.real_data
+def test_motion_capture(project, real_data, tmp_path):
+    configs, data = project / "configs/mocap", ("--set", f"data={real_data / 'mocap'}")
+    trial = "{data}/subject13_29_120fps_exact.h5"
+    shapefit(
+        "learn-dict", "-c", configs / "learn-dict.yaml", *data, *SMALL, "--set", "every=60",
+        "-o", "dict.h5", folder=tmp_path,
+    )  # fmt: skip
+    shapefit(
+        "project", "-c", configs / "project.yaml", *data, "--set", f"shapes='{trial}'",
+        "-o", "views.h5", folder=tmp_path,
+    )  # fmt: skip
+    shapefit(
+        "fit", "-c", configs / "fit.yaml", *data, "views.h5", "-d", "dict.h5", "-o", "result.h5",
+        folder=tmp_path,
+    )  # fmt: skip
+    shown = shapefit(
+        "eval", "-c", configs / "eval.yaml", *data, "result.h5", "-o", "report",
+        "--set", f"truth='{trial}'", folder=tmp_path,
+    )  # fmt: skip
+    assert "0.259" in shown.stdout
+    assert "11-17 mm" in shown.stdout
+    assert 0 < similarity_errors(tmp_path / "report/report.csv")["Subject 13"] < 0.5
+
+
+@pytest.mark.parametrize("chain", ["demo", "mocap"])
+@pytest.mark.parametrize("command", ["learn-dict", "project", "fit", "eval"])
+def test_the_configs_are_right_but_for_files(project, tmp_path, chain, command):
+    present = tmp_path / "present.h5"
+    present.touch()
+    inputs = {
+        "learn-dict": {"shapes": present},
+        "project": {"shapes": present},
+        "fit": {"landmarks": present, "dictionary": present},
+        "eval": {"results": present, "truth": present},
+    }[command]
+    config = load_config(command, project / f"configs/{chain}/{command}.yaml", (), inputs)
+    assert project / "results" / chain in config.output.resolve().parents
