@@ -36,7 +36,7 @@ def write_csv(
     points: NDArray[np.float64],
     decimals: int,
 ) -> None:
-    """Write `item,landmark,x,y[,z]` for points (n, p, d); cells of unseen (NaN) points are empty."""
+    """Write `item,landmark,x,y[,z]` for points (n, p, d); unseen (NaN) ones have empty cells."""
     lines = [",".join(("item", "landmark", *"xyz"[: points.shape[-1]]))]
     for item, rows in zip(items, points, strict=True):
         for name, row in zip(landmark_names, rows, strict=True):
