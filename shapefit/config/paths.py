@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
@@ -60,7 +61,7 @@ def absolute_path(value: Any) -> Path:
             )
         raise ValueError(f"{text!r} has {DATA} inside; it can only stand at the beginning")
     path = Path(text)
-    return path if path == STANDARD_STREAM else Path.cwd() / path.expanduser()
+    return path if path == STANDARD_STREAM else Path(os.path.abspath(path.expanduser()))
 
 
 def expand_path(value: Any) -> tuple[Path, ...]:

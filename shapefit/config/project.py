@@ -46,7 +46,7 @@ class CameraConfig(ConfigModel):
         )
     )
     scale: float = Field(
-        default=1.0, gt=0, description="Image units per unit of the shape (weak-perspective only)."
+        default=1.0, gt=0, description="Pixels per unit of the shape (weak-perspective only)."
     )
     up: Literal["x", "y", "z"] = Field(default="y", description="The vertical axis of the shapes.")
 
@@ -72,7 +72,7 @@ class OutlierConfig(ConfigModel):
     size: float = Field(
         default=1.0,
         gt=0,
-        description="Largest displacement of an outlier, in units of the landmarks.",
+        description="Largest distance that an outlier is moved, in units of the landmarks.",
     )
 
 
@@ -92,7 +92,10 @@ class ProjectConfig(CommandConfig):
         description="Standard deviation of Gaussian noise on landmarks, in units of the shape.",
     )
     hidden: float = Field(
-        default=0.0, ge=0, lt=1, description="Share of landmarks hidden, other ones in each image."
+        default=0.0,
+        ge=0,
+        lt=1,
+        description="Share of landmarks hidden, other ones in each image; three stay.",
     )
     outliers: OutlierConfig = Field(
         default_factory=OutlierConfig, description="Landmarks that are grossly wrong."

@@ -98,7 +98,7 @@ def test_paths_are_relative_to_who_says_them(folder):
 def test_globs_are_sorted_and_name_each_file_once(folder):
     text = "shapes: [../b.h5, '../*.h5', '../far/**/*.h5']\noutput: d.h5\n"
     config = load_config("learn-dict", write(folder, text))
-    names = [path.resolve().relative_to(folder).as_posix() for path in config.shapes]
+    names = [path.relative_to(folder).as_posix() for path in config.shapes]
     assert names == ["b.h5", "a.h5", "far/deep/y.h5", "far/x.h5"]
 
 
