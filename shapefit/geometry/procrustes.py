@@ -57,7 +57,7 @@ def rotation_onto(source: Floats, target: Floats) -> Floats:
 
     source and target (..., 3, p), taken as they are (not centred); R (..., 3, 3). Where the
     minimiser is not unique, as for points on one line, one of them is returned, always the same;
-    it is the identity where source or target is 0, and nan where an entry is not finite.
+    it is the identity where source or target is 0, and nan where an entry is nan.
     Source: Kabsch 1976, Umeyama 1991.
     """
     cross = target @ np.swapaxes(source, -1, -2)
@@ -71,8 +71,8 @@ def similarity_transform(source: Floats, target: Floats) -> Similarity:
     source and target (..., 3, p) with equal batch axes. The scale is the least-squares one,
     <R source, target> / ||source||^2 of the centred points. Where the points of the source
     coincide every s and R fit equally: s = 1 and R = I. Where those of the target coincide s = 0
-    and R = I. Points on one line get one of the best rotations. Entries that are not finite make
-    that transform nan and leave the others alone. Source: Umeyama 1991.
+    and R = I. Points on one line get one of the best rotations. A nan makes its own transform nan
+    and leaves the others alone. Source: Umeyama 1991.
     """
     source_middle = source.mean(axis=-1, keepdims=True)
     target_middle = target.mean(axis=-1, keepdims=True)

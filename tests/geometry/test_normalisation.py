@@ -1,0 +1,91 @@
+"""Normalisation: hand-computed units, its symmetries, and hidden points that do not matter."""
+
+import numpy as np
+import pytest
+
+from shapefit.geometry.normalisation import centroid, normalise, spread
+
+
+@pytest.fixture
+def points(rng):
+    return rng.standard_normal((6, 3, 8)) * [[1.0], [2], [3]] + rng.standard_normal((6, 3, 1))
+
+
+@pytest.fixture
+def visible(rng):
+    mask = rng.random((6, 8)) < 0.6
+    mask[:, :3] = True
+    return mask
+
+
+def test_hand_computed():
+    # x is 1, 3 (mean 2, deviation 1), y is -3, 3 (mean 0, deviation 3): the spread is 2.
+    corners = np.array([[1.0, 3], [-3, 3]])
+    result = normalise(corners)
+    np.testing.assert_array_equal(result.centroid, [2, 0])
+    assert result.scale == 2
+    np.testing.assert_array_equal(result.points, [[-0.5, 0.5], [-1.5, 1.5]])
+
+
+def test_normalised_points_have_centroid_0_and_spread_1(points):
+    normalised = normalise(points).points
+    np.testing.assert_allclose(centroid(normalised), 0, atol=1e-14)
+    np.testing.assert_allclose(spread(normalised), 1, rtol=1e-14)
+
+
+def test_is_undone_by_its_own_scale_and_centroid(points, visible):
+    result = normalise(points, visible)
+    back = result.points * result.scale[:, None, None] + result.centroid[..., None]
+    shown = np.broadcast_to(visible[:, None], points.shape)
+    np.testing.assert_allclose(back[shown], points[shown], rtol=1e-13)
+
+
+def test_place_and_size_do_not_matter(points, visible):
+    moved = 250.0 * points + np.array([[100.0], [-20], [3]])
+    for mask in (None, visible):
+        before, after = normalise(points, mask), normalise(moved, mask)
+        np.testing.assert_allclose(after.points, before.points, atol=1e-12)
+        np.testing.assert_allclose(after.scale, 250 * before.scale, rtol=1e-12)
+
+
+def test_order_of_the_points_does_not_matter(points, rng):
+    order = rng.permutation(8)
+    before, after = normalise(points), normalise(points[..., order])
+    np.testing.assert_allclose(after.points, before.points[..., order], atol=1e-14)
+
+
+@pytest.mark.parametrize("garbage", [1e9, np.nan, np.inf])
+def test_hidden_points_do_not_matter(points, visible, garbage):
+    spoiled = np.where(visible[:, None], points, garbage)
+    clean, result = normalise(points, visible), normalise(spoiled, visible)
+    np.testing.assert_array_equal(result.points, clean.points)
+    np.testing.assert_array_equal(result.scale, clean.scale)
+    np.testing.assert_array_equal(result.centroid, clean.centroid)
+
+
+def test_hidden_points_become_0(points, visible):
+    assert not normalise(points, visible).points.swapaxes(-1, -2)[~visible].any()
+
+
+def test_a_mask_is_as_good_as_leaving_points_out(points, visible):
+    result = normalise(points, visible)
+    for j, mask in enumerate(visible):
+        alone = normalise(points[j][:, mask])
+        np.testing.assert_allclose(result.points[j][:, mask], alone.points, atol=1e-13)
+        np.testing.assert_allclose(result.scale[j], alone.scale, rtol=1e-13)
+
+
+def test_all_visible_is_as_good_as_no_mask(points):
+    masked = normalise(points, np.ones((6, 8), dtype=bool))
+    np.testing.assert_allclose(masked.points, normalise(points).points, atol=1e-13)
+
+
+def test_points_that_coincide_have_scale_0_and_no_normalised_points():
+    result = normalise(np.ones((2, 4)))
+    assert result.scale == 0
+    assert not np.isfinite(result.points).any()
+
+
+def test_nothing_visible_has_no_centroid(points):
+    nothing = np.zeros((6, 8), dtype=bool)
+    assert np.isnan(centroid(points, nothing)).all()

@@ -1,0 +1,285 @@
+"""Procrustes: planted motions, certificates, scipy as judge, and points without a unique answer."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from shapefit.geometry.procrustes import (
+    coincide,
+    generalised_procrustes,
+    rotation_onto,
+    similarity_transform,
+)
+from shapefit.geometry.rotations import random_rotations
+
+MIRROR = np.diag([1.0, 1, -1])
+
+
+def residual(transform, source, target):
+    return ((transform.apply(source) - target) ** 2).sum(axis=(-2, -1))
+
+
+def cost(vector, source, target):
+    R = Rotation.from_rotvec(vector[:3]).as_matrix()
+    return ((np.exp(vector[3]) * R @ source + vector[4:, None] - target) ** 2).sum()
+
+
+class TestCoincide:
+    def test_sees_one_point_through_rounding(self):
+        third = np.full((3, 7), 1 / 3) * np.array([[1.0], [1e6], [-2]])
+        third[0, 2] = np.nextafter(third[0, 2], 1)
+        assert coincide(third)
+        assert coincide(np.zeros((2, 3, 4))).tolist() == [True, True]
+
+    def test_does_not_take_a_small_shape_far_away_for_one_point(self):
+        points = np.full((3, 4), 1e6)
+        points[1, 2] += 1e-6
+        assert not coincide(points)
+
+
+class TestSimilarityTransform:
+    @pytest.fixture
+    def source(self, rng):
+        return rng.standard_normal((30, 3, 7)) + rng.standard_normal((30, 3, 1))
+
+    @pytest.fixture
+    def target(self, source, rng):
+        turned = random_rotations(30, rng) @ source
+        return rng.uniform(0.5, 4, (30, 1, 1)) * turned + 0.5 * rng.standard_normal(source.shape)
+
+    def test_finds_a_planted_motion(self, source, rng):
+        scale, R = rng.uniform(0.1, 9, 30), random_rotations(30, rng)
+        shift = 5 * rng.standard_normal((30, 3))
+        target = scale[:, None, None] * (R @ source) + shift[..., None]
+        found = similarity_transform(source, target)
+        np.testing.assert_allclose(found.scale, scale, rtol=1e-12)
+        np.testing.assert_allclose(found.rotation, R, atol=1e-12)
+        np.testing.assert_allclose(found.translation, shift, atol=1e-12)
+        np.testing.assert_allclose(found.apply(source), target, atol=1e-12)
+
+    def test_hand_computed_least_squares_scale(self):
+        # <X, Y> = 3 + 3 + 1 + 1 and ||Y||^2 = 9 + 9 + 1 + 1 on the axes: 8 / 20, not a ratio of
+        # radii.
+        target = np.array([[1.0, -1, 0, 0], [0, 0, 1, -1], [0, 0, 0, 0]])
+        found = similarity_transform(target * [3, 3, 1, 1], target)
+        assert found.scale == pytest.approx(0.4)
+        np.testing.assert_allclose(found.rotation, np.eye(3), atol=1e-15)
+
+    def test_never_mirrors(self, source):
+        found = similarity_transform(source, MIRROR @ source)
+        np.testing.assert_allclose(np.linalg.det(found.rotation), 1)
+        assert (residual(found, source, MIRROR @ source) > 1e-3).all()
+
+    def test_no_general_minimiser_does_better(self, source, target):
+        found = residual(similarity_transform(source, target), source, target)
+        for j in range(4):
+            starts = Rotation.random(8, rng=j).as_rotvec()
+            best = min(
+                minimize(cost, np.r_[start, np.zeros(4)], (source[j], target[j]), tol=1e-12).fun
+                for start in starts
+            )
+            assert found[j] == pytest.approx(best, rel=1e-7)
+
+    def test_first_order_certificate(self, source, target):
+        # At the minimum the residual E sums to 0, is orthogonal to the turned source Z, and
+        # E Z^T is symmetric (no infinitesimal turn helps).
+        found = similarity_transform(source, target)
+        E = found.apply(source) - target
+        Z = found.rotation @ (source - source.mean(axis=-1, keepdims=True))
+        np.testing.assert_allclose(E.sum(axis=-1), 0, atol=1e-11)
+        np.testing.assert_allclose((E * Z).sum(axis=(1, 2)), 0, atol=1e-11)
+        turn = E @ Z.swapaxes(1, 2)
+        np.testing.assert_allclose(turn, turn.swapaxes(1, 2), atol=1e-11)
+
+    def test_follows_motions_of_the_target(self, source, target, rng):
+        Q, shift = random_rotations(1, rng)[0], rng.standard_normal((3, 1))
+        before = similarity_transform(source, target)
+        after = similarity_transform(source, 3.0 * Q @ target + shift)
+        np.testing.assert_allclose(after.rotation, Q @ before.rotation, atol=1e-10)
+        np.testing.assert_allclose(after.scale, 3 * before.scale, rtol=1e-10)
+
+    def test_order_of_the_points_does_not_matter(self, source, target, rng):
+        order = rng.permutation(7)
+        before = similarity_transform(source, target)
+        after = similarity_transform(source[..., order], target[..., order])
+        np.testing.assert_allclose(after.rotation, before.rotation, atol=1e-11)
+
+    def test_one_source_serves_many_targets(self, source, target):
+        many = similarity_transform(np.broadcast_to(source[0], target.shape), target)
+        one = similarity_transform(source[0], target[3])
+        np.testing.assert_allclose(many.rotation[3], one.rotation, atol=1e-12)
+
+    def test_nan_spoils_only_its_own_transform(self, source, target):
+        spoiled = source.copy()
+        spoiled[2, 0, 0] = np.nan
+        spoiled[5] = np.nan
+        found, clean = similarity_transform(spoiled, target), similarity_transform(source, target)
+        for name in ("scale", "rotation", "translation"):
+            ours, theirs = getattr(found, name), getattr(clean, name)
+            assert np.isnan(ours[[2, 5]]).all()
+            np.testing.assert_array_equal(np.delete(ours, [2, 5], 0), np.delete(theirs, [2, 5], 0))
+
+    def test_a_source_of_one_point_is_only_moved(self, source):
+        found = similarity_transform(np.full((3, 7), 0.1), source[0])
+        assert found.scale == 1
+        np.testing.assert_array_equal(found.rotation, np.eye(3))
+        np.testing.assert_allclose(found.translation, source[0].mean(axis=-1) - 0.1)
+
+    def test_a_target_of_one_point_draws_the_source_together(self, source):
+        found = similarity_transform(source[0], np.full((3, 7), 0.1))
+        assert found.scale == 0
+        np.testing.assert_array_equal(found.rotation, np.eye(3))
+        np.testing.assert_allclose(found.apply(source[0]), 0.1)
+
+    def test_points_on_one_line_fit_another_line(self):
+        steps = np.array([0.0, 1, 2, 5])
+        source, target = np.zeros((3, 4)), np.ones((3, 4))
+        source[0], target[1] = steps, 3 * steps
+        found = similarity_transform(source, target)
+        assert found.scale == pytest.approx(3)
+        assert np.linalg.det(found.rotation) == pytest.approx(1)
+        np.testing.assert_allclose(found.apply(source), target, atol=1e-13)
+
+
+SMALL_GRIDS = arrays(np.float64, (2, 3, 4), elements=st.integers(-2, 2).map(float))
+
+
+@settings(max_examples=200, deadline=None)
+@given(SMALL_GRIDS)
+def test_small_grids_with_all_their_degenerate_cases(pair):
+    source, target = pair
+    found = similarity_transform(source, target)
+    R = found.rotation
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(R) == pytest.approx(1)
+    assert found.scale >= 0
+    error = residual(found, source, target)
+    for turn in (*Rotation.create_group("O").as_matrix(), Rotation.random(rng=5).as_matrix()):
+        X = turn @ (source - source.mean(axis=-1, keepdims=True))
+        Y = target - target.mean(axis=-1, keepdims=True)
+        size = (X**2).sum()
+        s = max((X * Y).sum() / size, 0.0) if size else 1.0
+        assert error <= ((s * X - Y) ** 2).sum() + 1e-9
+
+
+class TestRotationOnto:
+    def test_agrees_with_scipy(self, rng):
+        source, target = rng.standard_normal((2, 20, 3, 5))
+        found = rotation_onto(source, target)
+        for R, X, Y in zip(found, source, target, strict=True):
+            expected = Rotation.align_vectors(Y.T, X.T)[0].as_matrix()
+            np.testing.assert_allclose(R, expected, atol=1e-8)
+
+
+class TestGeneralisedProcrustes:
+    @pytest.fixture
+    def base(self, rng):
+        shape = rng.standard_normal((3, 9))
+        return shape - shape.mean(axis=-1, keepdims=True)
+
+    @pytest.fixture
+    def shapes(self, base, rng):
+        noisy = base + 0.3 * rng.standard_normal((25, 3, 9))
+        noisy -= noisy.mean(axis=-1, keepdims=True)
+        return random_rotations(25, rng) @ noisy
+
+    def test_turned_copies_come_back_to_the_first(self, base, rng):
+        copies = random_rotations(10, rng) @ base
+        found = generalised_procrustes(copies)
+        np.testing.assert_allclose(
+            found.shapes, np.broadcast_to(copies[0], copies.shape), atol=1e-12
+        )
+        np.testing.assert_allclose(found.mean, copies[0], atol=1e-12)
+        assert found.still
+
+    def test_rotations_are_proper_and_give_the_shapes_and_the_mean(self, shapes):
+        found = generalised_procrustes(shapes)
+        np.testing.assert_allclose(np.linalg.det(found.rotations), 1)
+        np.testing.assert_allclose(found.rotations @ shapes, found.shapes, atol=1e-14)
+        np.testing.assert_allclose(found.shapes.mean(axis=0), found.mean, atol=1e-14)
+
+    def test_certificate(self, shapes):
+        # Each shape already lies as well on the mean as a rotation can bring it.
+        found = generalised_procrustes(shapes)
+        assert found.still
+        more = rotation_onto(found.shapes, found.mean)
+        np.testing.assert_allclose(more, np.broadcast_to(np.eye(3), more.shape), atol=1e-7)
+
+    def test_a_general_minimiser_finds_nothing_better(self, shapes):
+        few = shapes[:4]
+        found = generalised_procrustes(few)
+
+        def spread(vectors):
+            turned = Rotation.from_rotvec(vectors.reshape(4, 3)).as_matrix() @ few
+            return ((turned - turned.mean(axis=0)) ** 2).sum()
+
+        ours = ((found.shapes - found.mean) ** 2).sum()
+        starts = Rotation.random(4 * 12, rng=3).as_rotvec().reshape(12, 12)
+        assert ours == pytest.approx(min(minimize(spread, s).fun for s in starts), rel=1e-6)
+
+    def test_more_rounds_never_spread_the_shapes(self, shapes):
+        aligned = [generalised_procrustes(shapes, tolerance=0, max_rounds=n) for n in range(1, 8)]
+        spreads = [((a.shapes - a.mean) ** 2).sum() for a in aligned]
+        assert (np.diff(spreads) <= 1e-12 * spreads[0]).all()
+        assert spreads[3] < spreads[0]
+
+    def test_the_frame_is_that_of_the_first_shape(self, shapes):
+        found = generalised_procrustes(shapes)
+        np.testing.assert_array_equal(found.rotations[0], np.eye(3))
+        np.testing.assert_array_equal(found.shapes[0], shapes[0])
+
+    def test_how_the_shapes_were_turned_before_does_not_matter(self, shapes, rng):
+        turns = random_rotations(25, rng)
+        before, after = generalised_procrustes(shapes), generalised_procrustes(turns @ shapes)
+        np.testing.assert_allclose(after.shapes, turns[0] @ before.shapes, atol=1e-7)
+
+    def test_order_of_the_points_does_not_matter(self, shapes, rng):
+        order = rng.permutation(9)
+        before, after = generalised_procrustes(shapes), generalised_procrustes(shapes[..., order])
+        np.testing.assert_allclose(after.shapes, before.shapes[..., order], atol=1e-10)
+
+    def test_only_the_chosen_landmarks_choose_the_rotation(self, shapes, rng):
+        torso = [0, 2, 3, 5]
+        limbs = [1, 4, 6, 7, 8]
+        spoiled = shapes.copy()
+        spoiled[..., limbs] += rng.standard_normal((25, 3, 5))
+        clean, found = (generalised_procrustes(s, torso) for s in (shapes, spoiled))
+        np.testing.assert_allclose(found.rotations, clean.rotations, atol=1e-12)
+        np.testing.assert_allclose(found.rotations @ spoiled, found.shapes, atol=1e-14)
+        everything = generalised_procrustes(spoiled)
+        assert np.abs(everything.rotations - found.rotations).max() > 0.1
+
+    def test_where_the_chosen_landmarks_lie_does_not_matter(self, base, rng):
+        # The torsos are equal up to turn and place; the place must not turn them.
+        torso = [0, 1, 2, 3]
+        shapes = np.repeat(base[None], 8, axis=0)
+        shapes[..., torso] += rng.standard_normal((8, 3, 1))
+        turns = random_rotations(8, rng)
+        found = generalised_procrustes(turns @ shapes, torso)
+        np.testing.assert_allclose(found.shapes, turns[0] @ shapes, atol=1e-10)
+
+    def test_says_when_the_mean_was_not_still(self, shapes):
+        found = generalised_procrustes(shapes, max_rounds=1)
+        assert not found.still
+        assert found.rounds == 1
+
+    def test_one_shape_stays_as_it_is(self, base):
+        found = generalised_procrustes(base[None])
+        np.testing.assert_array_equal(found.shapes[0], base)
+        assert found.still
+
+
+@pytest.mark.real_data
+def test_motion_capture_comes_to_rest(real_data):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(real_data / "mocap" / "subject86_24fps.h5") as file:
+        shapes = file["shapes"][::30].swapaxes(1, 2).astype(float)
+    shapes -= shapes.mean(axis=-1, keepdims=True)
+    found = generalised_procrustes(shapes)
+    assert found.still
+    more = rotation_onto(found.shapes, found.mean)
+    np.testing.assert_allclose(more, np.broadcast_to(np.eye(3), more.shape), atol=1e-6)

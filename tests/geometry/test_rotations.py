@@ -1,0 +1,127 @@
+"""Rotations: proper, nearest, uniform; scipy as the independent judge."""
+
+import numpy as np
+import pytest
+from scipy import linalg, stats
+from scipy.spatial.transform import Rotation
+
+from shapefit.geometry.rotations import (
+    complete_rotation,
+    nearest_rotation,
+    random_rotations,
+    rotation_about,
+    rotation_angle,
+)
+
+
+def assert_proper(R):
+    np.testing.assert_allclose(
+        R @ R.swapaxes(-1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-13
+    )
+    np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-13)
+
+
+class TestNearestRotation:
+    @pytest.fixture
+    def matrices(self, rng):
+        return rng.standard_normal((50, 3, 3))
+
+    def test_is_proper_also_where_the_matrix_mirrors(self, matrices):
+        assert (np.linalg.det(matrices) < 0).any()
+        assert_proper(nearest_rotation(matrices))
+
+    def test_certificate(self, matrices):
+        # R maximises <R, A> over rotations iff R^T A is symmetric and the sum of any two of its
+        # eigenvalues is >= 0 (a turn by t about the third axis costs (1 - cos t) times that sum).
+        P = nearest_rotation(matrices).swapaxes(-1, -2) @ matrices
+        np.testing.assert_allclose(P, P.swapaxes(-1, -2), atol=1e-12)
+        low = np.linalg.eigvalsh(P)[:, :2]
+        assert (low.sum(axis=1) >= -1e-12).all()
+
+    def test_no_rotation_is_nearer(self, matrices):
+        found = np.linalg.norm(nearest_rotation(matrices) - matrices, axis=(1, 2))
+        for R in Rotation.random(2000, rng=1).as_matrix():
+            assert (found <= np.linalg.norm(R - matrices, axis=(1, 2)) + 1e-12).all()
+
+    def test_leaves_a_rotation_and_ignores_its_positive_scale(self, rng):
+        R = random_rotations(20, rng)
+        np.testing.assert_allclose(nearest_rotation(7.0 * R), R, atol=1e-13)
+
+    def test_turns_with_the_matrix(self, matrices, rng):
+        Q, P = random_rotations(2, rng)
+        turned = nearest_rotation(Q @ matrices @ P)
+        np.testing.assert_allclose(turned, Q @ nearest_rotation(matrices) @ P, atol=1e-10)
+
+    @pytest.mark.parametrize("A", [np.zeros((3, 3)), np.diag([2.0, 0, 0]), np.diag([-1.0, 0, 0])])
+    def test_is_proper_where_many_are_nearest(self, A):
+        assert_proper(nearest_rotation(A))
+
+
+class TestCompleteRotation:
+    def test_two_rows_of_a_scaled_rotation_give_the_rotation(self, rng):
+        R = random_rotations(20, rng)
+        np.testing.assert_allclose(complete_rotation(0.3 * R[:, :2]), R, atol=1e-13)
+
+    def test_rows_are_the_polar_factor(self, rng):
+        rows = rng.standard_normal((20, 2, 3))
+        R = complete_rotation(rows)
+        assert_proper(R)
+        expected = np.array([linalg.polar(matrix, side="left")[0] for matrix in rows])
+        np.testing.assert_allclose(R[:, :2], expected, atol=1e-12)
+
+
+class TestRandomRotations:
+    def test_are_proper(self, rng):
+        assert_proper(random_rotations(100, rng))
+
+    def test_repeat_with_the_seed(self):
+        first, second = (random_rotations(5, np.random.default_rng(3)) for _ in range(2))
+        np.testing.assert_array_equal(first, second)
+
+    def test_moments_of_the_uniform_distribution(self, rng):
+        # Under Haar measure E R = 0, E R_ij R_kl = 1/3 if (i, j) = (k, l) and 0 otherwise.
+        R = random_rotations(100_000, rng).reshape(-1, 9)
+        np.testing.assert_allclose(R.mean(axis=0), 0, atol=0.01)
+        np.testing.assert_allclose(R.T @ R / len(R), np.eye(9) / 3, atol=0.01)
+
+    def test_angle_has_the_uniform_distribution(self, rng):
+        angles = np.radians(rotation_angle(random_rotations(20_000, rng), np.eye(3)))
+        test = stats.kstest(angles, lambda a: (a - np.sin(a)) / np.pi)
+        assert test.pvalue > 1e-3
+
+    def test_any_fixed_turn_leaves_the_distribution(self, rng):
+        Q = rotation_about(np.array([1.0, 2, 3]), np.array(1.0))
+        R = random_rotations(20_000, rng)
+        test = stats.ks_2samp((Q @ R)[:10_000, 0, 1], R[10_000:, 0, 1])
+        assert test.pvalue > 1e-3
+
+
+class TestRotationAbout:
+    def test_agrees_with_scipy(self, rng):
+        axis, angles = rng.standard_normal(3), rng.uniform(-10, 10, 30)
+        expected = Rotation.from_rotvec(angles[:, None] * axis / np.linalg.norm(axis)).as_matrix()
+        np.testing.assert_allclose(rotation_about(axis, angles), expected, atol=1e-13)
+
+    def test_a_quarter_turn_about_z_takes_x_to_y(self):
+        R = rotation_about(np.array([0, 0, 5.0]), np.array([np.pi / 2]))[0]
+        np.testing.assert_allclose(R @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+
+
+class TestRotationAngle:
+    def test_agrees_with_scipy(self, rng):
+        first, second = random_rotations(50, rng), random_rotations(50, rng)
+        expected = (Rotation.from_matrix(first).inv() * Rotation.from_matrix(second)).magnitude()
+        np.testing.assert_allclose(rotation_angle(first, second), np.degrees(expected), rtol=1e-9)
+
+    @pytest.mark.parametrize("degrees", [0.0, 1e-9, 1e-4, 90, 179.999, 180])
+    def test_is_exact_at_both_ends(self, degrees, rng):
+        start = random_rotations(1, rng)[0]
+        turn = rotation_about(np.array([1.0, -2, 0.5]), np.array(np.radians(degrees)))
+        tolerance = 1e-13 if degrees < 1 else 1e-5
+        assert rotation_angle(start, start @ turn) == pytest.approx(
+            degrees, rel=1e-6, abs=tolerance
+        )
+
+    def test_is_nan_where_a_rotation_is(self):
+        both = np.array([np.eye(3), np.full((3, 3), np.nan)])
+        np.testing.assert_array_equal(rotation_angle(both, np.eye(3)), [0, np.nan])

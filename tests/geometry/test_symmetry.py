@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.geometry.procrustes import similarity_transform
+from shapefit.geometry.symmetry import double, mirror, symmetrise
+
+# left hand, nose, right hand, tail: hands are partners, nose and tail their own
+PARTNERS = [2, 1, 0, 3]
+
+
+def test_mirror_negates_the_lateral_axis_and_exchanges_partners():
+    shape = np.array([[1.0, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]])
+    expected = np.array([[-3.0, -2, -1, -4], [7, 6, 5, 8], [11, 10, 9, 12]])
+    np.testing.assert_array_equal(mirror(shape, PARTNERS), expected)
+
+
+@pytest.mark.parametrize("lateral", [0, 1, 2])
+def test_mirror_is_its_own_inverse_and_keeps_its_argument(rng, lateral):
+    shapes = rng.normal(size=(2, 5, 3, 4))
+    before = shapes.copy()
+    once = mirror(shapes, PARTNERS, lateral)
+    np.testing.assert_array_equal(shapes, before)
+    assert not np.allclose(once, shapes)
+    np.testing.assert_array_equal(mirror(once, PARTNERS, lateral), shapes)
+
+
+def test_a_mirror_image_is_no_rotation(rng):
+    shape = rng.normal(size=(3, 4))
+    mirrored = mirror(shape, [0, 1, 2, 3])
+    turned = similarity_transform(shape, mirrored).apply(shape)
+    assert np.abs(turned - mirrored).max() > 0.1
+
+
+def test_symmetrise_gives_the_nearest_symmetric_shape(rng):
+    shape = rng.normal(size=(3, 4))
+    symmetric = symmetrise(shape, PARTNERS)
+    np.testing.assert_allclose(mirror(symmetric, PARTNERS), symmetric, atol=1e-15)
+    # the rest is antisymmetric, so orthogonal to every symmetric shape
+    other = symmetrise(rng.normal(size=(3, 4)), PARTNERS)
+    assert abs(np.sum((shape - symmetric) * other)) < 1e-14
+
+
+def test_symmetrise_keeps_the_form_of_a_shape_beside_the_plane(rng):
+    symmetric = symmetrise(rng.normal(size=(3, 4)), PARTNERS)
+    beside = symmetric + np.array([[0.7], [0.0], [0.0]])
+    np.testing.assert_allclose(symmetrise(beside, PARTNERS), symmetric, atol=1e-15)
+
+
+def test_double_appends_the_mirror_images_in_order(rng):
+    shapes = rng.normal(size=(5, 3, 4))
+    doubled = double(shapes, PARTNERS, 2)
+    assert doubled.shape == (10, 3, 4)
+    np.testing.assert_array_equal(doubled[:5], shapes)
+    np.testing.assert_array_equal(doubled[7], mirror(shapes[2], PARTNERS, 2))
+
+
+@pytest.mark.parametrize(
+    ("partners", "message"),
+    [
+        ([0, 1, 2], r"shape \(3,\), not \(4,\)"),
+        ([1, 2, 0, 3], "not its own inverse"),
+        ([0, 0, 2, 3], "not its own inverse"),
+        ([0, 1, 2, 4], "not its own inverse"),
+        ([0, 1, 2, -1], "not its own inverse"),
+    ],
+)
+def test_an_index_that_pairs_nothing_is_refused(partners, message):
+    with pytest.raises(ValueError, match=message):
+        mirror(np.zeros((3, 4)), partners)
+
+
+@pytest.mark.real_data
+def test_real_cars_are_symmetric_as_their_file_says(real_data):
+    with h5py.File(real_data / "cars" / "models.h5") as file:
+        shapes = file["shapes"][:].astype(float).swapaxes(1, 2)
+        partners = file["mirror_index"][:]
+    np.testing.assert_allclose(mirror(shapes, partners), shapes, atol=1e-6)
+    bent = shapes.copy()
+    bent[:, :, :10] += 0.3
+    assert np.abs(symmetrise(bent, partners) - bent).max() > 0.1
+    np.testing.assert_allclose(symmetrise(shapes, partners), shapes, atol=1e-6)
