@@ -1,0 +1,52 @@
+"""Left and right: mirror shapes, make them symmetric, or double a set with its mirror images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.integer] | Sequence[int]
+
+
+def mirror(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
+    """F S P: negate the lateral coordinate and exchange each point with its partner.
+
+    shapes (..., 3, p) in a frame whose plane of symmetry is `lateral` = 0 (x, y, z = 0, 1, 2);
+    mirror_index (p,): the partner of each point, itself for a point on the plane. A shape that is
+    symmetric comes back as it is. Mirroring turns the faces of a mesh inside out unless they map
+    onto faces. Raises ValueError where mirror_index is not its own inverse.
+    """
+    partners = _partners(mirror_index, shapes.shape[-1])
+    mirrored: Floats = shapes[..., partners]
+    mirrored[..., lateral, :] *= -1
+    return mirrored
+
+
+def symmetrise(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
+    """(S + mirror(S)) / 2: the nearest symmetric shape, its plane of symmetry at 0.
+
+    A shape that is symmetric about a parallel plane is moved there and keeps its form. Arguments
+    and errors as for `mirror`.
+    """
+    return (shapes + mirror(shapes, mirror_index, lateral)) / 2
+
+
+def double(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
+    """(n, 3, p) -> (2 n, 3, p): the shapes, then their mirror images in the same order.
+
+    Arguments and errors as for `mirror`.
+    """
+    return np.concatenate([shapes, mirror(shapes, mirror_index, lateral)])
+
+
+def _partners(mirror_index: Indices, points: int) -> NDArray[np.intp]:
+    partners = np.asarray(mirror_index)
+    if partners.shape != (points,):
+        raise ValueError(f"mirror_index has shape {partners.shape}, not ({points},)")
+    inside = ((partners >= 0) & (partners < points)).all()
+    if not inside or (partners[partners] != np.arange(points)).any():
+        raise ValueError("mirror_index does not pair the points: it is not its own inverse")
+    return partners.astype(np.intp)
