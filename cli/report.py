@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 LISTED = 20
 """Failures (and different warnings) that are listed; the rest is counted."""
 
+LISTED_FILES = 3
+"""Files in one folder that are named; more are counted."""
+
 
 @dataclass
 class Report:
@@ -69,7 +72,13 @@ class Report:
         if with_note and self.note:
             yield self.note
         if self.written:
-            yield f"wrote {', '.join(map(_shown, self.written))}"
+            yield f"wrote {self._files()}"
+
+    def _files(self) -> str:
+        folders = {path.parent for path in self.written}
+        if len(self.written) > LISTED_FILES and len(folders) == 1:
+            return f"{len(self.written)} files in {_shown(folders.pop())}"
+        return ", ".join(map(_shown, self.written))
 
 
 def _shown(path: Path) -> str:

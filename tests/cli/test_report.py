@@ -58,3 +58,11 @@ def test_written_files_are_named_from_the_working_folder(tmp_path, monkeypatch):
     outcome = Outcome(written=(inside / "a.h5", tmp_path / "b.h5", Path("-")))
     *_, summary = folded(outcome).lines()
     assert summary.endswith(f"; wrote a.h5, {tmp_path / 'b.h5'}, standard output")
+
+
+def test_many_files_in_one_folder_are_counted(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    files = tuple(tmp_path / "report" / f"{name}.csv" for name in "abcd")
+    assert next(folded(Outcome(written=files)).lines()).endswith("; wrote 4 files in report")
+    apart = (*files, tmp_path / "e.csv")
+    assert next(folded(Outcome(written=apart)).lines()).endswith("report/d.csv, e.csv")
