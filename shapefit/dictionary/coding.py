@@ -7,6 +7,7 @@ min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i  over c >= 0, for each shap
 from __future__ import annotations
 
 import warnings
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +81,9 @@ def duality_gaps(shapes: Floats, atoms: Floats, beta: float, coefficients: Float
 
 
 def _flat(shapes: Floats) -> Floats:
-    return np.ascontiguousarray(shapes, dtype=np.float64).reshape(len(shapes), -1)
+    return np.ascontiguousarray(shapes, dtype=np.float64).reshape(
+        len(shapes), prod(shapes.shape[1:])
+    )
 
 
 @kernel

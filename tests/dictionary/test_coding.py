@@ -1,0 +1,209 @@
+"""Coding: hand-solved cases, planted optima, certificates, scikit-learn and scipy as judges."""
+
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+from sklearn.linear_model import Lasso
+
+from shapefit.dictionary.coding import duality_gaps, objectives, sparse_code
+from shapefit.geometry.rotations import random_rotations
+
+BETA = 0.3
+
+
+def flat(shapes):
+    return shapes.reshape(len(shapes), -1)
+
+
+@pytest.fixture
+def atoms(rng):
+    return rng.standard_normal((12, 3, 6))
+
+
+@pytest.fixture
+def shapes(rng, atoms):
+    mixed = np.tensordot(rng.random((40, 12)) * (rng.random((40, 12)) < 0.4), atoms, axes=1)
+    return mixed + 0.3 * rng.standard_normal(mixed.shape)
+
+
+class TestHandSolved:
+    @pytest.mark.parametrize(("overlap", "expected"), [(5.0, 1.1), (0.6, 0), (0.4, 0), (-3, 0)])
+    def test_one_atom(self, overlap, expected):
+        # One atom of norm 2 and a shape with <B, S> = overlap: c = max(overlap - beta, 0) / 4.
+        atom = np.full((1, 3, 4), 2 / np.sqrt(12))
+        C = sparse_code(overlap / 4 * atom, atom, beta=0.6)
+        assert C[0, 0] == pytest.approx(expected, abs=1e-14)
+
+    def test_orthonormal_atoms_shrink_the_positive_part(self, rng):
+        atoms = np.linalg.qr(rng.standard_normal((6, 6)))[0].reshape(6, 3, 2)
+        shapes = rng.standard_normal((10, 3, 2))
+        overlaps = flat(shapes) @ flat(atoms).T
+        np.testing.assert_allclose(
+            sparse_code(shapes, atoms, BETA), np.maximum(overlaps - BETA, 0), atol=1e-13
+        )
+
+    def test_the_longer_of_two_parallel_atoms_is_cheaper(self):
+        atom = np.ones((3, 1)) / np.sqrt(3)
+        C = sparse_code(4 * atom[None], np.array([atom, 2 * atom]), beta=0.5)
+        # With the long atom alone: 1/2 (4 - 2 c)^2 + c / 2 is least at c = (8 - 1/2) / 4.
+        np.testing.assert_allclose(C, [[0, 1.875]], atol=1e-14)
+
+
+class TestOptimality:
+    def test_kkt_certificate(self, shapes, atoms):
+        C = sparse_code(shapes, atoms, BETA)
+        slope = (C @ flat(atoms) - flat(shapes)) @ flat(atoms).T + BETA
+        assert (C >= 0).all()
+        assert (slope >= -1e-11).all()
+        np.testing.assert_allclose(slope[C > 0], 0, atol=1e-11)
+        assert (C > 0).any(axis=1).all()
+        assert (C == 0).any(axis=1).all()
+
+    def test_no_duality_gap(self, shapes, atoms):
+        C = sparse_code(shapes, atoms, BETA)
+        gaps = duality_gaps(shapes, atoms, BETA, C)
+        assert (np.abs(gaps) <= 1e-12 * objectives(shapes, atoms, BETA, C)).all()
+
+    def test_planted_optimum(self, rng):
+        # Choose the residual Y, scale the atoms so that <B_i, Y> = beta for those in use and less
+        # for the others; then S = sum c_i B_i + Y has the coefficients c.
+        Y = rng.standard_normal((3, 6))
+        atoms = rng.standard_normal((10, 3, 6))
+        overlap = np.tensordot(atoms, Y, axes=2)
+        used = np.arange(10) < 4
+        wanted = np.where(used, BETA, 0.8 * BETA)
+        atoms *= (wanted / np.abs(overlap) * np.where(used, np.sign(overlap), 1))[:, None, None]
+        c = np.where(used, rng.uniform(1, 3, 10), 0)
+        S = np.tensordot(c, atoms, axes=1) + Y
+        np.testing.assert_allclose(sparse_code(S[None], atoms, BETA)[0], c, atol=1e-10)
+
+    def test_agrees_with_scikit_learn(self, shapes, atoms):
+        C = sparse_code(shapes, atoms, BETA)
+        size = atoms[0].size
+        judge = Lasso(
+            alpha=BETA / size, positive=True, fit_intercept=False, tol=1e-14, max_iter=10**6
+        )
+        for S, c in zip(flat(shapes), C, strict=True):
+            expected = judge.fit(flat(atoms).T, S).coef_
+            np.testing.assert_allclose(c, expected, atol=1e-7)
+
+    def test_without_beta_agrees_with_scipy(self, shapes, atoms):
+        C = sparse_code(shapes, atoms, beta=0.0)
+        for S, c in zip(flat(shapes), C, strict=True):
+            np.testing.assert_allclose(c, nnls(flat(atoms).T, S)[0], atol=1e-10)
+
+
+class TestDualityGap:
+    def test_bounds_what_is_lost_by_any_coefficients(self, shapes, atoms, rng):
+        best = objectives(shapes, atoms, BETA, sparse_code(shapes, atoms, BETA))
+        for size in (0.0, 0.01, 1.0, 100.0):
+            C = size * rng.random((40, 12))
+            lost = objectives(shapes, atoms, BETA, C) - best
+            gaps = duality_gaps(shapes, atoms, BETA, C)
+            assert (gaps >= lost - 1e-10 * (1 + lost)).all()
+            assert (lost > 0).all()
+
+    def test_is_of_the_size_of_the_loss_near_the_optimum(self, shapes, atoms):
+        C = sparse_code(shapes, atoms, BETA)
+        lost = objectives(shapes, atoms, BETA, 1.001 * C) - objectives(shapes, atoms, BETA, C)
+        assert (duality_gaps(shapes, atoms, BETA, 1.001 * C) < 1e4 * lost).all()
+
+
+class TestHostileAtoms:
+    """Atoms that depend on each other, exactly and nearly; more atoms than dimensions."""
+
+    def families(self, rng):
+        few = rng.standard_normal((8, 3, 4))
+        plane = np.tensordot(rng.standard_normal((20, 2)), few[:2], axes=1)
+        yield "copies", np.concatenate([few, few])
+        yield "scaled copies", np.concatenate([few, 1.3 * few, 0.2 * few])
+        yield "near copies", np.concatenate([few, few + 1e-6 * rng.standard_normal(few.shape)])
+        yield "overcomplete", rng.standard_normal((100, 3, 4))
+        yield "positive overcomplete", np.abs(rng.standard_normal((100, 3, 4)))
+        yield "one plane", plane
+        yield "with zeros", np.concatenate([few, np.zeros((2, 3, 4))])
+
+    @pytest.mark.parametrize("beta", [1.0, 0.1, 1e-3])
+    def test_certificate(self, rng, beta):
+        shapes = rng.standard_normal((50, 3, 4))
+        energy = 0.5 * (shapes**2).sum(axis=(1, 2))
+        for name, atoms in self.families(rng):
+            C = sparse_code(shapes, atoms, beta)
+            gaps = duality_gaps(shapes, atoms, beta, C)
+            assert (C >= 0).all(), name
+            assert (gaps <= 1e-7 * energy).all(), name
+            assert ((C > 0).sum(axis=1) <= 12).all(), name
+
+    def test_a_start_on_dependent_atoms_is_left_for_the_optimum(self, rng):
+        shapes = rng.standard_normal((50, 3, 4))
+        for name, atoms in self.families(rng):
+            start = rng.random((50, len(atoms)))
+            C = sparse_code(shapes, atoms, 0.1, start=start)
+            gaps = duality_gaps(shapes, atoms, 0.1, C)
+            assert (gaps <= 1e-7 * (shapes**2).sum(axis=(1, 2))).all(), name
+
+    def test_atoms_of_norm_0_are_not_used(self, rng):
+        atoms = np.concatenate([rng.standard_normal((3, 3, 4)), np.zeros((1, 3, 4))])
+        start = np.ones((5, 4))
+        C = sparse_code(rng.standard_normal((5, 3, 4)), atoms, 0.1, start=start)
+        np.testing.assert_array_equal(C[:, 3], 0)
+
+
+class TestProperties:
+    def test_turning_everything_changes_nothing(self, shapes, atoms, rng):
+        R = random_rotations(1, rng)[0]
+        turned = sparse_code(R @ shapes, R @ atoms, BETA)
+        np.testing.assert_allclose(turned, sparse_code(shapes, atoms, BETA), atol=1e-11)
+
+    def test_coefficients_follow_the_order_of_the_atoms(self, shapes, atoms, rng):
+        order = rng.permutation(len(atoms))
+        permuted = sparse_code(shapes, atoms[order], BETA)
+        np.testing.assert_allclose(permuted, sparse_code(shapes, atoms, BETA)[:, order], atol=1e-11)
+
+    def test_shapes_are_coded_one_by_one(self, shapes, atoms):
+        alone = sparse_code(shapes[7:8], atoms, BETA)[0]
+        np.testing.assert_allclose(sparse_code(shapes, atoms, BETA)[7], alone, atol=1e-12)
+
+    def test_joint_scale_of_shapes_and_beta(self, shapes, atoms):
+        scaled = sparse_code(50 * shapes, atoms, 50 * BETA)
+        np.testing.assert_allclose(scaled, 50 * sparse_code(shapes, atoms, BETA), rtol=1e-10)
+
+    def test_beta_above_every_overlap_gives_0(self, shapes, atoms):
+        highest = (flat(shapes) @ flat(atoms).T).max()
+        assert not sparse_code(shapes, atoms, highest).any()
+        assert sparse_code(shapes, atoms, 0.999 * highest).any()
+
+    def test_a_shape_of_0_has_coefficients_0(self, atoms):
+        assert not sparse_code(np.zeros((1, 3, 6)), atoms, BETA).any()
+
+    def test_no_shapes_have_no_coefficients(self, atoms):
+        assert sparse_code(np.zeros((0, 3, 6)), atoms, BETA).shape == (0, 12)
+
+
+class TestStart:
+    def test_the_start_does_not_change_the_answer(self, shapes, atoms, rng):
+        start = 10 * rng.random((40, 12))
+        warm = sparse_code(shapes, atoms, BETA, start=start)
+        np.testing.assert_allclose(warm, sparse_code(shapes, atoms, BETA), atol=1e-10)
+
+    def test_the_answer_is_never_worse_than_the_start(self, shapes, atoms):
+        optimum = sparse_code(shapes, atoms, BETA)
+        again = sparse_code(shapes, atoms, BETA, start=optimum)
+        np.testing.assert_allclose(again, optimum, atol=1e-13)
+        before, after = (objectives(shapes, atoms, BETA, C) for C in (optimum, again))
+        assert (after <= before * (1 + 1e-15)).all()
+
+    def test_the_start_is_left_alone(self, shapes, atoms):
+        start = np.ones((40, 12))
+        sparse_code(shapes, atoms, BETA, start=start)
+        assert (start == 1).all()
+
+    @pytest.mark.parametrize("start", [np.zeros((40, 11)), np.full((40, 12), -1e-9)])
+    def test_a_wrong_start_is_refused(self, shapes, atoms, start):
+        with pytest.raises(ValueError, match="start"):
+            sparse_code(shapes, atoms, BETA, start=start)
+
+
+def test_an_unreachable_tolerance_warns(shapes, atoms):
+    with pytest.warns(RuntimeWarning, match="40 of 40 shapes"):
+        sparse_code(shapes, atoms, BETA, tolerance=-1.0)
