@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -46,10 +45,7 @@ class CsvWriter:
         if not first and table.columns != self._columns:
             raise ValueError("the columns of this record are not those of the first")
         self._columns = table.columns
-        # polars leaves a bare carriage return unquoted, and readers take it for the end of a line.
-        texts = (*record.items, *record.landmark_names, *(record.sequences or ()))
-        style: Any = "non_numeric" if any("\r" in text for text in texts) else "necessary"
-        self._write(table.write_csv(include_header=first, quote_style=style).encode())
+        self._write(table.write_csv(include_header=first).encode())
 
 
 @contextmanager

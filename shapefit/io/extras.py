@@ -58,6 +58,10 @@ class Extras(Mapping[str, Array]):
         """Return the extras of these items."""
         return Extras({name: array[rows] for name, array in self.per_item.items()}, self.whole)
 
+    def __or__(self, per_item: Mapping[str, Array]) -> Extras:
+        """Return these extras and more datasets per item (over those of the same name)."""
+        return Extras({**self.per_item, **per_item}, self.whole)
+
     def __getitem__(self, name: str) -> Array:
         return self.per_item[name] if name in self.per_item else self.whole[name]
 

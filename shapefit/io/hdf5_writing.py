@@ -103,14 +103,21 @@ class Hdf5Writer:
             root[stored_name(name)] = value
 
     def _rows(self, record: Any) -> dict[str, Array]:
-        """Return what the record has for each item, as it stands in the file."""
+        """Return what the record has for each item, as it stands in the file.
+
+        Extras that were not per item in the first record are so by chance, in a chunk of as many
+        items as they have rows.
+        """
         rows = {
             dataset.name: _in_file(dataset, getattr(record, dataset.attribute))
             for dataset in self._form.per_item
             if getattr(record, dataset.attribute) is not None
         }
-        extras = _extras(record).per_item.items()
-        return rows | {self._free_name(name): _storable(values) for name, values in extras}
+        whole = set() if self._first is None else set(_extras(self._first).whole)
+        for name, values in _extras(record).per_item.items():
+            if name not in whole:
+                rows[self._free_name(name)] = _storable(values)
+        return rows
 
     def _free_name(self, name: str) -> str:
         return f"input_{name}" if name in self._form.names else name

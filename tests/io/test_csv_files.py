@@ -106,6 +106,12 @@ def test_items_keep_the_order_of_their_first_rows(csv):
     assert views.sequences is None
 
 
+@pytest.mark.parametrize("cells", ["1,", ",2", "nan,2", "1,NaN"])
+def test_a_landmark_with_half_a_position_is_unseen(csv, cells):
+    views = read_views(csv(f"item,landmark,x,y\na,head,{cells}\na,foot,1,2\n"))
+    np.testing.assert_array_equal(views.landmarks, [[[np.nan, 1], [np.nan, 2]]])
+
+
 def test_names_are_texts_not_numbers(csv):
     views = read_views(csv("item,landmark,x,y\n007,1.0,1,2\n7,1.0,1,2\n"))
     assert views.items == ("007", "7")
@@ -311,6 +317,12 @@ def test_rows_with_too_few_or_too_many_cells(csv, problems, row, before):
         f"{path}:{3 + before.count(chr(10))}: has {cells} cells for 4 columns; "
         "write one cell a column",
     )
+
+
+def test_a_comma_in_a_name_does_not_stand_for_a_cell(csv, problems):
+    path = csv('item,landmark,x,y\n"a,b",head,1\n')
+    (line,) = problems(read_views, path)
+    assert line.startswith(f"{path}:2: has 3 cells for 4 columns; ")
 
 
 def test_quotes_that_do_not_match(csv, problems):

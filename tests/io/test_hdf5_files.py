@@ -149,6 +149,16 @@ def test_three_images_do_not_make_rows_of_the_camera_matrix(landmark_file, tmp_p
         np.testing.assert_array_equal(again.take([1]).extras[other], np.eye(3))
 
 
+def test_a_last_chunk_of_three_does_not_either(landmarks, tmp_path):
+    path = tmp_path / "views.h5"
+    with landmark_writer(path) as writer:
+        for rows in ([0, 1], [2, 3, 4]):
+            writer.append(replace(landmarks.take(rows), extras={"palette": np.eye(3)}))
+    (chunk, _) = read_landmarks(path)
+    assert len(chunk) == 3
+    np.testing.assert_array_equal(chunk.take([1]).extras["palette"], np.eye(3))
+
+
 def test_nested_datasets_are_carried(landmark_file, tmp_path):
     edit(landmark_file, **{"camera/focal": np.arange(5.0), "camera/model": "pinhole"})
     first, _ = read_landmarks(landmark_file)

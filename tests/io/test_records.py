@@ -117,3 +117,10 @@ def test_extras_are_sorted_by_their_shape():
     assert Extras.of(extras, 3) is extras
     per_item = Extras.of({"camera_matrix": np.zeros((3, 3, 3))}, 3)
     assert set(per_item.per_item) == {"camera_matrix"}
+
+
+def test_datasets_per_item_are_added_to_extras():
+    extras = Extras({"a": np.zeros(3)}, {"b": np.eye(3)}) | {"a": np.ones(3), "c": np.eye(3)}
+    assert extras["a"].tolist() == [1, 1, 1]
+    assert set(extras.per_item) == {"a", "c"}
+    assert set(extras.whole) == {"b"}

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import time
+from io import FileIO
 
 import numpy as np
 import pytest
 
 from shapefit.io import landmark_writer, open_landmarks, read_results, result_writer
 from shapefit.io.records import LandmarkSet, ResultSet
+from shapefit.io.spool import Spool
 
 MAKE = """
 import os, resource, signal, sys
@@ -68,6 +71,31 @@ def test_the_disk_test_can_pass(tmp_path, run_python):
     done = run_python(MAKE + FULL, tmp_path / "result.h5", str(10**9))
     assert (done.stdout, done.returncode) == ("written\n", 0)
     assert len(read_results(tmp_path / "result.h5")) == 8000
+
+
+def test_after_an_error_the_spool_drops_what_hdf5_writes(tmp_path):
+    class Failing(FileIO):
+        full = False
+
+        def write(self, data):
+            if self.full:
+                raise OSError(errno.ENOSPC, "first")
+            return super().write(data)
+
+        def truncate(self, size=None):
+            raise OSError(errno.EIO, "second")
+
+    with Failing(tmp_path / "file", "w+") as file:
+        spool = Spool(file)
+        assert spool.write(memoryview(b"abc")) == 3
+        assert spool.error is None
+        file.full = True
+        assert spool.write(memoryview(b"def")) == 3
+        file.full = False
+        assert spool.write(memoryview(b"ghi")) == 3
+        assert spool.truncate(9) == 9
+        assert spool.error.strerror == "first"
+    assert (tmp_path / "file").read_bytes() == b"abc"
 
 
 KILLED = """
