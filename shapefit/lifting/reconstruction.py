@@ -35,9 +35,9 @@ class Reconstruction:
 
 
 def complete_transforms(M: Floats) -> Floats:
-    """[M; c (m_1 x m_2) / c^2]: c_i R_i from M_i = c_i times two rows of R_i.
+    """[M; m_1 x m_2 / c]: c_i R_i from M_i = c_i times two rows of R_i.
 
-    M (..., 2, 3) -> (..., 3, 3); the third row is the cross product of the first two rows of
+    M (..., 2, 3) -> (..., 3, 3); the third row is c_i times the cross product of the two rows of
     R_i = M_i / c_i with c_i = ||M_i||_2 (paper, section Reconstruction), 0 where M_i is 0.
     """
     c = spectral_norm(M)[..., None]
@@ -47,21 +47,28 @@ def complete_transforms(M: Floats) -> Floats:
 
 
 def reconstruct(M: Floats, atoms: Floats) -> Reconstruction:
-    """S = sum_i c_i R_i B_i (paper, eq. new3dmodel); M (n, k, 2, 3), atoms B (k, 3, p)."""
-    n, k = M.shape[:2]
-    turned = complete_transforms(M)
-    shapes = turned.transpose(0, 2, 1, 3).reshape(n, 3, 3 * k) @ atoms.reshape(3 * k, -1)
-    coefficients = spectral_norm(M)
-    largest = coefficients.max(axis=1, keepdims=True)
-    active = (coefficients > ACTIVE * largest) & (largest > 0)
+    """S = sum_i c_i R_i B_i (paper, eq. new3dmodel); M (n, k, 2, 3), atoms B (k, 3, p).
 
-    total = turned.sum(axis=1)
+    Most transforms are 0, so the work is done on the list of the others.
+    """
+    n, k = M.shape[:2]
+    image, atom = np.nonzero(M.any(axis=(2, 3)))
+    blocks = M[image, atom]
+    c = spectral_norm(blocks)
+    coefficients = np.zeros((n, k))
+    coefficients[image, atom] = c
+    turned = np.zeros((n, 3, k, 3))
+    turned[image, :, atom] = complete_transforms(blocks)
+    shapes = turned.reshape(n, 3, 3 * k) @ atoms.reshape(3 * k, -1)
+
+    active = coefficients > ACTIVE * coefficients.max(axis=1, keepdims=True)
+    total = turned.sum(axis=2)
     rotation = np.full((n, 3, 3), np.nan)
-    known = np.isfinite(total).all(axis=(1, 2)) & (largest[:, 0] > 0)
+    known = np.isfinite(total).all(axis=(1, 2)) & active.any(axis=1)
     rotation[known] = nearest_rotation(total[known])
 
-    gram = M @ M.swapaxes(-1, -2)
-    square = np.where(active, coefficients, 1.0)[..., None, None] ** 2
-    deviation = np.linalg.norm(gram / square - np.eye(2), axis=(-2, -1))
-    tight = np.where(active, deviation <= ORTHOGONAL, True).all(axis=1) & active.any(axis=1)
+    gram = blocks @ blocks.swapaxes(-1, -2) / (c**2)[:, None, None]
+    skewed = np.linalg.norm(gram - np.eye(2), axis=(-2, -1)) > ORTHOGONAL
+    tight = active.any(axis=1)
+    tight[image[skewed & active[image, atom]]] = False
     return Reconstruction(shapes, coefficients, rotation, active.sum(axis=1), tight)
