@@ -1,0 +1,95 @@
+"""The dense vertices of a shape: they go wherever the landmarks go."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.geometry.normalisation import Normalised
+from shapefit.lifting.reconstruction import complete_transforms
+
+Floats = NDArray[np.float64]
+
+# The relative distance of an atom from the span of the training shapes that is still rounding.
+IN_SPAN = 1e-6
+
+
+def carry_mesh(mesh_vertices: Floats, normalised: Normalised, rotations: Floats) -> Floats:
+    """R_j (V_j - centroid_j 1^T) / scale_j: normalise and turn meshes as their landmarks were.
+
+    mesh_vertices V (n, 3, q) in the frame and unit of the landmarks that gave `normalised`;
+    rotations R (n, 3, 3), those of their alignment. -> (n, 3, q)
+    """
+    centred = mesh_vertices - normalised.centroid[..., None]
+    return rotations @ (centred / normalised.scale[..., None, None])
+
+
+def mesh_of_atoms(atoms: Floats, shapes: Floats, mesh_vertices: Floats) -> Floats:
+    """A V with A = argmin ||A||_F over A S = B: mix meshes as the landmarks were mixed.
+
+    atoms B (k, 3, p), each a linear combination of the training shapes S (n, 3, p), as exemplars
+    and learned atoms are; mesh_vertices V (n, 3, q), those of the shapes -> (k, 3, q). Raises
+    ValueError where an atom is no such combination.
+    """
+    B, S = atoms.reshape(len(atoms), -1), shapes.reshape(len(shapes), -1)
+    A = np.linalg.lstsq(S.T, B.T)[0].T
+    if (np.linalg.norm(A @ S - B, axis=1) > IN_SPAN * np.linalg.norm(B, axis=1)).any():
+        raise ValueError("an atom is no linear combination of the training shapes")
+    return np.tensordot(A, mesh_vertices, axes=1)
+
+
+def object_frame(atoms: Floats, coefficients: Floats) -> Floats:
+    """sum_i c_i B_i in normalised units; atoms (k, 3, q), coefficients (n, k) -> (n, 3, q).
+
+    The frame is that of the dictionary. `atoms` may be the mesh vertices of the atoms or, to have
+    the landmarks in the same frame, the atoms themselves; so it is for all functions below.
+    """
+    return np.tensordot(coefficients, atoms, axes=1)
+
+
+def camera_frame(
+    atoms: Floats, coefficients: Floats, rotation: Floats, scale: Floats, translation: Floats
+) -> Floats:
+    """s R sum_i c_i B_i + T: one rotation for all atoms, so the mesh keeps its form.
+
+    atoms (k, 3, q), coefficients (n, k), rotation (n, 3, 3), scale (n,), translation (n, 2), as a
+    result holds them -> (n, 3, q) in the unit of the landmarks, depth 0 at their centroid.
+    """
+    return _place(rotation @ object_frame(atoms, coefficients), scale, translation)
+
+
+def camera_frame_sheared(
+    atoms: Floats, transforms: Floats, scale: Floats, translation: Floats
+) -> Floats:
+    """s sum_i c_i R_i B_i + T: a rotation for each atom, as in the convex program.
+
+    As `camera_frame`, with transforms (n, k, 2, 3) that hold coefficients and rotations. On the
+    atoms this gives the shapes of the fit exactly; but as the rotations differ, angles and lengths
+    of the mesh are no longer those of any car, person or other object of the dictionary.
+    """
+    n, k = transforms.shape[:2]
+    turned = complete_transforms(transforms).transpose(0, 2, 1, 3).reshape(n, 3, 3 * k)
+    return _place(turned @ atoms.reshape(3 * k, -1), scale, translation)
+
+
+def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:
+    """(sum_i w_i s_i ||B_i||_F) / ||sum_i c_i B_i||_F with w_i = c_i ||B_i||_F, sum_i w_i = 1.
+
+    The length of a normalised unit, so that an image's shape is as large as its atoms are on
+    average: for an image one cannot tell a small car from a large one that is further away.
+    atoms (k, 3, p), the landmarks; coefficients (n, k); atom_scale s (k,): atom i measures s_i B_i
+    in the unit wanted (for exemplars the scale that normalised the model) -> (n,), nan where all
+    coefficients are 0. As `scale` of the functions above, with translation 0, it gives shapes in
+    that unit around the centroid of their landmarks.
+    """
+    size = np.linalg.norm(atoms, axis=(1, 2))
+    share = coefficients * size
+    length = np.linalg.norm(object_frame(atoms, coefficients), axis=(1, 2))
+    total = share.sum(axis=1) * length
+    return np.divide(share @ (atom_scale * size), total, out=total * np.nan, where=total > 0)
+
+
+def _place(shapes: Floats, scale: Floats, translation: Floats) -> Floats:
+    placed: Floats = scale[:, None, None] * shapes
+    placed[:, :2] += translation[:, :, None]
+    return placed

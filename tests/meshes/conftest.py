@@ -1,0 +1,70 @@
+"""Meshes to test with: a box, and the real cars with meshes in the paper's orientation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@pytest.fixture
+def box() -> Callable[[float, float, float], Floats]:
+    """Return the function that gives the corners (3, 8) of a box around the origin.
+
+    Corner i lies high on x, y and z where the bits 4, 2 and 1 of i are set.
+    """
+    corners = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)]) - 0.5
+    return lambda width, height, depth: (corners * (width, height, depth)).T
+
+
+@pytest.fixture
+def box_faces() -> NDArray[np.int64]:
+    """Return two triangles a side, wound outwards."""
+    return np.array(
+        [
+            (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
+            (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
+        ]
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Cars:
+    """34 models in metres: shapes (34, 3, 66), mesh_vertices (34, 3, 1352)."""
+
+    shapes: Floats
+    mesh_vertices: Floats
+    mesh_faces: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Wires:
+    """15 models: shapes (15, 3, 256), edges (222, 2)."""
+
+    shapes: Floats
+    edges: NDArray[np.int64]
+
+
+@pytest.fixture(scope="session")
+def cars(real_data: Path) -> Cars:
+    with h5py.File(real_data / "cars" / "models.h5") as file:
+        return Cars(
+            file["shapes"][:].astype(float).swapaxes(1, 2),
+            file["mesh_vertices"][:].astype(float).swapaxes(1, 2),
+            file["mesh_faces"][:].astype(np.int64),
+        )
+
+
+@pytest.fixture(scope="session")
+def wires(real_data: Path) -> Wires:
+    with h5py.File(real_data / "cars" / "fg3dcar_shapes.h5") as file:
+        return Wires(
+            file["shapes"][:].astype(float).swapaxes(1, 2), file["edges"][:].astype(np.int64)
+        )

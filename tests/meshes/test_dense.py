@@ -1,0 +1,166 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shapefit.dictionary.learning import learn
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
+from shapefit.geometry.rotations import random_rotations
+from shapefit.lifting.reconstruction import reconstruct
+from shapefit.meshes.dense import (
+    camera_frame,
+    camera_frame_sheared,
+    carry_mesh,
+    mesh_of_atoms,
+    metric_scale,
+    object_frame,
+)
+
+
+def normalised_models(shapes):
+    normalised = normalise(shapes)
+    return normalised, generalised_procrustes(normalised.points)
+
+
+def misfit(source, target):
+    """Largest distance of points left by the best similarity, as a share of the target's norm."""
+    rest = similarity_transform(source, target).apply(source) - target
+    return np.linalg.norm(rest, axis=-2).max() / np.linalg.norm(target)
+
+
+def test_a_mesh_is_carried_as_its_landmarks_are(rng):
+    shapes = 40 + 7 * rng.normal(size=(6, 3, 9))
+    normalised, alignment = normalised_models(shapes)
+    carried = carry_mesh(shapes, normalised, alignment.rotations)
+    np.testing.assert_allclose(carried, alignment.shapes, atol=1e-13)
+
+
+def test_the_landmarks_alone_choose_the_frame_of_the_mesh(rng, box):
+    shape, rotation = box(4, 3, 2), random_rotations(1, rng)[0]
+    mesh = 5 + rng.normal(size=(3, 50))
+    models = np.stack([shape, 3 * rotation @ shape + 8])
+    meshes = np.stack([mesh, 3 * rotation @ mesh + 8])
+    normalised, alignment = normalised_models(models)
+    one, other = carry_mesh(meshes, normalised, alignment.rotations)
+    scale = np.mean([4, 3, 2]) / 2  # corners of a box deviate by half a side
+    np.testing.assert_allclose(one, mesh / scale, atol=1e-12)
+    # the spread depends on the frame, so the turned model may differ in scale, in nothing else
+    assert misfit(other, one) < 1e-12
+    np.testing.assert_allclose(other / np.linalg.norm(other), one / np.linalg.norm(one))
+
+
+@pytest.mark.real_data
+def test_every_real_mesh_keeps_its_form_and_its_place_among_the_landmarks(cars):
+    normalised, alignment = normalised_models(cars.shapes)
+    carried = carry_mesh(cars.mesh_vertices, normalised, alignment.rotations)
+    both = np.concatenate([cars.shapes, cars.mesh_vertices], axis=2)
+    assert misfit(both, np.concatenate([alignment.shapes, carried], axis=2)) < 1e-12
+
+
+def test_atoms_mixed_from_shapes_have_meshes_mixed_alike(rng):
+    shapes, meshes = rng.normal(size=(5, 3, 7)), rng.normal(size=(5, 3, 20))
+    mixture = rng.normal(size=(4, 5))
+    mixed = mesh_of_atoms(np.tensordot(mixture, shapes, 1), shapes, meshes)
+    np.testing.assert_allclose(mixed, np.tensordot(mixture, meshes, 1), atol=1e-12)
+    np.testing.assert_allclose(mesh_of_atoms(shapes[3:], shapes, meshes), meshes[3:], atol=1e-12)
+
+
+def test_an_atom_out_of_the_span_of_the_shapes_is_refused(rng):
+    shapes, meshes = rng.normal(size=(5, 3, 7)), rng.normal(size=(5, 3, 20))
+    with pytest.raises(ValueError, match="no linear combination"):
+        mesh_of_atoms(shapes[:2] + 1e-3 * rng.normal(size=(2, 3, 7)), shapes, meshes)
+
+
+@pytest.mark.real_data
+def test_learned_atoms_of_real_cars_have_meshes(cars):
+    normalised, alignment = normalised_models(cars.shapes)
+    carried = carry_mesh(cars.mesh_vertices, normalised, alignment.rotations)
+    for learned in learn(alignment.shapes, 8, 0.1, iterations=5):
+        pass
+    meshes = mesh_of_atoms(learned.atoms, alignment.shapes, carried)
+    rebuilt = object_frame(meshes, learned.coefficients)
+    error = np.linalg.norm(rebuilt - carried, axis=1).mean()
+    floor = np.linalg.norm(carried.mean(axis=0) - carried, axis=1).mean()
+    assert error < 0.7 * floor
+
+
+def test_camera_frame_is_the_formula(rng):
+    B, c = rng.normal(size=(4, 3, 6)), rng.uniform(size=(2, 4))
+    R, s, T = random_rotations(2, rng), np.array([3.0, 0.5]), np.array([[10.0, 20], [-1, 4]])
+    found = camera_frame(B, c, R, s, T)
+    for j in range(2):
+        expected = s[j] * R[j] @ sum(c[j, i] * B[i] for i in range(4))
+        expected += np.array([*T[j], 0])[:, None]
+        np.testing.assert_allclose(found[j], expected, atol=1e-12)
+
+
+def test_per_atom_rotations_give_the_shapes_of_the_fit(rng):
+    B, M = rng.normal(size=(4, 3, 6)), rng.normal(size=(2, 4, 2, 3))
+    s, T = np.array([3.0, 0.5]), np.array([[10.0, 20], [-1, 4]])
+    expected = s[:, None, None] * reconstruct(M, B).shapes
+    expected[:, :2] += T[..., None]
+    np.testing.assert_allclose(camera_frame_sheared(B, M, s, T), expected, atol=1e-12)
+
+
+def test_one_rotation_for_all_atoms_is_the_case_of_equal_rotations(rng):
+    B, c, R = rng.normal(size=(4, 3, 6)), rng.uniform(size=(2, 4)), random_rotations(2, rng)
+    s, T = np.array([3.0, 0.5]), np.array([[10.0, 20], [-1, 4]])
+    M = c[..., None, None] * R[:, None, :2]
+    np.testing.assert_allclose(
+        camera_frame_sheared(B, M, s, T), camera_frame(B, c, R, s, T), atol=1e-12
+    )
+
+
+def test_a_shared_rotation_keeps_the_form_and_several_shear_it(rng, box):
+    # two boxes of one form: whatever the coefficients, the object is that box
+    B, c = np.stack([box(4, 3, 2), 2 * box(4, 3, 2)]), np.array([[0.3, 0.2]])
+    R, one, none = random_rotations(2, rng), np.ones(1), np.zeros((1, 2))
+    assert misfit(camera_frame(B, c, R[:1], one, none)[0], B[0]) < 1e-12
+    M = c[..., None, None] * R[None, :, :2]
+    assert misfit(camera_frame_sheared(B, M, one, none)[0], B[0]) > 0.05
+
+
+def test_a_fit_by_one_atom_has_the_metric_size_of_its_model(rng):
+    models = np.array([1.0, 3.0, 0.2])[:, None, None] * rng.normal(size=(3, 3, 8)) + 5
+    normalised, alignment = normalised_models(models)
+    c = np.array([[0.0, 0.7, 0.0], [0.3, 0.0, 0.0]])
+    factor = metric_scale(alignment.shapes, c, normalised.scale)
+    R, T = random_rotations(2, rng), np.zeros((2, 2))
+    metric = camera_frame(alignment.shapes, c, R, factor, T)
+    for shape, model in zip(metric, models[[1, 0]], strict=True):
+        centred = model - model.mean(axis=1, keepdims=True)
+        assert np.linalg.norm(shape) == pytest.approx(np.linalg.norm(centred))
+        assert misfit(shape, centred) < 1e-12
+
+
+def test_the_metric_size_of_a_mixture_is_the_mean_of_the_sizes_of_its_parts(box):
+    atoms = np.stack([box(4, 3, 2), 2 * box(4, 3, 2)])
+    # in metres twice and once the first box; shares 0.6 and 0.4 of the shape's length
+    coefficients, atom_scale = np.array([[0.6, 0.2]]), np.array([2.0, 0.5])
+    factor = metric_scale(atoms, coefficients, atom_scale)
+    metric = factor * object_frame(atoms, coefficients)
+    np.testing.assert_allclose(metric[0], (0.6 * 2 + 0.4 * 1) * box(4, 3, 2))
+
+
+def test_without_coefficients_there_is_no_metric_size(rng):
+    factor = metric_scale(rng.normal(size=(2, 3, 4)), np.array([[0.0, 0], [1, 0]]), np.ones(2))
+    np.testing.assert_array_equal(np.isnan(factor), [True, False])
+
+
+@pytest.mark.real_data
+def test_the_metric_size_of_a_car_out_of_the_dictionary_is_nearer_than_the_mean(cars):
+    from scipy.optimize import nnls
+
+    normalised, alignment = normalised_models(cars.shapes)
+    size = np.linalg.norm(alignment.shapes, axis=(1, 2)) * normalised.scale
+    errors, floor = [], []
+    for own in range(len(size)):
+        others = np.arange(len(size)) != own
+        B = alignment.shapes[others]
+        c = nnls(B.reshape(len(B), -1).T, alignment.shapes[own].ravel())[0][None]
+        factor = metric_scale(B, c, normalised.scale[others])[0]
+        errors.append(abs(factor * np.linalg.norm(object_frame(B, c)) / size[own] - 1))
+        floor.append(abs(size[others].mean() / size[own] - 1))
+    assert np.mean(errors) < 0.04
+    assert np.mean(floor) > 0.05
