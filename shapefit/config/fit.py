@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import math
+from itertools import pairwise
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationInfo, field_validator
+from annotated_types import Gt
+from pydantic import Field, PlainValidator, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
-from shapefit.config.model import CommandConfig, ConfigModel
+from shapefit.config.expectation import Expected
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists
 from shapefit.config.paths import InputPath, InputPaths, OutputPath
+
+
+def _number_or_auto(value: Any) -> float | Literal["auto"]:
+    if value == "auto":
+        return "auto"
+    number = value if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+    if not (math.isfinite(number) and number > 0):
+        raise PydanticCustomError("number_or_auto", "expected a number > 0 or auto")
+    return float(number)
 
 
 class SolverConfig(ConfigModel):
@@ -48,11 +62,40 @@ class FitConfig(CommandConfig):
     method: Literal["convex"] = Field(
         default="convex", description="How to lift: the convex program."
     )
-    lam: float = Field(
+    loss: Literal["squared", "exact", "l1", "sparse-error"] = Field(
+        default="squared",
+        description="The data term: half the squared residual; exact, no residual at all (lambda "
+        "has no say); l1, the sum of absolute residuals; sparse-error, the squared residual "
+        "beside sparse errors with weight beta. The last two survive outliers and label them.",
+    )
+    lam: Annotated[
+        float | Literal["auto"],
+        Expected("a number > 0 or auto"),
+        PlainValidator(_number_or_auto),
+    ] = Field(
         default=0.1,
         alias="lambda",
+        description="Weight of the sum of spectral norms, for normalised landmarks and atoms; "
+        "auto follows from `noise`.",
+    )
+    noise: float | None = Field(
+        default=None,
         ge=0,
-        description="Weight of the sum of spectral norms, for normalised landmarks and atoms.",
+        description="Expected standard deviation of a landmark's coordinate, in the unit of the "
+        "landmarks; `lambda: auto` needs it.",
+    )
+    beta: float = Field(
+        default=0.1,
+        gt=0,
+        description="Residual, for normalised landmarks, beyond which a robust loss judges a "
+        "landmark an outlier; the weight of the errors of sparse-error.",
+    )
+    path: Annotated[
+        tuple[Annotated[float, Gt(0)], ...], FromLists, Expected("a list of falling numbers > 0")
+    ] = Field(
+        default=(),
+        description="Lambdas, falling, at which the program is solved too, each from the "
+        "solution before it; objective, gap, residual and active atoms go into the result.",
     )
     solver: SolverConfig = Field(
         default_factory=SolverConfig, description="How the convex program is solved."
@@ -65,3 +108,20 @@ class FitConfig(CommandConfig):
     transforms: bool = Field(
         default=False, description="Also write the (k, 2, 3) transforms of every image (large)."
     )
+
+    @field_validator("path")
+    @classmethod
+    def _path_falls(cls, path: tuple[float, ...]) -> tuple[float, ...]:
+        if any(after >= before for before, after in pairwise(path)):
+            raise ValueError(f"expected falling numbers, found {list(path)}")
+        return path
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Self:
+        if self.lam == "auto" and self.noise is None:
+            raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
+        if self.loss != "squared" and self.solver.name == "admm":
+            raise ValueError(f"the solver admm knows only `loss: squared`, not {self.loss}")
+        if self.path and (self.loss == "exact" or self.solver.name == "admm"):
+            raise ValueError("`path` needs the solver newton and a loss that lambda weighs against")
+        return self

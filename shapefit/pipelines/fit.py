@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import Loss
 from shapefit.convex.solution import Status
 from shapefit.io import (
     LandmarkSet,
@@ -22,6 +23,7 @@ from shapefit.io import (
     read_dictionary,
     result_writer,
 )
+from shapefit.io.extras import Extras
 from shapefit.lifting.lift import Lifting, Program, Solve, lift
 from shapefit.pipelines.outcome import Failure, Outcome
 
@@ -31,7 +33,7 @@ Floats = NDArray[np.float64]
 def run(config: FitConfig) -> Iterator[Outcome]:
     """Lift every image of the landmark files; yields an Outcome a chunk."""
     dictionary = read_dictionary(config.dictionary)
-    program, solve = Program(config.lam), choose_solver(config)
+    program, solve = choose_program(config), choose_solver(config)
     solve_seconds, done = 0.0, 0
     with open_landmarks(config.landmarks) as source, result_writer(config.output) as writer:
         for chunk in source.chunks(config.chunk):
@@ -58,6 +60,16 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,
         )
     yield Outcome(total=source.count, written=(config.output,))
+
+
+def choose_program(config: FitConfig) -> Program:
+    """Return the convex program that the config names."""
+    return Program(
+        lam=None if config.lam == "auto" else config.lam,
+        loss=Loss(config.loss),
+        beta=config.beta,
+        noise=config.noise or 0.0,
+    )
 
 
 def choose_solver(config: FitConfig) -> Solve:
@@ -117,13 +129,24 @@ def as_result(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> Resul
         transforms=known(solution.transforms) if config.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
-        extras={
-            **images.extras,
-            "landmarks": images.landmarks.swapaxes(1, 2),
-            "active_atoms": found.active_atoms,
-            "tight": found.tight,
-        },
+        extras=further_datasets(images, lifting),
     )
+
+
+def further_datasets(images: LandmarkSet, lifting: Lifting) -> Extras:
+    """Join what came with the landmarks with what only some fits have."""
+    visible = (lifting.problem.weights > 0)[:, None, :]
+    own = {
+        "landmarks": np.where(visible, images.landmarks, np.nan).swapaxes(1, 2),
+        "lambda": lifting.problem.lam,
+        "residual": lifting.solution.residual,
+        "active_atoms": lifting.reconstruction.active_atoms,
+        "tight": lifting.reconstruction.tight,
+    }
+    if lifting.outliers is not None:
+        own["outliers"] = lifting.outliers
+    carried = Extras.of(images.extras, len(images))
+    return Extras({**carried.per_item, **own}, carried.whole)
 
 
 def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[Failure, ...]:

@@ -56,7 +56,9 @@ def test_a_date_is_a_text(folder):
 
 
 def test_a_number_in_quotes_is_a_text(folder):
-    with pytest.raises(InputError, match=r"c\.yaml:4:9: expected a number >= 0, found '0\.1'"):
+    with pytest.raises(
+        InputError, match=r"c\.yaml:4:9: expected a number > 0 or auto, found '0\.1'"
+    ):
         load_config("fit", write(folder, FIT + "lambda: '0.1'\n"))
 
 
@@ -153,12 +155,18 @@ def test_json_holds_every_key_under_its_yaml_name(folder):
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
 @given(
-    lam=st.floats(min_value=0, allow_infinity=False),
+    lam=st.floats(min_value=0, exclude_min=True, allow_infinity=False) | st.just("auto"),
     threads=st.integers(0, 10**12),
     tolerance=st.floats(min_value=0, exclude_min=True, allow_infinity=False),
 )
 def test_a_printed_fit_config_loads_again(folder, lam, threads, tolerance):
-    values = {"landmarks": ["a.h5", "-"], "dictionary": "b.h5", "output": "-", "lambda": lam}
+    values = {
+        "landmarks": ["a.h5", "-"],
+        "dictionary": "b.h5",
+        "output": "-",
+        "lambda": lam,
+        "noise": 1.0,
+    }
     config = FitConfig(**values, threads=threads, solver={"tolerance": tolerance, "name": "admm"})
     assert load_config("fit", write(folder, dump_config(config))) == config
 
