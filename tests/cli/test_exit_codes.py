@@ -19,10 +19,10 @@ def test_an_input_error_names_every_problem(shapefit, fake_pipeline):
 
 def test_a_wrong_config_stops_before_the_pipeline(shapefit, fake_pipeline):
     configs = fake_pipeline("fit", [Outcome()])
-    result = shapefit("fit", "-c", "fit.yaml", "--set", "lambda=-1", "--set", "chunk=0")
+    result = shapefit("fit", "-c", "fit.yaml", "--set", "threads=-1", "--set", "chunk=0")
     assert (result.code, configs) == (2, [])
     assert result.err == (
-        "Error: --set lambda=-1: expected a number >= 0, found -1\n"
+        "Error: --set threads=-1: expected a whole number >= 0, found -1\n"
         "Error: --set chunk=0: expected a whole number >= 1, found 0\n"
     )
 
