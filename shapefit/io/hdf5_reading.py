@@ -196,7 +196,8 @@ class Hdf5Reader:
                 node = self._file.get(dataset.name)
             if isinstance(node, h5py.Dataset):
                 self._present.add(dataset.name)
-                wrong = _wrong_kind(node, dataset) or self._wrong_shape(node, dataset)
+                with self._damage(dataset.name):
+                    wrong = _wrong_kind(node, dataset) or self._wrong_shape(node, dataset)
             elif node is None and not dataset.required:
                 continue
             else:

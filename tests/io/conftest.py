@@ -7,11 +7,13 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
+from shapefit.io import landmark_writer, result_writer, write_dictionary, write_shapes
 from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
@@ -134,3 +136,49 @@ def run_python() -> Callable[..., subprocess.CompletedProcess[str]]:
         return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
     return run
+
+
+@pytest.fixture
+def shape_file(tmp_path, shapes) -> Path:
+    path = tmp_path / "shapes.h5"
+    write_shapes(path, shapes)
+    return path
+
+
+@pytest.fixture
+def landmark_file(tmp_path, landmarks) -> Path:
+    path = tmp_path / "views.h5"
+    with landmark_writer(path) as writer:
+        writer.append(landmarks)
+    return path
+
+
+@pytest.fixture
+def result_file(tmp_path, results) -> Path:
+    path = tmp_path / "result.h5"
+    with result_writer(path) as writer:
+        writer.append(results)
+    return path
+
+
+@pytest.fixture
+def dictionary_file(tmp_path, dictionary) -> Path:
+    path = tmp_path / "dict.h5"
+    write_dictionary(path, dictionary)
+    return path
+
+
+@pytest.fixture
+def edit() -> Callable[..., Path]:
+    """Replace datasets of an HDF5 file, or remove those that are None."""
+
+    def change(path: Path, **datasets) -> Path:
+        with h5py.File(path, "a") as file:
+            for name, values in datasets.items():
+                if name in file:
+                    del file[name]
+                if values is not None:
+                    file[name] = values
+        return path
+
+    return change

@@ -1,9 +1,8 @@
-"""HDF5 files: what is stored, what is carried, and what each fault says."""
+"""HDF5 files that are wrong: what each fault says, and where."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -15,40 +14,7 @@ from shapefit.io import (
     read_dictionary,
     read_results,
     read_shapes,
-    result_writer,
-    write_dictionary,
-    write_shapes,
 )
-
-
-@pytest.fixture
-def shape_file(tmp_path, shapes) -> Path:
-    path = tmp_path / "shapes.h5"
-    write_shapes(path, shapes)
-    return path
-
-
-@pytest.fixture
-def landmark_file(tmp_path, landmarks) -> Path:
-    path = tmp_path / "views.h5"
-    with landmark_writer(path) as writer:
-        writer.append(landmarks)
-    return path
-
-
-@pytest.fixture
-def result_file(tmp_path, results) -> Path:
-    path = tmp_path / "result.h5"
-    with result_writer(path) as writer:
-        writer.append(results)
-    return path
-
-
-@pytest.fixture
-def dictionary_file(tmp_path, dictionary) -> Path:
-    path = tmp_path / "dict.h5"
-    write_dictionary(path, dictionary)
-    return path
 
 
 def read_landmarks(*paths):
@@ -67,164 +33,6 @@ READERS = {
 @pytest.fixture(params=READERS)
 def reader(request):
     return READERS[request.param]
-
-
-def edit(path: Path, **datasets) -> Path:
-    """Replace datasets, or remove those that are None."""
-    with h5py.File(path, "a") as file:
-        for name, values in datasets.items():
-            if name in file:
-                del file[name]
-            if values is not None:
-                file[name] = values
-    return path
-
-
-# What is stored
-
-
-def test_files_are_laid_out_as_promised(shape_file, landmark_file, result_file, dictionary_file):
-    expected = {
-        shape_file: ("shapefit-shapes", {"shapes": (5, 4, 3), "mesh_vertices": (5, 6, 3)}),
-        landmark_file: ("shapefit-landmarks", {"landmarks": (5, 4, 2), "confidence": (5, 4)}),
-        result_file: (
-            "shapefit-result",
-            {"shapes": (5, 4, 3), "landmarks_fitted": (5, 4, 2), "transforms": (5, 7, 2, 3)},
-        ),
-        dictionary_file: ("shapefit-dictionary", {"atoms": (7, 4, 3), "mean_shape": (4, 3)}),
-    }
-    for path, (form, shapes_of) in expected.items():
-        with h5py.File(path) as file:
-            assert file.attrs["format"] == form
-            assert file.attrs["version"] == 1
-            assert file.attrs["unit"] in {"m", "px", "normalised"}
-            for name, shape in shapes_of.items():
-                assert file[name].shape == shape
-                assert file[name].dtype == np.float64
-            names = h5py.check_string_dtype(file["landmark_names"].dtype)
-            assert names.encoding == "utf-8"
-            assert names.length is None
-
-
-def test_one_point_a_row_in_the_file_one_a_column_in_memory(shape_file, shapes):
-    with h5py.File(shape_file) as file:
-        np.testing.assert_array_equal(file["shapes"][2, 1], shapes.shapes[2, :, 1])
-        np.testing.assert_array_equal(file["mesh_vertices"][4, 5], shapes.mesh_vertices[4, :, 5])
-    assert read_shapes([shape_file]).shapes.flags.c_contiguous
-
-
-def test_results_keep_attributes_and_carried_datasets(result_file, results):
-    found = read_results(result_file)
-    assert found.attributes == results.attributes
-    assert found.extras["true_model"].tolist() == list("vwxyz")
-    np.testing.assert_array_equal(found.extras["camera_matrix"], np.eye(3))
-    assert found.extras["maker"].item() == "José"
-    with h5py.File(result_file) as file:
-        assert file.attrs["version"] == 1
-        assert file.attrs["shapefit_version"] == "0.1.0"
-        assert file.attrs["method"] == "convex"
-
-
-def test_a_carried_dataset_never_hides_one_of_the_format(tmp_path, results):
-    path = tmp_path / "result.h5"
-    extras = {"scale": np.arange(5), "item": np.array(list("abcde"))}
-    with result_writer(path) as writer:
-        writer.append(replace(results, extras=extras))
-    found = read_results(path)
-    np.testing.assert_array_equal(found.scale, results.scale)
-    np.testing.assert_array_equal(found.extras["input_scale"], np.arange(5))
-    assert found.items == results.items
-    assert found.extras["input_item"].tolist() == list("abcde")
-
-
-def test_three_images_do_not_make_rows_of_the_camera_matrix(landmark_file, tmp_path):
-    (chunk, _) = read_landmarks(landmark_file)
-    assert len(chunk) == 3
-    np.testing.assert_array_equal(chunk.take([1]).extras["camera_matrix"], np.eye(3))
-    for other in ("camera_matrix", "palette"):
-        three = replace(chunk, extras=type(chunk.extras)({}, {other: np.eye(3)}))
-        with landmark_writer(tmp_path / "three.h5") as writer:
-            writer.append(three)
-        (again,) = read_landmarks(tmp_path / "three.h5")
-        np.testing.assert_array_equal(again.take([1]).extras[other], np.eye(3))
-
-
-def test_a_last_chunk_of_three_does_not_either(landmarks, tmp_path):
-    path = tmp_path / "views.h5"
-    with landmark_writer(path) as writer:
-        for rows in ([0, 1], [2, 3, 4]):
-            writer.append(replace(landmarks.take(rows), extras={"palette": np.eye(3)}))
-    (chunk, _) = read_landmarks(path)
-    assert len(chunk) == 3
-    np.testing.assert_array_equal(chunk.take([1]).extras["palette"], np.eye(3))
-
-
-def test_nested_datasets_are_carried(landmark_file, tmp_path):
-    edit(landmark_file, **{"camera/focal": np.arange(5.0), "camera/model": "pinhole"})
-    first, _ = read_landmarks(landmark_file)
-    assert first.extras["camera/focal"].tolist() == [0, 1, 2]
-    assert first.extras["camera/model"].item() == "pinhole"
-    with landmark_writer(tmp_path / "again.h5") as writer:
-        writer.append(first)
-    with h5py.File(tmp_path / "again.h5") as file:
-        assert file["camera/model"].asstr()[()] == "pinhole"
-
-
-def test_long_attributes(tmp_path, results, dictionary):
-    text = '{"digest": "é"}' * 50_000
-    with result_writer(tmp_path / "result.h5") as writer:
-        writer.append(results)
-        writer.attributes["inputs"] = text
-    assert read_results(tmp_path / "result.h5").attributes["inputs"] == text
-    write_dictionary(tmp_path / "dict.h5", replace(dictionary, provenance={"inputs": text}))
-    assert read_dictionary(tmp_path / "dict.h5").provenance == {"inputs": text}
-
-
-def test_other_types_of_numbers_and_texts_are_read(landmark_file, landmarks):
-    edit(
-        landmark_file,
-        landmarks=landmarks.landmarks.swapaxes(1, 2).astype("f4"),
-        confidence=np.ones((5, 4), bool),
-        item=np.array([b"a", b"b", b"c", b"d", b"e"]),
-    )
-    first, second = read_landmarks(landmark_file)
-    assert first.items + second.items == tuple("abcde")
-    assert first.landmarks.dtype == np.float64
-    np.testing.assert_allclose(first.landmarks, landmarks.landmarks[:3], rtol=1e-6)
-    assert (first.confidence == 1).all()
-
-
-def test_optional_datasets_may_be_missing(shape_file, dictionary_file, result_file):
-    edit(shape_file, sequence=None, edges=None, mesh_vertices=None, mesh_faces=None)
-    found = read_shapes([shape_file])
-    assert found.sequences is found.edges is found.mesh_vertices is found.mesh_faces is None
-    edit(dictionary_file, edges=None, mesh_vertices=None, mesh_faces=None, objective_trace=None)
-    assert read_dictionary(dictionary_file).objective_trace.shape == (0,)
-    edit(result_file, coefficients=None, status=None, transforms=None)
-    assert read_results(result_file).coefficients is None
-
-
-def test_a_landmark_with_half_a_position_is_unseen(landmark_file, landmarks):
-    points = landmarks.landmarks.swapaxes(1, 2).copy()
-    points[0, 0] = (1.0, np.nan)
-    first, _ = read_landmarks(edit(landmark_file, landmarks=points))
-    assert np.isnan(first.landmarks[0, :, 0]).all()
-
-
-def test_zero_images(tmp_path, landmarks, results, shapes):
-    with landmark_writer(tmp_path / "views.h5") as writer:
-        writer.append(landmarks.take([]))
-    (none,) = read_landmarks(tmp_path / "views.h5")
-    assert len(none) == 0
-    assert none.landmark_names == landmarks.landmark_names
-    with result_writer(tmp_path / "result.h5") as writer:
-        writer.append(results.take([]))
-    assert len(read_results(tmp_path / "result.h5")) == 0
-    write_shapes(tmp_path / "shapes.h5", shapes.take([]))
-    assert len(read_shapes([tmp_path / "shapes.h5"])) == 0
-
-
-# Faults of the file
 
 
 def test_a_missing_file(reader, tmp_path, problems):
@@ -292,7 +100,7 @@ def test_a_truncated_file(landmark_file, problems, share):
     assert line.endswith("; the file may be cut off or damaged: copy or make it again")
 
 
-def test_missing_and_misshapen_datasets_are_told_together(landmark_file, landmarks, problems):
+def test_missing_and_misshapen_datasets_are_told_together(landmark_file, landmarks, problems, edit):
     edit(landmark_file, item=None, landmarks=np.zeros((5, 2, 4)), confidence=np.zeros((4, 4)))
     assert problems(read_landmarks, landmark_file) == (
         f"{landmark_file}:/item: there is no such dataset; store UTF-8 text (items)",
@@ -303,7 +111,7 @@ def test_missing_and_misshapen_datasets_are_told_together(landmark_file, landmar
     )
 
 
-def test_datasets_of_another_kind(shape_file, problems):
+def test_datasets_of_another_kind(shape_file, problems, edit):
     edit(shape_file, shapes="text", item=np.arange(5), edges=np.zeros((1, 2)))
     assert problems(READERS["shapes"], shape_file) == (
         f"{shape_file}:/item: holds values of type int64; store UTF-8 text (items)",
@@ -312,7 +120,7 @@ def test_datasets_of_another_kind(shape_file, problems):
     )
 
 
-def test_a_group_in_place_of_a_dataset(shape_file, problems):
+def test_a_group_in_place_of_a_dataset(shape_file, problems, edit):
     edit(shape_file, shapes=None, edges=None)
     with h5py.File(shape_file, "a") as file:
         file.create_group("shapes")
@@ -323,7 +131,7 @@ def test_a_group_in_place_of_a_dataset(shape_file, problems):
     )
 
 
-def test_a_damaged_dataset(shape_file, problems):
+def test_a_damaged_dataset(shape_file, problems, edit):
     edit(shape_file, shapes=None)
     with h5py.File(shape_file, "a") as file:
         stored = file.create_dataset(
@@ -338,7 +146,7 @@ def test_a_damaged_dataset(shape_file, problems):
     assert line.startswith(f"{shape_file}:/shapes: cannot be read (")
 
 
-def test_text_that_is_not_utf8(shape_file, problems):
+def test_text_that_is_not_utf8(shape_file, problems, edit):
     edit(shape_file, item=None)
     with h5py.File(shape_file, "a") as file:
         file["item"] = np.array([b"\xff", b"b", b"c", b"d", b"e"])
@@ -346,7 +154,7 @@ def test_text_that_is_not_utf8(shape_file, problems):
     assert line == f"{shape_file}:/item: holds text that is not UTF-8; write its texts as UTF-8"
 
 
-def test_landmark_names_that_repeat_or_are_empty(shape_file, problems):
+def test_landmark_names_that_repeat_or_are_empty(shape_file, problems, edit):
     edit(shape_file, landmark_names=["a", "b", "a", "c"])
     (line,) = problems(READERS["shapes"], shape_file)
     assert line.startswith(f"{shape_file}:/landmark_names[2]: repeats the name 'a'; ")
@@ -369,11 +177,8 @@ def test_a_dataset_that_cannot_be_carried(landmark_file, problems):
     assert line.startswith(f"{landmark_file}:/link: cannot be carried along; ")
 
 
-# Faults of the values
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_coordinates_of_shapes_must_be_finite(shape_file, shapes, problems, value):
+def test_coordinates_of_shapes_must_be_finite(shape_file, shapes, problems, value, edit):
     bad = shapes.shapes.swapaxes(1, 2).copy()
     bad[3, 1, 2] = value
     (line,) = problems(READERS["shapes"], edit(shape_file, shapes=bad))
@@ -384,7 +189,7 @@ def test_coordinates_of_shapes_must_be_finite(shape_file, shapes, problems, valu
     )
 
 
-def test_vertices_and_atoms_must_be_finite(shape_file, dictionary_file, shapes, problems):
+def test_vertices_and_atoms_must_be_finite(shape_file, dictionary_file, shapes, problems, edit):
     bad = shapes.mesh_vertices.swapaxes(1, 2).copy()
     bad[0, 5, 0] = np.nan
     (line,) = problems(READERS["shapes"], edit(shape_file, mesh_vertices=bad))
@@ -395,7 +200,7 @@ def test_vertices_and_atoms_must_be_finite(shape_file, dictionary_file, shapes, 
     assert lines[-1] == "... and 18 more"
 
 
-def test_infinite_landmarks_are_found_before_any_chunk(landmark_file, landmarks, problems):
+def test_infinite_landmarks_are_found_before_any_chunk(landmark_file, landmarks, problems, edit):
     bad = landmarks.landmarks.swapaxes(1, 2).copy()
     bad[4, 0, 1] = np.inf
     (line,) = problems(open_landmarks, [edit(landmark_file, landmarks=bad)])
@@ -404,7 +209,7 @@ def test_infinite_landmarks_are_found_before_any_chunk(landmark_file, landmarks,
 
 
 @pytest.mark.parametrize("value", [-0.1, np.nan, np.inf])
-def test_confidence_must_be_a_weight(landmark_file, landmarks, problems, value):
+def test_confidence_must_be_a_weight(landmark_file, landmarks, problems, value, edit):
     bad = landmarks.confidence.copy()
     bad[2, 3] = value
     (line,) = problems(open_landmarks, [edit(landmark_file, confidence=bad)])
@@ -415,7 +220,7 @@ def test_confidence_must_be_a_weight(landmark_file, landmarks, problems, value):
 
 
 def test_faults_far_into_the_file_are_named_by_their_row(
-    tmp_path, problems, monkeypatch, landmarks
+    tmp_path, problems, monkeypatch, landmarks, edit
 ):
     monkeypatch.setattr("shapefit.io.hdf5_reading.BLOCK", 2)
     bad = landmarks.landmarks.copy()
@@ -437,20 +242,20 @@ def test_faults_far_into_the_file_are_named_by_their_row(
     )
 
 
-def test_indices_must_point_at_something(shape_file, dictionary_file, problems):
+def test_indices_must_point_at_something(shape_file, dictionary_file, problems, edit):
     (line,) = problems(READERS["shapes"], edit(shape_file, edges=[[0, 1], [2, 4]]))
     assert line == f"{shape_file}:/edges[1]: holds the indices (2, 4); indices run from 0 to 3"
     (line,) = problems(read_dictionary, edit(dictionary_file, mesh_faces=[[0, -1, 2]]))
     assert line.endswith("/mesh_faces[0]: holds the indices (0, -1, 2); indices run from 0 to 5")
 
 
-def test_a_dictionary_without_atoms(dictionary_file, problems):
+def test_a_dictionary_without_atoms(dictionary_file, problems, edit):
     edit(dictionary_file, atoms=np.zeros((0, 4, 3)), mesh_vertices=None)
     (line,) = problems(read_dictionary, dictionary_file)
     assert line.startswith(f"{dictionary_file}:/atoms: has the shape (0, 4, 3); ")
 
 
-def test_duplicate_items_in_one_file(shape_file, result_file, problems):
+def test_duplicate_items_in_one_file(shape_file, result_file, problems, edit):
     for path, read in ((shape_file, READERS["shapes"]), (result_file, read_results)):
         edit(path, item=["a", "b", "c", "b", "b"])
         assert problems(read, path) == (
@@ -459,31 +264,3 @@ def test_duplicate_items_in_one_file(shape_file, result_file, problems):
             f"{path}:/item[4]: item 'b' stands also at {path}:/item[1]; "
             "give every item a name of its own",
         )
-
-
-# Writing
-
-
-def test_a_dictionary_is_not_written_as_csv(tmp_path, dictionary, problems):
-    for target in (tmp_path / "dict.csv", Path("-")):
-        assert "a dictionary cannot be CSV" in problems(write_dictionary, target, dictionary)[0]
-
-
-def test_chunks_must_go_together(tmp_path, landmarks):
-    path = tmp_path / "views.h5"
-
-    def write(*chunks):
-        with landmark_writer(path) as writer:
-            for chunk in chunks:
-                writer.append(chunk)
-
-    for other in (
-        replace(landmarks, confidence=None),
-        replace(landmarks, landmark_names=("a", "b", "c", "d")),
-        replace(landmarks, extras={}),
-    ):
-        with pytest.raises(ValueError, match="not those of the first"):
-            write(landmarks, other)
-    with pytest.raises(ValueError, match="nothing was appended"):
-        write()
-    assert not path.exists()

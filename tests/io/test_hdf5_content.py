@@ -1,0 +1,192 @@
+"""HDF5 files: what is stored, carried and read."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.io import (
+    landmark_writer,
+    open_landmarks,
+    read_dictionary,
+    read_results,
+    read_shapes,
+    result_writer,
+    write_dictionary,
+    write_shapes,
+)
+
+
+def read_landmarks(*paths):
+    with open_landmarks(paths) as source:
+        return list(source.chunks(3))
+
+
+def test_files_are_laid_out_as_promised(shape_file, landmark_file, result_file, dictionary_file):
+    expected = {
+        shape_file: ("shapefit-shapes", {"shapes": (5, 4, 3), "mesh_vertices": (5, 6, 3)}),
+        landmark_file: ("shapefit-landmarks", {"landmarks": (5, 4, 2), "confidence": (5, 4)}),
+        result_file: (
+            "shapefit-result",
+            {"shapes": (5, 4, 3), "landmarks_fitted": (5, 4, 2), "transforms": (5, 7, 2, 3)},
+        ),
+        dictionary_file: ("shapefit-dictionary", {"atoms": (7, 4, 3), "mean_shape": (4, 3)}),
+    }
+    for path, (form, shapes_of) in expected.items():
+        with h5py.File(path) as file:
+            assert file.attrs["format"] == form
+            assert file.attrs["version"] == 1
+            assert file.attrs["unit"] in {"m", "px", "normalised"}
+            for name, shape in shapes_of.items():
+                assert file[name].shape == shape
+                assert file[name].dtype == np.float64
+            names = h5py.check_string_dtype(file["landmark_names"].dtype)
+            assert names.encoding == "utf-8"
+            assert names.length is None
+
+
+def test_one_point_a_row_in_the_file_one_a_column_in_memory(shape_file, shapes):
+    with h5py.File(shape_file) as file:
+        np.testing.assert_array_equal(file["shapes"][2, 1], shapes.shapes[2, :, 1])
+        np.testing.assert_array_equal(file["mesh_vertices"][4, 5], shapes.mesh_vertices[4, :, 5])
+    assert read_shapes([shape_file]).shapes.flags.c_contiguous
+
+
+def test_results_keep_attributes_and_carried_datasets(result_file, results):
+    found = read_results(result_file)
+    assert found.attributes == results.attributes
+    assert found.extras["true_model"].tolist() == list("vwxyz")
+    np.testing.assert_array_equal(found.extras["camera_matrix"], np.eye(3))
+    assert found.extras["maker"].item() == "José"
+    with h5py.File(result_file) as file:
+        assert file.attrs["version"] == 1
+        assert file.attrs["shapefit_version"] == "0.1.0"
+        assert file.attrs["method"] == "convex"
+
+
+def test_a_carried_dataset_never_hides_one_of_the_format(tmp_path, results):
+    path = tmp_path / "result.h5"
+    extras = {"scale": np.arange(5), "item": np.array(list("abcde"))}
+    with result_writer(path) as writer:
+        writer.append(replace(results, extras=extras))
+    found = read_results(path)
+    np.testing.assert_array_equal(found.scale, results.scale)
+    np.testing.assert_array_equal(found.extras["input_scale"], np.arange(5))
+    assert found.items == results.items
+    assert found.extras["input_item"].tolist() == list("abcde")
+
+
+def test_three_images_do_not_make_rows_of_the_camera_matrix(landmark_file, tmp_path):
+    (chunk, _) = read_landmarks(landmark_file)
+    assert len(chunk) == 3
+    np.testing.assert_array_equal(chunk.take([1]).extras["camera_matrix"], np.eye(3))
+    for other in ("camera_matrix", "palette"):
+        three = replace(chunk, extras=type(chunk.extras)({}, {other: np.eye(3)}))
+        with landmark_writer(tmp_path / "three.h5") as writer:
+            writer.append(three)
+        (again,) = read_landmarks(tmp_path / "three.h5")
+        np.testing.assert_array_equal(again.take([1]).extras[other], np.eye(3))
+
+
+def test_a_last_chunk_of_three_does_not_either(landmarks, tmp_path):
+    path = tmp_path / "views.h5"
+    with landmark_writer(path) as writer:
+        for rows in ([0, 1], [2, 3, 4]):
+            writer.append(replace(landmarks.take(rows), extras={"palette": np.eye(3)}))
+    (chunk, _) = read_landmarks(path)
+    assert len(chunk) == 3
+    np.testing.assert_array_equal(chunk.take([1]).extras["palette"], np.eye(3))
+
+
+def test_nested_datasets_are_carried(landmark_file, tmp_path, edit):
+    edit(landmark_file, **{"camera/focal": np.arange(5.0), "camera/model": "pinhole"})
+    first, _ = read_landmarks(landmark_file)
+    assert first.extras["camera/focal"].tolist() == [0, 1, 2]
+    assert first.extras["camera/model"].item() == "pinhole"
+    with landmark_writer(tmp_path / "again.h5") as writer:
+        writer.append(first)
+    with h5py.File(tmp_path / "again.h5") as file:
+        assert file["camera/model"].asstr()[()] == "pinhole"
+
+
+def test_long_attributes(tmp_path, results, dictionary):
+    text = '{"digest": "é"}' * 50_000
+    with result_writer(tmp_path / "result.h5") as writer:
+        writer.append(results)
+        writer.attributes["inputs"] = text
+    assert read_results(tmp_path / "result.h5").attributes["inputs"] == text
+    write_dictionary(tmp_path / "dict.h5", replace(dictionary, provenance={"inputs": text}))
+    assert read_dictionary(tmp_path / "dict.h5").provenance == {"inputs": text}
+
+
+def test_other_types_of_numbers_and_texts_are_read(landmark_file, landmarks, edit):
+    edit(
+        landmark_file,
+        landmarks=landmarks.landmarks.swapaxes(1, 2).astype("f4"),
+        confidence=np.ones((5, 4), bool),
+        item=np.array([b"a", b"b", b"c", b"d", b"e"]),
+    )
+    first, second = read_landmarks(landmark_file)
+    assert first.items + second.items == tuple("abcde")
+    assert first.landmarks.dtype == np.float64
+    np.testing.assert_allclose(first.landmarks, landmarks.landmarks[:3], rtol=1e-6)
+    assert (first.confidence == 1).all()
+
+
+def test_optional_datasets_may_be_missing(shape_file, dictionary_file, result_file, edit):
+    edit(shape_file, sequence=None, edges=None, mesh_vertices=None, mesh_faces=None)
+    found = read_shapes([shape_file])
+    assert found.sequences is found.edges is found.mesh_vertices is found.mesh_faces is None
+    edit(dictionary_file, edges=None, mesh_vertices=None, mesh_faces=None, objective_trace=None)
+    assert read_dictionary(dictionary_file).objective_trace.shape == (0,)
+    edit(result_file, coefficients=None, status=None, transforms=None)
+    assert read_results(result_file).coefficients is None
+
+
+def test_a_landmark_with_half_a_position_is_unseen(landmark_file, landmarks, edit):
+    points = landmarks.landmarks.swapaxes(1, 2).copy()
+    points[0, 0] = (1.0, np.nan)
+    first, _ = read_landmarks(edit(landmark_file, landmarks=points))
+    assert np.isnan(first.landmarks[0, :, 0]).all()
+
+
+def test_zero_images(tmp_path, landmarks, results, shapes):
+    with landmark_writer(tmp_path / "views.h5") as writer:
+        writer.append(landmarks.take([]))
+    (none,) = read_landmarks(tmp_path / "views.h5")
+    assert len(none) == 0
+    assert none.landmark_names == landmarks.landmark_names
+    with result_writer(tmp_path / "result.h5") as writer:
+        writer.append(results.take([]))
+    assert len(read_results(tmp_path / "result.h5")) == 0
+    write_shapes(tmp_path / "shapes.h5", shapes.take([]))
+    assert len(read_shapes([tmp_path / "shapes.h5"])) == 0
+
+
+def test_a_dictionary_is_not_written_as_csv(tmp_path, dictionary, problems):
+    for target in (tmp_path / "dict.csv", Path("-")):
+        assert "a dictionary cannot be CSV" in problems(write_dictionary, target, dictionary)[0]
+
+
+def test_chunks_must_go_together(tmp_path, landmarks):
+    path = tmp_path / "views.h5"
+
+    def write(*chunks):
+        with landmark_writer(path) as writer:
+            for chunk in chunks:
+                writer.append(chunk)
+
+    for other in (
+        replace(landmarks, confidence=None),
+        replace(landmarks, landmark_names=("a", "b", "c", "d")),
+        replace(landmarks, extras={}),
+    ):
+        with pytest.raises(ValueError, match="not those of the first"):
+            write(landmarks, other)
+    with pytest.raises(ValueError, match="nothing was appended"):
+        write()
+    assert not path.exists()
