@@ -79,6 +79,10 @@ def learn(
     def total(B: Floats, C: Floats) -> float:
         return float(objectives(shapes, B, beta, C).sum())
 
+    def recode(B: Floats, C: Floats) -> tuple[Floats, Floats]:
+        B = replace_dead_atoms(shapes, C, B, bound)
+        return B, sparse_code(shapes, B, beta, start=C)
+
     B = _scaled_to(bound, chosen)
     C = sparse_code(shapes, B, beta)
     trace = [total(B, C)]
@@ -86,16 +90,13 @@ def learn(
     for _ in range(iterations):
         updated = update_atoms(shapes, C, B, bound)
         trace.append(total(updated, C))
-        beyond = _within(bound, updated + reach * (updated - B))
-        B_next = replace_dead_atoms(shapes, C, beyond, bound)
-        C_next = sparse_code(shapes, B_next, beta, start=C)
-        if total(B_next, C_next) <= trace[-1]:
+        recoded = recode(_within(bound, updated + reach * (updated - B)), C)
+        if total(*recoded) <= trace[-1]:
             reach *= LONGER
         else:
             reach *= SHORTER
-            B_next = replace_dead_atoms(shapes, C, updated, bound)
-            C_next = sparse_code(shapes, B_next, beta, start=C)
-        B, C = B_next, C_next
+            recoded = recode(updated, C)
+        B, C = recoded
         trace.append(total(B, C))
         yield Learned(B, C, np.array(trace))
         if trace[-3] - trace[-1] <= tolerance * trace[-3]:

@@ -134,6 +134,14 @@ class TestHostileAtoms:
             assert (gaps <= 1e-7 * energy).all(), name
             assert ((C > 0).sum(axis=1) <= 12).all(), name
 
+    def test_atoms_in_use_are_independent(self, rng):
+        shapes = rng.standard_normal((50, 3, 4))
+        for name, atoms in self.families(rng):
+            start = rng.random((50, len(atoms)))
+            for c in sparse_code(shapes, atoms, 0.1, start=start):
+                in_use = flat(atoms)[c > 0]
+                assert np.linalg.matrix_rank(in_use) == len(in_use), name
+
     def test_a_start_on_dependent_atoms_is_left_for_the_optimum(self, rng):
         shapes = rng.standard_normal((50, 3, 4))
         for name, atoms in self.families(rng):
@@ -202,6 +210,19 @@ class TestStart:
     def test_a_wrong_start_is_refused(self, shapes, atoms, start):
         with pytest.raises(ValueError, match="start"):
             sparse_code(shapes, atoms, BETA, start=start)
+
+
+@pytest.mark.parametrize("size", [0.01, 1.0, 100.0])
+def test_the_tolerance_is_a_share_of_the_shape(shapes, atoms, size):
+    # No single coefficient, set to its best, would move the shape by more than the tolerance.
+    B = size * flat(atoms)
+    C = sparse_code(shapes, size * atoms, size * BETA, tolerance=0.1)
+    slope = (C @ B - flat(shapes)) @ B.T + size * BETA
+    squares = (B**2).sum(axis=1)
+    moves = np.abs(np.maximum(C - slope / squares, 0) - C) * np.sqrt(squares)
+    shares = (moves / np.linalg.norm(flat(shapes), axis=1)[:, None]).max(axis=1)
+    assert (shares <= 0.1).all()
+    assert shares.max() > 0.01
 
 
 def test_an_unreachable_tolerance_warns(shapes, atoms):

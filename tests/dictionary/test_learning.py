@@ -174,16 +174,15 @@ class TestDeadAtoms:
         C = np.ones((80, 3))
         np.testing.assert_array_equal(replace_dead_atoms(shapes, C, shapes[:3], 1.0), shapes[:3])
 
-    def test_learning_brings_them_to_life(self, shapes):
-        # Every start is the same shape, so all atoms but one are dead at first.
-        chosen = np.linspace(0, 79, 8).round().astype(int)
-        shapes[chosen] = shapes[0]
-        atoms = shapes[chosen] / norms(shapes[chosen])[:, None, None]
-        first = sparse_code(shapes, atoms, BETA)
-        assert Learned(atoms, first, np.empty(0)).dead_atoms == 7
-        state = last(learn(shapes, 8, BETA, iterations=10))
+    def test_one_round_brings_them_to_life(self, shapes):
+        # All 8 shapes that learning starts from are the same one.
+        shapes[np.linspace(0, 79, 8).round().astype(int)] = shapes[0]
+        start = np.repeat(shapes[:1] / norms(shapes[0]), 8, axis=0)
+        first = sparse_code(shapes, start, BETA)
+        assert Learned(start, first, np.empty(0)).dead_atoms == 7
+        state = next(learn(shapes, 8, BETA, iterations=1))
         assert state.dead_atoms == 0
-        assert (np.diff(state.trace) <= 0).all()
+        assert (np.diff(state.trace) < 0).all()
 
 
 class TestFigures:
@@ -210,6 +209,14 @@ def test_reaching_beyond_the_update_pays(shapes, monkeypatch):
     monkeypatch.setattr(learning, "REACH", 0.0)
     plain = last(learn(shapes, 8, BETA, iterations=10))
     assert overrelaxed.trace[-1] < plain.trace[-1]
+
+
+def test_a_reach_that_does_not_pay_falls_back_on_the_update(shapes, monkeypatch):
+    monkeypatch.setattr(learning, "REACH", 0.0)
+    plain = last(learn(shapes, 8, BETA, iterations=1))
+    monkeypatch.setattr(learning, "REACH", 1e6)
+    fallen_back = last(learn(shapes, 8, BETA, iterations=1))
+    np.testing.assert_array_equal(fallen_back.atoms, plain.atoms)
 
 
 @pytest.mark.real_data
