@@ -1,0 +1,235 @@
+"""The sample data are what their page says, and what their scripts make."""
+
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+import trimesh
+
+from shapefit.io import open_landmarks, read_shapes
+
+MADE = {
+    "make_people": (
+        *("people_train.h5", "people_test.h5"),
+        *("people_frames.csv", "people_views.csv", "one_person.csv"),
+    ),
+    "make_cars": ("cars.h5", "cars_views.h5", "cars_views.csv"),
+}
+ACTIVITIES = {"walk", "run", "jump", "box", "wave", "squat", "kick", "throw"}
+ROUNDING = 1e-5
+FOCAL_LENGTH, PRINCIPAL_POINT = 1600.0, np.array([640.0, 480.0])
+
+
+@pytest.fixture(scope="module")
+def folder(project):
+    return project / "sample_data"
+
+
+@pytest.fixture(scope="module")
+def cars(folder):
+    return read_shapes([folder / "cars.h5"])
+
+
+def images(path):
+    with open_landmarks([path]) as source:
+        (chunk,) = source.chunks(10**6)
+    return chunk
+
+
+def activities(shapes):
+    return [name.partition("_")[0] for name in dict.fromkeys(shapes.sequences)]
+
+
+@pytest.mark.parametrize("script", MADE)
+def test_the_scripts_make_the_same_files_again(project, folder, tmp_path, script):
+    command = [sys.executable, "-m", f"sample_data.{script}", str(tmp_path)]
+    subprocess.run(command, cwd=project, check=True)
+    assert {path.name for path in tmp_path.iterdir()} == set(MADE[script])
+    for name in MADE[script]:
+        if name.endswith(".csv"):
+            assert (folder / name).read_bytes() == (tmp_path / name).read_bytes()
+            continue
+        with h5py.File(folder / name) as stored, h5py.File(tmp_path / name) as made:
+            assert dict(stored.attrs) == dict(made.attrs)
+            assert stored.keys() == made.keys()
+            for dataset in stored:
+                assert stored[dataset].dtype == made[dataset].dtype
+                np.testing.assert_array_equal(stored[dataset][:], made[dataset][:], err_msg=dataset)
+
+
+def test_the_page_names_every_file_and_they_are_small(folder):
+    page = (folder / "README.md").read_text(encoding="utf-8")
+    files = [path for path in folder.iterdir() if path.suffix in {".h5", ".csv"}]
+    assert {path.name for path in files} == {name for names in MADE.values() for name in names}
+    assert all(f"| `{path.name}` |" in page for path in files)
+    assert sum(path.stat().st_size for path in files) < 3e6
+
+
+@pytest.mark.parametrize(("name", "frames", "clips"), [("train", 120, 2), ("test", 80, 1)])
+def test_people_do_every_activity(folder, name, frames, clips):
+    shapes = read_shapes([folder / f"people_{name}.h5"])
+    assert sorted(activities(shapes)) == sorted(list(ACTIVITIES) * clips)
+    assert len(shapes) == frames * clips * len(ACTIVITIES)
+    assert shapes.edges.shape == (14, 2)
+    assert shapes.landmark_names[:3] == ("pelvis", "rhip", "rknee")
+
+
+def test_nobody_is_in_both_training_and_test(folder):
+    training, test = (read_shapes([folder / f"people_{n}.h5"]) for n in ("train", "test"))
+    assert not set(training.extras["subject"]) & set(test.extras["subject"])
+
+
+@pytest.mark.parametrize("name", ["train", "test"])
+def test_bones_keep_their_length_and_people_differ(folder, name):
+    shapes = read_shapes([folder / f"people_{name}.h5"])
+    start, end = shapes.edges.T
+    lengths = np.linalg.norm(shapes.shapes[..., start] - shapes.shapes[..., end], axis=1)
+    subjects = shapes.extras["subject"]
+    bodies = []
+    for subject in dict.fromkeys(subjects):
+        own = lengths[subjects == subject]
+        assert np.ptp(own, axis=0).max() < 4 * ROUNDING
+        bodies.append(own[0])
+    for first in range(len(bodies)):
+        for second in range(first):
+            assert np.abs(bodies[first] - bodies[second]).max() > 0.01
+
+
+@pytest.mark.parametrize("name", ["train", "test"])
+def test_people_move_smoothly_above_the_ground(folder, name):
+    shapes = read_shapes([folder / f"people_{name}.h5"])
+    assert shapes.shapes[:, 1].min() > 0
+    sequences = np.array(shapes.sequences)
+    for sequence in dict.fromkeys(shapes.sequences):
+        joints = shapes.shapes[sequences == sequence]
+        speed = 24 * np.linalg.norm(np.diff(joints, axis=0), axis=1)
+        assert 0.5 < speed.max() < 13
+        assert np.linalg.norm(np.diff(joints, 2, axis=0), axis=1).max() < 0.45
+
+
+def test_the_tables_of_people_are_frames_of_the_test_set(folder):
+    truth = read_shapes([folder / "people_test.h5"])
+    frames = read_shapes([folder / "people_frames.csv"])
+    where = [truth.items.index(item) for item in frames.items]
+    assert frames.landmark_names == truth.landmark_names
+    np.testing.assert_allclose(frames.shapes, truth.shapes[where], atol=ROUNDING)
+
+    views = images(folder / "people_views.csv")
+    assert len(views) == 12
+    assert set(views.items) <= set(truth.items)
+    assert np.isfinite(views.landmarks[:, 0]).sum(axis=1).min() >= 10
+    assert np.isnan(views.landmarks).any()
+    one = images(folder / "one_person.csv")
+    assert (len(one), np.isfinite(one.landmarks).all()) == (1, True)
+
+
+def test_there_are_cars_of_six_kinds(cars):
+    kinds = [item.partition("_")[0] for item in cars.items]
+    assert len(cars) == 18
+    assert set(kinds) == {"sedan", "hatchback", "estate", "suv", "pickup", "van"}
+    assert min(kinds.count(kind) for kind in kinds) >= 2
+    assert len(cars.landmark_names) >= 40
+
+
+def test_every_mesh_is_closed_and_wound_outward(cars):
+    assert cars.mesh_vertices.shape[2] >= 1000
+    for vertices in cars.mesh_vertices:
+        mesh = trimesh.Trimesh(vertices.T, cars.mesh_faces, process=False)
+        assert np.isfinite(mesh.vertices).all()
+        assert mesh.is_watertight
+        assert mesh.is_winding_consistent
+        assert mesh.area_faces.min() > 1e-7
+        parts = mesh.split(only_watertight=False)
+        assert len(parts) == 9  # the body, four wheels, two mirrors, two plates
+        assert all(part.volume > 0 for part in parts)
+        assert 5 < mesh.volume < 15
+
+
+def test_meshes_have_the_size_of_cars(cars):
+    width, height, length = np.ptp(cars.mesh_vertices, axis=2).T
+    assert ((width > 1.7) & (width < 2.3)).all()
+    assert ((height > 1.3) & (height < 2.1)).all()
+    assert ((length > 3.5) & (length < 5.4)).all()
+    np.testing.assert_allclose(cars.mesh_vertices[:, 1].min(axis=1), 0, atol=1e-4)
+
+
+def test_left_and_right_are_mirror_images(cars):
+    mirror = cars.extras["mirror_index"]
+    flip = np.array([-1, 1, 1])[:, None]
+    np.testing.assert_array_equal(mirror[mirror], np.arange(len(mirror)))
+    np.testing.assert_allclose(flip * cars.shapes[..., mirror], cars.shapes, atol=1e-6)
+    for here, there in enumerate(mirror):
+        side, _, spot = cars.landmark_names[here].partition("_")
+        other = {"left": "right", "right": "left"}[side]
+        assert cars.landmark_names[there] == f"{other}_{spot}"
+        assert (cars.shapes[:, 0, here] > 0).all() == (side == "left")
+    for vertices in cars.mesh_vertices:
+        ordered = [np.lexsort(v.round(4)) for v in (vertices, flip * vertices)]
+        mirrored = (flip * vertices)[:, ordered[1]]
+        np.testing.assert_allclose(mirrored, vertices[:, ordered[0]], atol=1e-6)
+
+
+def test_landmarks_are_the_same_vertices_on_every_car(cars):
+    apart = cars.mesh_vertices[0, :, None, :] - cars.shapes[0, :, :, None]
+    vertex = (apart**2).sum(axis=0).argmin(axis=1)
+    np.testing.assert_array_equal(cars.mesh_vertices[..., vertex], cars.shapes)
+
+
+def test_landmarks_lie_where_their_names_say(cars):
+    def at(name):
+        return cars.shapes[..., cars.landmark_names.index(name)].T
+
+    assert (at("left_front_wheel")[2] > 1).all()
+    assert (at("left_rear_wheel")[2] < -1).all()
+    assert (at("left_windscreen_top")[1] > at("left_windscreen_bottom")[1] + 0.3).all()
+    assert (at("left_windscreen_top")[2] < at("left_windscreen_bottom")[2] - 0.2).all()
+    assert (at("left_front_light_top_outer")[0] > at("left_front_light_top_inner")[0]).all()
+    assert (at("left_rear_light_bottom_outer")[2] < at("left_rear_wheel")[2]).all()
+    assert (at("left_mirror")[0] > at("left_front_window_corner")[0] + 0.1).all()
+
+
+def test_views_are_pictures_of_the_cars_under_their_true_rotation(folder, cars):
+    views = images(folder / "cars_views.h5")
+    assert (len(views), views.unit, views.y_axis) == (108, "px", "down")
+    assert views.landmark_names == cars.landmark_names
+    R = views.extras["true_rotation"].astype(float)
+    np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-5)
+    for view, model in enumerate(views.extras["true_model"]):
+        x, y, z = R[view] @ cars.shapes[cars.items.index(model)]
+        u, v = (views.landmarks[view] - PRINCIPAL_POINT[:, None]) / FOCAL_LENGTH
+        seen = np.isfinite(u)
+        # u (z + tz) = x + tx and v (z + tz) = y + ty, linear in the translation (tx, ty, tz).
+        one, zero = np.ones(seen.sum()), np.zeros(seen.sum())
+        A = np.concatenate(
+            [np.stack([one, zero, -u[seen]], axis=1), np.stack([zero, one, -v[seen]], axis=1)]
+        )
+        b = np.concatenate([(u * z - x)[seen], (v * z - y)[seen]])
+        translation = np.linalg.lstsq(A, b, rcond=None)[0]
+        assert 8.5 < translation[2] < 15.5
+        pixels = FOCAL_LENGTH * (A @ translation - b) / translation[2]
+        assert np.sqrt((pixels**2).mean()) < 1
+
+
+def test_a_car_hides_the_landmarks_of_its_far_side(folder):
+    views = images(folder / "cars_views.h5")
+    seen = np.isfinite(views.landmarks[:, 0])
+    assert seen.sum(axis=1).min() >= 20
+    assert 0.4 < seen.mean() < 0.7
+    to_camera = -views.extras["true_rotation"][:, 2]
+    for name, direction in (
+        *(("left_front_wheel", [1, 0, 0]), ("right_rear_wheel", [-1, 0, 0])),
+        *(("left_front_plate_top", [0, 0, 1]), ("right_rear_plate_top", [0, 0, -1])),
+    ):
+        facing = to_camera @ np.array(direction)
+        column = seen[:, views.landmark_names.index(name)]
+        assert not column[facing < -0.3].any()
+        assert column[facing > 0.3].all()
+
+
+def test_the_table_of_views_holds_the_same_pictures(folder):
+    stored, table = (images(folder / f"cars_views.{suffix}") for suffix in ("h5", "csv"))
+    assert stored.items == table.items
+    assert stored.landmark_names == table.landmark_names
+    np.testing.assert_allclose(stored.landmarks, table.landmarks, atol=1e-4)
