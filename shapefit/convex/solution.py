@@ -12,9 +12,13 @@ Floats = NDArray[np.float64]
 
 
 class Status(Enum):
-    """How the work on one image ended; the value is the word in files and reports."""
+    """How the work on one image ended; the value is the word in files and reports.
+
+    CONVERGED is the end of a method that finds a local optimum.
+    """
 
     OPTIMAL = "optimal"
+    CONVERGED = "converged"
     ITERATION_LIMIT = "iteration limit"
     DEGENERATE = "degenerate input"
     NUMERICAL_FAILURE = "numerical failure"

@@ -1,22 +1,21 @@
-"""Lift a batch of landmarks: normalise, solve the convex program, reconstruct, scale back."""
+"""Lift a batch of landmarks: normalise, estimate the shapes by some method, scale back."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.convex.problem import Loss, Problem, build_problem
-from shapefit.convex.solution import Solution, Status
+from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.lifting.degeneracy import find_degenerate
+from shapefit.lifting.estimate import Estimate, Estimator
 from shapefit.lifting.noise_level import lambda_for_noise
-from shapefit.lifting.reconstruction import Reconstruction, reconstruct
 
 Floats = NDArray[np.float64]
-Solve = Callable[[Problem], Solution]
 
 
 @dataclass(frozen=True)
@@ -33,37 +32,32 @@ class Program:
     beta: float = 0.1
     noise: float = 0.0
 
-    @property
-    def is_robust(self) -> bool:
-        """Return whether the loss tells outliers."""
-        return self.loss in (Loss.ABSOLUTE, Loss.SPARSE_ERROR)
-
 
 @dataclass(frozen=True)
 class Lifting:
     """Shapes in the camera frame and the units of the landmarks, and all that they rest on.
 
-    landmarks = scale sum_i M_i B_i + translation. shapes (n, 3, p), with mean depth 0;
-    landmarks_fitted (n, 2, p); translation (n, 2), scale (n,); reconstruction and solution in
-    normalised units; outliers (n, p) for robust losses; failures: image -> reason, for images
-    without a shape (nan).
+    landmarks_fitted (n, 2, p) = scale (first two rows of the estimate) + translation. shapes
+    (n, 3, p), with mean depth 0; translation (n, 2), scale (n,); problem and estimate in
+    normalised units; failures: image -> reason, for images without a shape (nan).
     """
 
     shapes: Floats
     landmarks_fitted: Floats
     translation: Floats
     scale: Floats
-    reconstruction: Reconstruction
     problem: Problem
-    solution: Solution
-    outliers: NDArray[np.bool_] | None
+    estimate: Estimate
     failures: Mapping[int, str]
 
 
 def lift(
-    landmarks: Floats, weights: Floats, atoms: Floats, program: Program, solve: Solve
+    landmarks: Floats, weights: Floats, atoms: Floats, program: Program, estimator: Estimator
 ) -> Lifting:
-    """Lift n images; landmarks (n, 2, p), weights (n, p) with 0 = hidden, atoms (k, 3, p)."""
+    """Lift n images; landmarks (n, 2, p), weights (n, p) with 0 = hidden, atoms (k, 3, p).
+
+    `estimator` is a method with its settings, see choose_method.
+    """
     failures = find_degenerate(landmarks, weights)
     fine = np.ones(len(landmarks), dtype=bool)
     fine[list(failures)] = False
@@ -78,15 +72,14 @@ def lift(
         loss=program.loss,
         beta=program.beta,
     )
-    solution = solve(problem)
-    for image, status in enumerate(solution.status):
+    found = estimator(problem)
+    for image, status in enumerate(found.status):
         if status is Status.NUMERICAL_FAILURE:
             failures[image] = "numerical failure in the solver"
             fine[image] = False
 
-    found = reconstruct(solution.transforms, atoms)
     scale = np.where(fine, norm.scale, np.nan)
-    translation = scale[:, None] * solution.translation + norm.centroid
+    translation = scale[:, None] * found.translation + norm.centroid
     shapes = scale[:, None, None] * found.shapes
     shapes[:, :2] += translation[:, :, None]
     return Lifting(
@@ -94,10 +87,8 @@ def lift(
         landmarks_fitted=shapes[:, :2],
         translation=translation,
         scale=scale,
-        reconstruction=found,
         problem=problem,
-        solution=solution,
-        outliers=find_outliers(program, weights, solution) if program.is_robust else None,
+        estimate=found,
         failures=failures,
     )
 
@@ -109,14 +100,3 @@ def choose_lambda(program: Program, atoms: Floats, scale: Floats, visible_share:
     if program.lam is None:
         return lambda_for_noise(atoms, program.noise, scale, visible_share)
     return np.full_like(scale, program.lam)
-
-
-def find_outliers(program: Program, weights: Floats, solution: Solution) -> NDArray[np.bool_]:
-    """Landmarks (n, p) with a weighted residual beyond beta in a coordinate.
-
-    For the sparse-error loss these are the ones with an error E that is not 0.
-    """
-    errors = np.abs(solution.errors)
-    if program.loss is Loss.ABSOLUTE:
-        return np.any(errors * weights[:, None, :] > program.beta, axis=1)
-    return np.any(errors > 0, axis=1)

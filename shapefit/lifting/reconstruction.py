@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.convex.spectral_norm import spectral_norm
-from shapefit.geometry.rotations import nearest_rotation
+from shapefit.geometry.rotations import complete_rotation, nearest_rotation
 
 Floats = NDArray[np.float64]
 
@@ -46,10 +46,27 @@ def complete_transforms(M: Floats) -> Floats:
     return np.concatenate([M, third[..., None, :]], axis=-2)
 
 
-def reconstruct(M: Floats, atoms: Floats) -> Reconstruction:
+def orthogonal_transforms(M: Floats) -> Floats:
+    """c_i R_i with c_i = ||M_i||_2 and R_i the rotation nearest to M_i / c_i.
+
+    M (..., 2, 3) -> (..., 3, 3). The projection to SO(3) of the paper's Discussion: unlike
+    complete_transforms it also makes the first two rows orthonormal.
+    """
+    return spectral_norm(M)[..., None, None] * complete_rotation(M)
+
+
+def is_active(coefficients: Floats) -> NDArray[np.bool_]:
+    """Atoms whose coefficient (n, k) is not negligible beside the largest of the image."""
+    size = np.abs(coefficients)
+    active: NDArray[np.bool_] = size > ACTIVE * size.max(axis=1, keepdims=True)
+    return active
+
+
+def reconstruct(M: Floats, atoms: Floats, *, orthogonal: bool = False) -> Reconstruction:
     """S = sum_i c_i R_i B_i (paper, eq. new3dmodel); M (n, k, 2, 3), atoms B (k, 3, p).
 
-    Most transforms are 0, so the work is done on the list of the others.
+    R_i completes M_i / c_i, or is the rotation nearest to it where `orthogonal`. Most transforms
+    are 0, so the work is done on the list of the others.
     """
     n, k = M.shape[:2]
     image, atom = np.nonzero(M.any(axis=(2, 3)))
@@ -58,10 +75,10 @@ def reconstruct(M: Floats, atoms: Floats) -> Reconstruction:
     coefficients = np.zeros((n, k))
     coefficients[image, atom] = c
     turned = np.zeros((n, 3, k, 3))
-    turned[image, :, atom] = complete_transforms(blocks)
+    turned[image, :, atom] = (orthogonal_transforms if orthogonal else complete_transforms)(blocks)
     shapes = turned.reshape(n, 3, 3 * k) @ atoms.reshape(3 * k, -1)
 
-    active = coefficients > ACTIVE * coefficients.max(axis=1, keepdims=True)
+    active = is_active(coefficients)
     total = turned.sum(axis=2)
     rotation = np.full((n, 3, 3), np.nan)
     known = np.isfinite(total).all(axis=(1, 2)) & active.any(axis=1)
@@ -69,6 +86,6 @@ def reconstruct(M: Floats, atoms: Floats) -> Reconstruction:
 
     gram = blocks @ blocks.swapaxes(-1, -2) / (c**2)[:, None, None]
     skewed = np.linalg.norm(gram - np.eye(2), axis=(-2, -1)) > ORTHOGONAL
-    tight = active.any(axis=1)
+    tight = np.asarray(active.any(axis=1))
     tight[image[skewed & active[image, atom]]] = False
     return Reconstruction(shapes, coefficients, rotation, active.sum(axis=1), tight)

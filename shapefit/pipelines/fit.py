@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,8 @@ from shapefit.io import (
     result_writer,
 )
 from shapefit.io.extras import Extras
-from shapefit.lifting.lift import Lifting, Program, Solve, lift
+from shapefit.lifting.lift import Lifting, Program, lift
+from shapefit.lifting.methods import Settings, Solve, choose_method
 from shapefit.pipelines.outcome import Failure, Outcome
 
 Floats = NDArray[np.float64]
@@ -33,13 +35,19 @@ Floats = NDArray[np.float64]
 def run(config: FitConfig) -> Iterator[Outcome]:
     """Lift every image of the landmark files; yields an Outcome a chunk."""
     dictionary = read_dictionary(config.dictionary)
-    program, solve = choose_program(config), choose_solver(config)
+    program = choose_program(config)
+    settings = Settings(
+        solve=choose_solver(config), mean_shape=dictionary.mean_shape, threads=config.threads
+    )
+    estimator = choose_method(config.method, settings)
     solve_seconds, done = 0.0, 0
     with open_landmarks(config.landmarks) as source, result_writer(config.output) as writer:
         for chunk in source.chunks(config.chunk):
             images = chunk.arrange(dictionary.landmark_names, source_names(config))
             began = time.perf_counter()
-            lifting = lift(images.landmarks, find_weights(images), dictionary.atoms, program, solve)
+            lifting = lift(
+                images.landmarks, find_weights(images), dictionary.atoms, program, estimator
+            )
             solve_seconds += time.perf_counter() - began
             writer.append(as_result(images, lifting, config))
             done += len(images)
@@ -105,10 +113,12 @@ def find_weights(images: LandmarkSet) -> Floats:
 
 def as_result(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> ResultSet:
     """Lay out a chunk as it is stored, with the observed landmarks beside the fitted ones."""
-    solution, found = lifting.solution, lifting.reconstruction
+    found = lifting.estimate
     failed = np.isnan(lifting.scale)
 
-    def known(values: Floats) -> Floats:
+    def known(values: Floats | None) -> Floats | None:
+        if values is None:
+            return None
         shape = (-1,) + (1,) * (values.ndim - 1)
         return np.where(failed.reshape(shape), np.nan, values)
 
@@ -119,14 +129,14 @@ def as_result(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> Resul
         rotation=known(found.rotation),
         translation=lifting.translation,
         scale=lifting.scale,
-        objective=known(solution.objective),
-        relative_gap=known(solution.relative_gap),
-        iterations=solution.iterations,
-        status=np.array([status.value for status in solution.status], dtype=object),
+        objective=known(found.objective),
+        relative_gap=known(found.relative_gap),
+        iterations=found.iterations,
+        status=np.array([status.value for status in found.status], dtype=object),
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
-        transforms=known(solution.transforms) if config.transforms else None,
+        transforms=known(found.transforms) if config.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
         extras=further_datasets(images, lifting),
@@ -136,25 +146,26 @@ def as_result(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> Resul
 def further_datasets(images: LandmarkSet, lifting: Lifting) -> Extras:
     """Join what came with the landmarks with what only some fits have."""
     visible = (lifting.problem.weights > 0)[:, None, :]
-    own = {
+    found = lifting.estimate
+    own: dict[str, NDArray[Any] | None] = {
         "landmarks": np.where(visible, images.landmarks, np.nan).swapaxes(1, 2),
         "lambda": lifting.problem.lam,
-        "residual": lifting.solution.residual,
-        "active_atoms": lifting.reconstruction.active_atoms,
-        "tight": lifting.reconstruction.tight,
+        "residual": found.residual,
+        "active_atoms": found.active_atoms,
+        "tight": found.tight,
+        "outliers": found.outliers,
     }
-    if lifting.outliers is not None:
-        own["outliers"] = lifting.outliers
+    known = {name: values for name, values in own.items() if values is not None}
     carried = Extras.of(images.extras, len(images))
-    return Extras({**carried.per_item, **own}, carried.whole)
+    return Extras({**carried.per_item, **known}, carried.whole)
 
 
 def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[Failure, ...]:
     """List the items without a shape and, where `strict`, those that are not optimal."""
     reasons = dict(lifting.failures)
     if config.strict:
-        for image, status in enumerate(lifting.solution.status):
-            if status is not Status.OPTIMAL:
+        for image, status in enumerate(lifting.estimate.status):
+            if status not in (Status.OPTIMAL, Status.CONVERGED):
                 reasons.setdefault(image, describe(lifting, image))
     return tuple(Failure(images.items[image], reasons[image]) for image in sorted(reasons))
 
@@ -163,19 +174,20 @@ def find_warnings(lifting: Lifting, config: FitConfig) -> tuple[str, ...]:
     """Say how many images stopped at the iteration limit."""
     limited = [
         image
-        for image, status in enumerate(lifting.solution.status)
+        for image, status in enumerate(lifting.estimate.status)
         if status is Status.ITERATION_LIMIT
     ]
     if config.strict or not limited:
         return ()
-    worst = max(limited, key=lambda image: lifting.solution.relative_gap[image])
+    gap = lifting.estimate.relative_gap
+    worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
     return (f"{len(limited)} images not optimal, the worst: {describe(lifting, worst)}",)
 
 
 def describe(lifting: Lifting, image: int) -> str:
     """Say how far an image got."""
-    solution = lifting.solution
-    return (
-        f"{solution.status[image].value} after {solution.iterations[image]} iterations, "
-        f"relative gap {solution.relative_gap[image]:.2g}"
-    )
+    found = lifting.estimate
+    reached = f"{found.status[image].value} after {found.iterations[image]} iterations"
+    if found.relative_gap is None:
+        return reached
+    return f"{reached}, relative gap {found.relative_gap[image]:.2g}"

@@ -1,0 +1,74 @@
+"""Alternating minimisation of the model with one rotation shared by all atoms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.convex.problem import Loss, Problem
+from shapefit.convex.solution import Status
+from shapefit.lifting.alternation_kernels import alternate_stretch
+from shapefit.lifting.stretches import run_stretches
+
+Floats = NDArray[np.float64]
+
+_STATUS = (
+    Status.CONVERGED,
+    Status.ITERATION_LIMIT,
+    Status.DEGENERATE,
+    Status.NUMERICAL_FAILURE,
+)
+
+
+@dataclass(frozen=True)
+class Alternation:
+    """Local minima for n images: S = R sum_i c_i B_i.
+
+    coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0, for it is unknown then; rounds
+    (n,), over all starts of an image; status, a Status an image.
+    """
+
+    coefficients: Floats
+    rotation: Floats
+    rounds: NDArray[np.int64]
+    status: tuple[Status, ...]
+
+
+def alternate(
+    problem: Problem,
+    starts: Floats,
+    *,
+    signed: bool = False,
+    tolerance: float = 1e-6,
+    max_rounds: int = 500,
+    threads: int = 0,
+) -> Alternation:
+    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar Rbar^T = I.
+
+    (Paper, eq. originalnoisy, with weights and translation.) Each round minimises over c >= 0
+    (any c where `signed`), exactly, and over T with it; then takes Rbar to a local minimum by
+    trust region steps. Neither raises the objective. It stops when a round lowers it by at most
+    `tolerance` of itself. starts (n, s, 3, 3) are the rotations to begin at: the best result of
+    an image counts. Fewer than two visible landmarks are DEGENERATE.
+    """
+    if problem.loss is not Loss.SQUARED:
+        raise ValueError(f"alternation knows the squared loss only, not {problem.loss.value}")
+    n, k = len(problem.landmarks), len(problem.atoms)
+    if starts.shape[0] != n or starts.shape[2:] != (3, 3) or starts.shape[1] == 0:
+        raise ValueError(f"starts {starts.shape} must be ({n}, s, 3, 3)")
+    starts = np.ascontiguousarray(starts, dtype=np.float64)
+    coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
+    rounds, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
+
+    def work(part: slice) -> None:
+        alternate_stretch(
+            problem.landmarks[part], problem.weights[part], problem.atoms, problem.lam[part],
+            starts[part], signed, tolerance, max_rounds,
+            coefficients[part], rotation[part], rounds[part], codes[part],
+        )  # fmt: skip
+
+    run_stretches(n, work, threads)
+    rotation[~coefficients.any(axis=1)] = np.nan
+    return Alternation(coefficients, rotation, rounds, tuple(_STATUS[code] for code in codes))

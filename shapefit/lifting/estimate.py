@@ -1,0 +1,81 @@
+"""What every method of lifting returns, and what they share in making it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.convex.problem import Problem
+from shapefit.convex.solution import Status
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """W ~ first two rows of shapes + T 1^T for n images, in normalised units.
+
+    shapes (n, 3, p) in the camera frame, with mean depth 0; translation T (n, 2); rotation
+    (n, 3, 3), shared by all atoms or their consensus, nan where unknown; objective (n,), that of
+    the method; residual (n,), ||Omega o (W - shapes - T 1^T)||_F / ||Omega o (W - mean)||_F;
+    iterations (n,); status, a Status an image.
+
+    None where the method has no such thing: coefficients (n, k) and active_atoms (n,), how many
+    of them are not 0; transforms M (n, k, 2, 3); relative_gap (n,); tight (n,), as in
+    Reconstruction; outliers (n, p), the landmarks that a robust loss set aside.
+    """
+
+    shapes: Floats
+    translation: Floats
+    rotation: Floats
+    objective: Floats
+    residual: Floats
+    iterations: NDArray[np.int64]
+    status: tuple[Status, ...]
+    coefficients: Floats | None = None
+    active_atoms: NDArray[np.int64] | None = None
+    transforms: Floats | None = None
+    relative_gap: Floats | None = None
+    tight: NDArray[np.bool_] | None = None
+    outliers: NDArray[np.bool_] | None = None
+
+
+Estimator = Callable[[Problem], Estimate]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A projected shape placed on the landmarks of n images.
+
+    translation T (n, 2); misfit (n,), 1/2 ||Omega o (W - S - T 1^T)||_F^2; residual (n,), the
+    norm in it beside that of the centred landmarks. nan for images without landmarks.
+    """
+
+    translation: Floats
+    misfit: Floats
+    residual: Floats
+
+
+def place(problem: Problem, projected: Floats) -> Placement:
+    """argmin_T 1/2 ||Omega o (W - S - T 1^T)||_F^2 for projected shapes S (n, 2, p)."""
+    square = problem.weights**2
+    total = square.sum(axis=1)
+    seen = total > 0
+    share = np.divide(square, total[:, None], out=np.zeros_like(square), where=seen[:, None])
+
+    def centre(points: Floats) -> Floats:
+        return np.einsum("nap,np->na", points, share)
+
+    def norm(points: Floats) -> Floats:
+        centred = points - centre(points)[..., None]
+        values = np.sqrt((centred**2 * square[:, None]).sum(axis=(1, 2)))
+        return np.where(seen, values, np.nan)
+
+    W = problem.landmarks
+    left, whole = norm(W - projected), norm(W)
+    residual = np.divide(left, whole, out=np.zeros_like(left), where=whole != 0)
+    translation = np.where(seen[:, None], centre(W - projected), np.nan)
+    return Placement(translation, 0.5 * left**2, residual)

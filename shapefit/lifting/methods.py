@@ -1,0 +1,195 @@
+"""The methods of lifting by name: each takes a problem in normalised units to an estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.convex.problem import Loss, Problem
+from shapefit.convex.solution import Solution, Status
+from shapefit.lifting.alternation import alternate
+from shapefit.lifting.estimate import Estimate, Estimator, place
+from shapefit.lifting.pose import find_moments, find_pose, spread_views, turn_in_plane
+from shapefit.lifting.reconstruction import is_active, reconstruct
+from shapefit.lifting.synchronisation import synchronise
+
+Floats = NDArray[np.float64]
+Solve = Callable[[Problem], Solution]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What the methods need besides the problem; each reads what concerns it.
+
+    solve            solver of the convex program
+    mean_shape       (3, p) of the dictionary
+    orthogonal       convex: each M_i / c_i is replaced by the nearest orthonormal rows
+    signed           alternate, alternate+: coefficients of either sign
+    views            alternate, mean-shape: the pose of the mean shape is sought from as many
+                     views, spread evenly; 1 is the view along the z axis of the dictionary
+    multi_start      alternate: also starts from each of these views, and keeps the best
+    tolerance        alternation stops when a round lowers the objective by at most this share
+    max_rounds       and after this many rounds
+    threads          0 is one per core
+    """
+
+    solve: Solve
+    mean_shape: Floats
+    orthogonal: bool = False
+    signed: bool = False
+    views: int = 6
+    multi_start: bool = False
+    tolerance: float = 1e-6
+    max_rounds: int = 500
+    threads: int = 0
+
+
+Method = Callable[[Problem, Settings], Estimate]
+
+
+def convex(problem: Problem, settings: Settings) -> Estimate:
+    """Solve the convex program and complete each transform (paper, section Reconstruction)."""
+    solution = settings.solve(problem)
+    found = reconstruct(solution.transforms, problem.atoms, orthogonal=settings.orthogonal)
+    return Estimate(
+        shapes=found.shapes,
+        translation=solution.translation,
+        rotation=found.rotation,
+        objective=solution.objective,
+        residual=solution.residual,
+        iterations=solution.iterations,
+        status=solution.status,
+        coefficients=found.coefficients,
+        active_atoms=found.active_atoms,
+        transforms=solution.transforms,
+        relative_gap=solution.relative_gap,
+        tight=found.tight,
+        outliers=find_outliers(problem, solution),
+    )
+
+
+def convex_refine(problem: Problem, settings: Settings) -> Estimate:
+    """Synchronise the convex solution to one rotation and alternate from there, over c >= 0."""
+    return _alternate_from_convex(problem, settings, signed=False)
+
+
+def alternate_plus(problem: Problem, settings: Settings) -> Estimate:
+    """Alternate from the synchronised convex solution (paper, Experiments, "Alternate+").
+
+    The same as convex+refine unless `signed`.
+    """
+    return _alternate_from_convex(problem, settings, signed=settings.signed)
+
+
+def alternate_from_mean(problem: Problem, settings: Settings) -> Estimate:
+    """Alternate from the pose of the mean shape (paper, Experiments, "Alternate")."""
+    views = spread_views(settings.views)
+    pose = find_pose(problem, settings.mean_shape, views, threads=settings.threads)
+    starts = pose.rotation[:, None]
+    if settings.multi_start:
+        _, D = find_moments(problem, settings.mean_shape)
+        starts = np.concatenate([starts, turn_in_plane(views, D)], axis=1)
+    return _alternate(problem, settings, starts, signed=settings.signed)
+
+
+def mean_shape(problem: Problem, settings: Settings) -> Estimate:
+    """Pose the mean shape: rotation, scale and translation and nothing else."""
+    views = spread_views(settings.views)
+    pose = find_pose(problem, settings.mean_shape, views, threads=settings.threads)
+    known = pose.size > 0
+    R = np.where(known[:, None, None], pose.rotation, 0.0)
+    shapes = pose.size[:, None, None] * (R @ settings.mean_shape)
+    placed = place(problem, shapes[:, :2])
+    return Estimate(
+        shapes=shapes,
+        translation=placed.translation,
+        rotation=pose.rotation,
+        objective=placed.misfit,
+        residual=placed.residual,
+        iterations=np.zeros(len(shapes), np.int64),
+        status=tuple(Status.CONVERGED if found else Status.DEGENERATE for found in known.tolist()),
+    )
+
+
+METHODS: Mapping[str, Method] = {
+    "convex": convex,
+    "convex+refine": convex_refine,
+    "alternate": alternate_from_mean,
+    "alternate+": alternate_plus,
+    "mean-shape": mean_shape,
+}
+
+
+def choose_method(name: str, settings: Settings) -> Estimator:
+    """Return the method of that name with its settings, as `lift` wants it."""
+    method = METHODS[name]
+    return lambda problem: method(problem, settings)
+
+
+def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | None:
+    """Landmarks (n, p) with a weighted residual beyond beta in a coordinate; None if not robust.
+
+    For the sparse-error loss these are the ones with an error E that is not 0.
+    """
+    errors = np.abs(solution.errors)
+    if problem.loss is Loss.ABSOLUTE:
+        return np.any(errors * problem.weights[:, None, :] > problem.beta, axis=1)
+    if problem.loss is Loss.SPARSE_ERROR:
+        return np.any(errors > 0, axis=1)
+    return None
+
+
+def _alternate_from_convex(problem: Problem, settings: Settings, *, signed: bool) -> Estimate:
+    """Alternate from the convex solution, which bounds the objective from below.
+
+    For c_i Rbar is a transform of spectral norm |c_i|: the gap is that to the convex dual.
+    """
+    solution = settings.solve(problem)
+    start = synchronise(solution.transforms, threads=settings.threads)
+    found = _alternate(problem, settings, start.rotation[:, None], signed=signed)
+    bound = solution.objective * (1 - solution.relative_gap)
+    gap = np.divide(
+        found.objective - bound,
+        found.objective,
+        out=np.zeros_like(bound),
+        where=found.objective != 0,
+    )
+    status = tuple(
+        first if first in (Status.DEGENERATE, Status.NUMERICAL_FAILURE) else second
+        for first, second in zip(solution.status, found.status, strict=True)
+    )
+    return replace(
+        found, relative_gap=gap, status=status, iterations=solution.iterations + found.iterations
+    )
+
+
+def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: bool) -> Estimate:
+    """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
+    found = alternate(
+        problem,
+        starts,
+        signed=signed,
+        tolerance=settings.tolerance,
+        max_rounds=settings.max_rounds,
+        threads=settings.threads,
+    )
+    c = found.coefficients
+    R = np.where(np.isfinite(found.rotation), found.rotation, 0.0)
+    n, k = c.shape
+    shapes = R @ (c @ problem.atoms.reshape(k, -1)).reshape(n, 3, -1)
+    placed = place(problem, shapes[:, :2])
+    return Estimate(
+        shapes=shapes,
+        translation=placed.translation,
+        rotation=found.rotation,
+        objective=placed.misfit + problem.lam * np.abs(c).sum(axis=1),
+        residual=placed.residual,
+        iterations=found.rounds,
+        status=found.status,
+        coefficients=c,
+        active_atoms=is_active(c).sum(axis=1),
+        transforms=c[:, :, None, None] * R[:, None, :2],
+    )

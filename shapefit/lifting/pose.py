@@ -1,0 +1,84 @@
+"""The pose of one known shape, such as the mean shape of a dictionary, in each image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.convex.problem import Problem
+from shapefit.geometry.rotations import rotation_about
+from shapefit.lifting.pose_kernels import pose_stretch
+from shapefit.lifting.stretches import run_stretches
+
+Floats = NDArray[np.float64]
+
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+
+
+@dataclass(frozen=True)
+class Pose:
+    """W ~ size Rbar S + T 1^T for n images: rotation (n, 3, 3), size (n,) >= 0.
+
+    The rotation is nan where the visible landmarks of the image or of S coincide.
+    """
+
+    rotation: Floats
+    size: Floats
+
+
+def spread_views(count: int) -> Floats:
+    """Rotations (count, 3, 3) whose optical axes are spread evenly; the first is the identity.
+
+    The axes lie on a golden spiral about the first, each reached by the shortest turn.
+    """
+    height = 1 - 2 * np.arange(count) / count
+    angle = GOLDEN_ANGLE * np.arange(count)
+    axes = np.stack([-np.sin(angle), np.cos(angle), np.zeros(count)], axis=1)
+    turns = np.arccos(height)
+    return np.concatenate(
+        [rotation_about(axis, turn) for axis, turn in zip(axes, turns[:, None], strict=True)]
+    )
+
+
+def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
+    """Turn each view about its optical axis so that <D, Rbar> is largest: (n, v, 3, 3).
+
+    views (v, 3, 3); landmarks_by_shape D = w S^T (n, 2, 3). What it finds is the best rotation
+    for that optical axis, at any scale.
+    """
+    A = np.einsum("nab,vcb->nvac", landmarks_by_shape, views[:, :2])
+    angle = np.arctan2(A[..., 1, 0] - A[..., 0, 1], A[..., 0, 0] + A[..., 1, 1])
+    return rotation_about(np.array([0.0, 0.0, 1.0]), angle) @ views
+
+
+def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
+    """S Omega^2 S^T (n, 3, 3) and W Omega^2 S^T (n, 2, 3) about the weighted means.
+
+    They are all that a pose depends on; shape S (3, p). Zero for an image without landmarks.
+    """
+    square = problem.weights**2
+    total = square.sum(axis=1)
+    share = square / np.where(total > 0, total, 1.0)[:, None]
+    S = shape - np.einsum("ap,np->na", shape, share)[..., None]
+    weighted = square[:, None] * S
+    return weighted @ S.swapaxes(1, 2), problem.landmarks @ weighted.swapaxes(1, 2)
+
+
+def find_pose(problem: Problem, shape: Floats, views: Floats, *, threads: int = 0) -> Pose:
+    """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T.
+
+    shape S (3, p); views (v, 3, 3). Each view is turned in the plane as far as it can be, and a
+    trust region starts from there; the best local minimum counts.
+    """
+    P, D = find_moments(problem, shape)
+    rotation, size = np.full((len(P), 3, 3), np.nan), np.zeros(len(P))
+    starts = turn_in_plane(views, D)
+
+    def work(part: slice) -> None:
+        pose_stretch(P[part], D[part], starts[part], rotation[part], size[part])
+
+    run_stretches(len(P), work, threads)
+    rotation[size == 0] = np.nan
+    return Pose(rotation, size)

@@ -1,0 +1,24 @@
+"""Run a kernel over stretches of a batch on several threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+STRETCH = 64
+
+
+def run_stretches(count: int, work: Callable[[slice], None], threads: int) -> None:
+    """Call `work` on slices that cover range(count); `threads` = 0 means one per core.
+
+    `work` must release the GIL to gain from threads, and write to its own slice only.
+    """
+    parts = [slice(start, min(start + STRETCH, count)) for start in range(0, count, STRETCH)]
+    workers = min(threads or os.cpu_count() or 1, len(parts))
+    if workers <= 1:
+        for part in parts:
+            work(part)
+    else:
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(work, parts))
