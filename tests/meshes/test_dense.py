@@ -76,8 +76,7 @@ def test_an_atom_out_of_the_span_of_the_shapes_is_refused(rng):
 def test_learned_atoms_of_real_cars_have_meshes(cars):
     normalised, alignment = normalised_models(cars.shapes)
     carried = carry_mesh(cars.mesh_vertices, normalised, alignment.rotations)
-    for learned in learn(alignment.shapes, 8, 0.1, iterations=5):
-        pass
+    *_, learned = learn(alignment.shapes, 8, 0.1, iterations=5)
     meshes = mesh_of_atoms(learned.atoms, alignment.shapes, carried)
     rebuilt = object_frame(meshes, learned.coefficients)
     error = np.linalg.norm(rebuilt - carried, axis=1).mean()

@@ -1,0 +1,166 @@
+"""The panels of a picture: landmarks, a fitted model under them, a shape in 3D.
+
+All points are in the viewer's frame: x right, y up, z towards the viewer. The functions draw on
+axes that they are given; `frame` then sets the limits.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.meshes.shading import paint
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+# Okabe and Ito 2008: told apart with every common form of colour blindness.
+SEEN, HIDDEN, OUTLIER = "#0072B2", "#555555", "#D55E00"
+INK = "#333333"
+BODY = (0.68, 0.80, 0.97)
+"""Colour of a mesh."""
+NEAR, FAR = (0.10, 0.22, 0.40), (0.72, 0.78, 0.86)
+"""Colours of the nearest and of the furthest edge."""
+CROWD = 80
+"""Landmarks beyond this number get smaller marks."""
+MARGIN = 0.06
+"""Free border of a panel, as a share of what it shows."""
+
+
+def draw_landmarks(axes: Axes, landmarks: Floats, outliers: Booleans | None, size: float) -> None:
+    """Mark landmarks (2, p), nan = hidden: those judged outliers (p,) with crosses."""
+    if outliers is None:
+        outliers = np.zeros(landmarks.shape[1], dtype=bool)
+    draw_points(axes, landmarks[:, ~outliers], size)
+    axes.plot(
+        *landmarks[:, outliers], "X", color=OUTLIER, markersize=1.7 * _small(size, landmarks),
+        markeredgewidth=0.4, markeredgecolor="white", zorder=6,
+    )  # fmt: skip
+
+
+def draw_points(axes: Axes, points: Floats, size: float) -> None:
+    """Draw points (2 or 3, p) as dots."""
+    size = _small(size, points)
+    axes.plot(*points[:2], "o", color=SEEN, markersize=size, markeredgewidth=0, zorder=5)
+
+
+def draw_hidden(axes: Axes, fitted: Floats, landmarks: Floats, size: float) -> None:
+    """Mark the fitted landmarks (2, p) that the image does not show with rings."""
+    hidden = ~np.isfinite(landmarks).all(axis=0)
+    size = _small(size, landmarks)
+    axes.plot(
+        *fitted[:, hidden], "o", color=HIDDEN, markersize=size, markerfacecolor="white",
+        markeredgewidth=0.25 * size, zorder=4,
+    )  # fmt: skip
+
+
+def draw_residuals(axes: Axes, fitted: Floats, landmarks: Floats, size: float) -> None:
+    """Join each landmark (2, p) to where the model has it."""
+    from matplotlib.collections import LineCollection
+
+    lines = np.stack([landmarks.T, fitted.T], axis=1)
+    axes.add_collection(
+        LineCollection(
+            list(lines[np.isfinite(lines).all(axis=(1, 2))]),
+            colors=INK, linewidths=0.25 * size, zorder=4,
+        )
+    )  # fmt: skip
+
+
+def draw_mesh(
+    axes: Axes, vertices: Floats, faces: Integers, *, paleness: float = 0.0, as_pixels: bool = False
+) -> None:
+    """Paint a mesh, vertices (3, q) and faces (f, 3), with an outline.
+
+    paleness 0..1 is the share of white in its colours; `as_pixels` embeds an image in SVG files.
+    """
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    painted = paint(vertices, faces, BODY)
+    colours = (1 - paleness) * painted.colours + paleness
+    axes.add_collection(
+        LineCollection(
+            list(painted.outline), colors=INK, linewidths=1.4, capstyle="round", zorder=1,
+            rasterized=as_pixels,
+        )
+    )  # fmt: skip
+    axes.add_collection(
+        PolyCollection(
+            list(painted.triangles), facecolors=colours, edgecolors=colours, linewidths=0.4,
+            joinstyle="round", zorder=2, rasterized=as_pixels,
+        )
+    )  # fmt: skip
+
+
+def draw_edges(
+    axes: Axes, points: Floats, edges: Integers, width: float, *, paleness: float = 0.0
+) -> None:
+    """Draw edges (e, 2) between points (3, p), the near ones darker, wider and over the far.
+
+    points (2, p) have all their edges near; edges to hidden points, nan, are left out.
+    """
+    from matplotlib.collections import LineCollection
+
+    lines = points.T[edges]
+    lines = lines[np.isfinite(lines).all(axis=(1, 2))]
+    if not len(lines):
+        return
+    depth = lines[:, :, 2:].sum(axis=(1, 2))
+    nearness = 1 - (depth.max() - depth) / (np.ptp(depth) or 1.0)
+    order = np.argsort(depth, kind="stable")
+    colours = np.asarray(FAR) + nearness[:, None] * (np.asarray(NEAR) - np.asarray(FAR))
+    axes.add_collection(
+        LineCollection(
+            list(lines[order, :, :2]), colors=(1 - paleness) * colours[order] + paleness,
+            linewidths=width * (0.6 + 0.4 * nearness[order]), capstyle="round", zorder=3,
+        )
+    )  # fmt: skip
+
+
+def frame(axes: Axes, shape: float, *points: Floats) -> None:
+    """Show all of the points (2 or 3, p), in one scale on both axes.
+
+    shape is width / height of the panel, which is filled whatever the points.
+    """
+    every = np.concatenate([part[:2] for part in points], axis=1)
+    every = every[:, np.isfinite(every).all(axis=0)]
+    axes.set_aspect("equal")
+    if not every.size:
+        every = np.zeros((2, 1))
+    low, high = every.min(axis=1), every.max(axis=1)
+    width, height = high - low
+    reach = (0.5 + MARGIN) * (max(width, shape * height) or 1.0)
+    x, y = (low + high) / 2
+    axes.set_xlim(x - reach, x + reach)
+    axes.set_ylim(y - reach / shape, y + reach / shape)
+
+
+def add_legend(figure: Figure, *, outliers: bool) -> None:
+    """Explain the marks below the panels, with or without that of outliers."""
+    from matplotlib.lines import Line2D
+
+    def mark(symbol: str, colour: str, label: str, **style: Any) -> Line2D:
+        return Line2D([], [], linestyle="", marker=symbol, color=colour, label=label, **style)
+
+    marks = [
+        mark("o", SEEN, "seen", markersize=4, markeredgewidth=0),
+        mark("o", HIDDEN, "hidden, from the model", markersize=4, markerfacecolor="white"),
+    ]
+    if outliers:
+        marks.append(mark("X", OUTLIER, "judged outlier", markersize=6, markeredgecolor="white"))
+    figure.legend(
+        handles=marks, loc="lower center", ncols=3, frameon=False, fontsize=8,
+        labelcolor=INK,
+    )  # fmt: skip
+
+
+def _small(size: float, points: Floats) -> float:
+    """Make marks smaller where there are so many that they would cover each other."""
+    return size * min(1.0, (CROWD / max(1, points.shape[1])) ** 0.5)
