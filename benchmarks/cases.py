@@ -1,0 +1,77 @@
+"""What is timed: the paper's motion capture case, and made cases of any size."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.dictionary.learning import learn
+from shapefit.geometry.cameras import project, turntable
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.procrustes import generalised_procrustes
+from shapefit.geometry.rotations import random_rotations, rotation_about
+from shapefit.io import read_shapes
+from shapefit.pipelines.learn_dict import every_nth
+
+Floats = NDArray[np.float64]
+LAMBDA = 0.1
+
+
+@dataclass(frozen=True)
+class Case:
+    """Normalised landmarks (n, 2, p), nan = hidden, and atoms (k, 3, p)."""
+
+    name: str
+    landmarks: Floats
+    atoms: Floats
+
+
+def made_case(n: int, k: int, p: int, seed: int = 0) -> Case:
+    """Exemplar shapes of a 10-dimensional family as atoms; other members of it, turned, as images.
+
+    Images come in runs of 50 between two shapes and two views, as frames of a sequence do.
+    """
+    rng = np.random.default_rng(seed)
+    mean, modes = rng.standard_normal((3, p)), rng.standard_normal((10, 3, p))
+
+    def shapes(weights: Floats) -> Floats:
+        return normalise(mean + 0.3 * np.tensordot(weights, modes, 1)).points
+
+    atoms = shapes(rng.standard_normal((k, 10)))
+    atoms /= np.linalg.norm(atoms, axis=(1, 2))[:, None, None]
+    runs = -(-n // 50)
+    ends = rng.standard_normal((runs, 2, 10))
+    t = np.linspace(0, 1, 50)[None, :, None]
+    weights = (ends[:, :1] * (1 - t) + ends[:, 1:] * t).reshape(-1, 10)[:n]
+    starts = random_rotations(runs, rng)
+    about = rotation_about(np.array([0.0, 1.0, 0.0]), np.linspace(0, np.pi / 4, 50))
+    views = (about[None] @ starts[:, None]).reshape(-1, 3, 3)[:n]
+    landmarks = (views @ shapes(weights))[:, :2] + 0.02 * rng.standard_normal((n, 2, p))
+    return Case(f"made, k={k}, p={p}", normalise(landmarks).points, atoms)
+
+
+def hide(case: Case, share: float, seed: int = 0) -> Case:
+    """The case with a share of the landmarks hidden, a different mask each image."""
+    rng = np.random.default_rng(seed)
+    n, _, p = case.landmarks.shape
+    hidden = rng.random((n, p)).argsort(axis=1) < round(share * p)
+    landmarks = np.where(hidden[:, None, :], np.nan, case.landmarks)
+    return Case(f"{case.name}, {share:.0%} hidden", landmarks, case.atoms)
+
+
+def mocap_case(folder: Path, k: int = 64) -> Case:
+    """All frames of subject 13 under the turntable, a dictionary from subject 86 (every third)."""
+    training = read_shapes([folder / "subject86_24fps.h5"])
+    kept = every_nth(training.sequences or (), 3)
+    aligned = generalised_procrustes(normalise(training.shapes[kept]).points)
+    *_, learned = learn(aligned.shapes, k, 0.1, iterations=15)
+
+    test = read_shapes([folder / "subject13_24fps.h5"])
+    lengths = Counter(test.sequences)
+    turns = np.concatenate([np.arange(length) / length for length in lengths.values()])
+    views = project(test.shapes, turntable(turns, "y"))
+    return Case(f"subject 13, k={k}, p=15", normalise(views).points, learned.atoms)
