@@ -100,6 +100,12 @@ class ProjectConfig(CommandConfig):
     outliers: OutlierConfig = Field(
         default_factory=OutlierConfig, description="Landmarks that are grossly wrong."
     )
+    repeat: int = Field(
+        default=1,
+        ge=1,
+        description="Passes over the shapes, each with other views and other noise; the items of "
+        "later passes end in #2, #3, ..., and `true_item` names the shape of each image.",
+    )
     seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
 
     @field_validator("camera")

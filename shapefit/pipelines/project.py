@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from shapefit.pipelines.outcome import Outcome
 Floats = NDArray[np.float64]
 
 TRUE_ROTATION = "true_rotation"
+TRUE_ITEM = "true_item"
 PIXELS = "px"
 
 
@@ -41,25 +43,30 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
     """
     check_output(config.output)
     shapes = read_shapes(config.shapes)
-    turntable = Turntable(_sequences(shapes))
+    total = len(shapes) * config.repeat
+    starts = range(0, max(len(shapes), 1), BLOCK)
     with landmark_writer(config.output) as writer:
-        for block, start in enumerate(range(0, max(len(shapes), 1), BLOCK)):
-            part = shapes.take(slice(start, start + BLOCK))
-            rotations = _rotations(config, turntable.turns(_sequences(part)), block)
-            writer.append(_images(part, rotations, config, block))
-            yield Outcome(done=len(part), total=len(shapes))
+        for turn in range(config.repeat):
+            turntable = Turntable(_sequences(shapes), turn / config.repeat)
+            for block, start in enumerate(starts, turn * len(starts)):
+                part = shapes.take(slice(start, start + BLOCK))
+                rotations = _rotations(config, turntable.turns(_sequences(part)), block)
+                images = _images(part, rotations, config, block)
+                writer.append(_name_pass(images, turn) if config.repeat > 1 else images)
+                yield Outcome(done=len(part), total=total)
         writer.attributes.update(
             version=__version__,
             config=config.as_json(),
             inputs=json.dumps({str(path): digest(path) for path in config.shapes}),
         )
-    yield Outcome(total=len(shapes), written=(config.output,))
+    yield Outcome(total=total, written=(config.output,))
 
 
 class Turntable:
-    """Counts the frames of each sequence: frame t of n frames has made t / n of a turn."""
+    """Counts the frames of each sequence: frame t of n has made start + t / n of a turn."""
 
-    def __init__(self, sequences: Sequence[str]) -> None:
+    def __init__(self, sequences: Sequence[str], start: float = 0.0) -> None:
+        self._start = start
         self._length = Counter(sequences)
         self._seen: Counter[str] = Counter()
 
@@ -67,9 +74,23 @@ class Turntable:
         """Return the turns (n,) of the next n frames, which belong to these sequences."""
         turns = np.empty(len(sequences))
         for frame, name in enumerate(sequences):
-            turns[frame] = self._seen[name] / self._length[name]
+            turns[frame] = self._start + self._seen[name] / self._length[name]
             self._seen[name] += 1
         return turns
+
+
+def _name_pass(images: LandmarkSet, turn: int) -> LandmarkSet:
+    """Tell the images of one pass over the shapes from those of the others."""
+    extras = Extras.of(images.extras, len(images))
+    mark = f"#{turn + 1}" if turn else ""
+    return replace(
+        images,
+        items=tuple(item + mark for item in images.items),
+        sequences=images.sequences and tuple(name + mark for name in images.sequences),
+        extras=Extras(
+            extras.per_item | {TRUE_ITEM: np.array(images.items, dtype=object)}, extras.whole
+        ),
+    )
 
 
 def _sequences(shapes: ShapeSet) -> Sequence[str]:

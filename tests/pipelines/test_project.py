@@ -209,3 +209,19 @@ def test_an_output_that_cannot_be_written_is_told_before_the_work(tmp_path):
     config = ProjectConfig(shapes=[tmp_path / "shapes.h5"], output=tmp_path / "no" / "views.h5")
     with pytest.raises(InputError, match="does not exist"):
         next(run(config))
+
+
+def test_later_passes_have_other_views_and_names(tmp_path, shapes):
+    once, _ = view(tmp_path, shapes, noise=0.1)
+    images, _ = view(tmp_path, shapes, noise=0.1, repeat=3)
+    n = len(shapes)
+    assert len(images) == 3 * n
+    assert images.items[:n] == shapes.items
+    assert images.items[2 * n] == f"{shapes.items[0]}#3"
+    assert list(images.extras["true_item"]) == 3 * list(shapes.items)
+    np.testing.assert_array_equal(images.landmarks[:n], once.landmarks)
+    turned = images.extras["true_rotation"][n] @ images.extras["true_rotation"][0].T
+    np.testing.assert_allclose(np.trace(turned), 1 + 2 * np.cos(2 * np.pi / 3))
+    later = images.extras["true_rotation"][n:] @ shapes.take(list(range(n)) * 2).shapes
+    noise = images.landmarks[n:] - later[:, :2]
+    assert 0.05 < noise.std() < 0.15
