@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -111,6 +112,11 @@ def save(figure: Figure, path: Path, file_format: str) -> None:
     metadata = {"Date": None} if file_format == "svg" else {"Software": None}
     with matplotlib.rc_context({"svg.hashsalt": "shapefit"}):
         figure.savefig(path, format=file_format, dpi=150, metadata=metadata)
+
+
+def writers(name: str, figure: Figure) -> dict[str, Callable[[Path], None]]:
+    """Return what writes the figure to a path, for each file name that it gets: name.png, ..."""
+    return {f"{name}.{form}": partial(save, figure, file_format=form) for form in FORMATS}
 
 
 def _groups(summaries: Sequence[Summary], slot: float) -> list[_Group]:

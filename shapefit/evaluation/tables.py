@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from shapefit.evaluation.markdown import markdown_table
 from shapefit.evaluation.report import PUBLISHED, Report
 from shapefit.evaluation.summary import ImageErrors, Summary
 
@@ -124,13 +125,13 @@ def _errors_table(
         ]
         for group in groups
     ]
-    return _table(header, rows)
+    return markdown_table(header, rows)
 
 
 def _images_table(report: Report) -> str:
     counts = [(m.name, m.images, len(m.failures)) for m in report.methods]
     rows = [[name, str(n - failed), str(failed)] for name, n, failed in counts]
-    return _table(["method", "evaluated", "failed"], rows)
+    return markdown_table(["method", "evaluated", "failed"], rows)
 
 
 def _failed_items(report: Report) -> list[str]:
@@ -146,18 +147,6 @@ def _failed_items(report: Report) -> list[str]:
 
 def _listing(title: str, lines: Sequence[str]) -> list[str]:
     return [f"## {title}", "\n".join(f"- {line}" for line in lines)] if lines else []
-
-
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Markdown table whose columns also line up as plain text; numbers stand to the right."""
-    cells = [[cell.replace("|", "\\|") for cell in row] for row in (header, *rows)]
-    widths = [max(3, *map(len, column)) for column in zip(*cells, strict=True)]
-    rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
-    lines = [
-        [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))]
-        for row in cells
-    ]
-    return "\n".join(f"| {' | '.join(line)} |" for line in (lines[0], rule, *lines[1:]))
 
 
 def _decimals(values: Iterable[float]) -> int:

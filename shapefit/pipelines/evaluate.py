@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,10 @@ from shapefit.evaluation import plots, tables
 from shapefit.evaluation.report import NORMALISED, Method, Report
 from shapefit.evaluation.summary import ImageErrors, Summary, group_sequences, summarise
 from shapefit.io import read_results, read_shapes
-from shapefit.io.atomic import atomic_path, check_output, digest
-from shapefit.io.sources import is_stream
+from shapefit.io.atomic import digest
 from shapefit.pipelines.judgement import Judgement, abbreviate, judge
 from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
 
 
 def run(config: EvalConfig) -> Iterator[Outcome]:
@@ -29,7 +29,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     files that cannot be read or compared, groups that no sequence belongs to, an output folder
     that cannot be written, and plots without matplotlib.
     """
-    _check_folder(config.output)
+    check_folder(config.output)
     if config.plots:
         plots.require_matplotlib()
     truth = read_shapes(config.truth)
@@ -60,17 +60,9 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         warnings=tuple(dict.fromkeys([*warnings, *ungrouped])),
         provenance=_provenance(config),
     )
-    written = _write(config.output, errors, report, with_plots=config.plots)
+    writers = _writers(errors, report, with_plots=config.plots)
+    written = tuple(write_folder(config.output, writers))
     yield Outcome(warnings=ungrouped, note=tables.markdown(report).rstrip(), written=written)
-
-
-def _check_folder(folder: Path) -> None:
-    """Raise InputError unless the folder can be made or written to; change nothing."""
-    if is_stream(folder):
-        raise input_error("output", "eval writes several files", "give the name of a folder")
-    if folder.exists() and not folder.is_dir():
-        raise input_error(folder, "it is not a folder", "give the name of a folder")
-    check_output(folder / "report.md" if folder.is_dir() else folder)
 
 
 def _check_distinct(judgements: Sequence[Judgement]) -> None:
@@ -134,38 +126,25 @@ def _provenance(config: EvalConfig) -> dict[str, object]:
     }
 
 
-def _write(
-    folder: Path, errors: Sequence[ImageErrors], report: Report, *, with_plots: bool
-) -> tuple[Path, ...]:
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        found = f"the folder cannot be made: {error.strerror}"
-        raise input_error(folder, found, "choose another folder") from error
-    writers: dict[str, Callable[[Path], object]] = {
+def _writers(
+    errors: Sequence[ImageErrors], report: Report, *, with_plots: bool
+) -> dict[str, Writer]:
+    return {
         "per_image.csv": lambda path: tables.write_per_image(path, errors),
         "report.csv": lambda path: tables.write_report_csv(path, report.summaries),
         "report.json": lambda path: path.write_text(tables.report_json(report), encoding="utf-8"),
         "report.md": lambda path: path.write_text(tables.markdown(report), encoding="utf-8"),
+        **(_plots(report) if with_plots else {}),
     }
-    written = []
-    for name, write in writers.items():
-        with atomic_path(folder / name) as path:
-            write(path)
-        written.append(folder / name)
-    return (*written, *(_plot(folder, report) if with_plots else ()))
 
 
-def _plot(folder: Path, report: Report) -> Iterator[Path]:
+def _plots(report: Report) -> dict[str, Writer]:
     """Draw each metric once: what is also given in the unit of the truth, normalised."""
     drawn: dict[str, list[Summary]] = {}
     for (metric, unit), summaries in tables.by_kind(report.summaries).items():
         if metric not in drawn or unit == NORMALISED:
             drawn[metric] = summaries
+    writers: dict[str, Writer] = {}
     for metric, summaries in drawn.items():
-        figure = plots.bar_plot(summaries)
-        for file_format in plots.FORMATS:
-            target = folder / f"{metric}.{file_format}"
-            with atomic_path(target) as path:
-                plots.save(figure, path, file_format)
-            yield target
+        writers |= plots.writers(metric, plots.bar_plot(summaries))
+    return writers
