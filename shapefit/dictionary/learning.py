@@ -15,9 +15,7 @@ from shapefit.dictionary.coding import objectives, sparse_code
 Floats = NDArray[np.float64]
 AtomBound = Literal["unit", "mean"]
 
-# How far beyond its end the atom update is followed, in lengths of the update: at first, and the
-# factors after a round in which that paid and one in which it did not.
-REACH, LONGER, SHORTER = 0.5, 1.3, 0.5
+REACH = 0.5  # how far beyond its end the atom update is followed, in lengths of the update
 
 
 @dataclass(frozen=True)
@@ -65,10 +63,10 @@ def learn(
     the `iterations` rounds updates the atoms, replaces dead ones, codes again, and yields its
     state; they end early where a round lowers the objective by no more than `tolerance` of it.
 
-    To need fewer rounds, the coding is first tried with atoms that lie beyond the update, on the
-    line from the old ones; it counts if the objective is not above that of the update. So no
-    half-step raises the objective. Nothing is random: equal shapes give equal atoms, and turning
-    all shapes turns the atoms. Source: paper, eq. dl; the overrelaxation is our own.
+    To need fewer rounds, the shapes are also coded with atoms that lie beyond the update, on the
+    line from the old ones, and the better of the two is kept. So no half-step raises the
+    objective. Nothing is random: equal shapes give equal atoms, and turning all shapes turns the
+    atoms. Source: paper, eq. dl; the overrelaxation is our own.
     """
     n = len(shapes)
     if not 1 <= k <= n:
@@ -86,17 +84,11 @@ def learn(
     B = _scaled_to(bound, chosen)
     C = sparse_code(shapes, B, beta)
     trace = [total(B, C)]
-    reach = REACH
     for _ in range(iterations):
         updated = update_atoms(shapes, C, B, bound)
         trace.append(total(updated, C))
-        recoded = recode(_within(bound, updated + reach * (updated - B)), C)
-        if total(*recoded) <= trace[-1]:
-            reach *= LONGER
-        else:
-            reach *= SHORTER
-            recoded = recode(updated, C)
-        B, C = recoded
+        beyond = _within(bound, updated + REACH * (updated - B))
+        B, C = min(recode(updated, C), recode(beyond, C), key=lambda state: total(*state))
         trace.append(total(B, C))
         yield Learned(B, C, np.array(trace))
         if trace[-3] - trace[-1] <= tolerance * trace[-3]:
