@@ -4,6 +4,7 @@
 #   make test         all tests
 #   make check        format, lint, types, tests, import order, docs
 #   make docs         write the generated pages of docs/
+#   make recovery     the paper's figure of exact recovery on planted instances
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
 
 PYTHON ?= python3
@@ -16,13 +17,17 @@ READY := $(VENV)/ready
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test check format-check lint types docs mocap-table clean
+.PHONY: demo test check format-check lint types docs mocap-table recovery clean
 
 demo: $(READY)
 	$(call chain,demo)
 
 mocap-table: $(READY)
 	$(call chain,mocap)
+
+recovery: $(READY)
+	@mkdir -p results
+	$(SHAPEFIT) simulate -c configs/recovery.yaml
 
 test: $(READY)
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)

@@ -19,6 +19,7 @@ from .fit import fit
 from .learn_dict import learn_dict
 from .options import TRACEBACK_VARIABLE
 from .project import project
+from .simulate import simulate
 
 INPUT_ERROR = 2
 INTERNAL_ERROR = 3
@@ -53,7 +54,7 @@ def commands() -> None:
     """
 
 
-for command in (learn_dict, project, fit, evaluate):
+for command in (learn_dict, project, fit, evaluate, simulate):
     commands.add_command(command)
 
 

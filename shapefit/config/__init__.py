@@ -6,6 +6,7 @@ from shapefit.config.learn_dict import LearnDictConfig
 from shapefit.config.loader import CONFIGS, dump_config, load_config
 from shapefit.config.model import CommandConfig
 from shapefit.config.project import ProjectConfig
+from shapefit.config.simulate import SimulateConfig
 
 __all__ = [
     "CONFIGS",
@@ -14,6 +15,7 @@ __all__ = [
     "FitConfig",
     "LearnDictConfig",
     "ProjectConfig",
+    "SimulateConfig",
     "dump_config",
     "load_config",
 ]

@@ -18,6 +18,7 @@ from shapefit.config.paths import PathWords
 from shapefit.config.problems import schema_problems
 from shapefit.config.project import ProjectConfig
 from shapefit.config.settings import Settings
+from shapefit.config.simulate import SimulateConfig
 from shapefit.errors import InputError
 
 CONFIGS: Mapping[str, type[CommandConfig]] = {
@@ -25,6 +26,7 @@ CONFIGS: Mapping[str, type[CommandConfig]] = {
     "fit": FitConfig,
     "eval": EvalConfig,
     "project": ProjectConfig,
+    "simulate": SimulateConfig,
 }
 
 

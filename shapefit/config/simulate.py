@@ -1,0 +1,127 @@
+"""The config of `simulate`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from annotated_types import Ge, Le
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+
+from shapefit.config.expectation import Expected
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists
+from shapefit.config.paths import OutputPath
+
+
+def _distinct(values: tuple[int, ...]) -> tuple[int, ...]:
+    if len(set(values)) < len(values):
+        raise ValueError(f"expected different numbers, found {list(values)}")
+    return values
+
+
+Landmarks = Annotated[
+    tuple[Annotated[int, Ge(2)], ...],
+    FromLists,
+    AfterValidator(_distinct),
+    Expected("a list of whole numbers >= 2"),
+]
+ActiveAtoms = Annotated[
+    tuple[Annotated[int, Ge(1)], ...],
+    FromLists,
+    AfterValidator(_distinct),
+    Expected("a list of whole numbers >= 1"),
+]
+Shares = Annotated[
+    tuple[tuple[Annotated[float, Ge(0), Le(1)], ...], ...],
+    FromLists,
+    Expected("a list of rows, each a list of numbers from 0 to 1"),
+]
+
+
+class ExactSolverConfig(ConfigModel):
+    """When the noiseless program counts as solved."""
+
+    tolerance: float = Field(
+        default=1e-6,
+        gt=0,
+        description="An instance is solved when its relative duality gap and its relative residual "
+        "fall to this.",
+    )
+    max_iterations: int = Field(
+        default=10000, ge=1, description="Most iterations for one instance."
+    )
+
+
+class PublishedGridConfig(ConfigModel):
+    """Shares of successes quoted from a publication."""
+
+    source: str = Field(default="", description="Where the shares stand, and how they were read.")
+    landmarks: Landmarks = Field(default=(), description="Numbers of landmarks, one a row.")
+    active_atoms: ActiveAtoms = Field(
+        default=(), description="Numbers of atoms in use, one a column."
+    )
+    success: Shares = Field(
+        default=(), description="Rows of shares of successes, to set beside ours."
+    )
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        lengths = [len(row) for row in self.success]
+        if lengths != [len(self.active_atoms)] * len(self.landmarks):
+            raise ValueError(
+                f"expected in `success` {len(self.landmarks)} rows (landmarks) of "
+                f"{len(self.active_atoms)} shares (active_atoms), found rows of {lengths}"
+            )
+        return self
+
+
+class SimulateConfig(CommandConfig):
+    """Measure how often the noiseless program recovers planted transforms exactly."""
+
+    output: OutputPath = Field(description="Folder to write the report to.")
+    k: int = Field(default=50, ge=1, description="Number of atoms, their entries N(0, 1).")
+    landmarks: Landmarks = Field(
+        default=tuple(range(5, 51, 5)), description="Numbers of landmarks (p), one a row."
+    )
+    active_atoms: ActiveAtoms = Field(
+        default=tuple(range(1, 11)), description="Numbers of atoms in use (z), one a column."
+    )
+    trials: int = Field(default=100, ge=1, description="Random instances in each cell.")
+    translation: Literal["free", "none"] = Field(
+        default="free",
+        description="free: the program has a translation T, which is the same as centring "
+        "landmarks and atoms and costs what one landmark tells; none: T is 0.",
+    )
+    success_below: float = Field(
+        default=1e-3,
+        gt=0,
+        description="Relative error of the transforms below which they are recovered exactly.",
+    )
+    solver: ExactSolverConfig = Field(
+        default_factory=ExactSolverConfig, description="How the program is solved."
+    )
+    published: PublishedGridConfig = Field(
+        default_factory=PublishedGridConfig, description="Shares quoted from a publication."
+    )
+    seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
+    threads: int = Field(default=0, ge=0, description="Threads to solve with; 0 is one per core.")
+    plots: bool = Field(default=True, description="Also draw the heat map (PNG and SVG).")
+
+    @field_validator("landmarks", "active_atoms")
+    @classmethod
+    def _at_least_one(cls, values: tuple[int, ...]) -> tuple[int, ...]:
+        if not values:
+            raise ValueError("expected at least one number, found an empty list")
+        return values
+
+    @field_validator("active_atoms")
+    @classmethod
+    def _not_more_than_there_are(
+        cls, values: tuple[int, ...], info: ValidationInfo
+    ) -> tuple[int, ...]:
+        k = info.data.get("k")
+        if k is not None and max(values) > k:
+            raise ValueError(
+                f"expected numbers of atoms in use up to k = {k}, found {max(values)}; "
+                "leave out what is larger, or raise k"
+            )
+        return values

@@ -1,0 +1,117 @@
+"""`simulate`: planted instances of the noiseless program, cell by cell, and how many come back."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import numpy as np
+
+from shapefit import __version__
+from shapefit.config import SimulateConfig
+from shapefit.evaluation import plots, recovery_grid
+from shapefit.evaluation.heat_maps import heat_maps
+from shapefit.evaluation.recovery import Attempt, plant, recover
+from shapefit.evaluation.recovery_grid import Cell, PublishedShares, RecoveryGrid
+from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
+
+PROGRAMS = {
+    "free": "min sum ||M_i||_2 subject to W = sum M_i B_i + T 1^T (the paper's program on centred "
+    "data), with {k} atoms.",
+    "none": "min sum ||M_i||_2 subject to W = sum M_i B_i, without a translation, with {k} atoms.",
+}
+
+
+def run(config: SimulateConfig) -> Iterator[Outcome]:
+    """Attempt all trials of each cell, then write the tables and the heat map to the folder.
+
+    One outcome a cell, with the trials that could not be solved, and a last one with the Markdown
+    table as its note. Raises InputError for a folder that cannot be written, and plots without
+    matplotlib.
+    """
+    check_folder(config.output)
+    if config.plots:
+        plots.require_matplotlib()
+    began = time.perf_counter()
+    places = [(p, z) for p in config.landmarks for z in config.active_atoms]
+    cells: list[Cell] = []
+    # Every trial has atoms of its own and so is a problem of its own; the kernels release the GIL.
+    with ThreadPoolExecutor(config.threads or os.cpu_count()) as pool:
+        for p, z in places:
+            attempts = tuple(pool.map(partial(attempt, config, p, z), range(config.trials)))
+            cell = Cell(p, z, attempts, config.success_below)
+            cells.append(cell)
+            yield Outcome(
+                done=config.trials,
+                total=config.trials * len(places),
+                failures=tuple(_failure(cell, trial) for trial in cell.unsolved),
+                note=f"p={p} z={z}: {cell.success:.2f}",
+            )
+    grid = RecoveryGrid(
+        cells=tuple(cells),
+        program=PROGRAMS[config.translation].format(k=config.k),
+        published=_published(config),
+        provenance={
+            "version": __version__,
+            "config": json.loads(config.as_json()),
+            "seconds": time.perf_counter() - began,
+        },
+    )
+    written = tuple(write_folder(config.output, _writers(grid, with_plot=config.plots)))
+    yield Outcome(note=recovery_grid.markdown(grid).rstrip(), written=written)
+
+
+def attempt(config: SimulateConfig, p: int, z: int, trial: int) -> Attempt:
+    """Plant and recover one instance.
+
+    Its random numbers belong to the seed, the cell and the trial: neither the other cells nor the
+    number of threads have a say.
+    """
+    stream = np.random.SeedSequence(config.seed, spawn_key=(p, z, trial))
+    return recover(
+        plant(config.k, p, z, np.random.default_rng(stream)),
+        free_translation=config.translation == "free",
+        tolerance=config.solver.tolerance,
+        max_iterations=config.solver.max_iterations,
+    )
+
+
+def _failure(cell: Cell, trial: int) -> Failure:
+    found = cell.attempts[trial]
+    return Failure(
+        f"p={cell.p} z={cell.z} trial {trial}",
+        f"{found.status.value} after {found.iterations} iterations, relative gap "
+        f"{found.relative_gap:.2g}, residual {found.residual:.2g}; counted as not recovered",
+    )
+
+
+def _published(config: SimulateConfig) -> PublishedShares | None:
+    published = config.published
+    if not published.success:
+        return None
+    shares = {
+        (p, z): share
+        for p, row in zip(published.landmarks, published.success, strict=True)
+        for z, share in zip(published.active_atoms, row, strict=True)
+    }
+    return PublishedShares(published.source, shares)
+
+
+def _writers(grid: RecoveryGrid, *, with_plot: bool) -> dict[str, Writer]:
+    writers: dict[str, Writer] = {
+        "recovery.csv": lambda path: recovery_grid.write_csv(path, grid),
+        "recovery.json": lambda path: path.write_text(recovery_grid.grid_json(grid), "utf-8"),
+        "recovery.md": lambda path: path.write_text(recovery_grid.markdown(grid), "utf-8"),
+    }
+    if with_plot:
+        panels = {"Share recovered exactly": grid.shares}
+        if grid.published:
+            panels["Published"] = dict(grid.published.shares)
+        figure = heat_maps(panels, "landmarks p", "atoms in use z")
+        writers |= plots.writers("recovery", figure)
+    return writers
