@@ -21,7 +21,7 @@ GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 class Pose:
     """W ~ size Rbar S + T 1^T for n images: rotation (n, 3, 3), size (n,) >= 0.
 
-    The rotation is nan where the visible landmarks of the image or of S coincide.
+    The rotation is nan where no size > 0 fits better than 0, as without visible landmarks.
     """
 
     rotation: Floats

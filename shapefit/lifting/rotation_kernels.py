@@ -21,8 +21,9 @@ LARGEST_RADIUS = np.sqrt(2.0)
 FIRST_RADIUS = LARGEST_RADIUS / 8
 ACCEPT, SHRINK, GROW = 0.1, 0.25, 0.75
 LINEAR = 0.1  # tCG stops where the residual is |g| min(|g|, LINEAR)
-ROUNDING = 1e3 * 2.0**-52  # of the objective; steps that change less are trusted
-STATIONARY = 1e-11  # norm of the gradient beside ||D|| + tr P
+# Beside the size of the terms of value and gradient, s (s tr P + ||D||):
+ROUNDING = 1e3 * 2.0**-52  # changes of the value below this are not judged
+STATIONARY = 1e-11  # norm of the gradient at the end
 MOST_STEPS = 200
 
 
@@ -33,18 +34,20 @@ def rotation_step(P: Floats, D: Floats, free: bool, R: Floats) -> tuple[float, f
     P (3, 3), D (2, 3), R (3, 3) proper, overwritten. s is 1, or the best scale >= 0 where `free`.
     """
     g, H, step, trial = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
-    size = P[0, 0] + P[1, 1] + P[2, 2]
+    trace, norm = P[0, 0] + P[1, 1] + P[2, 2], 0.0
     for a in range(2):
-        size += np.sqrt(D[a, 0] ** 2 + D[a, 1] ** 2 + D[a, 2] ** 2)
+        norm += D[a, 0] ** 2 + D[a, 1] ** 2 + D[a, 2] ** 2
+    norm = np.sqrt(norm)
     radius = FIRST_RADIUS
     value, s = model_at(P, D, free, R, g, H)
     for _ in range(MOST_STEPS):
+        size = s * (s * trace + norm)
         if np.sqrt(g[0] ** 2 + g[1] ** 2 + g[2] ** 2) <= STATIONARY * size:
             break
         at_edge, promised = truncated_cg(g, H, radius, step)
         retract(R, step, trial)
         reached = value_at(P, D, free, trial)
-        slack = ROUNDING * max(1.0, abs(value))
+        slack = ROUNDING * size
         ratio = (value - reached + slack) / (promised + slack)
         if not ratio >= SHRINK:
             radius *= 0.25

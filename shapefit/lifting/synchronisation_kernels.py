@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 STARTS = 4  # the sum of all transforms, and the largest ones
 STILL = 1e-13  # largest entry of the last change of Rbar
 MOST_ROUNDS = 2000
-RANK_ONE = 1e-12  # s1 s2 beside s1^2 + s2^2
+RANK_ONE = 1e-8  # s1 s2 beside s1^2 + s2^2: below, the second direction is drowned by rounding
 
 
 @kernel
@@ -86,7 +86,7 @@ def polar_rotation(A: Floats, R: Floats) -> bool:
     trace = xx + yy
     if not trace > 0.0:
         return False
-    product = np.sqrt(max(xx * yy - xy * xy, 0.0))
+    product = np.sqrt(np.sum(np.cross(A[0], A[1]) ** 2))
     if product > RANK_ONE * trace:
         scale = 1.0 / (product * np.sqrt(trace + 2.0 * product))
         for b in range(3):

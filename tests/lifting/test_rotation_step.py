@@ -1,0 +1,230 @@
+"""The trust region step on the rotation: Manopt's answer, certificates, planted rotations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pymanopt
+import pytest
+from pymanopt.manifolds import Stiefel
+from pymanopt.optimizers import TrustRegions
+
+from shapefit.geometry.rotations import random_rotations, rotation_about
+from shapefit.lifting.rotation_kernels import (
+    complete,
+    model_at,
+    retract,
+    rotation_step,
+    truncated_cg,
+    value_at,
+)
+
+MANIFOLD = Stiefel(3, 2)
+
+
+def turn(w, S, start, *, free=False):
+    """Return the rotation that the step reaches, its misfit, and the scale."""
+    R = start.copy()
+    value, s = rotation_step(S @ S.T, w @ S.T, free, R)
+    return R, value + 0.5 * (w**2).sum(), s
+
+
+def misfit(w, S, R, s=1.0):
+    return 0.5 * ((w - s * R[:2] @ S) ** 2).sum()
+
+
+def riemannian_gradient(w, S, R, s=1.0):
+    G = s * (s * R[:2] @ S - w) @ S.T
+    inner = R[:2] @ G.T
+    return G - 0.5 * (inner + inner.T) @ R[:2]
+
+
+def judge(w, S, start):
+    """Minimise with pymanopt's trust regions; points are 3x2 there."""
+    P, D = S @ S.T, w @ S.T
+
+    @pymanopt.function.numpy(MANIFOLD)
+    def cost(X):
+        return 0.5 * ((w - X.T @ S) ** 2).sum()
+
+    @pymanopt.function.numpy(MANIFOLD)
+    def gradient(X):
+        return P @ X - D.T
+
+    @pymanopt.function.numpy(MANIFOLD)
+    def hessian(_X, U):
+        return P @ U
+
+    problem = pymanopt.Problem(
+        MANIFOLD, cost, euclidean_gradient=gradient, euclidean_hessian=hessian
+    )
+    optimizer = TrustRegions(verbosity=0, min_gradient_norm=1e-9, max_iterations=200)
+    return optimizer.run(problem, initial_point=start[:2].T.copy()).point.T
+
+
+@pytest.fixture
+def make_case(rng):
+    def make(q=10, noise=0.3):
+        S = rng.uniform(0.3, 2, (3, 1)) * rng.standard_normal((3, q))
+        R = random_rotations(1, rng)[0]
+        w = R[:2] @ S + noise * rng.standard_normal((2, q))
+        return w, S, R
+
+    return make
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3, 3.0])
+@pytest.mark.parametrize("q", [2, 3, 12])
+def test_pymanopt_finds_the_same_minimiser_from_the_same_start(make_case, rng, q, noise):
+    for start in random_rotations(8, rng):
+        w, S, _ = make_case(q, noise)
+        R, _, _ = turn(w, S, start)
+        np.testing.assert_allclose(R[:2], judge(w, S, start), atol=1e-6)
+
+
+def test_a_planted_rotation_comes_back(make_case):
+    for _ in range(50):
+        w, S, truth = make_case(noise=0.0)
+        nearby = truth @ rotation_about(np.array([1.0, 2.0, -1.0]), np.array([0.3]))[0]
+        R, value, _ = turn(w, S, nearby)
+        np.testing.assert_allclose(R, truth, atol=1e-9)
+        assert abs(value) < 1e-12 * (w**2).sum()
+
+
+def test_a_planted_rotation_comes_back_with_its_scale(make_case):
+    for scale in (0.01, 0.7, 5.0):
+        w, S, truth = make_case(noise=0.0)
+        nearby = truth @ rotation_about(np.array([1.0, 2.0, -1.0]), np.array([0.3]))[0]
+        R, _, s = turn(scale * w, S, nearby, free=True)
+        np.testing.assert_allclose(R, truth, atol=1e-9)
+        assert s == pytest.approx(scale, rel=1e-9)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_it_ends_at_a_local_minimum(make_case, rng, free):
+    for start in random_rotations(100, rng):
+        w, S, _ = make_case(noise=1.0)
+        if np.sum(w * (start[:2] @ S)) < 0:  # else the best scale is 0, and stays there
+            start[:2] *= -1
+        R, value, s = turn(w, S, start, free=free)
+        np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
+        assert np.linalg.det(R) == pytest.approx(1)
+        assert value == pytest.approx(misfit(w, S, R, s), rel=1e-11)
+        gradient = riemannian_gradient(w, S, R, s)
+        assert np.linalg.norm(gradient) < 1e-9 * (np.linalg.norm(w @ S.T) + (S**2).sum())
+        if free:
+            best = np.sum(w * (R[:2] @ S)) / np.sum((R[:2] @ S) ** 2)
+            assert s == pytest.approx(best, rel=1e-12)
+        for step in 1e-3 * rng.standard_normal((5, 3)):
+            moved = np.empty((3, 3))
+            retract(R, step, moved)
+            assert misfit(w, S, moved, s) >= misfit(w, S, R, s)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_the_model_is_that_of_the_value(make_case, rng, free):
+    """Gradient against central differences; Hessian where the gradient is 0, as it must be."""
+    w, S, truth = make_case()
+    P, D = S @ S.T, w @ S.T
+    g, H = np.empty(3), np.empty((3, 3))
+    h = 1e-4
+
+    def along(R, step):
+        moved = np.empty((3, 3))
+        retract(R, step, moved)
+        return value_at(P, D, free, moved)
+
+    R = random_rotations(1, rng)[0]
+    while np.sum(D * R[:2]) <= 0:  # where the best scale is 0 the value is flat
+        R = random_rotations(1, rng)[0]
+    value, _ = model_at(P, D, free, R, g, H)
+    assert value == pytest.approx(value_at(P, D, free, R), rel=1e-12)
+    slopes = [(along(R, h * e) - along(R, -h * e)) / (2 * h) for e in np.eye(3)]
+    np.testing.assert_allclose(g, slopes, rtol=1e-5, atol=1e-5)
+
+    R, _, _ = turn(w, S, truth, free=free)
+    model_at(P, D, free, R, g, H)
+    curvature = [
+        [
+            (
+                along(R, h * (a + b)) - along(R, h * (a - b))
+                - along(R, h * (b - a)) + along(R, -h * (a + b))
+            ) / (4 * h * h)
+            for a in np.eye(3)
+        ]
+        for b in np.eye(3)
+    ]  # fmt: skip
+    np.testing.assert_allclose(H, curvature, rtol=1e-4, atol=1e-4 * np.abs(H).max())
+
+
+def test_the_hessian_is_pymanopts_anywhere(make_case, rng):
+    w, S, _ = make_case()
+    P, D = S @ S.T, w @ S.T
+    for R in random_rotations(10, rng):
+        g, H = np.empty(3), np.empty((3, 3))
+        model_at(P, D, False, R, g, H)
+        zero = np.zeros(3)
+        basis = np.sqrt(0.5) * np.array(
+            [[np.sqrt(2) * R[2], zero], [zero, np.sqrt(2) * R[2]], [-R[1], R[0]]]
+        )
+        X = R[:2].T
+        G = P @ X - D.T
+        for row, b in zip(H, basis, strict=True):
+            image = MANIFOLD.euclidean_to_riemannian_hessian(X, G, P @ b.T, b.T)
+            np.testing.assert_allclose(row, np.einsum("iab,ba->i", basis, image), atol=1e-10)
+        np.testing.assert_allclose(
+            g, np.einsum("iab,ba->i", basis, MANIFOLD.projection(X, G)), atol=1e-10
+        )
+
+
+def test_the_subproblem_is_solved_inside_and_cut_at_the_edge(rng):
+    step = np.empty(3)
+    for _ in range(20):
+        A = rng.standard_normal((3, 3))
+        H, g = A @ A.T + np.eye(3), 1e-4 * rng.standard_normal(3)
+        at_edge, fall = truncated_cg(g, H, 10.0, step)
+        exact = -np.linalg.solve(H, g)
+        assert not at_edge
+        assert np.linalg.norm(H @ step + g) <= np.linalg.norm(g) * 0.1
+        assert fall == pytest.approx(-(g @ step + 0.5 * step @ H @ step), rel=1e-10)
+
+        radius = 0.3 * np.linalg.norm(exact)
+        at_edge, fall = truncated_cg(g, H, radius, step)
+        assert at_edge
+        assert np.linalg.norm(step) == pytest.approx(radius)
+        assert fall == pytest.approx(-(g @ step + 0.5 * step @ H @ step), rel=1e-10)
+        cauchy = min(radius / np.linalg.norm(g), g @ g / (g @ H @ g)) * g
+        assert fall >= g @ cauchy - 0.5 * cauchy @ H @ cauchy - 1e-20
+
+        at_edge, fall = truncated_cg(g, -H, 0.5, step)
+        assert at_edge
+        assert np.linalg.norm(step) == pytest.approx(0.5)
+        assert fall > 0
+
+
+def test_an_object_turned_with_its_rotation_looks_the_same(make_case, rng):
+    for Q in random_rotations(20, rng):
+        w, S, _ = make_case(noise=1.0)
+        start = random_rotations(1, rng)[0]
+        R, value, _ = turn(w, S, start)
+        turned, same, _ = turn(w, Q @ S, start @ Q.T)
+        np.testing.assert_allclose(turned @ Q, R, atol=1e-8)
+        assert same == pytest.approx(value, rel=1e-10)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_without_a_shape_the_rotation_stays(rng, free):
+    R = random_rotations(1, rng)[0]
+    before = R.copy()
+    value, s = rotation_step(np.zeros((3, 3)), np.zeros((2, 3)), free, R)
+    np.testing.assert_array_equal(R, before)
+    assert value == 0
+    assert s == (0 if free else 1)
+
+
+def test_completing_makes_a_proper_rotation(rng):
+    for R in rng.standard_normal((20, 3, 3)):
+        first = R[0] / np.linalg.norm(R[0])
+        complete(R)
+        np.testing.assert_allclose(R[0], first, atol=1e-15)
+        np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
+        assert np.linalg.det(R) == pytest.approx(1)
