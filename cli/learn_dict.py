@@ -37,7 +37,7 @@ def learn_dict(
     return run_command(
         "learn-dict",
         "learn_dict",
-        unit="round",
+        unit="step",
         config_path=config_path,
         overrides=overrides,
         print_config=print_config,

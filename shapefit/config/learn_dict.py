@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig
@@ -28,9 +28,10 @@ class LearnDictConfig(CommandConfig):
 
     shapes: InputPaths = Field(description="Files of 3D training shapes (HDF5 or CSV).")
     output: OutputPath = Field(description="Dictionary file to write (HDF5).")
-    method: Literal["sparse-coding"] = Field(
+    method: Literal["sparse-coding", "pca-bases"] = Field(
         default="sparse-coding",
-        description="How to learn: non-negative sparse coding with bounded atoms.",
+        description="How to learn: non-negative sparse coding with bounded atoms; or the principal "
+        "components of each sequence, bases of either sign for matching pursuit.",
     )
     every: int = Field(
         default=1,
@@ -43,22 +44,58 @@ class LearnDictConfig(CommandConfig):
         default="all",
         description="Landmarks that decide how training shapes are turned onto each other.",
     )
-    k: int = Field(default=64, ge=1, description="Number of atoms; at most the number of shapes.")
+    k: int = Field(
+        default=64,
+        ge=1,
+        description="Number of atoms; at most the number of shapes (sparse-coding only).",
+    )
     beta: float = Field(
-        default=0.1, ge=0, description="Weight of the sparsity of the coefficients."
+        default=0.1,
+        ge=0,
+        description="Weight of the sparsity of the coefficients (sparse-coding only).",
     )
     iterations: int = Field(
-        default=15, ge=1, description="Most rounds of coding all shapes and updating all atoms."
+        default=15,
+        ge=1,
+        description="Most rounds of coding all shapes and updating all atoms (sparse-coding only).",
     )
     tolerance: float = Field(
         default=0.0,
         ge=0,
         description="Stop when a round lowers the objective by less than this share of it; "
-        "0 runs all rounds.",
+        "0 runs all rounds (sparse-coding only).",
     )
     atom_bound: Literal["unit", "mean"] = Field(
         default="unit",
         description="Largest norm of an atom: 1, or the mean norm of the atoms learning "
-        "starts from.",
+        "starts from (sparse-coding only).",
     )
-    seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
+    energy: float = Field(
+        default=0.99,
+        gt=0,
+        le=1,
+        description="Share of the variation within a sequence that its bases hold "
+        "(pca-bases only).",
+    )
+    components: int | None = Field(
+        default=None,
+        ge=1,
+        description="Number of bases of each sequence, instead of `energy` (pca-bases only).",
+    )
+
+    @field_validator("k", "beta", "iterations", "tolerance", "atom_bound", "energy", "components")
+    @classmethod
+    def _belongs_to_the_method(cls, value: object, info: ValidationInfo) -> object:
+        key = str(info.field_name)
+        owner = "pca-bases" if key in ("energy", "components") else "sparse-coding"
+        if info.data.get("method", owner) != owner and value != cls.model_fields[key].default:
+            raise ValueError(f"`{key}` belongs to `method: {owner}`; leave it out")
+        return value
+
+    @field_validator("components")
+    @classmethod
+    def _instead_of_energy(cls, components: int | None, info: ValidationInfo) -> int | None:
+        default = cls.model_fields["energy"].default
+        if components is not None and info.data.get("energy", default) != default:
+            raise ValueError("`components` and `energy` exclude each other; give one of them")
+        return components

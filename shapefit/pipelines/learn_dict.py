@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.learning import Learned, learn
 from shapefit.dictionary.model import Dictionary
+from shapefit.dictionary.pca_bases import principal_components
 from shapefit.errors import input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
@@ -25,25 +28,35 @@ from shapefit.io import (
 )
 from shapefit.pipelines.outcome import Failure, Outcome
 
+Floats = NDArray[np.float64]
+
 
 def run(config: LearnDictConfig) -> Iterator[Outcome]:
-    """Learn the dictionary and write it; one outcome a round, with the objective in its note.
+    """Learn the dictionary and write it; one outcome a round (`pca-bases`: a sequence).
 
     Every n-th shape of each sequence is normalised, turned onto the mean of all (generalised
-    Procrustes) and given to `learn`. Shapes that cannot be normalised are failures and left out;
-    the first outcome lists them. The dictionary has the landmarks and edges of the shapes; meshes
-    are left out, for an atom is no longer one of the shapes. Raises InputError for files that
-    cannot be read or written, unknown landmarks in `align`, and k above the number of shapes.
+    Procrustes) and given to the method. Shapes that cannot be normalised are failures and left
+    out; the first outcome lists them. The dictionary has the landmarks and edges of the shapes;
+    meshes are left out, for an atom is no longer one of the shapes. Raises InputError for files
+    that cannot be read or written, unknown landmarks in `align`, k above the number of shapes, and
+    bases of sequences that all stand still.
     """
     check_output(config.output)
     shapes, failures = _training_shapes(config)
     alignment = _align(shapes, config)
     yield Outcome(
-        total=config.iterations,
         failures=failures,
         warnings=tuple(_alignment_warnings(shapes, alignment)),
         note=f"{len(shapes)} shapes",
     )
+    method = _pca_bases if config.method == "pca-bases" else _sparse_coding
+    yield from method(config, shapes, alignment)
+
+
+def _sparse_coding(
+    config: LearnDictConfig, shapes: ShapeSet, alignment: Alignment
+) -> Iterator[Outcome]:
+    """Learn by sparse coding, with the objective of each round in its note."""
     rounds = learn(
         alignment.shapes,
         config.k,
@@ -55,7 +68,8 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     for learned in rounds:
         note = f"objective {learned.trace[-1]:.6g}"
         yield Outcome(done=1, total=config.iterations, note=note)
-    write_dictionary(config.output, _dictionary(config, shapes, alignment, learned))
+    dictionary = _dictionary(config, shapes, alignment, learned.atoms)
+    write_dictionary(config.output, replace(dictionary, objective_trace=learned.trace))
     yield Outcome(
         total=config.iterations,
         warnings=tuple(_dead_atoms(learned)),
@@ -66,6 +80,26 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
         ),
         written=(config.output,),
     )
+
+
+def _pca_bases(
+    config: LearnDictConfig, shapes: ShapeSet, alignment: Alignment
+) -> Iterator[Outcome]:
+    """Find the bases of each sequence, with their number in its note."""
+    sequences = np.array(shapes.sequences or ("",) * len(shapes))
+    names = dict.fromkeys(sequences.tolist())
+    found = []
+    for name in names:
+        moving = alignment.shapes[sequences == name]
+        found.append(principal_components(moving, config.energy, config.components))
+        note = f"{len(found[-1])} bases" + (f" of {name}" if name else "")
+        yield Outcome(done=1, total=len(names), note=note)
+    bases = np.concatenate(found)
+    if not len(bases):
+        problem = "the shapes of each sequence are all alike"
+        raise input_error("shapes", problem, "give sequences that move")
+    write_dictionary(config.output, _dictionary(config, shapes, alignment, bases))
+    yield Outcome(total=len(names), note=f"{len(bases)} bases", written=(config.output,))
 
 
 def every_nth(sequences: tuple[str, ...], n: int) -> list[int]:
@@ -94,7 +128,9 @@ def _training_shapes(config: LearnDictConfig) -> tuple[ShapeSet, tuple[Failure, 
         for i in np.flatnonzero(~usable)
     )
     shapes = shapes.take(usable)
-    if config.k > len(shapes):
+    if not len(shapes):
+        raise input_error("shapes", "there are 0 shapes to learn from", "give more shapes")
+    if config.method == "sparse-coding" and config.k > len(shapes):
         found = f"{config.k} atoms are more than the {len(shapes)} shapes to learn from"
         raise input_error("k", found, "lower k or `every`, or give more shapes")
     return shapes, failures
@@ -120,15 +156,15 @@ def _dead_atoms(learned: Learned) -> Iterator[str]:
 
 
 def _dictionary(
-    config: LearnDictConfig, shapes: ShapeSet, alignment: Alignment, learned: Learned
+    config: LearnDictConfig, shapes: ShapeSet, alignment: Alignment, atoms: Floats
 ) -> Dictionary:
     return Dictionary(
-        atoms=learned.atoms,
+        atoms=atoms,
         landmark_names=shapes.landmark_names,
         mean_shape=normalise(alignment.mean).points,
         edges=shapes.edges,
-        objective_trace=learned.trace,
         provenance={
+            "method": config.method,
             "version": __version__,
             "config": config.as_json(),
             "inputs": json.dumps({str(path): digest(path) for path in config.shapes}),

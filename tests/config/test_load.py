@@ -191,3 +191,11 @@ def test_a_printed_config_with_landmark_names_loads_again(folder):
         shapes="a.h5", output="d.h5", data="far", align=["no", "1e-3", "hip: left"]
     )
     assert load_config("learn-dict", write(folder, dump_config(config))) == config
+
+
+@pytest.mark.parametrize(
+    "keys", [{"method": "pca-bases"}, {"method": "pca-bases", "components": 3}, {"k": 3}]
+)
+def test_a_printed_config_of_either_method_loads_again(folder, keys):
+    config = LearnDictConfig(shapes="a.h5", output="d.h5", **keys)
+    assert load_config("learn-dict", write(folder, dump_config(config))) == config

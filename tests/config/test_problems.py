@@ -98,6 +98,43 @@ def test_every_problem_is_told_at_once():
         ("learn-dict", "k: 1e3", "c.yaml:3:4: expected a whole number >= 1, found 1000.0"),
         ("learn-dict", "every: 0", "c.yaml:3:8: expected a whole number >= 1, found 0"),
         ("learn-dict", "beta: -1", "c.yaml:3:7: expected a number >= 0, found -1"),
+        (
+            "learn-dict",
+            "method: pca-bases\nk: 32",
+            "c.yaml:4:4: `k` belongs to `method: sparse-coding`; leave it out",
+        ),
+        (
+            "learn-dict",
+            "method: pca-bases\natom_bound: mean",
+            "c.yaml:4:13: `atom_bound` belongs to `method: sparse-coding`; leave it out",
+        ),
+        (
+            "learn-dict",
+            "components: 3",
+            "c.yaml:3:13: `components` belongs to `method: pca-bases`; leave it out",
+        ),
+        (
+            "learn-dict",
+            "energy: 0.9",
+            "c.yaml:3:9: `energy` belongs to `method: pca-bases`; leave it out",
+        ),
+        (
+            "learn-dict",
+            "method: pca-bases\nenergy: 0.9\ncomponents: 3",
+            "c.yaml:5:13: `components` and `energy` exclude each other; give one of them",
+        ),
+        (
+            "learn-dict",
+            "method: pca-bases\nenergy: 1.1",
+            "c.yaml:4:9: expected a number > 0 and <= 1, found 1.1",
+        ),
+        (
+            "learn-dict",
+            "method: pca-base",
+            "c.yaml:3:9: expected sparse-coding or pca-bases, found 'pca-base'; "
+            "did you mean 'pca-bases'?",
+        ),
+        ("learn-dict", "seed: 1", "c.yaml:3:1: unknown key 'seed'"),
         ("learn-dict", "align: [a, b]", "found ['a', 'b']"),
         ("learn-dict", "align: [a, b, a]", "found ['a', 'b', 'a']"),
         ("learn-dict", "align: al", "found 'al'"),

@@ -10,6 +10,7 @@ import pytest
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.learning import learn
+from shapefit.dictionary.pca_bases import principal_components
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import centroid, normalise, spread
 from shapefit.geometry.procrustes import generalised_procrustes, rotation_onto
@@ -45,9 +46,9 @@ def config(tmp_path, shapes):
         settings = {
             "shapes": str(tmp_path / "train.h5"),
             "output": str(tmp_path / "dict.h5"),
-            "k": 6,
-            "iterations": 4,
         }
+        if changes.get("method") != "pca-bases":
+            settings |= {"k": 6, "iterations": 4}
         return LearnDictConfig(**settings | changes)
 
     return make
@@ -92,6 +93,7 @@ class TestDictionary:
     def test_says_where_it_comes_from(self, config, tmp_path):
         _, dictionary = learned(made := config(beta=0.2))
         assert dictionary.provenance["version"] == __version__
+        assert dictionary.provenance["method"] == "sparse-coding"
         assert dictionary.provenance["config"] == made.as_json()
         source = tmp_path / "train.h5"
         assert json.loads(dictionary.provenance["inputs"]) == {str(source): digest(source)}
@@ -162,7 +164,7 @@ class TestOutcomes:
     def test_one_a_round_with_the_objective(self, config):
         outcomes, dictionary = learned(config())
         assert [o.done for o in outcomes] == [0, 1, 1, 1, 1, 0]
-        assert {o.total for o in outcomes} == {4}
+        assert [o.total for o in outcomes] == [None, 4, 4, 4, 4, 4]
         rounds = dictionary.objective_trace[2::2]
         assert [o.note for o in outcomes[1:5]] == [f"objective {v:.6g}" for v in rounds]
 
@@ -199,6 +201,62 @@ class TestOutcomes:
         outcomes, _ = learned(config())
         assert warnings(outcomes) == []
         assert failures(outcomes) == {}
+
+
+class TestPcaBases:
+    """`method: pca-bases`: components of each sequence one after another, and the mean pose."""
+
+    def test_are_those_of_each_aligned_sequence(self, config, shapes):
+        _, dictionary = learned(config(method="pca-bases", energy=0.9))
+        aligned = generalised_procrustes(normalise(shapes.shapes).points)
+        walk = principal_components(aligned.shapes[:10], 0.9)
+        run = principal_components(aligned.shapes[10:], 0.9)
+        np.testing.assert_array_equal(dictionary.atoms, np.concatenate([walk, run]))
+        np.testing.assert_array_equal(dictionary.mean_shape, normalise(aligned.mean).points)
+        np.testing.assert_allclose(np.linalg.norm(dictionary.atoms, axis=(1, 2)), 1)
+        np.testing.assert_array_equal(dictionary.edges, EDGES)
+        assert dictionary.objective_trace.size == 0
+
+    def test_say_so_for_their_coefficients_have_either_sign(self, config):
+        _, dictionary = learned(config(method="pca-bases"))
+        assert dictionary.provenance["method"] == "pca-bases"
+
+    def test_their_number_can_be_given(self, config):
+        outcomes, dictionary = learned(config(method="pca-bases", components=3))
+        assert dictionary.k == 6
+        assert [o.note for o in outcomes[1:]] == ["3 bases of walk", "3 bases of run", "6 bases"]
+        assert [o.done for o in outcomes] == [0, 1, 1, 0]
+        assert outcomes[-1].written == (config().output,)
+
+    def test_a_sequence_that_stands_still_adds_none(self, config, shapes, tmp_path):
+        points = shapes.shapes.copy()
+        points[:10] = points[0]
+        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
+        outcomes, dictionary = learned(config(method="pca-bases", components=3))
+        assert [o.note for o in outcomes[1:]] == ["0 bases of walk", "3 bases of run", "3 bases"]
+        assert dictionary.k == 3
+
+    def test_without_sequences_all_are_one(self, config, shapes, tmp_path):
+        write_shapes(tmp_path / "train.h5", replace(shapes, sequences=None))
+        outcomes, dictionary = learned(config(method="pca-bases", components=3))
+        assert [o.note for o in outcomes[1:]] == ["3 bases", "3 bases"]
+        assert dictionary.k == 3
+
+    def test_need_shapes_that_differ(self, config, shapes, tmp_path):
+        still = replace(shapes, shapes=np.repeat(shapes.shapes[:1], 30, axis=0))
+        write_shapes(tmp_path / "train.h5", still)
+        with pytest.raises(InputError, match=r"shapes: .* all alike; give sequences that move"):
+            list(learn_dict.run(config(method="pca-bases")))
+
+    def test_need_shapes(self, config, shapes, tmp_path):
+        write_shapes(tmp_path / "train.h5", shapes.take([]))
+        with pytest.raises(InputError, match="0 shapes"):
+            list(learn_dict.run(config(method="pca-bases")))
+
+    def test_k_has_no_say(self, config, shapes, tmp_path):
+        write_shapes(tmp_path / "train.h5", shapes.take(slice(0, 8)))
+        _, dictionary = learned(config(method="pca-bases"))
+        assert dictionary.k <= 7
 
 
 class TestFailures:

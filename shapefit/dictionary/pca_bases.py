@@ -1,0 +1,31 @@
+"""Principal components of the shapes of one activity, for coefficients of either sign."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def principal_components(
+    shapes: Floats, energy: float = 0.99, components: int | None = None
+) -> Floats:
+    """Orthonormal directions (m, 3, p) in which the shapes differ most from their own mean.
+
+    shapes (n, 3, p), n >= 1, normalised, aligned, centred. The strongest come first, each with
+    its largest entry positive. m is the least number that holds `energy`, a share of the summed
+    squared distances from the mean, or `components` where that is given; at most the rank, and so
+    0 for shapes that are all alike. The dictionary of matching pursuit concatenates those of all
+    activities. Source: Ramakrishna, Kanade and Sheikh 2012.
+    """
+    X = (shapes - shapes.mean(axis=0)).reshape(len(shapes), -1)
+    _, s, directions = np.linalg.svd(X, full_matrices=False)
+    rounding = max(X.shape) * np.finfo(np.float64).eps
+    rank = int((s > rounding * max(s[0], np.abs(shapes).max())).sum())
+    if components is None:
+        held = np.cumsum(s[:rank] ** 2)
+        components = int((held < energy * held[-1]).sum()) + 1 if rank else 0
+    kept = directions[: min(components, rank)]
+    largest = np.take_along_axis(kept, np.abs(kept).argmax(axis=1)[:, None], axis=1)
+    return (kept * np.sign(largest)).reshape(-1, *shapes.shape[1:])

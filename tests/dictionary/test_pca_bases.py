@@ -1,0 +1,101 @@
+"""Principal components: planted, optimal, equal to an independent solver's, and equivariant."""
+
+import numpy as np
+import pytest
+from sklearn.decomposition import PCA
+
+from shapefit.dictionary.pca_bases import principal_components
+from shapefit.geometry.rotations import random_rotations
+
+
+@pytest.fixture
+def shapes(rng):
+    """40 centred shapes around one that is not 0, of falling variation."""
+    forms = rng.standard_normal((12, 3, 6)) * 0.6 ** np.arange(12)[:, None, None]
+    points = rng.standard_normal((3, 6)) + np.tensordot(rng.standard_normal((40, 12)), forms, 1)
+    return points - points.mean(axis=-1, keepdims=True)
+
+
+def flat(shapes):
+    return shapes.reshape(len(shapes), -1)
+
+
+@pytest.fixture
+def planted(rng):
+    """Three orthonormal components (3, 18) and shapes that have them with energies 25, 4, 1."""
+    components = np.linalg.qr(rng.standard_normal((18, 3)))[0].T
+    ones_and_more = np.column_stack([np.ones(30), rng.standard_normal((30, 3))])
+    C = np.linalg.qr(ones_and_more)[0][:, 1:]  # orthonormal columns of mean 0
+    mean = rng.standard_normal((3, 6))
+    return components, mean + ((C * [5, 2, 1]) @ components).reshape(30, 3, 6)
+
+
+def test_planted_components_are_found_in_order(planted):
+    components, shapes = planted
+    found = flat(principal_components(shapes, 1.0))
+    np.testing.assert_allclose(np.abs(found @ components.T), np.eye(3), atol=1e-12)
+
+
+def test_as_many_as_the_energy_needs_and_no_more(planted):
+    # The first holds 0.833 of the energy, the first two 0.967.
+    _, shapes = planted
+    counts = [len(principal_components(shapes, e)) for e in (0.5, 0.83, 0.84, 0.96, 0.97, 0.999)]
+    assert counts == [1, 1, 2, 2, 3, 3]
+
+
+@pytest.mark.parametrize("components", [1, 4, 9])
+def test_they_leave_the_least_residual(shapes, components):
+    """Certificate (Eckart and Young): the residual is the sum of the other squared values."""
+    found = flat(principal_components(shapes, components=components))
+    np.testing.assert_allclose(found @ found.T, np.eye(components), atol=1e-12)
+    X = flat(shapes - shapes.mean(axis=0))
+    residual = np.linalg.norm(X - X @ found.T @ found) ** 2
+    least = (np.linalg.svd(X, compute_uv=False)[components:] ** 2).sum()
+    assert residual == pytest.approx(least, rel=1e-12)
+
+
+def test_another_solver_finds_the_same(shapes):
+    judge = PCA(n_components=0.95, svd_solver="full").fit(flat(shapes))
+    found = flat(principal_components(shapes, 0.95))
+    assert found.shape == judge.components_.shape
+    signs = np.sign((found * judge.components_).sum(axis=1))[:, None]
+    np.testing.assert_allclose(found * signs, judge.components_, atol=1e-10)
+
+
+def test_the_largest_entry_is_positive(shapes):
+    found = flat(principal_components(shapes, 1.0))
+    assert (found.max(axis=1) == np.abs(found).max(axis=1)).all()
+
+
+def test_turning_all_shapes_turns_them(shapes, rng):
+    (R,) = random_rotations(1, rng)
+    turned = flat(principal_components(R @ shapes, components=5))
+    expected = flat(R @ principal_components(shapes, components=5))
+    np.testing.assert_allclose(np.abs((turned * expected).sum(axis=1)), 1, atol=1e-10)
+
+
+def test_the_order_and_place_of_shapes_and_landmarks_do_not_matter(shapes, rng):
+    order, landmarks = rng.permutation(40), rng.permutation(6)
+    found = principal_components(shapes, components=4)
+    moved = principal_components(shapes[order] + rng.standard_normal((3, 6)), components=4)
+    np.testing.assert_allclose(moved, found, atol=1e-10)
+    permuted = principal_components(shapes[..., landmarks], components=4)
+    np.testing.assert_allclose(permuted, found[..., landmarks], atol=1e-10)
+
+
+def test_they_are_centred_as_the_shapes_are(shapes):
+    np.testing.assert_allclose(principal_components(shapes, 1.0).mean(axis=-1), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("keys", [{"energy": 1.0}, {"components": 99}])
+def test_never_more_than_the_rank(shapes, keys):
+    # 12 forms in 15 centred dimensions; 5 shapes vary in 4.
+    assert len(principal_components(shapes, **keys)) == 12
+    assert len(principal_components(shapes[:5], **keys)) == 4
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_shapes_that_are_alike_have_none(shapes, count):
+    alike = np.repeat(shapes[:1], count, axis=0)
+    assert principal_components(alike).shape == (0, 3, 6)
+    assert principal_components(alike, components=3).shape == (0, 3, 6)
