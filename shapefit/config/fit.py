@@ -51,6 +51,29 @@ class SolverConfig(ConfigModel):
         return stop
 
 
+class AlternationConfig(ConfigModel):
+    """How the methods that share one rotation alternate."""
+
+    signed: bool = Field(
+        default=False, description="Coefficients of either sign (convex+refine keeps them >= 0)."
+    )
+    views: int = Field(
+        default=6,
+        ge=1,
+        description="Views, spread evenly, from which the pose of the mean shape is sought.",
+    )
+    multi_start: bool = Field(
+        default=False,
+        description="alternate: also start from each of the views, and keep the lowest objective.",
+    )
+    tolerance: float = Field(
+        default=1e-6,
+        gt=0,
+        description="Relative fall of the objective at which a round is the last.",
+    )
+    max_rounds: int = Field(default=500, ge=1, description="Most rounds for one image.")
+
+
 class FitConfig(CommandConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
@@ -59,8 +82,11 @@ class FitConfig(CommandConfig):
     output: OutputPath = Field(
         description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
     )
-    method: Literal["convex"] = Field(
-        default="convex", description="How to lift: the convex program."
+    method: Literal["convex", "convex+refine", "alternate", "alternate+", "mean-shape"] = Field(
+        default="convex",
+        description="How to lift: the convex program; it refined to one shared rotation; "
+        "alternating minimisation from the mean shape or (alternate+) from the convex program; "
+        "or the pose of the mean shape alone.",
     )
     loss: Literal["squared", "exact", "l1", "sparse-error"] = Field(
         default="squared",
@@ -100,6 +126,14 @@ class FitConfig(CommandConfig):
     solver: SolverConfig = Field(
         default_factory=SolverConfig, description="How the convex program is solved."
     )
+    orthogonal: bool = Field(
+        default=False,
+        description="convex: replace the rotation of each atom by the nearest proper one.",
+    )
+    alternation: AlternationConfig = Field(
+        default_factory=AlternationConfig,
+        description="How convex+refine, alternate, alternate+ and mean-shape search.",
+    )
     threads: int = Field(default=0, ge=0, description="Threads to solve with; 0 is one per core.")
     chunk: int = Field(default=4096, ge=1, description="Images held in memory at a time.")
     strict: bool = Field(
@@ -122,6 +156,10 @@ class FitConfig(CommandConfig):
             raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
         if self.loss != "squared" and self.solver.name == "admm":
             raise ValueError(f"the solver admm knows only `loss: squared`, not {self.loss}")
+        if self.loss != "squared" and self.method not in ("convex", "convex+refine"):
+            raise ValueError(f"the method {self.method} knows only `loss: squared`")
+        if self.path and self.method != "convex":
+            raise ValueError("`path` belongs to the method convex")
         if self.path and (self.loss == "exact" or self.solver.name == "admm"):
             raise ValueError("`path` needs the solver newton and a loss that lambda weighs against")
         return self

@@ -16,6 +16,7 @@ from shapefit.config import FitConfig
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
 from shapefit.convex.solution import Status
+from shapefit.dictionary.model import Dictionary
 from shapefit.io import (
     LandmarkSet,
     ResultSet,
@@ -36,10 +37,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     """Lift every image of the landmark files; yields an Outcome a chunk."""
     dictionary = read_dictionary(config.dictionary)
     program = choose_program(config)
-    settings = Settings(
-        solve=choose_solver(config), mean_shape=dictionary.mean_shape, threads=config.threads
-    )
-    estimator = choose_method(config.method, settings)
+    estimator = choose_method(config.method, choose_settings(config, dictionary))
     solve_seconds, done = 0.0, 0
     with open_landmarks(config.landmarks) as source, result_writer(config.output) as writer:
         for chunk in source.chunks(config.chunk):
@@ -77,6 +75,22 @@ def choose_program(config: FitConfig) -> Program:
         loss=Loss(config.loss),
         beta=config.beta,
         noise=config.noise or 0.0,
+    )
+
+
+def choose_settings(config: FitConfig, dictionary: Dictionary) -> Settings:
+    """Return what the methods need besides the problem."""
+    options = config.alternation
+    return Settings(
+        solve=choose_solver(config),
+        mean_shape=dictionary.mean_shape,
+        orthogonal=config.orthogonal,
+        signed=options.signed,
+        views=options.views,
+        multi_start=options.multi_start,
+        tolerance=options.tolerance,
+        max_rounds=options.max_rounds,
+        threads=config.threads,
     )
 
 
