@@ -38,6 +38,8 @@ BORDER, GAP = 0.3, 0.12
 """Inches around all panels, and between rows."""
 MARK, SMALL_MARK = 3.2, 1.7
 """Diameter in points of the mark of a landmark."""
+ROW_LETTERS, SHEET_LETTERS = 32, 60
+"""Letters of a title that fit beside a row, and above an image of a contact sheet."""
 SHEET_COLUMNS = 4
 UNDER_LANDMARKS = 0.72
 """Paleness of a mesh that has landmarks drawn over it."""
@@ -116,7 +118,8 @@ def contact_sheet(
     for (flat, solid), image in zip(pairs, images, strict=False):
         _draw_overlay(flat, image, model, size=SMALL_MARK, as_pixels=True)
         _draw_in_3d(solid, image, model, view, as_pixels=True)
-        flat.set_title(image.title, fontsize=4.5, color=panels.INK, loc="left", pad=0)
+        title = _shortened(image.title, SHEET_LETTERS)
+        flat.set_title(title, fontsize=4.5, color=panels.INK, loc="left", pad=0, parse_math=False)
     panels.add_legend(figure, outliers=any(image.outliers is not None for image in images))
     return figure
 
@@ -219,11 +222,17 @@ def _grid(rows: int, columns: int, shape: float, height: float) -> tuple[Figure,
 def _name_rows(grid: Grid, titles: Sequence[str]) -> None:
     for axes, title in zip(grid[:, 0], titles, strict=True):
         axes.annotate(
-            title, (0, 0.5), xycoords="axes fraction", xytext=(-2, 0), textcoords="offset points",
-            rotation=90, ha="right", va="center", fontsize=6.5, color=panels.INK,
+            _shortened(title, ROW_LETTERS), (0, 0.5), xytext=(-2, 0), xycoords="axes fraction",
+            textcoords="offset points", rotation=90, ha="right", va="center", fontsize=6.5,
+            color=panels.INK, parse_math=False,
         )  # fmt: skip
 
 
 def _name_columns(grid: Grid, heads: Sequence[str]) -> None:
     for axes, head in zip(grid[0], heads, strict=True):
-        axes.set_title(head, fontsize=9, color=panels.INK, pad=4)
+        axes.set_title(head, fontsize=9, color=panels.INK, pad=4, parse_math=False)
+
+
+def _shortened(title: str, letters: int) -> str:
+    """Return at most that many letters, the last ones: they tell images of a sequence apart."""
+    return title if len(title) <= letters else "…" + title[1 - letters :]

@@ -42,8 +42,8 @@ def level(up: Floats) -> Floats:
     """Rotation (3, 3) of the viewer's frame after which `up` is y, seen from the same side.
 
     up (3,), a direction in the viewer's frame. Takes the tilt out of a view and keeps its turn:
-    what faced the viewer still does. Seen straight from above or below, the picture's upper side
-    becomes the far side.
+    what faced the viewer still does. Seen straight from above, the lower side of the picture comes
+    to face the viewer; straight from below, the upper one.
     """
     y = up / np.linalg.norm(up)
     facing = np.array([0.0, 0.0, 1.0])

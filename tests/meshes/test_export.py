@@ -54,6 +54,14 @@ def test_a_box_comes_back(file_format, box, box_faces):
 
 
 @EVERY
+def test_vertices_that_coincide_stay_apart(file_format, box, box_faces):
+    vertices = np.hstack([box(4, 3, 2), box(4, 3, 2)])
+    faces = np.concatenate([box_faces, box_faces + 8])
+    (mesh,) = opened(mesh_files(vertices, faces, file_format), main_suffix(file_format)).values()
+    assert_same(mesh, vertices, faces, file_format)
+
+
+@EVERY
 @pytest.mark.real_data
 def test_a_real_car_comes_back_watertight_as_a_viewer_opens_it(file_format, cars):
     for vertices in cars.mesh_vertices[::11]:

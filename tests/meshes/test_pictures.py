@@ -112,6 +112,8 @@ def test_one_unit_is_as_long_up_as_across_in_every_panel(image, box_faces):
         for axes in (axes for axes in figure.axes if axes.collections):
             (x0, y0), (x1, y1) = axes.transData.transform([(0, 0), (1, 1)])
             assert x1 - x0 == pytest.approx(y1 - y0)
+            # without shrinking the panel
+            np.testing.assert_allclose(axes.get_position(), axes.get_position(original=True))
     # all there is to see lies within the panel
     for axes in figures[0].axes:
         (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
@@ -145,16 +147,24 @@ def test_novel_views_walk_around_the_mesh(image, box_faces):
     ]
 
 
-def test_novel_views_stand_upright_where_the_rotation_is_known(image, box, box_faces):
-    tilt = rotation_about(np.array([1.0, 0, 0]), np.array([0.4]))[0]
-    tilted = replace(image, shape=tilt @ box(4, 3, 2), mesh_vertices=tilt @ box(4, 3, 2))
-    view = [View(90, 0)]
-    for y_axis in ("up", "down"):
-        model = Model(y_axis, box_faces)
-        known = fit_picture([replace(tilted, rotation=tilt)], model, view)
-        np.testing.assert_allclose(extent(triangles(known.axes[2])), [2, 3])
-        unknown = fit_picture([tilted], model, view)
-        assert extent(triangles(unknown.axes[2]))[1] > 3.2
+@pytest.mark.parametrize(("y_axis", "half_turns"), [("up", 0), ("down", 1)])
+def test_novel_views_stand_upright_where_the_rotation_is_known(
+    y_axis, half_turns, image, box, box_faces
+):
+    pyramid = box(4, 3, 2)
+    top = pyramid[1] > 0
+    pyramid[::2, top] = 0
+    angles = np.array([0.4 + half_turns * np.pi])
+    rotation = rotation_about(np.array([1.0, 0, 0]), angles)[0]
+    tilted = replace(image, shape=rotation @ pyramid, mesh_vertices=rotation @ pyramid)
+    model, view = Model(y_axis, box_faces), [View(90, 0)]
+    known = fit_picture([replace(tilted, rotation=rotation)], model, view)
+    faces = triangles(known.axes[2])
+    np.testing.assert_allclose(extent(faces), [2, 3])
+    summit = faces[faces[..., 1] > 0]
+    np.testing.assert_allclose(summit, np.tile([0, 1.5], (len(summit), 1)), atol=1e-12)
+    unknown = fit_picture([tilted], model, view)
+    assert abs(extent(triangles(unknown.axes[2]))[1] - 3) > 0.1
 
 
 def test_edges_are_drawn_where_there_is_no_mesh(image):
@@ -194,6 +204,19 @@ def test_the_contact_sheet_has_every_image_and_no_more(image, box_faces):
     drawn = [axes for axes in figure.axes if axes.collections]
     assert len(drawn) == 12
     assert len(figure.axes) == 16
+
+
+def test_titles_are_taken_literally_and_the_end_of_long_ones(image, box_faces):
+    images = [replace(image, title="a$b_{$"), replace(image, title=f"{'x' * 80}/0007")]
+    rows, sheet = (draw(images, Model("up", box_faces)) for draw in (fit_picture, contact_sheet))
+    names = [text.get_text() for axes in rows.axes for text in axes.texts]
+    heads = [axes.get_title(loc="left") for axes in sheet.axes]
+    for found, letters in ((names, 32), ([head for head in heads if head], 60)):
+        assert found[0] == "a$b_{$"
+        assert len(found[1]) == letters
+        assert found[1].endswith("xx/0007")
+    FigureCanvasAgg(rows).draw()
+    FigureCanvasAgg(sheet).draw()
 
 
 def test_outliers_are_in_the_legend_where_they_are_looked_for(image, box_faces):

@@ -38,6 +38,19 @@ def test_the_side_away_from_the_lamp_is_darker_and_none_is_black_or_overlit(box,
     assert light[-1] <= 1
 
 
+def test_every_face_keeps_its_colour_in_whatever_order_it_is_given(box, box_faces):
+    vertices = View(-40, 30).rotation() @ box(4, 3, 2)
+
+    def colours(faces):
+        painted = paint(vertices, faces, WHITE)
+        pairs = zip(painted.triangles, painted.colours[:, 0], strict=True)
+        return {tuple(triangle.ravel()): colour for triangle, colour in pairs}
+
+    assert colours(box_faces) == pytest.approx(
+        colours(box_faces[[3, 9, 0, 5, 11, 7, 1, 8, 4, 2, 10, 6]])
+    )
+
+
 def test_what_is_nearer_is_painted_later(box, box_faces):
     near, far = box(1, 1, 1) + np.array([[0.2], [0.2], [3.0]]), box(1, 1, 1)
     for vertices, shift in ((np.hstack([near, far]), 0), (np.hstack([far, near]), 8)):

@@ -50,3 +50,9 @@ def test_level_keeps_what_faces_the_viewer():
         facing = level(rotation[:, 1]) @ Z
         assert abs(facing[0]) < 1e-15
         assert facing[2] > 0
+
+
+@pytest.mark.parametrize(("tilt", "facing"), [(90, -Y), (89, -Y), (-90, Y), (-89, Y)])
+def test_level_gets_up_from_above_and_below_without_turning(tilt, facing):
+    up = View(0, tilt).rotation()[:, 1]
+    np.testing.assert_allclose(level(up) @ facing, Z, atol=0.02)
