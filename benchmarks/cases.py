@@ -14,7 +14,7 @@ from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.io import read_shapes
+from shapefit.io import ShapeSet, read_shapes
 from shapefit.pipelines.learn_dict import every_nth
 
 Floats = NDArray[np.float64]
@@ -64,14 +64,22 @@ def hide(case: Case, share: float, seed: int = 0) -> Case:
 
 
 def mocap_case(folder: Path, k: int = 64) -> Case:
-    """All frames of subject 13 under the turntable, a dictionary from subject 86 (every third)."""
+    """All frames of subject 13 under the turntable, a dictionary from subject 86."""
+    views = turntable_views(read_shapes([folder / "subject13_24fps.h5"]))
+    return Case(f"subject 13, k={k}, p=15", views, learn_mocap(folder, k))
+
+
+def learn_mocap(folder: Path, k: int = 64) -> Floats:
+    """The paper's dictionary: every third frame of subject 86, beta = 0.1."""
     training = read_shapes([folder / "subject86_24fps.h5"])
     kept = every_nth(training.sequences or (), 3)
     aligned = generalised_procrustes(normalise(training.shapes[kept]).points)
     *_, learned = learn(aligned.shapes, k, 0.1, iterations=15)
+    return learned.atoms
 
-    test = read_shapes([folder / "subject13_24fps.h5"])
-    lengths = Counter(test.sequences)
+
+def turntable_views(shapes: ShapeSet) -> Floats:
+    """Normalised landmarks of every frame, the camera turning once around each sequence."""
+    lengths = Counter(shapes.sequences)
     turns = np.concatenate([np.arange(length) / length for length in lengths.values()])
-    views = project(test.shapes, turntable(turns, "y"))
-    return Case(f"subject 13, k={k}, p=15", normalise(views).points, learned.atoms)
+    return normalise(project(shapes.shapes, turntable(turns, "y"))).points

@@ -1,0 +1,65 @@
+"""The commands of the README run, in their order, on a copy of what they read."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from shapefit.config import CONFIGS
+
+SET_UP = ("pip ", "make ")
+
+
+def commands(text: str) -> list[str]:
+    blocks = re.findall(r"```console\n(.*?)```", text, re.DOTALL)
+    return [line[2:] for block in blocks for line in block.splitlines() if line.startswith("$ ")]
+
+
+def test_the_commands_run(project: Path, tmp_path: Path):
+    for name in ("configs", "sample_data"):
+        shutil.copytree(project / name, tmp_path / name)
+    told = commands((project / "README.md").read_text(encoding="utf-8"))
+    ours = [command for command in told if not command.startswith(SET_UP)]
+    assert len(ours) >= 3
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    for command in ours:
+        done = subprocess.run(
+            shlex.split(command),
+            cwd=tmp_path,
+            env={**os.environ, "PATH": path},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, f"{command}\n{done.stderr}"
+    assert done.stdout.startswith("item,landmark,x,y,z\n")
+    assert (tmp_path / "shapes.csv").read_text(encoding="utf-8").count("\n") > 12 * 15
+
+
+def test_set_up_commands_exist(project: Path):
+    makefile = (project / "Makefile").read_text(encoding="utf-8")
+    text = (project / "README.md").read_text(encoding="utf-8")
+    targets = set(re.findall(r"`make ([a-z-]+)", text)) | {
+        command.split()[1] for command in commands(text) if command.startswith("make ")
+    }
+    assert targets
+    for target in targets:
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+
+
+@pytest.mark.parametrize("link", ["docs/method.md", "docs/lambda.md", "benchmarks/README.md"])
+def test_linked_pages_exist(project: Path, link: str):
+    assert f"({link})" in (project / "README.md").read_text(encoding="utf-8")
+    assert (project / link).is_file()
+
+
+def test_every_command_is_documented(project: Path):
+    page = (project / "docs/commands.md").read_text(encoding="utf-8")
+    assert all(f"shapefit {command}" in page for command in CONFIGS)
