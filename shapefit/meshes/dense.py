@@ -86,7 +86,8 @@ def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Flo
     share = coefficients * size
     length = np.linalg.norm(object_frame(atoms, coefficients), axis=(1, 2))
     total = share.sum(axis=1) * length
-    return np.divide(share @ (atom_scale * size), total, out=total * np.nan, where=total > 0)
+    unknown = np.full_like(total, np.nan)
+    return np.divide(share @ (atom_scale * size), total, out=unknown, where=total > 0)
 
 
 def _place(shapes: Floats, scale: Floats, translation: Floats) -> Floats:
