@@ -1,0 +1,85 @@
+"""The config of simulate: its defaults, and what it does not accept."""
+
+import pytest
+
+from shapefit.config import SimulateConfig, dump_config, load_config
+from shapefit.errors import InputError
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def load(*options):
+    return load_config("simulate", None, options, {"output": "report"})
+
+
+def test_defaults_are_the_grid_of_the_paper(folder):
+    config = load()
+    assert isinstance(config, SimulateConfig)
+    assert config.landmarks == (5, 10, 15, 20, 25, 30, 35, 40, 45, 50)
+    assert config.active_atoms == (1, 2, 3, 4, 5, 6, 7, 8, 9, 10)
+    assert (config.k, config.trials, config.success_below) == (50, 100, 1e-3)
+    assert config.output == folder / "report"
+    assert config.published.success == ()
+
+
+def test_the_config_of_the_figure_has_the_whole_published_grid(project):
+    config = load_config("simulate", project / "configs/recovery.yaml")
+    assert config.output == project / "results/recovery"
+    assert config.published.landmarks == config.landmarks
+    assert config.published.active_atoms == config.active_atoms
+    assert config.published.success[0][0] == 0.08
+    assert config.published.success[-1][-1] == 0.87
+
+
+def test_the_printed_config_loads_again(project, folder):
+    config = load_config("simulate", project / "configs/recovery.yaml")
+    (folder / "printed.yaml").write_text(dump_config(config), encoding="utf-8")
+    assert load_config("simulate", folder / "printed.yaml") == config
+
+
+GRID = "published={landmarks: [5, 10], active_atoms: [1], success: %s}"
+
+
+@pytest.mark.parametrize(
+    ("option", "expected"),
+    [
+        ("landmarks=[]", "expected at least one number, found an empty list"),
+        ("landmarks=[5, 5]", "expected different numbers, found [5, 5]"),
+        ("landmarks=[1]", "expected a list of whole numbers >= 2, found 1"),
+        ("landmarks=5", "expected a list of whole numbers >= 2, found 5"),
+        ("active_atoms=[0]", "expected a list of whole numbers >= 1, found 0"),
+        (
+            "active_atoms=[51]",
+            "expected numbers of atoms in use up to k = 50, found 51; "
+            "leave out what is larger, or raise k",
+        ),
+        ("trials=0", "expected a whole number >= 1, found 0"),
+        ("success_below=0", "expected a number > 0, found 0"),
+        ("translation=no", "expected free or none, found 'no'; did you mean 'none'?"),
+        ("landmark=[5]", "unknown key 'landmark'; did you mean 'landmarks'?"),
+    ],
+)
+def test_problems(option, expected):
+    with pytest.raises(InputError) as caught:
+        load(option)
+    assert caught.value.problems == (f"--set {option}: {expected}",)
+
+
+@pytest.mark.parametrize(
+    ("success", "expected"),
+    [
+        ("[[1], [1.5]]", "expected a list of rows, each a list of numbers from 0 to 1, found 1.5"),
+        ("[[1]]", "expected in `success` 2 rows (landmarks) of 1 shares"),
+        ("[[1], [1, 0]]", "expected in `success` 2 rows (landmarks) of 1 shares"),
+    ],
+)
+def test_problems_of_the_published_grid(success, expected):
+    with pytest.raises(InputError) as caught:
+        load(GRID % success)
+    (problem,) = caught.value.problems
+    assert expected in problem
+    assert load(GRID % "[[1], [0.5]]").published.success == ((1,), (0.5,))
