@@ -78,9 +78,11 @@ def alternate_image(
     for step in range(0, trace.shape[0], 2):
         trace[step] = sparse_coefficients(w, atoms, planes, R, lam, signed, c)
         penalty = _mix_atoms(atoms, c, shape)
-        _find_moments(w, shape, P, D)
-        fall, _ = rotation_step(P, D, False, R)
-        trace[step + 1] = energy + fall + lam * penalty
+        trace[step + 1] = trace[step]
+        if penalty > 0.0:
+            _find_moments(w, shape, P, D)
+            fall, _ = rotation_step(P, D, False, R)
+            trace[step + 1] = energy + fall + lam * penalty
         if step > 0 and trace[step - 1] - trace[step + 1] <= tolerance * trace[step - 1]:
             return step + 2, True
     return trace.shape[0], False

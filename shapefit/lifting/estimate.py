@@ -51,7 +51,7 @@ class Placement:
     """A projected shape placed on the landmarks of n images.
 
     translation T (n, 2); misfit (n,), 1/2 ||Omega o (W - S - T 1^T)||_F^2; residual (n,), the
-    norm in it beside that of the centred landmarks. nan for images without landmarks.
+    norm in it beside that of the centred landmarks. nan for images without visible landmarks.
     """
 
     translation: Floats
@@ -59,23 +59,24 @@ class Placement:
     residual: Floats
 
 
-def place(problem: Problem, projected: Floats) -> Placement:
-    """argmin_T 1/2 ||Omega o (W - S - T 1^T)||_F^2 for projected shapes S (n, 2, p)."""
+def place(problem: Problem, projected: Floats, translation: Floats | None = None) -> Placement:
+    """argmin_T 1/2 ||Omega o (W - S - T 1^T)||_F^2 for projected shapes S (n, 2, p), or a given T.
+
+    T is the mean of W - S with the weights squared.
+    """
     square = problem.weights**2
     total = square.sum(axis=1)
     seen = total > 0
     share = np.divide(square, total[:, None], out=np.zeros_like(square), where=seen[:, None])
 
     def centre(points: Floats) -> Floats:
-        return np.einsum("nap,np->na", points, share)
+        return np.where(seen[:, None], np.einsum("nap,np->na", points, share), np.nan)
 
-    def norm(points: Floats) -> Floats:
-        centred = points - centre(points)[..., None]
-        values = np.sqrt((centred**2 * square[:, None]).sum(axis=(1, 2)))
-        return np.where(seen, values, np.nan)
+    def misfit(points: Floats, middle: Floats) -> Floats:
+        return 0.5 * ((points - middle[..., None]) ** 2 * square[:, None]).sum(axis=(1, 2))
 
     W = problem.landmarks
-    left, whole = norm(W - projected), norm(W)
-    residual = np.divide(left, whole, out=np.zeros_like(left), where=whole != 0)
-    translation = np.where(seen[:, None], centre(W - projected), np.nan)
-    return Placement(translation, 0.5 * left**2, residual)
+    T = centre(W - projected) if translation is None else translation
+    left, whole = misfit(W - projected, T), misfit(W, centre(W))
+    share_left = np.divide(left, whole, out=np.zeros_like(left), where=whole != 0)
+    return Placement(T, left, np.sqrt(share_left))

@@ -59,7 +59,7 @@ def convex(problem: Problem, settings: Settings) -> Estimate:
         translation=solution.translation,
         rotation=found.rotation,
         objective=solution.objective,
-        residual=solution.residual,
+        residual=place(problem, found.shapes[:, :2], solution.translation).residual,
         iterations=solution.iterations,
         status=solution.status,
         coefficients=found.coefficients,

@@ -1,0 +1,235 @@
+"""Normalising, failing and scaling back, for any method; the convex program through it all."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import Loss
+from shapefit.convex.solution import Status
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.rotations import random_rotations, rotation_angle
+from shapefit.lifting.estimate import Estimate, place
+from shapefit.lifting.lift import Program, lift
+from shapefit.lifting.methods import Settings, choose_method
+
+PROGRAM = Program(lam=0.1)
+
+
+class Flat:
+    """A method whose shape is the landmarks themselves, at depth 0; remembers the problem."""
+
+    def __init__(self, status=Status.OPTIMAL):
+        self.status = status
+
+    def __call__(self, problem):
+        self.problem = problem
+        n, _, p = problem.landmarks.shape
+        shapes = np.concatenate([problem.landmarks, np.zeros((n, 1, p))], axis=1)
+        shapes[:, :2] -= 0.25
+        return Estimate(
+            shapes=shapes,
+            translation=np.full((n, 2), 0.25),
+            rotation=np.broadcast_to(np.eye(3), (n, 3, 3)),
+            objective=np.zeros(n),
+            residual=np.zeros(n),
+            iterations=np.zeros(n, np.int64),
+            status=(self.status,) * n,
+        )
+
+
+@pytest.fixture
+def convex():
+    solve = partial(solve_newton, tolerance=1e-10, max_iterations=2000)
+    return choose_method("convex", Settings(solve=solve, mean_shape=np.zeros((3, 0))))
+
+
+def test_methods_see_normalised_landmarks_and_their_answer_is_scaled_back(make_scene):
+    scene = make_scene(n=5)
+    landmarks, flat = 37.0 * scene.landmarks + 400.0, Flat()
+    found = lift(landmarks, scene.weights, scene.atoms, PROGRAM, flat)
+    norm = normalise(landmarks)
+    np.testing.assert_allclose(flat.problem.landmarks, norm.points, atol=1e-12)
+    np.testing.assert_array_equal(flat.problem.lam, 0.1)
+    np.testing.assert_allclose(found.landmarks_fitted, landmarks, rtol=1e-12)
+    np.testing.assert_array_equal(found.landmarks_fitted, found.shapes[:, :2])
+    np.testing.assert_array_equal(found.scale, norm.scale)
+    np.testing.assert_allclose(found.translation, norm.centroid + 0.25 * norm.scale[:, None])
+    assert found.failures == {}
+
+
+def test_failing_images_are_named_and_leave_the_others_alone(make_scene):
+    scene = make_scene(n=6)
+    scene.weights[1] = 0.0
+    scene.landmarks[2] = 3.0
+    scene.landmarks[3, 1] = 2 * scene.landmarks[3, 0]
+    scene.landmarks[4, :, 5:] = np.nan
+    scene.weights[4, 5:] = 0.0
+    flat = Flat()
+    found = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, flat)
+    assert found.failures == {
+        1: "all landmarks are hidden",
+        2: "all visible landmarks lie on one point",
+        3: "all visible landmarks lie on one line",
+    }
+    for image in (1, 2, 3):
+        assert np.isnan(found.shapes[image]).all()
+        assert np.isnan(found.scale[image])
+        np.testing.assert_array_equal(flat.problem.weights[image], 0.0)
+    for image in (0, 4, 5):
+        seen = scene.weights[image] > 0
+        np.testing.assert_allclose(
+            found.landmarks_fitted[image][:, seen], scene.landmarks[image][:, seen], rtol=1e-12
+        )
+
+
+def test_a_numerical_failure_is_a_failure(make_scene):
+    scene = make_scene(n=2)
+    status = Status.NUMERICAL_FAILURE
+    found = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, Flat(status))
+    assert found.failures == dict.fromkeys((0, 1), "numerical failure in the solver")
+    assert np.isnan(found.shapes).all()
+
+
+def test_no_images_give_nothing(make_scene, convex):
+    scene = make_scene(n=1)
+    found = lift(np.zeros((0, 2, 12)), np.zeros((0, 12)), scene.atoms, PROGRAM, convex)
+    assert found.shapes.shape == (0, 3, 12)
+    assert found.failures == {}
+
+
+def test_the_exact_loss_has_no_lambda_to_choose(make_scene):
+    scene, flat = make_scene(n=3), Flat()
+    program = Program(lam=None, loss=Loss.EXACT)
+    lift(scene.landmarks, scene.weights, scene.atoms, program, flat)
+    np.testing.assert_array_equal(flat.problem.lam, 1.0)
+
+
+@pytest.fixture
+def planted(rng):
+    """An optimum known by construction: lam, W, c, R and the atoms; W is normalised.
+
+    A dual Y with ||Y B_i^T||_* = lam where c_i > 0 and less elsewhere, M_i = c_i U V^T from the
+    singular value decomposition of Y B_i^T, and W = sum_i M_i B_i + Y.
+    """
+    k, p, lam = 10, 14, 0.3
+    Y = rng.standard_normal((2, p))
+    Y -= Y.mean(axis=1, keepdims=True)
+    atoms = rng.standard_normal((k, 3, p))
+    atoms -= atoms.mean(axis=2, keepdims=True)
+    U, s, Vt = np.linalg.svd(Y @ atoms.swapaxes(1, 2), full_matrices=False)
+    share = np.where(np.arange(k) < 3, 1.0, rng.uniform(0.2, 0.9, k))
+    atoms *= (lam * share / s.sum(axis=1))[:, None, None]
+    c = np.where(np.arange(k) < 3, rng.uniform(5, 9, k), 0.0)
+    M = c[:, None, None] * (U @ Vt)
+    W = np.einsum("kab,kbp->ap", M, atoms) + Y
+    sigma = normalise(W).scale
+    return lam / sigma, W / sigma, c / sigma, U @ Vt, atoms
+
+
+def test_a_planted_optimum_comes_back(planted, convex):
+    lam, W, c, rows, atoms = planted
+    landmarks = 120.0 * W[None] + np.array([[640.0], [360.0]])
+    found = lift(landmarks, np.ones((1, 14)), atoms, Program(lam=lam), convex)
+    np.testing.assert_allclose(found.estimate.coefficients[0], c, atol=1e-4)
+    for i in range(3):
+        np.testing.assert_allclose(found.estimate.transforms[0, i] / c[i], rows[i], atol=1e-4)
+    R = np.stack([np.vstack([r, np.cross(r[0], r[1])]) for r in rows])
+    S = np.einsum("k,kab,kbp->ap", c, R, atoms)
+    np.testing.assert_allclose(found.shapes[0, 2], 120 * S[2], atol=0.05)
+    np.testing.assert_allclose(found.shapes[0, 0] - 640, 120 * S[0], atol=0.05)
+    np.testing.assert_allclose(found.translation[0], [640, 360], atol=1e-6)
+    assert found.scale[0] == pytest.approx(120)
+    assert found.estimate.active_atoms[0] == 3
+    assert found.estimate.tight[0]
+    assert found.estimate.status == (Status.OPTIMAL,)
+
+
+def test_a_planted_rotation_comes_back(make_scene, convex):
+    """One atom without noise: exact in rotation and, but for the shrinkage, in shape."""
+    scene = make_scene(n=10, k=1, active=1)
+    found = lift(scene.landmarks, scene.weights, scene.atoms, Program(lam=1e-6), convex)
+    assert rotation_angle(found.estimate.rotation, scene.rotation).max() < 1e-3
+    S = scene.shapes
+    S[:, :2] += scene.translation[..., None]
+    np.testing.assert_allclose(found.shapes, S, atol=1e-4)
+
+
+def test_hidden_landmarks_are_filled_in_and_irrelevant(make_scene, convex, rng):
+    scene = make_scene(n=10, k=1, active=1, hidden=0.4)
+    program = Program(lam=1e-6)
+    clean = lift(scene.landmarks, scene.weights, scene.atoms, program, convex)
+    S = scene.shapes
+    S[:, :2] += scene.translation[..., None]
+    np.testing.assert_allclose(clean.shapes, S, atol=1e-4)
+    for garbage in (np.nan, 1e9):
+        landmarks = np.where(scene.weights[:, None] > 0, scene.landmarks, garbage)
+        dirty = lift(landmarks, scene.weights, scene.atoms, program, convex)
+        np.testing.assert_array_equal(dirty.shapes, clean.shapes)
+
+
+def test_scale_and_translation_of_the_landmarks_carry_over(make_scene, convex):
+    scene = make_scene(n=6, noise=0.2, weighted=True, hidden=0.1)
+    base = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, convex)
+    shift = np.array([[300.0], [-20.0]])
+    moved = lift(50 * scene.landmarks + shift, scene.weights, scene.atoms, PROGRAM, convex)
+    np.testing.assert_allclose(moved.scale, 50 * base.scale, rtol=1e-12)
+    np.testing.assert_allclose(
+        moved.landmarks_fitted, 50 * base.landmarks_fitted + shift, atol=50 * 1e-4
+    )
+    np.testing.assert_allclose(moved.shapes[:, 2], 50 * base.shapes[:, 2], atol=50 * 1e-3)
+    np.testing.assert_allclose(moved.estimate.objective, base.estimate.objective, rtol=1e-8)
+
+
+def test_permuted_landmarks_and_turned_atoms_give_the_same_shapes(make_scene, convex, rng):
+    scene = make_scene(n=6, noise=0.2)
+    base = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, convex)
+    order, Q = rng.permutation(12), random_rotations(1, rng)[0]
+    other = lift(
+        scene.landmarks[..., order], scene.weights, Q @ scene.atoms[..., order], PROGRAM, convex
+    )
+    np.testing.assert_allclose(other.shapes, base.shapes[..., order], atol=1e-3)
+    np.testing.assert_allclose(other.estimate.rotation @ Q, base.estimate.rotation, atol=1e-3)
+
+
+def test_the_mean_depth_is_0(make_scene, convex):
+    scene = make_scene(n=4, noise=0.2)
+    found = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, convex)
+    np.testing.assert_allclose(found.shapes[:, 2].mean(axis=1), 0.0, atol=1e-12)
+
+
+class TestPlace:
+    def test_the_translation_is_the_best(self, make_scene, rng):
+        problem = make_scene(n=4, weighted=True, hidden=0.2).problem(0.1)
+        projected = rng.standard_normal((4, 2, 12))
+        best = place(problem, projected)
+        for shift in 1e-3 * rng.standard_normal((20, 4, 2)):
+            moved = place(problem, projected, best.translation + shift)
+            assert (moved.misfit >= best.misfit).all()
+            np.testing.assert_array_equal(moved.translation, best.translation + shift)
+
+    def test_misfit_and_residual(self, make_scene, rng):
+        problem = make_scene(n=1, weighted=True).problem(0.1)
+        projected, T = rng.standard_normal((1, 2, 12)), rng.standard_normal((1, 2))
+        found = place(problem, projected, T)
+        left = problem.weights * (problem.landmarks - projected - T[..., None])[0]
+        assert found.misfit[0] == pytest.approx(0.5 * (left**2).sum())
+        share = problem.weights[0] ** 2 / (problem.weights**2).sum()
+        W = problem.landmarks[0]
+        whole = problem.weights[0] * (W - (W @ share)[:, None])
+        assert found.residual[0] == pytest.approx(np.linalg.norm(left) / np.linalg.norm(whole))
+
+    def test_no_residual_for_the_landmarks_themselves(self, make_scene):
+        problem = make_scene(n=2).problem(0.1)
+        np.testing.assert_allclose(place(problem, problem.landmarks).residual, 0.0, atol=1e-14)
+
+    def test_without_landmarks_all_is_unknown(self, make_scene):
+        scene = make_scene(n=2)
+        scene.weights[1] = 0.0
+        found = place(scene.problem(0.1), np.zeros((2, 2, 12)))
+        for values in (found.translation, found.misfit, found.residual):
+            assert np.isfinite(values[0]).all()
+            assert np.isnan(values[1]).all()

@@ -1,0 +1,232 @@
+"""The table of methods: what each promises beside the others, on made and on real images."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import Loss, build_problem
+from shapefit.convex.solution import Status
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
+from shapefit.geometry.rotations import rotation_about
+from shapefit.lifting.lift import Program, lift
+from shapefit.lifting.methods import METHODS, Settings, choose_method
+from shapefit.lifting.pose import spread_views
+
+RIGID = ("convex+refine", "alternate", "alternate+")
+
+
+@pytest.fixture
+def scene(make_scene):
+    return make_scene(n=25, k=15, noise=0.3, weighted=True, hidden=0.15)
+
+
+@pytest.fixture
+def settings(scene):
+    return Settings(solve=partial(solve_newton, tolerance=1e-7), mean_shape=scene.mean_shape)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_method_fits_hidden_weighted_moved_and_scaled_landmarks(name, scene, settings, rng):
+    estimator = choose_method(name, settings)
+    base = lift(scene.landmarks, scene.weights, scene.atoms, Program(0.1), estimator)
+    assert base.failures == {}
+    assert np.isfinite(base.shapes).all()
+    R = base.estimate.rotation
+    np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (25, 1, 1)), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(R), 1)
+    wanted = Status.OPTIMAL if name == "convex" else Status.CONVERGED
+    assert set(base.estimate.status) == {wanted}
+
+    garbage = np.where(scene.weights[:, None] > 0, scene.landmarks, rng.uniform(-99, 99))
+    dirty = lift(garbage, scene.weights, scene.atoms, Program(0.1), estimator)
+    np.testing.assert_array_equal(dirty.shapes, base.shapes)
+    moved = lift(20 * garbage - 7, scene.weights, scene.atoms, Program(0.1), estimator)
+    np.testing.assert_allclose(moved.landmarks_fitted, 20 * base.landmarks_fitted - 7, atol=0.02)
+
+
+@pytest.mark.parametrize("name", RIGID)
+@pytest.mark.parametrize("signed", [False, True])
+def test_an_estimate_of_one_rotation_agrees_with_itself(name, signed, scene, settings):
+    """Shape, transforms, objective and residual follow from c, R and T."""
+    problem = scene.problem(0.1)
+    found = choose_method(name, replace(settings, signed=signed))(problem)
+    c, R = found.coefficients, found.rotation
+    np.testing.assert_allclose(
+        found.shapes, R @ np.einsum("nk,kap->nap", c, scene.atoms), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        np.einsum("nkab,kbp->nap", found.transforms, scene.atoms), found.shapes[:, :2], atol=1e-12
+    )
+    np.testing.assert_array_equal(found.active_atoms, (np.abs(c) > 1e-6).sum(axis=1))
+    left = scene.landmarks - found.shapes[:, :2] - found.translation[..., None]
+    left *= scene.weights[:, None]
+    np.testing.assert_allclose(
+        found.objective, 0.5 * (left**2).sum(axis=(1, 2)) + 0.1 * np.abs(c).sum(axis=1), rtol=1e-12
+    )
+    assert (c < 0).any() == (signed and name != "convex+refine")
+
+
+def test_refinement_is_bounded_by_the_convex_program(scene, settings):
+    problem = scene.problem(0.1)
+    convex = METHODS["convex"](problem, settings)
+    for name, signed in (("convex+refine", False), ("alternate+", True)):
+        found = METHODS[name](problem, replace(settings, signed=signed))
+        assert (found.relative_gap >= -1e-12).all()
+        assert found.relative_gap.max() > 1e-3
+        np.testing.assert_allclose(
+            found.objective * (1 - found.relative_gap),
+            convex.objective * (1 - convex.relative_gap),
+            rtol=1e-12,
+        )
+
+
+def test_a_tight_convex_solution_of_one_rotation_is_kept_and_certified(rng, settings):
+    """Planted as in test_lift, with one atom active: the gap of the refinement closes."""
+    p, k, lam = 14, 6, 0.3
+    Y = rng.standard_normal((2, p))
+    Y -= Y.mean(axis=1, keepdims=True)
+    atoms = rng.standard_normal((k, 3, p))
+    atoms -= atoms.mean(axis=2, keepdims=True)
+    U, s, Vt = np.linalg.svd(Y @ atoms.swapaxes(1, 2), full_matrices=False)
+    share = np.array([1.0, 0.8, 0.7, 0.6, 0.5, 0.4])
+    atoms *= (lam * share / s.sum(axis=1))[:, None, None]
+    rows = U[0] @ Vt[0]
+    problem = build_problem(30 * rows @ atoms[0] + Y, atoms, lam)
+    found = METHODS["convex+refine"](problem, settings)
+    np.testing.assert_allclose(found.coefficients[0], [30, 0, 0, 0, 0, 0], atol=1e-3)
+    np.testing.assert_allclose(found.rotation[0, :2], rows, atol=1e-4)
+    assert found.relative_gap[0] < 1e-6
+
+
+def test_refinement_is_alternate_plus_over_coefficients_of_one_sign(scene, settings):
+    problem = scene.problem(0.1)
+    refined, plus = (METHODS[name](problem, settings) for name in ("convex+refine", "alternate+"))
+    np.testing.assert_array_equal(refined.coefficients, plus.coefficients)
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_more_starts_are_never_worse(scene, settings, signed):
+    problem, settings = scene.problem(0.1), replace(settings, signed=signed)
+    one = METHODS["alternate"](problem, settings)
+    many = METHODS["alternate"](problem, replace(settings, multi_start=True))
+    assert (many.objective <= one.objective * (1 + 1e-12)).all()
+    assert (many.iterations > one.iterations).all()
+
+
+def test_every_method_beats_the_floor_in_its_own_terms(scene, settings):
+    problem = scene.problem(1e-3)
+    floor = METHODS["mean-shape"](problem, settings)
+    assert floor.coefficients is None
+    assert floor.transforms is None
+    for name in METHODS:
+        if name != "mean-shape":
+            assert METHODS[name](problem, settings).residual.mean() < floor.residual.mean()
+
+
+def test_the_mean_shape_is_posed_and_nothing_else(scene, settings):
+    found = METHODS["mean-shape"](scene.problem(0.1), settings)
+    size = np.linalg.norm(found.shapes, axis=(1, 2)) / np.linalg.norm(scene.mean_shape)
+    np.testing.assert_allclose(
+        found.shapes, size[:, None, None] * found.rotation @ scene.mean_shape, atol=1e-10
+    )
+
+
+def test_orthogonal_changes_loose_transforms_only(scene, settings):
+    problem = scene.problem(0.1)
+    plain = METHODS["convex"](problem, settings)
+    projected = METHODS["convex"](problem, replace(settings, orthogonal=True))
+    np.testing.assert_array_equal(plain.coefficients, projected.coefficients)
+    change = np.abs(plain.shapes - projected.shapes).max(axis=(1, 2))
+    assert 0 < plain.tight.sum() < 25
+    assert change[plain.tight].max() < 5e-3
+    assert change[~plain.tight].max() > 1e-2
+    assert (projected.residual[~plain.tight] > plain.residual[~plain.tight]).any()
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_large_lambda_and_hidden_images_are_no_accident(name, scene, settings):
+    scene.weights[4] = 0.0
+    found = METHODS[name](scene.problem(1e4), settings)
+    assert found.status[4] is Status.DEGENERATE
+    if name != "mean-shape":
+        np.testing.assert_array_equal(found.coefficients, 0.0)
+        np.testing.assert_array_equal(found.shapes, 0.0)
+        assert np.isnan(found.rotation).all()
+        np.testing.assert_array_equal(found.transforms, 0.0)
+    lifting = lift(
+        scene.landmarks, scene.weights, scene.atoms, Program(1e4), choose_method(name, settings)
+    )
+    assert lifting.failures == {4: "all landmarks are hidden"}
+    assert np.isnan(lifting.shapes[4]).all()
+    assert np.isfinite(np.delete(lifting.shapes, 4, axis=0)).all()
+
+
+def test_outliers_are_told_by_the_robust_losses_only(make_scene, settings):
+    scene = make_scene(n=4, k=3, noise=0.01)
+    scene.landmarks[:, :, 5] += 3.0
+    solve = partial(solve_newton, tolerance=1e-6)
+    for loss, lam in ((Loss.SPARSE_ERROR, 0.05), (Loss.ABSOLUTE, 2.0)):
+        problem = build_problem(scene.landmarks, scene.atoms, lam, loss=loss, beta=0.1)
+        found = METHODS["convex"](problem, replace(settings, solve=solve))
+        assert found.outliers[:, 5].all()
+        assert not found.outliers.all()
+    assert METHODS["convex"](scene.problem(0.1), settings).outliers is None
+
+
+@pytest.mark.parametrize("name", RIGID)
+def test_robust_losses_are_for_the_convex_program(name, scene, settings):
+    problem = build_problem(scene.landmarks, scene.atoms, 0.1, loss=Loss.SPARSE_ERROR)
+    with pytest.raises(ValueError, match="squared loss only, not sparse-error"):
+        METHODS[name](problem, settings)
+
+
+@pytest.fixture(scope="module")
+def mocap(real_data):
+    """Subject 13 on a turntable, and as many shapes of subject 86 as dictionary: a rough one."""
+    train = read_shapes(real_data / "mocap" / "subject86_24fps.h5")[:: 10_067 // 64][:64]
+    aligned = generalised_procrustes(normalise(train).points)
+    atoms = aligned.shapes / np.linalg.norm(aligned.shapes, axis=(1, 2), keepdims=True)
+    truth = normalise(read_shapes(real_data / "mocap" / "subject13_24fps.h5")[::40]).points
+    turns = rotation_about(np.array([0.0, 1.0, 0.0]), 2 * np.pi * np.arange(len(truth)) / 50)
+    return (turns @ truth)[:, :2], atoms, aligned.mean, truth
+
+
+def read_shapes(path):
+    with h5py.File(path) as file:
+        return file["shapes"][:].astype(float).swapaxes(1, 2)
+
+
+@pytest.mark.real_data
+def test_on_motion_capture_every_method_beats_the_mean_shape(mocap):
+    W, atoms, mean, truth = mocap
+    settings = Settings(solve=solve_newton, mean_shape=mean)
+    errors, objectives = {}, {}
+    for name, changes in {
+        **{name: {} for name in METHODS},
+        "one view": {"views": 1},
+        "multi-start": {"multi_start": True},
+    }.items():
+        method = choose_method(
+            name if name in METHODS else "alternate", replace(settings, **changes)
+        )
+        found = lift(W, np.ones((len(W), 15)), atoms, Program(0.1), method)
+        fitted = similarity_transform(found.shapes, truth).apply(found.shapes)
+        errors[name] = np.linalg.norm(fitted - truth, axis=1).mean()
+        objectives[name] = found.estimate.objective.mean()
+    floor = errors.pop("mean-shape")
+    assert max(errors.values()) < 0.8 * floor
+    assert errors["alternate"] < 0.97 * errors["one view"]
+    assert objectives["convex"] < objectives["multi-start"] < objectives["alternate"]
+    assert objectives["multi-start"] <= objectives["alternate+"] * 1.001
+    assert objectives["alternate"] < objectives["one view"]
+
+
+def test_views_of_the_settings_begin_with_the_front():
+    np.testing.assert_array_equal(spread_views(Settings.views)[0], np.eye(3))
