@@ -13,10 +13,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.convex.certificate_kernel import certify
+from shapefit.convex.certificate import certify_transforms
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Solution, Status
-from shapefit.convex.spectral_norm import nuclear_norm, prox_spectral_norm, spectral_norm
+from shapefit.convex.spectral_norm import prox_spectral_norm
 
 Floats = NDArray[np.float64]
 
@@ -35,63 +35,62 @@ def solve_admm(
 ) -> Solution:
     """Solve every image by the paper's ADMM (eqs admm1, admm2, admm3); squared loss only.
 
-    `stop` = "gap": until the relative duality gap is <= tolerance. "change": the paper's rule,
-    until ||M - Z|| / max(||M||, ||Z||) and mu ||Z - Z_old|| / ||Y|| are <= tolerance; such images
-    count as optimal by that rule alone, their gap is reported all the same. An image with fewer
-    than two visible landmarks is DEGENERATE. Raises ValueError for any other loss.
+    `stop` = "gap": until the relative duality gap is <= tolerance, looked at every CHECK_EVERY
+    iterations. "change": the paper's rule, until ||M - Z|| / max(||M||, ||Z||) and
+    mu ||Z - Z_old|| / ||Y|| are <= tolerance; an image that meets it with a larger gap has
+    CONVERGED. An image with fewer than two visible landmarks is DEGENERATE. Raises ValueError for
+    any other loss.
     """
     if problem.loss is not Loss.SQUARED:
         raise ValueError(f"the ADMM solves the squared loss only, not {problem.loss.value}")
     n, _, p = problem.landmarks.shape
     k = len(problem.atoms)
-    transforms, translation = np.zeros((n, k, 2, 3)), np.zeros((n, 2))
-    dual, steps = np.zeros((n, 2, p)), np.zeros(n, np.int64)
-    stopped = np.zeros(n, dtype=bool)
+    transforms, dual = np.zeros((n, k, 2, 3)), np.zeros((n, 2, p))
+    steps, stopped = np.zeros(n, np.int64), np.zeros(n, dtype=bool)
     solvable = (problem.weights > 0).sum(axis=1) >= 2
     for start in range(0, n, BATCH):
         part = start + np.flatnonzero(solvable[start : start + BATCH])
         if len(part):
-            found = _solve_batch(_Centred(problem, part), tolerance, stop, max_iterations)
+            found = _solve_batch(problem.take(part), tolerance, stop, max_iterations)
             transforms[part], dual[part], steps[part], stopped[part] = found
 
-    errors = np.zeros((n, 2, p))
+    translation, errors = np.zeros((n, 2)), np.zeros((n, 2, p))
     objective, gap, residual = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
-    for i in np.flatnonzero(solvable):
-        objective[i], gap[i], residual[i] = certify(
-            problem.landmarks[i], problem.weights[i], problem.atoms, problem.lam[i], 1.0, np.inf,
-            transforms[i], errors[i], dual[i], translation[i],
-        )  # fmt: skip
+    proof = certify_transforms(problem.take(solvable), transforms[solvable], dual[solvable])
+    objective[solvable], gap[solvable] = proof.objective, proof.relative_gap
+    residual[solvable], translation[solvable] = proof.residual, proof.translation
+    dual[solvable] = proof.dual
 
     def judge(image: int) -> Status:
         if not solvable[image]:
             return Status.DEGENERATE
         if not np.isfinite(gap[image]):
             return Status.NUMERICAL_FAILURE
-        met = stopped[image] if stop == "change" else gap[image] <= tolerance
-        return Status.OPTIMAL if met else Status.ITERATION_LIMIT
+        if gap[image] <= tolerance:
+            return Status.OPTIMAL
+        return Status.CONVERGED if stopped[image] else Status.ITERATION_LIMIT
 
     status = tuple(judge(image) for image in range(n))
     return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)
 
 
 class _Centred:
-    """Some images of a problem, the translation eliminated: Omega o W and B Omega less omega.
+    """A problem with the translation eliminated: Omega o W and B Omega, orthogonal to omega.
 
-    W (n, 2, p); B (n, k, 3, p); basis U (n, p, p) and eigenvalues (n, p) of sum_i B_i^T B_i.
+    W (n, 2, p); B (n, 3 k, p); basis U (n, p, p) and eigenvalues (n, p) of sum_i B_i^T B_i.
     """
 
-    def __init__(self, problem: Problem, images: NDArray[np.intp]) -> None:
-        omega = problem.weights[images]
+    def __init__(self, problem: Problem) -> None:
+        omega = problem.weights
         unit = omega / np.linalg.norm(omega, axis=1, keepdims=True)
         drop = np.eye(omega.shape[1]) - unit[:, :, None] * unit[:, None, :]
-        self.omega, self.lam = omega, problem.lam[images]
-        self.W = (problem.landmarks[images] * omega[:, None, :]) @ drop
+        visible = omega[:, None, :] > 0
+        self.W = (np.where(visible, problem.landmarks, 0.0) * omega[:, None, :]) @ drop
         same = bool((omega == omega[0]).all())  # then one B serves all
         first = slice(0, 1) if same else slice(None)
-        self.B = (problem.atoms * omega[first, None, None, :]) @ drop[first, None]
-        flat = self.B.reshape(len(self.B), -1, omega.shape[1])
-        self.eigenvalues, self.U = np.linalg.eigh(flat.swapaxes(1, 2) @ flat)
-        self.flat = flat
+        B = (problem.atoms * omega[first, None, None, :]) @ drop[first, None]
+        self.B = B.reshape(len(B), -1, omega.shape[1])
+        self.eigenvalues, self.U = np.linalg.eigh(self.B.swapaxes(1, 2) @ self.B)
 
     def take(self, rows: NDArray[np.bool_]) -> _Centred:
         """Keep some of the images."""
@@ -103,11 +102,11 @@ class _Centred:
     def combine(self, M: Floats) -> Floats:
         """sum_i M_i B_i; M (n, k, 2, 3) -> (n, 2, p)."""
         n, k = M.shape[:2]
-        return M.transpose(0, 2, 1, 3).reshape(n, 2, 3 * k) @ self.flat
+        return M.transpose(0, 2, 1, 3).reshape(n, 2, 3 * k) @ self.B
 
     def correlate(self, E: Floats) -> Floats:
         """E B_i^T for all atoms; E (n, 2, p) -> (n, k, 2, 3)."""
-        product = E @ self.flat.swapaxes(1, 2)
+        product = E @ self.B.swapaxes(1, 2)
         return product.reshape(len(E), 2, -1, 3).swapaxes(1, 2)
 
     def divide(self, X: Floats, mu: Floats) -> Floats:
@@ -116,19 +115,21 @@ class _Centred:
 
 
 def _solve_batch(
-    images: _Centred, tolerance: float, stop: str, most: int
+    problem: Problem, tolerance: float, stop: str, most: int
 ) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.bool_]]:
     """Transforms, duals, iterations, and whether the stopping rule was met, of a batch."""
-    n, p, k = len(images.W), images.W.shape[2], images.B.shape[1]
+    n, _, p = problem.landmarks.shape
+    k = len(problem.atoms)
     M_out, Y_out = np.zeros((n, k, 2, 3)), np.zeros((n, 2, p))
     steps, met = np.full(n, most), np.zeros(n, dtype=bool)
+    images = _Centred(problem)
     left = np.arange(n)
     size = np.abs(images.W).mean(axis=(1, 2))
     mu = 1.0 / np.where(size > 0, size, 1.0)
     M, Z, E = np.zeros((n, k, 2, 3)), np.zeros((n, k, 2, 3)), np.zeros((n, 2, p))
     for step in range(1, most + 1):
         Q = Z + images.correlate(E)  # Z - Y / mu
-        M = prox_spectral_norm(Q, (images.lam / mu)[:, None])
+        M = prox_spectral_norm(Q, (problem.lam / mu)[:, None])
         V = M - images.correlate(E)  # M + Y / mu
         E = images.divide(images.W - images.combine(V), mu)
         Z_old, Z = Z, V + images.correlate(E)
@@ -137,7 +138,8 @@ def _solve_batch(
         dual = _norm(Z - Z_old) / np.maximum(_norm(images.correlate(E)), 1e-300)
         done = (primal <= tolerance) & (dual <= tolerance) & (stop == "change")
         if stop == "gap" and (step % CHECK_EVERY == 0 or step == most):
-            done = _relative_gap(images, M, mu[:, None, None] * E) <= tolerance
+            gap = certify_transforms(problem, M, mu[:, None, None] * E).relative_gap
+            done = gap <= tolerance
         if done.any() or step == most:
             ended = done if step < most else np.ones(len(left), dtype=bool)
             at = left[ended]
@@ -145,7 +147,8 @@ def _solve_batch(
             Y_out[at] = mu[ended, None, None] * E[ended]
             if ended.all():
                 break
-            images, left, mu = images.take(~ended), left[~ended], mu[~ended]
+            problem, images = problem.take(~ended), images.take(~ended)
+            left, mu = left[~ended], mu[~ended]
             M, Z, E, primal, dual = (x[~ended] for x in (M, Z, E, primal, dual))
         factor = np.where(
             primal > IMBALANCE * dual, 2.0, np.where(dual > IMBALANCE * primal, 0.5, 1.0)
@@ -157,15 +160,3 @@ def _solve_batch(
 
 def _norm(X: Floats) -> Floats:
     return np.linalg.norm(X.reshape(len(X), -1), axis=1)
-
-
-def _relative_gap(images: _Centred, M: Floats, Y: Floats) -> Floats:
-    """Gap of M and of Y, scaled until it is dual feasible (see docs/method.md)."""
-    R = images.W - images.combine(M)
-    P = 0.5 * (R**2).sum(axis=(1, 2)) + images.lam * spectral_norm(M).sum(axis=1)
-    yw, yy = (Y * images.W).sum(axis=(1, 2)), (Y**2).sum(axis=(1, 2))
-    largest = nuclear_norm(images.correlate(Y)).max(axis=1)
-    scale = np.minimum(yw / np.maximum(yy, 1e-300), images.lam / np.maximum(largest, 1e-300))
-    scale = np.maximum(scale, 0.0)
-    D = scale * yw - 0.5 * scale**2 * yy
-    return np.where(P > 0, (P - D) / np.where(P > 0, P, 1.0), 0.0)

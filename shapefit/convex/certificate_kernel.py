@@ -1,4 +1,4 @@
-"""The certificate of one image, from scratch: original data in, objective and gap out."""
+"""The certificate from scratch: original data in, objective and gap out."""
 
 from __future__ import annotations
 
@@ -17,16 +17,19 @@ def certify(W, omega, B, lam, delta, bound, M, E, Y, T):
     optimum whatever the solver did.
     """
     k, p = B.shape[0], B.shape[2]
-    R = np.empty((2, p))
+    V, R = np.zeros((2, p)), np.zeros((2, p))  # V = W centred, 0 where hidden
     square, scale = 0.0, 0.0
     for j in range(p):
         square += omega[j] ** 2
-        for a in range(2):
-            R[a, j] = W[a, j]
-    mean0, mean1 = 0.0, 0.0
-    for j in range(p):
-        mean0 += omega[j] ** 2 * W[0, j] / square
-        mean1 += omega[j] ** 2 * W[1, j] / square
+    for a in range(2):
+        mean = 0.0
+        for j in range(p):
+            if omega[j] > 0.0:
+                mean += omega[j] ** 2 * W[a, j] / square
+        for j in range(p):
+            if omega[j] > 0.0:
+                V[a, j] = W[a, j] - mean
+                R[a, j] = W[a, j]
     norms = 0.0
     for i in range(k):
         m = M[i]
@@ -39,7 +42,7 @@ def certify(W, omega, B, lam, delta, bound, M, E, Y, T):
             for j in range(p):
                 R[a, j] -= m[a, 0] * B[i, 0, j] + m[a, 1] * B[i, 1, j] + m[a, 2] * B[i, 2, j]
         # largest eigenvalue of M M^T, exact where the two are equal
-        norms += np.sqrt(0.5 * (A + C + np.sqrt((A - C) * (A - C) + 4.0 * D * D)))
+        norms += np.sqrt(0.5 * (A + C + np.hypot(A - C, 2.0 * D)))
 
     robust = np.isfinite(bound)
     primal, residual = lam * norms, 0.0
@@ -48,11 +51,10 @@ def certify(W, omega, B, lam, delta, bound, M, E, Y, T):
         for j in range(p):
             T[a] += omega[j] * (omega[j] * R[a, j] - E[a, j]) / square
         along = 0.0
-        mean = mean0 if a == 0 else mean1
         for j in range(p):
             r = omega[j] * (R[a, j] - T[a])
             residual += r * r
-            scale += (omega[j] * (W[a, j] - mean)) ** 2
+            scale += (omega[j] * V[a, j]) ** 2
             if robust:
                 size = abs(r)
                 if delta > 0.0:
@@ -71,7 +73,7 @@ def certify(W, omega, B, lam, delta, bound, M, E, Y, T):
     for j in range(p):
         for a in range(2):
             yy += Y[a, j] ** 2
-            yw += Y[a, j] * omega[j] * (W[a, j] - (mean0 if a == 0 else mean1))
+            yw += Y[a, j] * omega[j] * V[a, j]
             entry = max(entry, abs(Y[a, j]))
     for i in range(k):
         x0, x1, x2, y0, y1, y2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -97,5 +99,15 @@ def certify(W, omega, B, lam, delta, bound, M, E, Y, T):
     for a in range(2):
         for j in range(p):
             Y[a, j] *= feasible
-    gap = (primal - dual) / primal if primal > 0.0 else 0.0
+    gap = 0.0 if primal == 0.0 else (primal - dual) / primal
     return primal, gap, np.sqrt(residual / scale) if scale > 0.0 else 0.0
+
+
+@kernel
+def certify_all(W, Omega, B, lam, delta, bound, M, E, Y, T, objective, gaps, residuals):
+    """Certify images (n, ...) one by one; E, Y and everything after are written."""
+    for image in range(W.shape[0]):
+        objective[image], gaps[image], residuals[image] = certify(
+            W[image], Omega[image], B, lam[image], delta, bound, M[image], E[image], Y[image],
+            T[image],
+        )  # fmt: skip

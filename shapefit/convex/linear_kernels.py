@@ -82,14 +82,15 @@ def _solve_factored(H, n, x):
 
 
 @kernel
-def newton_direction(F, rows, shift, gradient, H, small, d):
+def newton_direction(F, rows, shift, by_rows, gradient, H, small, d):
     """d = -(shift I + F^T F)^-1 gradient; F (rows, n), gradient and d (n,).
 
-    Where F has fewer rows than columns and the shift is not small, the inverse is taken in the
-    space of rows (Woodbury). H (>= n, >= n) and small (>= n,) are workspace.
+    Where F has fewer rows than columns and `by_rows` says that the shift is not tiny beside
+    F^T F, the inverse is taken in the space of rows (Woodbury). H (>= n, >= n) and small (>= n,)
+    are workspace.
     """
     n = gradient.shape[0]
-    if rows < n and shift >= 1.0:
+    if by_rows and rows < n:
         _outer_gram(F, rows, n, shift, H)
         for f in range(rows):
             total = 0.0

@@ -31,21 +31,24 @@ from shapefit.convex.kernel import kernel
 from shapefit.convex.linear_kernels import newton_direction
 from shapefit.convex.reduction_kernels import expand_rows
 
-# sigma starts at START ||W|| / (lambda max ||B_i||), the step on which M can move by its own size,
-# grows by GROWTH an outer iteration and never beyond LIMIT times its start.
-START, GROWTH, LIMIT = 20.0, 4.0, 1e10
+# sigma starts at START / lambda, the step on which M can move by its own size where ||W|| = 1 and
+# ||B_i|| = 1, and grows by GROWTH an outer iteration.
+START, GROWTH = 20.0, 4.0
 # An inner problem is solved until ||gradient|| <= LOOSENESS ||change of (M, E)|| / sigma.
 LOOSENESS = 10.0
-ARMIJO, SHORTEST = 1e-4, 1e-4
+# Rounding of the gradient, whose terms M + sigma Y B^T and E + sigma Y cancel. Where it is reached
+# the inner problem is solved, and a larger sigma would only add noise.
+ROUNDING = 1e-15
+ARMIJO, SHORTEST = 1e-4, 1e-10
 
 
 @kernel
-def soft_squared(E, Y, step, D, sigma, t):
-    """||soft_t(E + sigma (Y + step D))||^2; all (2, p)."""
+def soft_squared(E, Y, step, D, sigma, bounds):
+    """||soft(E + sigma (Y + step D))||^2 with thresholds sigma bounds; E, Y, D (2, p)."""
     value = 0.0
     for a in range(2):
         for j in range(E.shape[1]):
-            excess = abs(E[a, j] + sigma * (Y[a, j] + step * D[a, j])) - t
+            excess = abs(E[a, j] + sigma * (Y[a, j] + step * D[a, j])) - sigma * bounds[j]
             if excess > 0.0:
                 value += excess * excess
     return value
@@ -58,7 +61,8 @@ def solve_reduced(
     atoms,
     lam,
     delta,
-    bound,
+    robust,
+    bounds,
     visible,
     h,
     tolerance,
@@ -69,12 +73,12 @@ def solve_reduced(
 ):
     """Solve one image from the start (M, E, y), which are overwritten; returns Newton steps.
 
-    W and y (2, q); planes (3, q, k) and atoms (k, 3, q) hold the reduced B; M (6, k); E (2, p) in
-    landmark space, read and written only where the bound is finite.
+    W and y (2, q) with ||W|| = 1; planes (3, q, k) and atoms (k, 3, q) hold the reduced B, the
+    largest ||B_i|| being 1; M (6, k); E (2, p) in landmark space and its `bounds` (p,) are used
+    only by the robust losses.
     """
     q, k, p = planes.shape[1], planes.shape[2], E.shape[1]
     seen = q + 1
-    robust = np.isfinite(bound)
     N, dN = np.zeros((6, k)), np.zeros((6, k))
     total = np.empty(k)
     active, fresh = np.empty(k, np.int64), np.empty((k, 6))
@@ -85,22 +89,7 @@ def solve_reduced(
     F = np.zeros((6 * k + (2 * seen if robust else 0), 2 * q))
     H, small = np.empty((2 * q, 2 * q)), np.empty(2 * q)
 
-    largest = 0.0
-    for i in range(k):
-        size = 0.0
-        for b in range(3):
-            for j in range(q):
-                size += atoms[i, b, j] ** 2
-        largest = max(largest, size)
-    largest = np.sqrt(largest)
-    scale = 0.0
-    for j in range(q):
-        scale += W[0, j] ** 2 + W[1, j] ** 2
-    scale = np.sqrt(scale)
-    if scale == 0.0 or largest == 0.0:
-        return 0
-    sigma = START * scale / (lam * largest)
-    top = LIMIT * sigma
+    sigma = START / lam
 
     correlate(y, planes, N)
     steps = 0
@@ -115,7 +104,7 @@ def solve_reduced(
             yw += y[0, j] * W[0, j] + y[1, j] * W[1, j]
         phi = delta * 0.5 * yy - yw + moreau(M, N, 0.0, N, sigma, t, total) / (2.0 * sigma)
         if robust:
-            phi += soft_squared(E, Y, 0.0, Y, sigma, sigma * bound) / (2.0 * sigma)
+            phi += soft_squared(E, Y, 0.0, Y, sigma, bounds) / (2.0 * sigma)
         while True:
             # gradient, with the proximal point it belongs to
             for a in range(2):
@@ -141,18 +130,18 @@ def solve_reduced(
                 else:
                     for b in range(6):
                         moved += M[b, i] ** 2
-            penalty, largest_entry = lam * norms, 0.0
+            penalty, share = lam * norms, 0.0
             if robust:
                 for a in range(2):
                     along = 0.0
                     for m in range(seen):
                         j = visible[m]
                         value = E[a, j] + sigma * Y[a, j]
-                        excess = abs(value) - sigma * bound
+                        excess = abs(value) - sigma * bounds[j]
                         fresh_E[a, j] = np.sign(value) * excess if excess > 0.0 else 0.0
                         along += fresh_E[a, j] * h[m]
                         moved += (fresh_E[a, j] - E[a, j]) ** 2
-                        largest_entry = max(largest_entry, abs(Y[a, j]))
+                        share = max(share, abs(Y[a, j]) / bounds[j])
                     for m in range(q):
                         g[a * q + m] += fresh_E[a, visible[m]] - along * h[m]
             gg, rr = 0.0, 0.0
@@ -165,25 +154,27 @@ def solve_reduced(
                 if delta > 0.0:
                     for a in range(2):
                         for j in range(p):
-                            penalty += bound * abs(fresh_E[a, j])
+                            penalty += bounds[j] * abs(fresh_E[a, j])
                 else:
                     expand_rows(-g.reshape(2, q), visible, h, seen, D)
                     for a in range(2):
                         for j in range(p):
-                            penalty += bound * abs(fresh_E[a, j] + D[a, j])
+                            penalty += bounds[j] * abs(fresh_E[a, j] + D[a, j])
             primal = penalty + delta * 0.5 * rr
             feasible = lam / max(largest_nuclear_norm(N), 1e-300)
             if robust:
-                feasible = min(feasible, bound / max(largest_entry, 1e-300))
+                feasible = min(feasible, 1.0 / max(share, 1e-300))
             if delta > 0.0:
                 feasible = min(feasible, yw / max(yy, 1e-300))
             dual = max(feasible, 0.0) * yw - delta * 0.5 * feasible * feasible * yy
             gap = abs(primal - dual) / max(primal, 1e-300)
             if delta == 0.0 and not robust:
-                gap = max(gap, np.sqrt(gg) / scale)
+                gap = max(gap, np.sqrt(gg))
             if gap <= tolerance or steps >= most or not np.isfinite(gap):
                 break
-            if inner > 0 and gg * sigma * sigma <= LOOSENESS * LOOSENESS * moved:
+            noise = ROUNDING * sigma * (max(lam, np.sqrt(yy)) if robust else lam)
+            noisy = gg <= noise * noise
+            if inner > 0 and (noisy or gg * sigma * sigma <= LOOSENESS * LOOSENESS * moved):
                 break
             # Newton step
             rows = 0
@@ -207,8 +198,8 @@ def solve_reduced(
                             rows += 1
             shift = delta
             if delta == 0.0:
-                shift = sigma * largest * largest * (1e-13 + 1e-7 * min(1.0, np.sqrt(gg) / scale))
-            newton_direction(F, rows, shift, g, H, small, d)
+                shift = sigma * (1e-13 + 1e-7 * min(1.0, np.sqrt(gg)))
+            newton_direction(F, rows, shift, delta > 0.0, g, H, small, d)
             direction = d.reshape(2, q)
             correlate(direction, planes, dN)
             if robust:
@@ -225,7 +216,7 @@ def solve_reduced(
                 trial = delta * (0.5 * yy + step * yd + 0.5 * step * step * dd) - yw - step * wd
                 trial += moreau(M, N, step, dN, sigma, t, total) / (2.0 * sigma)
                 if robust:
-                    trial += soft_squared(E, Y, step, D, sigma, sigma * bound) / (2.0 * sigma)
+                    trial += soft_squared(E, Y, step, D, sigma, bounds) / (2.0 * sigma)
                 enough = phi + ARMIJO * step * slope + 1e-13 * abs(phi)
                 if trial <= enough or step < SHORTEST:
                     break
@@ -255,4 +246,5 @@ def solve_reduced(
             E[:] = fresh_E
         if gap <= tolerance or steps >= most or not np.isfinite(gap):
             return steps
-        sigma = min(sigma * GROWTH, top)
+        if not noisy:
+            sigma *= GROWTH

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -69,6 +69,15 @@ class Problem:
         if not self.beta > 0:
             raise ValueError("beta must be > 0")
 
+    def take(self, images: NDArray[np.intp] | NDArray[np.bool_]) -> Problem:
+        """Keep some of the images."""
+        return replace(
+            self,
+            landmarks=self.landmarks[images],
+            weights=self.weights[images],
+            lam=self.lam[images],
+        )
+
     @property
     def bound(self) -> float:
         """Bound on the entries of the dual Y: beta, 1 or none, by the loss."""
@@ -88,13 +97,16 @@ def build_problem(
 ) -> Problem:
     """Problem with defaults filled in: one lambda for all, weight 1 where W is finite, else 0.
 
-    landmarks (n, 2, p) or (2, p) for a single image; hidden landmarks may be nan.
+    landmarks (n, 2, p) or (2, p) for a single image; hidden landmarks may be nan. Under the EXACT
+    loss a weight says only whether a landmark is seen: all positive weights become 1.
     """
     W = landmarks if landmarks.ndim == 3 else landmarks[None]
     seen = np.all(np.isfinite(W), axis=1)
     if weights is None:
         weights = seen.astype(float)
     weights = np.broadcast_to(weights, seen.shape)
+    if loss is Loss.EXACT:
+        weights = np.where(weights > 0, 1.0, weights)
     if not seen[weights > 0].all():
         raise ValueError("landmarks of positive weight must be finite")
     return Problem(

@@ -14,7 +14,8 @@ Floats = NDArray[np.float64]
 class Status(Enum):
     """How the work on one image ended; the value is the word in files and reports.
 
-    CONVERGED is the end of a method that finds a local optimum.
+    CONVERGED is the end of a method without a certificate: a local optimum, or transforms that
+    have stopped changing.
     """
 
     OPTIMAL = "optimal"
