@@ -5,6 +5,7 @@
 #   make check        format, lint, types, tests, import order, docs
 #   make docs         write the generated pages of docs/
 #   make recovery     the paper's figure of exact recovery on planted instances
+#   make bench        images a second against the peers (DATA=FOLDER adds motion capture)
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
 
 PYTHON ?= python3
@@ -46,6 +47,9 @@ types: $(READY)
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py
+
+bench: $(READY)
+	$(BIN)/python -m benchmarks.solver $(if $(DATA),--data '$(DATA)')
 
 clean:
 	rm -rf $(VENV) results
