@@ -60,7 +60,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             version=__version__,
             config=config.as_json(),
             inputs=json.dumps(
-                {path.name: digest(path) for path in (*config.landmarks, config.dictionary)}
+                {str(path): digest(path) for path in (*config.landmarks, config.dictionary)}
             ),
             solve_seconds=solve_seconds,
             images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,
