@@ -110,8 +110,8 @@ def _writers(grid: RecoveryGrid, *, with_plot: bool) -> dict[str, Writer]:
     }
     if with_plot:
         panels = {"Share recovered exactly": grid.shares}
-        if grid.published:
-            panels["Published"] = dict(grid.published.shares)
+        if grid.published and grid.deviations:
+            panels["Published"] = {at: grid.published.shares[at] for at in grid.deviations}
         figure = heat_maps(panels, "landmarks p", "atoms in use z")
         writers |= plots.writers("recovery", figure)
     return writers
