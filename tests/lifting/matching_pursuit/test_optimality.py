@@ -1,0 +1,227 @@
+"""Inner steps are optimal, errors fall, planted shapes are found, a plain version agrees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, minimize
+
+from shapefit.convex.solution import Status
+from shapefit.geometry.procrustes import similarity_transform
+from shapefit.lifting.matching_pursuit import Pursuit, find_limbs
+
+
+def centred(weights: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points (..., p) less their weighted mean, times the weights."""
+    mean = np.average(points, axis=-1, weights=weights**2)[..., None]
+    return weights * (points - mean)
+
+
+def least_squares_camera(w: np.ndarray, X: np.ndarray) -> np.ndarray:
+    return np.linalg.lstsq(X.T, w.T, rcond=None)[0].T
+
+
+@dataclass(frozen=True)
+class InnerStep:
+    """min ||A a - b||^2 subject to a^T H a = length2: the mean and the atoms of an image."""
+
+    A: np.ndarray
+    b: np.ndarray
+    H: np.ndarray
+    length2: float
+    a: np.ndarray
+
+    @classmethod
+    def of(cls, scene, found: Pursuit, image: int, camera: np.ndarray) -> InnerStep:
+        chosen = np.flatnonzero(found.coefficients[image])
+        shapes = np.concatenate([scene.mean[None], scene.bases[chosen]])
+        weights = scene.weights[image]
+        A = (camera @ centred(weights, shapes)).reshape(len(shapes), -1).T
+        b = centred(weights, scene.problem.landmarks[image]).ravel()
+        limbs = find_limbs(shapes, scene.edges)
+        a = np.append(found.mean_coefficient[image], found.coefficients[image, chosen])
+        return cls(A, b, limbs @ limbs.T, float(limbs[0] @ limbs[0]), a)
+
+    def misfit(self, a: np.ndarray) -> float:
+        return float(((self.A @ a - self.b) ** 2).sum())
+
+    def check_optimality(self) -> float:
+        """On the constraint, stationary, the Lagrangian's Hessian >= 0; returns the multiplier."""
+        assert self.a @ self.H @ self.a == pytest.approx(self.length2, rel=1e-10)
+        slope, normal = self.A.T @ (self.b - self.A @ self.a), self.H @ self.a
+        multiplier = float(slope @ normal / (normal @ normal))
+        scale = np.abs(self.A.T @ self.b).max()
+        np.testing.assert_allclose(slope, multiplier * normal, atol=1e-7 * scale)
+        hessian = self.A.T @ self.A + multiplier * self.H
+        assert np.linalg.eigvalsh(hessian)[0] >= -1e-7 * np.linalg.norm(hessian, 2)
+        return multiplier
+
+    def solve_with_scipy(self, rng: np.random.Generator) -> np.ndarray:
+        def excess(a: np.ndarray) -> float:
+            return float(a @ self.H @ a / self.length2 - 1)
+
+        constraint = {"type": "eq", "fun": excess, "jac": lambda a: 2 * self.H @ a / self.length2}
+        starts = self.a + np.abs(self.a).max() * rng.standard_normal((8, len(self.a)))
+        runs = [
+            minimize(
+                self.misfit,
+                start,
+                jac=lambda a: 2 * self.A.T @ (self.A @ a - self.b),
+                constraints=constraint,
+                method="SLSQP",
+                options={"ftol": 1e-14, "maxiter": 1000},
+            )
+            for start in starts
+        ]
+        return min((run for run in runs if run.success), key=lambda run: run.fun).x
+
+
+class TestCertificate:
+    @pytest.fixture
+    def settled(self, noisy):
+        """Every inner loop run to its end."""
+        found = noisy.pursue(goal=0.0, change=1e-16, most_atoms=4, most_rounds=20_000)
+        assert (np.count_nonzero(found.coefficients, axis=1) == 4).all()
+        return noisy, found
+
+    def test_the_coefficients_of_one_step_are_a_global_minimum(self, noisy):
+        """Seen by the camera of the mean shape, from which the first step starts."""
+        found = noisy.pursue(goal=0.0, most_atoms=1, most_rounds=1)
+        for image, weights in enumerate(noisy.weights):
+            w = centred(weights, noisy.problem.landmarks[image])
+            camera = least_squares_camera(w, centred(weights, noisy.mean))
+            multiplier = InnerStep.of(noisy, found, image, camera).check_optimality()
+            assert abs(multiplier) > 1e-3
+
+    def test_where_a_loop_comes_to_rest_both_steps_are_optimal(self, settled):
+        scene, found = settled
+        for image, S in enumerate(scene.mix(found)):
+            step = InnerStep.of(scene, found, image, found.camera[image])
+            # The size of the shape is that of the camera too, so the constraint costs nothing.
+            assert step.check_optimality() == pytest.approx(0, abs=1e-7)
+            w = centred(scene.weights[image], scene.problem.landmarks[image])
+            X = centred(scene.weights[image], S)
+            np.testing.assert_allclose(
+                found.camera[image], least_squares_camera(w, X), rtol=0, atol=1e-9
+            )
+            error = np.linalg.norm(w - found.camera[image] @ X) ** 2
+            assert found.error[image] == pytest.approx(error, rel=1e-10)
+
+    @pytest.mark.parametrize("most_atoms", range(1, 7))
+    def test_the_limbs_keep_the_sum_of_their_squares(self, noisy, most_atoms):
+        found = noisy.pursue(goal=0.0, most_atoms=most_atoms, most_rounds=3)
+        wanted = noisy.squared_limbs(noisy.mean)
+        np.testing.assert_allclose(noisy.squared_limbs(noisy.mix(found)), wanted, rtol=1e-12)
+
+
+class TestDescent:
+    @pytest.mark.parametrize("most_rounds", [1, 30])
+    def test_no_atom_raises_the_error(self, noisy, most_rounds):
+        errors = [
+            noisy.pursue(goal=0.0, most_atoms=most, most_rounds=most_rounds).error
+            for most in range(7)
+        ]
+        assert (np.diff(errors, axis=0) <= 1e-12).all()
+        assert (errors[-1] < 0.5 * errors[0]).all()
+
+    def test_no_round_raises_the_error(self, noisy):
+        errors = [
+            noisy.pursue(goal=0.0, change=0.0, most_atoms=1, most_rounds=most).error
+            for most in range(1, 12)
+        ]
+        assert (np.diff(errors, axis=0) <= 1e-12).all()
+        assert (errors[-1] < errors[0]).all()
+
+
+class TestPlanted:
+    @pytest.mark.parametrize("keys", [{}, {"hidden": 0.15, "weighted": True}])
+    def test_mixtures_of_the_mean_and_few_bases_are_recovered(self, make_scene, keys):
+        scene = make_scene(n=20, k=6, active=2, **keys)
+        found = scene.pursue(goal=1e-22, change=1e-24, most_rounds=20_000)
+        S = scene.mix(found)
+        moved = similarity_transform(S, scene.shapes).apply(S)
+        np.testing.assert_allclose(moved, scene.shapes, atol=1e-6)
+        singular = np.linalg.svd(found.camera, compute_uv=False)
+        np.testing.assert_allclose(singular[:, 0], singular[:, 1], rtol=1e-6)
+        relative = np.abs(found.coefficients / found.mean_coefficient[:, None])
+        np.testing.assert_allclose(np.sort(relative)[:, -2:], 2, atol=1e-5)
+        np.testing.assert_allclose(np.sort(relative)[:, :-2], 0, atol=1e-5)
+
+    def test_the_mean_shape_needs_no_atom(self, make_scene):
+        found = (scene := make_scene(active=0)).pursue(goal=1e-12)
+        assert not found.coefficients.any()
+        np.testing.assert_allclose(found.mean_coefficient, 1, rtol=1e-14)
+        assert (found.rounds == 0).all()
+        assert set(found.status) == {Status.CONVERGED}
+        np.testing.assert_allclose(
+            scene.mix(found), np.broadcast_to(scene.mean, scene.shapes.shape)
+        )
+
+
+def plain_pursuit(
+    w: np.ndarray, mean: np.ndarray, bases: np.ndarray, L: np.ndarray, goal, change, most_atoms
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """The method word for word, for w, mean and bases centred and weighted, limbs L (1 + k, l).
+
+    The secular equation is the unreduced one: pencil A^T A + x L L^T, root by bisection.
+    """
+    shapes = np.concatenate([mean[None], bases])
+    chosen, a, rounds = [0], np.ones(1), 0
+    M = least_squares_camera(w, mean)
+    error = ((w - M @ mean) ** 2).sum()
+    while error > goal and len(chosen) <= most_atoms:
+        residual = w - M @ np.tensordot(a, shapes[chosen], 1)
+        overlap = np.abs(np.einsum("ap,iap->i", residual, M @ shapes))
+        overlap[chosen] = -1
+        chosen.append(int(overlap.argmax()))
+        for _ in range(30):
+            before = error
+            A = (M @ shapes[chosen]).reshape(len(chosen), -1).T
+            H = L[chosen] @ L[chosen].T
+            pole = -np.linalg.eigvals(np.linalg.solve(H, A.T @ A)).real.min()
+
+            def mixture(x, A=A, H=H):
+                return np.linalg.solve(A.T @ A + x * H, A.T @ w.ravel())
+
+            def excess(x, H=H, mixture=mixture):
+                return mixture(x) @ H @ mixture(x) - L[0] @ L[0]
+
+            a = mixture(brentq(excess, pole + 1e-12, pole + 1e4, xtol=1e-15))
+            S = np.tensordot(a, shapes[chosen], 1)
+            M = least_squares_camera(w, S)
+            error = ((w - M @ S) ** 2).sum()
+            rounds += 1
+            if abs(before - error) < change:
+                break
+    coefficients = np.zeros(len(shapes))
+    coefficients[chosen] = a
+    return coefficients, M, rounds
+
+
+@pytest.mark.parametrize("most_atoms", [1, 5])
+def test_a_plain_version_does_the_same(noisy, most_atoms):
+    rules = {"goal": 0.02, "change": 1e-3, "most_atoms": most_atoms}
+    found = noisy.pursue(**rules)
+    for image, weights in enumerate(noisy.weights):
+        coefficients, camera, rounds = plain_pursuit(
+            centred(weights, noisy.problem.landmarks[image]),
+            centred(weights, noisy.mean),
+            centred(weights, noisy.bases),
+            find_limbs(np.concatenate([noisy.mean[None], noisy.bases]), noisy.edges),
+            **rules,
+        )
+        np.testing.assert_allclose(found.mean_coefficient[image], coefficients[0], atol=1e-8)
+        np.testing.assert_allclose(found.coefficients[image], coefficients[1:], atol=1e-8)
+        np.testing.assert_allclose(found.camera[image], camera, atol=1e-8)
+        assert found.rounds[image] == rounds
+
+
+def test_scipy_finds_no_better_coefficients(noisy, rng):
+    found = noisy.pursue(goal=0.0, change=1e-16, most_atoms=3, most_rounds=20_000)
+    for image in range(5):
+        step = InnerStep.of(noisy, found, image, found.camera[image])
+        judged = step.solve_with_scipy(rng)
+        assert step.misfit(judged) == pytest.approx(step.misfit(step.a), rel=1e-8)
+        np.testing.assert_allclose(judged, step.a, atol=1e-3)

@@ -1,0 +1,146 @@
+"""Least squares on a sphere: optimality, planted minimisers, scipy, the hard case, symmetries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from shapefit.lifting.sphere_kernel import minimise_on_sphere
+
+RADIUS = 1.7
+
+
+def minimiser(G, g, radius=RADIUS, before=None):
+    y = np.ones(len(g)) if before is None else np.array(before, dtype=float)
+    multiplier = minimise_on_sphere(G, g, radius, y)
+    return y, multiplier
+
+
+def objective(G, g, y):
+    return y @ G @ y - 2 * g @ y
+
+
+def assert_optimal(G, g, radius, y, multiplier):
+    """Stationary, on the sphere, and the Hessian of the Lagrangian is positive semidefinite."""
+    size = np.linalg.norm(G, 2) + np.linalg.norm(g) / radius
+    assert np.linalg.norm(y) == pytest.approx(radius, rel=1e-14)
+    residual = np.linalg.norm(G @ y + multiplier * y - g)
+    assert residual <= 1e-12 * size * radius
+    assert np.linalg.eigvalsh(G)[0] + multiplier >= -1e-13 * size
+
+
+def make_case(rng, m, rank=None):
+    A = rng.standard_normal((m if rank is None else rank, m))
+    return A.T @ A, A.T @ rng.standard_normal(len(A))
+
+
+@pytest.mark.parametrize("m", [1, 2, 3, 5, 16])
+@pytest.mark.parametrize("radius", [1e-3, 1.0, 1e3])
+def test_it_meets_the_optimality_conditions(rng, m, radius):
+    for _ in range(20):
+        G, g = make_case(rng, m)
+        y, multiplier = minimiser(G, g, radius)
+        assert_optimal(G, g, radius, y, multiplier)
+
+
+@pytest.mark.parametrize("multiplier", [-0.3, 0.0, 4.0])
+def test_a_planted_minimiser_is_found(rng, multiplier):
+    # G + multiplier I >= 0.2 I makes it the only one.
+    for _ in range(20):
+        V, _ = np.linalg.qr(rng.standard_normal((6, 6)))
+        G = (V * rng.uniform(0.5, 5, 6)) @ V.T
+        planted = rng.standard_normal(6)
+        planted *= RADIUS / np.linalg.norm(planted)
+        y, found = minimiser(G, G @ planted + multiplier * planted)
+        np.testing.assert_allclose(y, planted, atol=1e-12)
+        assert found == pytest.approx(multiplier, abs=1e-12)
+
+
+def test_another_solver_finds_no_better(rng):
+    for _ in range(10):
+        G, g = make_case(rng, 5)
+        y, _ = minimiser(G, g)
+        on_sphere = {
+            "type": "eq",
+            "fun": lambda x: x @ x - RADIUS**2,
+            "jac": lambda x: 2 * x,
+        }
+        found = [
+            minimize(
+                lambda x, G=G, g=g: objective(G, g, x),
+                start,
+                jac=lambda x, G=G, g=g: 2 * (G @ x - g),
+                constraints=on_sphere,
+                method="SLSQP",
+                options={"ftol": 1e-14, "maxiter": 500},
+            )
+            for start in rng.standard_normal((8, 5))
+        ]
+        best = min(found, key=lambda result: result.fun)
+        assert best.fun == pytest.approx(objective(G, g, y), rel=1e-8)
+        np.testing.assert_allclose(best.x, y, atol=1e-4)
+
+
+def test_no_point_of_a_circle_is_better(rng):
+    angle = np.linspace(0, 2 * np.pi, 20_001)
+    circle = RADIUS * np.stack([np.cos(angle), np.sin(angle)])
+    for _ in range(20):
+        G, g = make_case(rng, 2)
+        values = (circle * (G @ circle)).sum(axis=0) - 2 * g @ circle
+        best = objective(G, g, minimiser(G, g)[0])
+        assert best <= values.min()
+        assert best == pytest.approx(values.min(), abs=1e-5)
+
+
+class TestHardCase:
+    """g has no part along the least eigenvalue: the eigenvector fills up y."""
+
+    @pytest.mark.parametrize("side", [-1, 1])
+    def test_of_two_minimisers_the_nearer_is_taken(self, side):
+        G, g = np.diag([1.0, 3.0, 4.0]), np.array([0.0, 2.0, 0.0])
+        y, multiplier = minimiser(G, g, before=[side, 0.1, 0.2])
+        np.testing.assert_allclose(y, [side * np.sqrt(RADIUS**2 - 1), 1, 0], atol=1e-14)
+        assert multiplier == pytest.approx(-1)
+
+    def test_with_a_long_g_it_is_none(self):
+        G, g = np.diag([1.0, 3.0, 4.0]), np.array([0.0, 20.0, 0.0])
+        y, multiplier = minimiser(G, g)
+        np.testing.assert_allclose(y, [0, RADIUS, 0], atol=1e-14)
+        assert multiplier == pytest.approx(20 / RADIUS - 3)
+
+    def test_a_singular_matrix(self, rng):
+        for _ in range(20):
+            G, g = make_case(rng, 6, rank=3)
+            y, multiplier = minimiser(G, g, radius=50.0)
+            assert_optimal(G, g, 50.0, y, multiplier)
+            assert multiplier == pytest.approx(0, abs=1e-12)
+
+    def test_almost(self, rng):
+        V, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+        for tiny in 10.0 ** -np.arange(4, 17):
+            G, g = (V * [1.0, 3.0, 4.0]) @ V.T, V @ np.array([tiny, 2.0, 0.0])
+            y, multiplier = minimiser(G, g)
+            assert_optimal(G, g, RADIUS, y, multiplier)
+
+    def test_no_matrix_and_no_g(self):
+        y, multiplier = minimiser(np.zeros((2, 2)), np.zeros(2), before=[3.0, 0.1])
+        assert np.linalg.norm(y) == pytest.approx(RADIUS)
+        assert multiplier == 0
+
+
+def test_turning_the_problem_turns_the_minimiser(rng):
+    G, g = make_case(rng, 5)
+    V, _ = np.linalg.qr(rng.standard_normal((5, 5)))
+    y, multiplier = minimiser(G, g)
+    turned, same = minimiser(V @ G @ V.T, V @ g)
+    np.testing.assert_allclose(turned, V @ y, atol=1e-10)
+    assert same == pytest.approx(multiplier)
+
+
+def test_units_do_not_matter(rng):
+    G, g = make_case(rng, 5)
+    y, multiplier = minimiser(G, g)
+    scaled, same = minimiser(100 * G, 1000 * g, radius=10 * RADIUS)
+    np.testing.assert_allclose(scaled, 10 * y, rtol=1e-11)
+    assert same == pytest.approx(100 * multiplier)
