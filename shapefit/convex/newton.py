@@ -18,11 +18,17 @@ _STATUS = (Status.OPTIMAL, Status.ITERATION_LIMIT, Status.DEGENERATE, Status.NUM
 
 
 def solve_newton(
-    problem: Problem, *, tolerance: float = 1e-4, max_iterations: int = 1000, threads: int = 0
+    problem: Problem,
+    *,
+    tolerance: float = 1e-4,
+    max_iterations: int = 1000,
+    threads: int = 0,
+    start: Solution | None = None,
 ) -> Solution:
     """Solve every image to a relative duality gap <= tolerance by semismooth Newton steps.
 
-    `threads` = 0 means all cores. For the EXACT loss the relative residual ||W - sum M_i B_i|| /
+    `threads` = 0 means all cores. `start` is a solution for the same images, weights and loss at
+    another lambda, for example, and is left as it is. For the EXACT loss the relative residual ||W - sum M_i B_i|| /
     ||W|| must fall below the tolerance too. An image with fewer than two visible landmarks is
     DEGENERATE. See newton_kernels.py for the method.
     """
@@ -30,15 +36,17 @@ def solve_newton(
     k = len(problem.atoms)
     transforms, translation = np.zeros((n, k, 2, 3)), np.zeros((n, 2))
     dual, errors = np.zeros((n, 2, p)), np.zeros((n, 2, p))
+    if start is not None:
+        transforms, dual, errors = start.transforms.copy(), start.dual.copy(), start.errors.copy()
     objective, gap, residual = np.zeros(n), np.zeros(n), np.zeros(n)
     steps, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
     delta = float(problem.loss.has_quadratic)
 
-    def solve(start: int) -> None:
-        part = slice(start, start + STRETCH)
+    def solve(first: int) -> None:
+        part = slice(first, first + STRETCH)
         solve_stretch(
             problem.landmarks[part], problem.weights[part], problem.atoms, problem.lam[part],
-            delta, problem.bound, tolerance, max_iterations,
+            delta, problem.bound, tolerance, max_iterations, start is not None,
             transforms[part], translation[part], dual[part], errors[part],
             objective[part], gap[part], residual[part], steps[part], codes[part],
         )  # fmt: skip
@@ -46,8 +54,8 @@ def solve_newton(
     starts = range(0, n, STRETCH)
     workers = min(threads or os.cpu_count() or 1, len(starts))
     if workers <= 1:
-        for start in starts:
-            solve(start)
+        for first in starts:
+            solve(first)
     else:
         with ThreadPoolExecutor(workers) as pool:
             list(pool.map(solve, starts))

@@ -59,13 +59,14 @@ def _explains(M, atoms, w):
 
 @kernel
 def solve_stretch(
-    W, Omega, B, lam, delta, bound, tolerance, most,
+    W, Omega, B, lam, delta, bound, tolerance, most, started,
     M_out, T_out, Y_out, E_out, objective, gaps, residuals, steps, status,
 ):  # fmt: skip
     """Solve images (n, 2, p) in turn, each from its neighbour's solution where that explains it.
 
-    Inputs are those of Problem; everything after `most` is written. Status codes: 0 optimal,
-    1 iteration limit, 2 degenerate, 3 numerical failure.
+    Inputs are those of Problem; everything after `started` is written. Where `started`, M_out,
+    Y_out and E_out hold a start for each image, which takes the place of the neighbour's. Status
+    codes: 0 optimal, 1 iteration limit, 2 degenerate, 3 numerical failure.
 
     Every image is solved in the units ||w|| = 1 and max ||B_i|| = 1. Where the loss has no
     quadratic the weights move from the residual to the bounds of the dual, f(omega r) = omega f(r):
@@ -112,7 +113,18 @@ def solve_stretch(
         scaled_lam = lam[image] / (unit * largest)
         for j in range(p):
             bounds[j] = bound / unit if delta > 0.0 else bound * omega[j]
-        if have_start:
+        if started:
+            for i in range(k):
+                for a in range(2):
+                    for b in range(3):
+                        M[3 * a + b, i] = out[i, a, b] * (largest / size)
+            for m in range(seen):
+                j = visible[m]
+                for a in range(2):
+                    Y[a, j] = Y_out[image, a, j] * (omega[j] / rho[j])
+                    E[a, j] *= rho[j] / size
+            have_start = True
+        elif have_start:
             M *= (old_size / size) * (largest / old_largest)
             have_start = _explains(M, atoms, w)
         if have_start:
