@@ -12,6 +12,7 @@ from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Solution, Status
 from shapefit.lifting.alternation import alternate
 from shapefit.lifting.estimate import Estimate, Estimator, place
+from shapefit.lifting.matching_pursuit import matching_pursuit
 from shapefit.lifting.pose import find_moments, find_pose, spread_views, turn_in_plane
 from shapefit.lifting.reconstruction import is_active, reconstruct
 from shapefit.lifting.synchronisation import synchronise
@@ -26,6 +27,7 @@ class Settings:
 
     solve            solver of the convex program
     mean_shape       (3, p) of the dictionary
+    edges            pmp: (e, 2), the limbs whose lengths it keeps
     orthogonal       convex: each M_i / c_i is replaced by the nearest orthonormal rows
     signed           alternate, alternate+: coefficients of either sign
     views            alternate, mean-shape: the pose of the mean shape is sought from as many
@@ -38,6 +40,7 @@ class Settings:
 
     solve: Solve
     mean_shape: Floats
+    edges: NDArray[np.int64] | None = None
     orthogonal: bool = False
     signed: bool = False
     views: int = 6
@@ -114,11 +117,17 @@ def mean_shape(problem: Problem, settings: Settings) -> Estimate:
     )
 
 
+def pmp(problem: Problem, settings: Settings) -> Estimate:
+    """Pursue the landmarks with PCA bases (Ramakrishna, Kanade, Sheikh, ECCV 2012)."""
+    return matching_pursuit(problem, settings.mean_shape, settings.edges, threads=settings.threads)
+
+
 METHODS: Mapping[str, Method] = {
     "convex": convex,
     "convex+refine": convex_refine,
     "alternate": alternate_from_mean,
     "alternate+": alternate_plus,
+    "pmp": pmp,
     "mean-shape": mean_shape,
 }
 
