@@ -74,6 +74,33 @@ class AlternationConfig(ConfigModel):
     max_rounds: int = Field(default=500, ge=1, description="Most rounds for one image.")
 
 
+class TemporalConfig(ConfigModel):
+    """What the images of one sequence tell about each other."""
+
+    depths: bool = Field(
+        default=False,
+        description="Refine the depths along each sequence: the bones (edges of the dictionary) "
+        "keep their lengths and points do not jump. For one body a sequence, its images in order "
+        "of time, a camera of constant scale, and little noise.",
+    )
+    smoothness: float = Field(
+        default=10.0,
+        ge=0,
+        description="Weight of the second difference of depths from image to image; a higher "
+        "frame rate wants more.",
+    )
+    rigidity: float = Field(
+        default=100.0, ge=0, description="Weight of the differences in the lengths of bones."
+    )
+    tolerance: float = Field(
+        default=0.01,
+        gt=0,
+        description="Change of a depth beyond which the estimate of the single image is taken "
+        "for a gross error, in units of the size of the landmarks.",
+    )
+    max_rounds: int = Field(default=100, ge=1, description="Most rounds for one sequence.")
+
+
 class FitConfig(CommandConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
@@ -82,11 +109,13 @@ class FitConfig(CommandConfig):
     output: OutputPath = Field(
         description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
     )
-    method: Literal["convex", "convex+refine", "alternate", "alternate+", "mean-shape"] = Field(
-        default="convex",
-        description="How to lift: the convex program; it refined to one shared rotation; "
-        "alternating minimisation from the mean shape or (alternate+) from the convex program; "
-        "or the pose of the mean shape alone.",
+    method: Literal["convex", "convex+refine", "alternate", "alternate+", "pmp", "mean-shape"] = (
+        Field(
+            default="convex",
+            description="How to lift: the convex program; it refined to one shared rotation; "
+            "alternating minimisation from the mean shape or (alternate+) from the convex program; "
+            "projected matching pursuit with PCA bases; or the pose of the mean shape alone.",
+        )
     )
     loss: Literal["squared", "exact", "l1", "sparse-error"] = Field(
         default="squared",
@@ -133,6 +162,10 @@ class FitConfig(CommandConfig):
     alternation: AlternationConfig = Field(
         default_factory=AlternationConfig,
         description="How convex+refine, alternate, alternate+ and mean-shape search.",
+    )
+    temporal: TemporalConfig = Field(
+        default_factory=TemporalConfig,
+        description="What the images of one sequence tell about each other.",
     )
     threads: int = Field(default=0, ge=0, description="Threads to solve with; 0 is one per core.")
     chunk: int = Field(default=4096, ge=1, description="Images held in memory at a time.")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,8 +18,10 @@ from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
 from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
 from shapefit.io import (
     LandmarkSet,
+    LandmarkSource,
     ResultSet,
     digest,
     open_landmarks,
@@ -28,9 +31,12 @@ from shapefit.io import (
 from shapefit.io.extras import Extras
 from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.methods import Settings, Solve, choose_method
+from shapefit.lifting.temporal import Sequencing, refine_sequences
 from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.whole_sequences import whole_sequences
 
 Floats = NDArray[np.float64]
+Refinement = Callable[[Floats, tuple[str, ...]], Floats]
 
 
 def run(config: FitConfig) -> Iterator[Outcome]:
@@ -38,14 +44,16 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     dictionary = read_dictionary(config.dictionary)
     program = choose_program(config)
     estimator = choose_method(config.method, choose_settings(config, dictionary))
+    refinement = choose_refinement(config, dictionary)
     solve_seconds, done = 0.0, 0
     with open_landmarks(config.landmarks) as source, result_writer(config.output) as writer:
-        for chunk in source.chunks(config.chunk):
+        for chunk in find_chunks(source, config):
             images = chunk.arrange(dictionary.landmark_names, source_names(config))
             began = time.perf_counter()
             lifting = lift(
                 images.landmarks, find_weights(images), dictionary.atoms, program, estimator
             )
+            lifting = replace(lifting, shapes=refinement(lifting.shapes, images.sequences or ()))
             solve_seconds += time.perf_counter() - began
             writer.append(as_result(images, lifting, config))
             done += len(images)
@@ -68,6 +76,40 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     yield Outcome(total=source.count, written=(config.output,))
 
 
+def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkSet]:
+    """Give out the images, with `temporal.depths` in chunks that divide no sequence."""
+    chunks = source.chunks(config.chunk)
+    return whole_sequences(map(with_sequences, chunks)) if config.temporal.depths else chunks
+
+
+def with_sequences(images: LandmarkSet) -> LandmarkSet:
+    """Return the images, and refuse them where they name no sequences."""
+    if images.sequences is None:
+        raise input_error(
+            "temporal.depths", "landmarks without `sequence`", "name the sequence of each image"
+        )
+    return images
+
+
+def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:
+    """Return what the images of a sequence tell about each other: nothing, or the depths."""
+    if not config.temporal.depths:
+        return lambda shapes, _: shapes
+    if dictionary.edges is None:
+        raise input_error(
+            "temporal.depths",
+            f"{config.dictionary} without `edges`",
+            "learn the dictionary from shapes with edges: they are the bones",
+        )
+    settings = Sequencing(
+        smoothness=config.temporal.smoothness,
+        rigidity=config.temporal.rigidity,
+        tolerance=config.temporal.tolerance,
+        max_rounds=config.temporal.max_rounds,
+    )
+    return partial(refine_sequences, bones=dictionary.edges, settings=settings)
+
+
 def choose_program(config: FitConfig) -> Program:
     """Return the convex program that the config names."""
     return Program(
@@ -80,10 +122,17 @@ def choose_program(config: FitConfig) -> Program:
 
 def choose_settings(config: FitConfig, dictionary: Dictionary) -> Settings:
     """Return what the methods need besides the problem."""
+    if config.method == "pmp" and dictionary.edges is None:
+        raise input_error(
+            config.dictionary,
+            "no `edges`, the limbs whose lengths pmp keeps",
+            "learn it with `method: pca-bases` from shapes with edges",
+        )
     options = config.alternation
     return Settings(
         solve=choose_solver(config),
         mean_shape=dictionary.mean_shape,
+        edges=dictionary.edges,
         orthogonal=config.orthogonal,
         signed=options.signed,
         views=options.views,
