@@ -20,6 +20,7 @@ from .learn_dict import learn_dict
 from .options import TRACEBACK_VARIABLE
 from .project import project
 from .simulate import simulate
+from .sweep import sweep
 
 INPUT_ERROR = 2
 INTERNAL_ERROR = 3
@@ -54,7 +55,7 @@ def commands() -> None:
     """
 
 
-for command in (learn_dict, project, fit, evaluate, simulate):
+for command in (learn_dict, project, fit, evaluate, simulate, sweep):
     commands.add_command(command)
 
 

@@ -7,6 +7,7 @@ from shapefit.config.loader import CONFIGS, dump_config, load_config
 from shapefit.config.model import CommandConfig
 from shapefit.config.project import ProjectConfig
 from shapefit.config.simulate import SimulateConfig
+from shapefit.config.sweep import SweepConfig
 
 __all__ = [
     "CONFIGS",
@@ -16,6 +17,7 @@ __all__ = [
     "LearnDictConfig",
     "ProjectConfig",
     "SimulateConfig",
+    "SweepConfig",
     "dump_config",
     "load_config",
 ]

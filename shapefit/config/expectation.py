@@ -24,10 +24,15 @@ _WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: 
 
 def expectation(field: FieldInfo) -> str:
     """Return what the field expects, such as `a whole number >= 1`."""
-    for entry in field.metadata:
-        if isinstance(entry, Expected):
-            return entry.phrase
-    return f"{_type_words(field.annotation)} {' and '.join(_bounds(field.metadata))}".rstrip()
+    return (
+        in_words(field)
+        or f"{_type_words(field.annotation)} {' and '.join(_bounds(field.metadata))}".rstrip()
+    )
+
+
+def in_words(field: FieldInfo) -> str | None:
+    """Return the words that were given for what the field expects, None where its type says it."""
+    return next((entry.phrase for entry in field.metadata if isinstance(entry, Expected)), None)
 
 
 def _type_words(annotation: Any) -> str:
@@ -64,6 +69,9 @@ def field_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def submodel(field: FieldInfo) -> type[BaseModel] | None:
-    """Return the model of a field that is a mapping with known keys, otherwise None."""
-    kind = field.annotation
+    """Return the model of a field that is a mapping with known keys, or None if it is not."""
+    kinds = [field.annotation]
+    if get_origin(field.annotation) in (Union, UnionType):
+        kinds = [kind for kind in get_args(field.annotation) if kind is not NoneType]
+    kind = kinds[0]
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None

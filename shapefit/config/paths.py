@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,9 +15,28 @@ from shapefit.config.expectation import Expected
 STANDARD_STREAM = Path("-")
 DATA = "{data}"
 
+PathKeys = Mapping[str, "PathKeys"]
+"""Keys that hold paths -> those within them that do; none within where the value itself is one."""
+
 
 class PathWords(Expected):
     """Annotation metadata: the field holds paths."""
+
+
+def change_paths(
+    values: Mapping[str, Any], keys: PathKeys, change: Callable[[Any], Any]
+) -> dict[str, Any]:
+    """Return `values` with `change` made to what the path keys hold.
+
+    A mapping under a key with keys within is a section, and anything else there a path to it.
+    """
+    changed = dict(values)
+    for key in values.keys() & keys.keys():
+        section = keys[key] and isinstance(values[key], dict)
+        changed[key] = (
+            change_paths(values[key], keys[key], change) if section else change(values[key])
+        )
+    return changed
 
 
 def anchored(value: Any, folder: Path) -> Any:

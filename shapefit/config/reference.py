@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from shapefit.config.expectation import expectation, field_keys, submodel
+from shapefit.config.expectation import expectation, field_keys, in_words, submodel
 from shapefit.config.loader import CONFIGS
 
 _INTRODUCTION = """\
@@ -42,7 +42,7 @@ def _section(command: str, model: type[BaseModel]) -> str:
 def _rows(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
     for key, field in field_keys(model).items():
         inner = submodel(field)
-        if inner is None:
+        if inner is None or in_words(field):
             cells = (f"`{prefix}{key}`", expectation(field), _default(field), field.description)
             yield f"| {' | '.join(str(cell) for cell in cells)} |"
         else:

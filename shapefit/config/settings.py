@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from shapefit.config.paths import anchored, with_data
+from shapefit.config.paths import PathKeys, anchored, change_paths, with_data
 from shapefit.config.yaml12 import Location, Place, read_yaml
 from shapefit.errors import input_error
 
@@ -18,10 +19,10 @@ COMMAND_LINE = "command line"
 class Settings:
     """Values for a config before they are checked; `problems` is what is wrong already.
 
-    `path_keys` are the top-level keys that hold paths.
+    `path_keys` are the keys that hold paths.
     """
 
-    path_keys: Collection[str]
+    path_keys: PathKeys
     values: dict[str, Any] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     _places: dict[Location, Place] = field(
@@ -43,8 +44,7 @@ class Settings:
                 f"found {found(document.value)}"
             )
         folder = Path.cwd() / path.parent
-        for key in self.values.keys() & self.path_keys:
-            self.values[key] = anchored(self.values[key], folder)
+        self.values = change_paths(self.values, self.path_keys, partial(anchored, folder=folder))
 
     def set_option(self, option: str) -> None:
         """Take `a.b=value`, the argument of a --set option; the value is YAML."""
@@ -87,10 +87,7 @@ class Settings:
         if not isinstance(data, str):
             return self.values
         folder = Path.cwd() / Path(data).expanduser()
-        return {
-            key: with_data(value, folder) if key in self.path_keys else value
-            for key, value in self.values.items()
-        }
+        return change_paths(self.values, self.path_keys, partial(with_data, data=folder))
 
     def place(self, location: Location, *, key: bool = False) -> str:
         """Return where the value at `location` (or its key) was said, or else its surroundings."""

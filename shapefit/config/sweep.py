@@ -1,0 +1,206 @@
+"""The config of `sweep`."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, TypeVar
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from shapefit.config.checked import check, load_model, path_keys
+from shapefit.config.expectation import Expected
+from shapefit.config.fit import FitConfig
+from shapefit.config.learn_dict import LearnDictConfig
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists
+from shapefit.config.paths import (
+    STANDARD_STREAM,
+    InputPath,
+    InputPaths,
+    OutputPath,
+    PathWords,
+    absolute_path,
+)
+from shapefit.config.project import ProjectConfig
+from shapefit.config.settings import Settings
+from shapefit.errors import InputError
+
+Value = str | bool | int | float
+
+_MADE = "; the sweep chooses it"
+
+
+class LearnDictSection(LearnDictConfig):
+    """Settings of `learn-dict` in a sweep."""
+
+    output: OutputPath = Field(default=STANDARD_STREAM, description=f"Dictionary file{_MADE}.")
+
+
+class ProjectSection(ProjectConfig):
+    """Settings of `project` in a sweep."""
+
+    output: OutputPath = Field(default=STANDARD_STREAM, description=f"Landmark file{_MADE}.")
+
+
+class FitSection(FitConfig):
+    """Settings of `fit` in a sweep; `-` is what the step before made."""
+
+    landmarks: InputPaths = Field(
+        default=(STANDARD_STREAM,), description="Files of 2D landmarks, where none are projected."
+    )
+    dictionary: InputPath = Field(
+        default=STANDARD_STREAM, description="Dictionary file, where none is learned."
+    )
+    output: OutputPath = Field(default=STANDARD_STREAM, description=f"Result file{_MADE}.")
+
+
+SECTIONS: Mapping[str, type[ConfigModel]] = {
+    "learn_dict": LearnDictSection,
+    "project": ProjectSection,
+    "fit": FitSection,
+}
+
+Section = TypeVar("Section", LearnDictSection, ProjectSection, FitSection)
+
+
+class Steps(NamedTuple):
+    """The settings of each step for one value of the key that varies."""
+
+    learn_dict: LearnDictSection | None
+    project: ProjectSection | None
+    fit: FitSection
+
+
+def _words(command: str) -> PathWords:
+    return PathWords(f"a mapping with keys of `{command}`, or the path of its YAML")
+
+
+class SweepConfig(CommandConfig):
+    """Run the chain for each value of one key, and draw the error against it."""
+
+    learn_dict: Annotated[LearnDictSection | None, _words("learn-dict")] = Field(
+        default=None, description="How to learn the dictionary; left out, `fit` names one."
+    )
+    project: Annotated[ProjectSection | None, _words("project")] = Field(
+        default=None, description="How to see the shapes; left out, `fit` names the landmarks."
+    )
+    fit: Annotated[FitSection, _words("fit")] = Field(
+        description="How to lift; files that the sweep makes can be left out, or are passed over."
+    )
+    truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
+    groups: Mapping[str, str] = Field(
+        default_factory=dict,
+        description="Groups of sequences to average over: name -> glob on sequence names.",
+    )
+    vary: Annotated[
+        Mapping[str, Annotated[tuple[Value, ...], FromLists]],
+        Expected("a mapping of one key to a list of values"),
+    ] = Field(description="The key that varies, such as {fit.lambda: [0.05, 0.1]}.")
+    frames: int = Field(
+        default=1, ge=1, description="Fit every n-th image of the landmarks, the first included."
+    )
+    caveats: Annotated[tuple[str, ...], FromLists] = Field(
+        default=(), description="What a reader of the numbers must know; printed with them."
+    )
+    output: OutputPath = Field(description="Folder to write the report and the files between to.")
+    plots: bool = Field(default=True, description="Also draw the errors (PNG and SVG).")
+
+    @cached_property
+    def key(self) -> str:
+        """Return the key that varies, such as `fit.lambda`."""
+        return next(iter(self.vary))
+
+    @cached_property
+    def varied_section(self) -> str:
+        """Return the section of the key that varies."""
+        return self.key.partition(".")[0]
+
+    @cached_property
+    def values(self) -> tuple[Value, ...]:
+        """Return the values of the key that varies."""
+        return self.vary[self.key]
+
+    def steps(self, value: Value) -> Steps:
+        """Return the settings of each step where the key that varies has this value."""
+        steps = Steps(self.learn_dict, self.project, self.fit)
+        name, _, key = self.key.partition(".")
+        return steps._replace(**{name: _changed(getattr(self, name), key, value)})
+
+    @field_validator(*SECTIONS, mode="before")
+    @classmethod
+    def _read_file(cls, value: Any, info: ValidationInfo) -> Any:
+        """Take the settings from a file where a section is a path."""
+        if not isinstance(value, str | Path):
+            return value
+        name, data = str(info.field_name), info.data.get("data")
+        made = {"output": "-", "data": str(data) if data else None}
+        if name == "fit":
+            made["landmarks"] = "-" if info.data.get("project") else None
+            made["dictionary"] = "-" if info.data.get("learn_dict") else None
+        try:
+            return load_model(SECTIONS[name], absolute_path(value), arguments=made)
+        except InputError as error:
+            raise ValueError("; ".join(error.problems)) from None
+
+    @field_validator("fit")
+    @classmethod
+    def _has_files(cls, fit: FitSection, info: ValidationInfo) -> FitSection:
+        for key, path, maker in (
+            ("landmarks", fit.landmarks[0], "project"),
+            ("dictionary", fit.dictionary, "learn_dict"),
+        ):
+            if path == STANDARD_STREAM and info.data.get(maker, "wrong") is None:
+                raise ValueError(f"missing key {key!r}; name a file, or give `{maker}`")
+        return fit
+
+    @field_validator("vary")
+    @classmethod
+    def _can_vary(
+        cls, vary: Mapping[str, tuple[Value, ...]], info: ValidationInfo
+    ) -> Mapping[str, tuple[Value, ...]]:
+        if len(vary) != 1:
+            raise ValueError(f"expected one key with its values, found {len(vary)} keys")
+        ((path, values),) = vary.items()
+        name, dot, key = path.partition(".")
+        if name not in SECTIONS or not dot:
+            raise ValueError(
+                f"expected a key of {', '.join(SECTIONS)}, such as fit.lambda, found {path!r}"
+            )
+        if key.partition(".")[0] in path_keys(SECTIONS[name]):
+            raise ValueError(f"{path} is a path; only settings can vary")
+        if not values or len(set(values)) < len(values):
+            raise ValueError(f"expected different values of {path}, found {list(values)}")
+        if name in info.data:
+            _check_values(info.data[name], name, key, values)
+        return vary
+
+
+def _check_values(section: Section | None, name: str, key: str, values: tuple[Value, ...]) -> None:
+    """Raise ValueError for values that the section does not accept."""
+    if section is None:
+        raise ValueError(f"`{name}` is not given, so that {name}.{key} cannot vary")
+    problems = []
+    for value in values:
+        try:
+            _changed(section, key, value)
+        except InputError as error:
+            problems += [f"{name}.{line.removeprefix('--set ')}" for line in error.problems]
+    if problems:
+        raise ValueError("; ".join(problems))
+
+
+def _changed(section: Section, key: str, value: Value) -> Section:
+    """Return the section with another value of a key; raises InputError if it does not fit."""
+    model = type(section)
+    settings = Settings(path_keys(model), section.model_dump(mode="json"))
+    settings.set_option(f"{key}={_as_yaml(value)}")
+    return check(model, settings)
+
+
+def _as_yaml(value: Value) -> str:
+    if isinstance(value, float) and not math.isfinite(value):
+        return f".{value}"
+    return json.dumps(value)
