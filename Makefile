@@ -5,6 +5,7 @@
 #   make check        format, lint, types, tests, import order, docs
 #   make docs         write the generated pages of docs/
 #   make recovery     the paper's figure of exact recovery on planted instances
+#   make paper        every table and figure of the paper, with an index (DATA=FOLDER as below)
 #   make bench        images a second against the peers (DATA=FOLDER adds motion capture)
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
 
@@ -18,7 +19,7 @@ READY := $(VENV)/ready
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test check format-check lint types docs mocap-table recovery clean
+.PHONY: demo test check format-check lint types docs mocap-table recovery paper clean
 
 demo: $(READY)
 	$(call chain,demo)
@@ -29,6 +30,23 @@ mocap-table: $(READY)
 recovery: $(READY)
 	@mkdir -p results
 	$(SHAPEFIT) simulate -c configs/recovery.yaml
+
+PAPER_FITS := convex refine alternate alternate-plus pmp mean-shape
+PAPER_SWEEPS := timing timing-pmp sensitivity-lambda sensitivity-noise sensitivity-hidden sensitivity-k
+
+# A fit or simulation in which single items fail (exit code 1) lists them, and the others count.
+paper: $(READY)
+	@mkdir -p results/mocap results/paper
+	$(SHAPEFIT) learn-dict -c configs/mocap/learn-dict.yaml $(SET_DATA)
+	$(SHAPEFIT) learn-dict -c configs/paper/learn-pmp.yaml $(SET_DATA)
+	$(SHAPEFIT) project -c configs/mocap/project.yaml $(SET_DATA)
+	for fit in $(PAPER_FITS); do \
+	    $(SHAPEFIT) fit -c configs/paper/fit-$$fit.yaml || [ $$? -eq 1 ] || exit; done
+	$(SHAPEFIT) eval -c configs/paper/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
+	$(SHAPEFIT) simulate -c configs/recovery.yaml -o results/paper/recovery || [ $$? -eq 1 ]
+	for sweep in $(PAPER_SWEEPS); do \
+	    $(SHAPEFIT) sweep -c configs/paper/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
+	$(BIN)/python -m benchmarks.paper_index results/paper
 
 test: $(READY)
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
