@@ -6,13 +6,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
 
+from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, FromLists
 from shapefit.config.paths import InputPaths, OutputPath, PathWords, expand_path
 
 Metric = Literal["similarity", "camera", "rotation", "reprojection"]
 
+MOST_EXAMPLES = 20
+"""Rows of a picture that a person still looks at."""
+
+_EXAMPLES = f"expected a whole number from 0 to {MOST_EXAMPLES} or a list of item names or globs"
 _RESULTS = "a path or glob, a list of them, or a mapping name -> path(s)"
 
 
@@ -34,6 +40,14 @@ def _named(value: Any) -> Any:
             )
         named[path.stem] = path
     return named
+
+
+def _number_or_names(value: Any) -> int | tuple[str, ...]:
+    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_EXAMPLES:
+        return value
+    if isinstance(value, list | tuple) and all(isinstance(name, str) for name in value):
+        return tuple(value)
+    raise PydanticCustomError("number_or_names", _EXAMPLES)
 
 
 class EvalConfig(CommandConfig):
@@ -68,7 +82,18 @@ class EvalConfig(CommandConfig):
     caveats: Annotated[tuple[str, ...], FromLists] = Field(
         default=(), description="What a reader of the numbers must know; printed with them."
     )
-    plots: bool = Field(default=True, description="Also draw the errors (PNG and SVG).")
+    plots: bool = Field(
+        default=True, description="Also draw the errors, and the examples (PNG and SVG)."
+    )
+    examples: Annotated[
+        int | tuple[str, ...],
+        Expected(_EXAMPLES.removeprefix("expected ")),
+        PlainValidator(_number_or_names),
+    ] = Field(
+        default=0,
+        description="Images to draw, their landmarks, truth and every method in a novel view: how "
+        "many, spread evenly over the images of all methods, or which items.",
+    )
 
     @field_validator("metrics")
     @classmethod

@@ -93,7 +93,7 @@ def bar_plot(summaries: Sequence[Summary]) -> Figure:
     axes = figure.subplots(len(rows), squeeze=False)[:, 0]
     top = 1.05 * max((s.mean for s in summaries if not math.isnan(s.mean)), default=0.0)
     for axis, row in zip(axes, rows, strict=True):
-        _style(axis, slots, top or 1.0, f"mean error ({summaries[0].unit})")
+        style_axis(axis, slots, top or 1.0, f"mean error ({summaries[0].unit})")
         start = 0.0 if slots > FEWEST_SLOTS else (slots - row[0].slots) / 2
         ticks: dict[float, str] = {}
         for group in row:
@@ -101,7 +101,7 @@ def bar_plot(summaries: Sequence[Summary]) -> Figure:
             ticks |= {start + cluster.place: cluster.label for cluster in group.clusters}
             start += group.slots + GAP
         axis.set_xticks(list(ticks), list(ticks.values()), rotation=90 if upright else 0)
-    _head(figure, axes[0], TITLES[summaries[0].metric], len(methods))
+    add_head(figure, axes[0], TITLES[summaries[0].metric], methods)
     return figure
 
 
@@ -156,7 +156,7 @@ def _draw(axis: Axes, start: float, group: _Group, methods: Sequence[str]) -> No
         offset = start + (index - (len(methods) - 1) / 2) * width
         places = [offset + cluster.place for cluster in group.clusters]
         heights = [cluster.errors.get(method, math.nan) for cluster in group.clusters]
-        colour, hatch = _look(index)
+        colour, hatch = look(index)
         axis.bar(
             places, heights, width, label=method, color=colour, hatch=hatch, edgecolor="white",
             linewidth=0.3, zorder=2,
@@ -168,11 +168,13 @@ def _draw(axis: Axes, start: float, group: _Group, methods: Sequence[str]) -> No
     )  # fmt: skip
 
 
-def _look(index: int) -> tuple[str, str]:
+def look(index: int) -> tuple[str, str]:
+    """Return the colour and hatch of the method at an index."""
     return COLOURS[index % len(COLOURS)], HATCHES[index // len(COLOURS) % len(HATCHES)]
 
 
-def _style(axis: Axes, slots: float, top: float, label: str) -> None:
+def style_axis(axis: Axes, slots: float, top: float, label: str) -> None:
+    """Give an axis its limits, for slots 1 wide around 0, 1, ..., and its lines and letters."""
     axis.set_xlim(-0.7, slots - 0.3)
     axis.set_ylim(0, top)
     axis.set_ylabel(label, color=INK)
@@ -183,11 +185,17 @@ def _style(axis: Axes, slots: float, top: float, label: str) -> None:
     axis.tick_params(length=0, colors=INK, labelsize=8)
 
 
-def _head(figure: Figure, axis: Axes, title: str, methods: int) -> None:
-    """Title above the first row, legend of the methods below the last."""
+def add_head(figure: Figure, axis: Axes, title: str, methods: Sequence[str]) -> None:
+    """Put the title above the first row, the legend of the methods below the last."""
+    from matplotlib.patches import Patch
+
     axis.set_title(title, loc="left", color=INK, fontsize=12, pad=20)
-    handles, names = axis.get_legend_handles_labels()
+    looks = [look(index) for index in range(len(methods))]
     figure.legend(
-        handles[:methods], names[:methods], loc="outside lower center", ncols=min(methods, 4),
-        frameon=False, labelcolor=INK, fontsize=9,
+        handles=[
+            Patch(facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.3, label=method)
+            for method, (colour, hatch) in zip(methods, looks, strict=True)
+        ],
+        loc="outside lower center", ncols=min(len(methods), 4), frameon=False, labelcolor=INK,
+        fontsize=9,
     )  # fmt: skip

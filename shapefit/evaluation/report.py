@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from shapefit.evaluation.solving import Solving
 from shapefit.evaluation.summary import Summary
 
 NORMALISED = "normalised"
@@ -19,13 +20,14 @@ PUBLISHED = ("similarity", NORMALISED)
 class Method:
     """One method that was judged: where its results lie, how many images, and which failed.
 
-    `failures` maps an item to the reason.
+    `failures` maps an item to the reason; `solving` sums up how the fit went.
     """
 
     name: str
     files: tuple[str, ...]
     images: int
     failures: Mapping[str, str]
+    solving: Solving = field(default_factory=Solving)
 
 
 @dataclass(frozen=True)

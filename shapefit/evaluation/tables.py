@@ -7,14 +7,17 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from shapefit.evaluation.markdown import markdown_table
 from shapefit.evaluation.report import PUBLISHED, Report
+from shapefit.evaluation.solving import Solving
 from shapefit.evaluation.summary import ImageErrors, Summary
 
 if TYPE_CHECKING:
     import polars
+
+Errors = TypeVar("Errors", Summary, ImageErrors)
 
 PER_IMAGE = ("method", "sequence", "item", "metric", "error", "unit")
 REPORT = ("method", "metric", "group", "sequence", "images", "mean", "median", "p90", "unit")
@@ -27,6 +30,12 @@ ABSENT = "–"
 
 _HOW_TO_READ = (
     "Each number is the mean, over the sequences of the group, of the sequence's mean error."
+)
+_HOW_TO_READ_SOLVING = (
+    "Means over all images, as the result files tell them. Objectives of different models cannot "
+    "be compared: the convex program, the methods that share one rotation, and the mean shape "
+    "minimise three different ones, and each depends on lambda and the dictionary. Times are those "
+    "of the machine and the threads of each fit, solving alone."
 )
 _QUOTED = "Columns in italics are quoted from their publication, not computed here."
 
@@ -66,6 +75,7 @@ def report_json(report: Report) -> str:
                 "images": method.images,
                 "failed": len(method.failures),
                 "failures": [{"item": i, "reason": r} for i, r in method.failures.items()],
+                "solving": asdict(method.solving),
             }
             for method in report.methods
         ],
@@ -91,16 +101,17 @@ def markdown(report: Report) -> str:
         published = report.published if kind == PUBLISHED else {}
         parts += [f"## {kind[0]} ({kind[1]})", _errors_table(summaries, published)]
     parts += ["## Images", _images_table(report), *_failed_items(report)]
+    parts += _solving(report)
     parts += _listing("Left out", report.warnings)
     parts += _listing("Caveats", report.caveats)
     return "\n\n".join(parts) + "\n"
 
 
-def by_kind(summaries: Iterable[Summary]) -> dict[tuple[str, str], list[Summary]]:
-    """Collect the summaries of each metric and unit, in order of first appearance."""
-    collected: dict[tuple[str, str], list[Summary]] = {}
-    for summary in summaries:
-        collected.setdefault((summary.metric, summary.unit), []).append(summary)
+def by_kind(errors: Iterable[Errors]) -> dict[tuple[str, str], list[Errors]]:
+    """Collect summaries or errors by metric and unit, in order of first appearance."""
+    collected: dict[tuple[str, str], list[Errors]] = {}
+    for entry in errors:
+        collected.setdefault((entry.metric, entry.unit), []).append(entry)
     return collected
 
 
@@ -132,6 +143,30 @@ def _images_table(report: Report) -> str:
     counts = [(m.name, m.images, len(m.failures)) for m in report.methods]
     rows = [[name, str(n - failed), str(failed)] for name, n, failed in counts]
     return markdown_table(["method", "evaluated", "failed"], rows)
+
+
+def _solving(report: Report) -> list[str]:
+    """The table of what the fits tell of themselves, unless they tell nothing, as CSV files."""
+    told = [(method.name, method.solving) for method in report.methods]
+    if all(solving == Solving() for _, solving in told):
+        return []
+    decimals = _decimals(s.mean_objective for _, s in told if s.mean_objective is not None)
+    header = ["method", "mean objective", "ms an image", "optimal or converged"]
+    rows = [
+        [
+            name,
+            ABSENT if s.mean_objective is None else f"{s.mean_objective:.{decimals}f}",
+            ABSENT if s.milliseconds is None else f"{s.milliseconds:.3g}",
+            ABSENT if s.solved is None else _percent(s.solved),
+        ]
+        for name, s in told
+    ]
+    return ["## Solving", _HOW_TO_READ_SOLVING, markdown_table(header, rows)]
+
+
+def _percent(share: float) -> str:
+    """Say 100 % only where it is all of them: digits are cut off, not rounded up."""
+    return f"{math.floor(10000 * share + 1e-9) / 100:.2f} %"
 
 
 def _failed_items(report: Report) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +12,13 @@ from shapefit import __version__
 from shapefit.config import EvalConfig
 from shapefit.errors import input_error
 from shapefit.evaluation import plots, tables
+from shapefit.evaluation.box_plots import box_plot
 from shapefit.evaluation.report import NORMALISED, Method, Report
-from shapefit.evaluation.summary import ImageErrors, Summary, group_sequences, summarise
-from shapefit.io import read_results, read_shapes
+from shapefit.evaluation.solving import Run, sum_up
+from shapefit.evaluation.summary import ImageErrors, group_sequences, summarise
+from shapefit.io import ResultSet, read_results, read_shapes
 from shapefit.io.atomic import digest
+from shapefit.pipelines.examples import Lifted, check_examples, examples_picture, keep
 from shapefit.pipelines.judgement import Judgement, abbreviate, judge
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
@@ -26,21 +29,28 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
 
     One outcome a result file, with the images that failed, and a last one with the Markdown
     tables as its note. Nothing is written before all results were judged. Raises InputError for
-    files that cannot be read or compared, groups that no sequence belongs to, an output folder
-    that cannot be written, and plots without matplotlib.
+    files that cannot be read or compared, groups that no sequence belongs to, examples that cannot
+    be drawn, an output folder that cannot be written, and plots without matplotlib.
     """
     check_folder(config.output)
     if config.plots:
         plots.require_matplotlib()
     truth = read_shapes(config.truth)
+    examples = config.examples if config.plots else 0
+    check_examples(examples, truth, config.truth)
+    lifted: dict[str, list[Lifted]] = {name: [] for name in config.results}
     methods: list[Method] = []
     errors: list[ImageErrors] = []
     warnings: list[str] = []
     for name, files in config.results.items():
-        judgements = []
+        judgements, runs = [], []
         for file in files:
-            judgement = judge(file, read_results(file), truth, config.match, config.metrics)
+            results = read_results(file)
+            judgement = judge(file, results, truth, config.match, config.metrics)
             judgements.append(judgement)
+            runs.append(_run_of(results))
+            if examples:
+                lifted[name].append(keep(results, judgement, truth))
             yield Outcome(
                 done=len(judgement.items),
                 failures=tuple(Failure(i, f"{name}: {w}") for i, w in judgement.failures.items()),
@@ -49,7 +59,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
             )
             warnings += judgement.warnings
         _check_distinct(judgements)
-        methods.append(_method(name, judgements))
+        methods.append(_method(name, judgements, runs))
         errors += _image_errors(name, judgements)
     grouping, ungrouped = _grouping(config, errors)
     report = Report(
@@ -60,7 +70,11 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         warnings=tuple(dict.fromkeys([*warnings, *ungrouped])),
         provenance=_provenance(config),
     )
-    writers = _writers(errors, report, with_plots=config.plots)
+    writers = _tables(errors, report)
+    if config.plots:
+        writers |= _plots(errors, grouping)
+    if examples:
+        writers |= plots.writers("examples", examples_picture(examples, lifted, truth))
     written = tuple(write_folder(config.output, writers))
     yield Outcome(warnings=ungrouped, note=tables.markdown(report).rstrip(), written=written)
 
@@ -77,12 +91,23 @@ def _check_distinct(judgements: Sequence[Judgement]) -> None:
         seen |= dict.fromkeys(judgement.items, judgement.file)
 
 
-def _method(name: str, judgements: Sequence[Judgement]) -> Method:
+def _run_of(results: ResultSet) -> Run:
+    seconds = results.attributes.get("solve_seconds")
+    return Run(
+        images=len(results),
+        objective=results.objective,
+        status=results.status,
+        seconds=float(seconds) if isinstance(seconds, int | float) else None,
+    )
+
+
+def _method(name: str, judgements: Sequence[Judgement], runs: Sequence[Run]) -> Method:
     return Method(
         name=name,
         files=tuple(str(j.file) for j in judgements),
         images=sum(len(j.items) for j in judgements),
         failures={item: why for j in judgements for item, why in j.failures.items()},
+        solving=sum_up(runs),
     )
 
 
@@ -126,25 +151,30 @@ def _provenance(config: EvalConfig) -> dict[str, object]:
     }
 
 
-def _writers(
-    errors: Sequence[ImageErrors], report: Report, *, with_plots: bool
-) -> dict[str, Writer]:
+def _tables(errors: Sequence[ImageErrors], report: Report) -> dict[str, Writer]:
     return {
         "per_image.csv": lambda path: tables.write_per_image(path, errors),
         "report.csv": lambda path: tables.write_report_csv(path, report.summaries),
         "report.json": lambda path: path.write_text(tables.report_json(report), encoding="utf-8"),
         "report.md": lambda path: path.write_text(tables.markdown(report), encoding="utf-8"),
-        **(_plots(report) if with_plots else {}),
     }
 
 
-def _plots(report: Report) -> dict[str, Writer]:
-    """Draw each metric once: what is also given in the unit of the truth, normalised."""
-    drawn: dict[str, list[Summary]] = {}
-    for (metric, unit), summaries in tables.by_kind(report.summaries).items():
+def _plots(
+    errors: Sequence[ImageErrors], grouping: Mapping[str, tuple[str, ...]]
+) -> dict[str, Writer]:
+    """Draw each metric once, as bars and boxes: what is also in the unit of the truth, normalised.
+
+    Images in no group are in neither.
+    """
+    drawn: dict[str, list[ImageErrors]] = {}
+    for (metric, unit), of_kind in tables.by_kind(errors).items():
         if metric not in drawn or unit == NORMALISED:
-            drawn[metric] = summaries
+            drawn[metric] = of_kind
     writers: dict[str, Writer] = {}
-    for metric, summaries in drawn.items():
-        writers |= plots.writers(metric, plots.bar_plot(summaries))
+    for metric, of_kind in drawn.items():
+        summaries = [summary for e in of_kind for summary in summarise(e, grouping)]
+        if summaries:
+            writers |= plots.writers(metric, plots.bar_plot(summaries))
+            writers |= plots.writers(f"{metric}_boxes", box_plot(of_kind, grouping))
     return writers

@@ -37,7 +37,7 @@ class Judgement:
 
     items and sequences (n), a sequence that nobody knows is empty; errors maps a metric and unit
     to (n,), nan where an image failed; failures maps the items without one or more of the errors
-    to the reason.
+    to the reason; truth_rows (n) index the truth of each image, -1 where there is none.
     """
 
     file: Path
@@ -46,6 +46,7 @@ class Judgement:
     errors: Mapping[Kind, Floats]
     failures: Mapping[str, str]
     warnings: tuple[str, ...]
+    truth_rows: NDArray[np.intp]
 
 
 def judge(
@@ -66,7 +67,7 @@ def judge(
 
     errors: dict[Kind, Floats] = {}
     for metric in metrics:
-        data = [_dataset(file, results, need) for need in NEEDS[metric]]
+        data = [find_dataset(file, results, need) for need in NEEDS[metric]]
         lacking = [need for need, d in zip(NEEDS[metric], data, strict=True) if d is None]
         if lacking:
             warnings.append(
@@ -94,6 +95,7 @@ def judge(
         errors=errors,
         failures=_failures(results, keys, rows, judged, errors),
         warnings=tuple(warnings),
+        truth_rows=rows,
     )
 
 
@@ -147,7 +149,7 @@ def _common_landmarks(
     ]
 
 
-def _dataset(file: Path, results: ResultSet, name: str) -> NDArray[Any] | None:
+def find_dataset(file: Path, results: ResultSet, name: str) -> NDArray[Any] | None:
     """Return a dataset that a metric needs, as (n, d, p) or (n, 3, 3); None if it is absent.
 
     Raises InputError where it has another shape than the metric takes.

@@ -229,7 +229,8 @@ def test_provenance_is_kept(config):
 
 def test_plots_are_drawn_for_every_metric(config):
     *_, last = run(changed(config, plots=True, metrics=["similarity", "reprojection"]))
-    drawn = {f"{m}.{e}" for m in ("similarity", "reprojection") for e in ("png", "svg")}
+    names = ("similarity", "similarity_boxes", "reprojection", "reprojection_boxes")
+    drawn = {f"{name}.{e}" for name in names for e in ("png", "svg")}
     assert {path.name for path in last.written} == FILES | drawn
     assert {path.name for path in config.output.iterdir()} == FILES | drawn
 
