@@ -81,6 +81,17 @@ def test_pymanopt_finds_the_same_minimiser_from_the_same_start(make_case, rng, q
         np.testing.assert_allclose(R[:2], judge(w, S, start), atol=1e-6)
 
 
+@pytest.mark.parametrize("seed", [663, 702, 2236, 4205, 5886])
+def test_a_step_that_would_rise_is_refused(seed):
+    """Long thin shapes, and starts from which accepting every step ends in another minimum."""
+    rng = np.random.default_rng(seed)
+    S = np.array([[30.0], [1.0], [0.03]]) * rng.normal(size=(3, 5))
+    truth, start = random_rotations(2, rng)
+    w = truth[:2] @ S + rng.normal(size=(2, 5))
+    R, _, _ = turn(w, S, start)
+    np.testing.assert_allclose(R[:2], judge(w, S, start), atol=1e-6)
+
+
 def test_a_planted_rotation_comes_back(make_case):
     for _ in range(50):
         w, S, truth = make_case(noise=0.0)

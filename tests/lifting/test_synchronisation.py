@@ -58,6 +58,15 @@ def test_no_climb_from_anywhere_ends_higher(loose, rng):
         assert (2 * c @ (2 * c)) >= best * (1 - 1e-9)
 
 
+def test_the_largest_transform_may_win_against_the_sum(rng):
+    """Two smaller transforms outvote a large one in the sum, but not in the squares."""
+    R = random_rotations(1, rng)
+    M = np.array([1.0, -0.6, -0.6])[:, None, None] * R[:, None, :2]
+    found = synchronise(M)
+    np.testing.assert_allclose(found.rotation, R, atol=1e-12)
+    np.testing.assert_allclose(found.coefficients, [[1.0, 0.0, 0.0]], atol=1e-12)
+
+
 def test_no_rotation_nearby_is_nearer(loose, rng):
     found = synchronise(loose)
     least = distance(loose, found.coefficients, found.rotation)
