@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,16 +21,16 @@ from shapefit.errors import input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
-    ResultSet,
     digest,
     open_landmarks,
     read_dictionary,
     result_writer,
 )
-from shapefit.io.extras import Extras
 from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.methods import Settings, Solve, choose_method
+from shapefit.lifting.path import WarmSolve, follow_path
 from shapefit.lifting.temporal import Sequencing, refine_sequences
+from shapefit.pipelines.fit_record import as_result
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.whole_sequences import whole_sequences
 
@@ -45,6 +44,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     program = choose_program(config)
     estimator = choose_method(config.method, choose_settings(config, dictionary))
     refinement = choose_refinement(config, dictionary)
+    newton = choose_newton(config)
     solve_seconds, done = 0.0, 0
     with open_landmarks(config.landmarks) as source, result_writer(config.output) as writer:
         for chunk in find_chunks(source, config):
@@ -55,7 +55,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             )
             lifting = replace(lifting, shapes=refinement(lifting.shapes, images.sequences or ()))
             solve_seconds += time.perf_counter() - began
-            writer.append(as_result(images, lifting, config))
+            path = follow_path(lifting.problem, config.path, newton) if config.path else None
+            writer.append(as_result(images, lifting, path, config))
             done += len(images)
             yield Outcome(
                 done=len(images),
@@ -155,6 +156,12 @@ def choose_solver(config: FitConfig) -> Solve:
             stop=options.stop,
             max_iterations=options.max_iterations,
         )
+    return choose_newton(config)
+
+
+def choose_newton(config: FitConfig) -> WarmSolve:
+    """Return the fast solver with the options of the config."""
+    options = config.solver
     return partial(
         solve_newton,
         tolerance=options.tolerance,
@@ -172,55 +179,6 @@ def find_weights(images: LandmarkSet) -> Floats:
     """Omega (n, p): the confidence, or 1, where a landmark is seen, and 0 elsewhere."""
     seen = np.isfinite(images.landmarks).all(axis=1)
     return np.where(seen, 1.0 if images.confidence is None else images.confidence, 0.0)
-
-
-def as_result(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> ResultSet:
-    """Lay out a chunk as it is stored, with the observed landmarks beside the fitted ones."""
-    found = lifting.estimate
-    failed = np.isnan(lifting.scale)
-
-    def known(values: Floats | None) -> Floats | None:
-        if values is None:
-            return None
-        shape = (-1,) + (1,) * (values.ndim - 1)
-        return np.where(failed.reshape(shape), np.nan, values)
-
-    return ResultSet(
-        shapes=lifting.shapes,
-        landmarks_fitted=lifting.landmarks_fitted,
-        coefficients=known(found.coefficients),
-        rotation=known(found.rotation),
-        translation=lifting.translation,
-        scale=lifting.scale,
-        objective=known(found.objective),
-        relative_gap=known(found.relative_gap),
-        iterations=found.iterations,
-        status=np.array([status.value for status in found.status], dtype=object),
-        landmark_names=images.landmark_names,
-        items=images.items,
-        sequences=images.sequences,
-        transforms=known(found.transforms) if config.transforms else None,
-        unit=images.unit,
-        y_axis=images.y_axis,
-        extras=further_datasets(images, lifting),
-    )
-
-
-def further_datasets(images: LandmarkSet, lifting: Lifting) -> Extras:
-    """Join what came with the landmarks with what only some fits have."""
-    visible = (lifting.problem.weights > 0)[:, None, :]
-    found = lifting.estimate
-    own: dict[str, NDArray[Any] | None] = {
-        "landmarks": np.where(visible, images.landmarks, np.nan).swapaxes(1, 2),
-        "lambda": lifting.problem.lam,
-        "residual": found.residual,
-        "active_atoms": found.active_atoms,
-        "tight": found.tight,
-        "outliers": found.outliers,
-    }
-    known = {name: values for name, values in own.items() if values is not None}
-    carried = Extras.of(images.extras, len(images))
-    return Extras({**carried.per_item, **known}, carried.whole)
 
 
 def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[Failure, ...]:

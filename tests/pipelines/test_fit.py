@@ -237,6 +237,18 @@ class TestFamily:
             low.extras["lambda"] * low.scale, low.extras["lambda"][0] * low.scale[0]
         )
 
+    def test_a_path_gives_what_single_fits_give(self, tmp_path, dictionary, images):
+        lambdas = [0.5, 0.1, 0.02]
+        path, _ = fit(tmp_path, dictionary, images, path=lambdas)
+        np.testing.assert_array_equal(path.extras["path_lambda"], np.tile(lambdas, (8, 1)))
+        assert (path.extras["path_relative_gap"] <= 1e-4).all()
+        for column, lam in enumerate(lambdas):
+            single, _ = fit(tmp_path, dictionary, images, **{"lambda": lam})
+            np.testing.assert_allclose(
+                path.extras["path_objective"][:, column], single.objective, rtol=2e-4
+            )
+        assert (np.diff(path.extras["path_residual"], axis=1) < 0).all()
+
 
 class TestItemsThatFail:
     @pytest.mark.parametrize(

@@ -1,0 +1,73 @@
+"""How `fit` lays out what it found, chunk by chunk."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import FitConfig
+from shapefit.io import LandmarkSet, ResultSet
+from shapefit.io.extras import Extras
+from shapefit.lifting.lift import Lifting
+from shapefit.lifting.path import Path
+
+Floats = NDArray[np.float64]
+
+
+def as_result(
+    images: LandmarkSet, lifting: Lifting, path: Path | None, config: FitConfig
+) -> ResultSet:
+    """Lay out a chunk as it is stored, with the observed landmarks beside the fitted ones."""
+    found = lifting.estimate
+    failed = np.isnan(lifting.scale)
+
+    def known(values: Floats | None) -> Floats | None:
+        if values is None:
+            return None
+        shape = (-1,) + (1,) * (values.ndim - 1)
+        return np.where(failed.reshape(shape), np.nan, values)
+
+    return ResultSet(
+        shapes=lifting.shapes,
+        landmarks_fitted=lifting.landmarks_fitted,
+        coefficients=known(found.coefficients),
+        rotation=known(found.rotation),
+        translation=lifting.translation,
+        scale=lifting.scale,
+        objective=known(found.objective),
+        relative_gap=known(found.relative_gap),
+        iterations=found.iterations,
+        status=np.array([status.value for status in found.status], dtype=object),
+        landmark_names=images.landmark_names,
+        items=images.items,
+        sequences=images.sequences,
+        transforms=known(found.transforms) if config.transforms else None,
+        unit=images.unit,
+        y_axis=images.y_axis,
+        extras=further_datasets(images, lifting, path),
+    )
+
+
+def further_datasets(images: LandmarkSet, lifting: Lifting, path: Path | None) -> Extras:
+    """Join what came with the landmarks with what only some fits have."""
+    visible = (lifting.problem.weights > 0)[:, None, :]
+    found = lifting.estimate
+    own: dict[str, NDArray[Any] | None] = {
+        "landmarks": np.where(visible, images.landmarks, np.nan).swapaxes(1, 2),
+        "lambda": lifting.problem.lam,
+        "residual": found.residual,
+        "active_atoms": found.active_atoms,
+        "tight": found.tight,
+        "outliers": found.outliers,
+    }
+    if path is not None:
+        own["path_lambda"] = path.lam
+        own["path_objective"] = path.objective
+        own["path_relative_gap"] = path.relative_gap
+        own["path_residual"] = path.residual
+        own["path_active_atoms"] = path.active_atoms
+    known = {name: values for name, values in own.items() if values is not None}
+    carried = Extras.of(images.extras, len(images))
+    return Extras({**carried.per_item, **known}, carried.whole)
