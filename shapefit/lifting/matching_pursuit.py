@@ -122,8 +122,8 @@ def matching_pursuit(
     belongs to the rotated shape, as with every method.
     """
     found = pursue(problem, mean_shape, edges, threads=threads)
-    known = np.isfinite(found.camera).all(axis=(1, 2))
-    M = np.where(known[:, None, None], found.camera, 0.0)
+    known = np.isfinite(found.camera).all(axis=(1, 2), keepdims=True)
+    M = np.where(known, found.camera, 0.0)
     rotation = complete_rotation(M)
     scale = np.linalg.svd(M, compute_uv=False).mean(axis=1)
     c = scale[:, None] * found.coefficients
@@ -135,7 +135,7 @@ def matching_pursuit(
     return Estimate(
         shapes=shapes,
         translation=placed.translation,
-        rotation=np.where(known[:, None, None], rotation, np.nan),
+        rotation=np.where(known, rotation, np.nan),
         objective=found.error,
         residual=placed.residual,
         iterations=found.rounds,

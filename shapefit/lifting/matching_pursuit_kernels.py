@@ -119,7 +119,7 @@ def choose_atom(
         if free[i]:
             correlation[i] = abs(inner(back, shapes[i]))
     while True:
-        best = np.argmax(correlation)
+        best = int(np.argmax(correlation))
         if correlation[best] < 0.0:
             return False
         if choose_shape(best, m, w, shapes, limbs, free, Q, U, T, N, Z):

@@ -103,6 +103,13 @@ class TestHardCase:
         np.testing.assert_allclose(y, [side * np.sqrt(RADIUS**2 - 1), 1, 0], atol=1e-14)
         assert multiplier == pytest.approx(-1)
 
+    def test_rounding_does_not_choose(self, rng):
+        for _ in range(20):
+            V, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+            side = rng.choice([-1.0, 1.0])
+            y, _ = minimiser((V * [1.0, 3.0, 4.0]) @ V.T, 2 * V[:, 1], before=side * V[:, 0])
+            np.testing.assert_allclose(y, V @ [side * np.sqrt(RADIUS**2 - 1), 1, 0], atol=1e-12)
+
     def test_with_a_long_g_it_is_none(self):
         G, g = np.diag([1.0, 3.0, 4.0]), np.array([0.0, 20.0, 0.0])
         y, multiplier = minimiser(G, g)
