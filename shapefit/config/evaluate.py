@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.expectation import Expected
@@ -88,7 +88,7 @@ class EvalConfig(CommandConfig):
     examples: Annotated[
         int | tuple[str, ...],
         Expected(_EXAMPLES.removeprefix("expected ")),
-        PlainValidator(_number_or_names),
+        BeforeValidator(_number_or_names),
     ] = Field(
         default=0,
         description="Images to draw, their landmarks, truth and every method in a novel view: how "

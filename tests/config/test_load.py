@@ -186,6 +186,13 @@ def test_a_printed_eval_config_loads_again(folder, groups, match):
     assert load_config("eval", write(folder, dump_config(config))) == config
 
 
+@pytest.mark.parametrize("examples", [0, 20, ("walk/00", "no", "13_*")])
+def test_a_printed_eval_config_with_examples_loads_again(folder, examples):
+    config = EvalConfig(results="a.h5", truth="a.h5", output="r", examples=examples)
+    assert config.examples == examples
+    assert load_config("eval", write(folder, dump_config(config))) == config
+
+
 def test_a_printed_config_with_landmark_names_loads_again(folder):
     config = LearnDictConfig(
         shapes="a.h5", output="d.h5", data="far", align=["no", "1e-3", "hip: left"]

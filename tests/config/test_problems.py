@@ -94,6 +94,36 @@ def test_every_problem_is_told_at_once():
             "solver: {stop: change}",
             "c.yaml:4:16: `stop: change` belongs to the solver admm; use `gap` or name: admm",
         ),
+        (
+            "eval",
+            "examples: -1",
+            "c.yaml:4:11: expected a whole number from 0 to 20 or a list of item names or globs, "
+            "found -1",
+        ),
+        (
+            "eval",
+            "examples: 21",
+            "c.yaml:4:11: expected a whole number from 0 to 20 or a list of item names or globs, "
+            "found 21",
+        ),
+        (
+            "eval",
+            "examples: true",
+            "c.yaml:4:11: expected a whole number from 0 to 20 or a list of item names or globs, "
+            "found true",
+        ),
+        (
+            "eval",
+            "examples: walk/*",
+            "c.yaml:4:11: expected a whole number from 0 to 20 or a list of item names or globs, "
+            "found 'walk/*'",
+        ),
+        (
+            "eval",
+            "examples: [1]",
+            "c.yaml:4:11: expected a whole number from 0 to 20 or a list of item names or globs, "
+            "found a list",
+        ),
         ("learn-dict", "k: 0", "c.yaml:3:4: expected a whole number >= 1, found 0"),
         ("learn-dict", "k: 1e3", "c.yaml:3:4: expected a whole number >= 1, found 1000.0"),
         ("learn-dict", "every: 0", "c.yaml:3:8: expected a whole number >= 1, found 0"),

@@ -8,6 +8,7 @@ import pytest
 
 from shapefit.evaluation import tables
 from shapefit.evaluation.report import Method, Report
+from shapefit.evaluation.solving import Solving
 from shapefit.evaluation.summary import ImageErrors, summarise
 
 NAN = float("nan")
@@ -122,6 +123,35 @@ def test_many_failures_are_cut_in_the_markdown_only(report):
     assert text.count("no estimate") == 10
     assert "15 more" in text
     assert len(json.loads(tables.report_json(many))["methods"][0]["failures"]) == 25
+
+
+def test_how_each_method_solved_is_told_where_the_files_tell_it(report):
+    told = (
+        Method("convex", (), 4, {}, Solving(0.72912, 0.2731, 0.99999)),
+        Method("pmp", (), 4, {}, Solving(None, 12.3456, 1.0)),
+        Method("table", (), 4, {}),
+    )
+    solved = Report(told, report.summaries)
+    text = tables.markdown(solved)
+    section = text.split("## Solving\n\n")[1]
+    assert "Objectives of different models cannot be compared" in section.split("\n\n")[0]
+    assert cells(section.replace(section.split("\n\n")[0], "## T", 1), "T") == [
+        ["method", "mean objective", "ms an image", "optimal or converged"],
+        ["convex", "0.729", "0.273", "99.99 %"],
+        ["pmp", "–", "12.3", "100.00 %"],
+        ["table", "–", "–", "–"],
+    ]
+    methods = json.loads(tables.report_json(solved))["methods"]
+    assert methods[0]["solving"] == {
+        "mean_objective": 0.72912,
+        "milliseconds": 0.2731,
+        "solved": 0.99999,
+    }
+    assert methods[2]["solving"] == dict.fromkeys(methods[0]["solving"])
+
+
+def test_without_any_word_on_solving_there_is_no_such_section(report):
+    assert "Solving" not in tables.markdown(report)
 
 
 def test_names_cannot_break_the_table(report):

@@ -14,6 +14,7 @@ from shapefit.evaluation import metrics, tables
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import open_landmarks, read_shapes, result_writer, write_shapes
 from shapefit.io.records import ResultSet, ShapeSet
+from shapefit.pipelines import evaluate
 from shapefit.pipelines.evaluate import run
 
 NAMES = ("head", "left", "right", "foot", "hand")
@@ -233,6 +234,77 @@ def test_plots_are_drawn_for_every_metric(config):
     drawn = {f"{name}.{e}" for name in names for e in ("png", "svg")}
     assert {path.name for path in last.written} == FILES | drawn
     assert {path.name for path in config.output.iterdir()} == FILES | drawn
+
+
+def test_boxes_are_those_of_the_normalised_errors_of_the_groups(config, monkeypatch):
+    asked = []
+    draw = evaluate.box_plot
+    monkeypatch.setattr(evaluate, "box_plot", lambda *a: asked.append(a) or draw(*a))
+    list(run(changed(config, plots=True)))
+    kinds = [(e.metric, e.unit) for (e,), _ in asked]
+    assert kinds == [
+        ("similarity", "normalised"),
+        ("camera", "normalised"),
+        ("rotation", "deg"),
+        ("reprojection", "m"),
+    ]
+    assert asked[0][1] == {"Subject 13": ("13_01", "13_02"), "Subject 14": ("14_01",)}
+
+
+def test_what_the_files_tell_about_solving_is_summed_up(config, results, tmp_path):
+    status = np.array(["optimal"] * 6 + ["iteration limit"], dtype=object)
+    told = replace(
+        results,
+        objective=np.arange(7.0),
+        status=status,
+        attributes={"solve_seconds": 0.014, "method": "convex"},
+    )
+    write_results(tmp_path / "told.h5", told)
+    *_, last = run(
+        changed(
+            config, results={"told": [tmp_path / "told.h5"], "silent": config.results["convex"]}
+        )
+    )
+    told_of, silent = json.loads((config.output / "report.json").read_text())["methods"]
+    assert told_of["solving"] == pytest.approx(
+        {"mean_objective": 3.0, "milliseconds": 2.0, "solved": 6 / 7}
+    )
+    assert set(silent["solving"].values()) == {None}
+    assert "## Solving" in last.note
+    assert "85.71 %" in last.note
+
+
+class TestExamples:
+    @pytest.fixture(autouse=True)
+    def edges(self, config, truth, tmp_path):
+        write_shapes(tmp_path / "truth.h5", replace(truth, edges=np.array([[0, 1], [1, 3]])))
+
+    def test_they_are_drawn_for_methods_by_name(self, config, results, tmp_path):
+        write_results(tmp_path / "b.h5", results)
+        files = {"Convex": [tmp_path / "convex.h5"], "Alternate": [tmp_path / "b.h5"]}
+        *_, last = run(changed(config, results=files, plots=True, examples=["item3", "item5"]))
+        assert {path.name for path in last.written} >= {"examples.png", "examples.svg"}
+        assert (config.output / "examples.png").read_bytes().startswith(b"\x89PNG")
+        svg = (config.output / "examples.svg").read_text()
+        shown = {line.strip() for line in svg.splitlines() if line.strip().startswith("<!--")}
+        words = {"landmarks", "truth", "Convex", "Alternate", "item3", "item5"}
+        assert {f"<!-- {word} -->" for word in words} <= shown
+
+    @pytest.mark.parametrize("keys", [{"plots": False}, {"examples": 0}, {"examples": []}])
+    def test_they_are_not_drawn_unasked(self, config, keys):
+        *_, last = run(changed(config, **{"plots": True, "examples": 2, **keys}))
+        assert not any(path.name.startswith("examples") for path in last.written)
+
+    def test_without_edges_nothing_is_read_or_written(self, config, truth, tmp_path):
+        write_shapes(tmp_path / "truth.h5", truth)
+        with pytest.raises(InputError, match=r"truth\.h5: has no edges"):
+            next(run(changed(config, plots=True, examples=1)))
+        assert not config.output.exists()
+
+    def test_an_unknown_item_leaves_no_report(self, config):
+        with pytest.raises(InputError, match="'item9'"):
+            list(run(changed(config, plots=True, examples=["item9"])))
+        assert not config.output.exists()
 
 
 def test_without_matplotlib_nothing_is_written(config, monkeypatch):
