@@ -33,9 +33,10 @@ _HOW_TO_READ = (
 )
 _HOW_TO_READ_SOLVING = (
     "Means over all images, as the result files tell them. Objectives of different models cannot "
-    "be compared: the convex program, the methods that share one rotation, and the mean shape "
-    "minimise three different ones, and each depends on lambda and the dictionary. Times are those "
-    "of the machine and the threads of each fit, solving alone."
+    "be compared: the convex program minimises another than the methods that share one rotation "
+    "(convex+refine, alternate, alternate+), and pmp and mean-shape each one of their own; all "
+    "depend on lambda and the dictionary. Times are those of the machine and the threads of each "
+    "fit, solving alone."
 )
 _QUOTED = "Columns in italics are quoted from their publication, not computed here."
 
