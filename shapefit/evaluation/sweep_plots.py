@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LOGARITHMIC = 20
+LOGARITHMIC = 10
 """Ratio of the largest to the smallest value from which the axis is logarithmic."""
 
 MARKERS = "osD^v<>P"
