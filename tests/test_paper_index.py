@@ -25,6 +25,11 @@ def folder(tmp_path):
     summary = {"metric": "similarity", "unit": "normalised", "group": "Subject 13"}
     reports = {
         "mocap/report.json": {
+            "methods": [
+                {"name": "Convex", "solving": {"mean_objective": 0.1}},
+                {"name": "Alternate", "solving": {"mean_objective": 0.8046}},
+                {"name": "Alternate+", "solving": {"mean_objective": None}},
+            ],
             "summaries": [
                 {**summary, "method": "Convex", "sequence": None, "mean": 0.2891},
                 {**summary, "method": "Convex", "sequence": "13_01", "mean": 0.9},
@@ -61,6 +66,7 @@ def test_numbers_stand_beside_those_of_the_paper(folder):
     assert rows(page)["pmp"] == ["2", "*3020*"]
     assert rows(page)["0.5"] == ["0.250", "0.260"]
     assert "is 0.12." in page
+    assert "Mean objectives here: Alternate 0.805, Alternate+ –." in page
     assert "- The data are others." in page
 
 
