@@ -1,0 +1,83 @@
+"""Points of a sweep: statistics of groups, and how they are written and drawn."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from shapefit.evaluation.summary import ImageErrors
+from shapefit.evaluation.sweep import Sweep, markdown, points, sweep_json, write_csv
+from shapefit.evaluation.sweep_plots import sweep_plot
+
+GROUPING = {"ab": ("a", "b"), "c": ("c",)}
+
+
+def errors(*values, sequences="aaaaabbc"):
+    items = tuple(map(str, range(len(values))))
+    return ImageErrors("it", "similarity", "normalised", items, tuple(sequences), np.array(values))
+
+
+ERRORS = errors(0.0, 0.1, 0.2, 0.3, 0.9, 1.0, 2.0, 0.5)
+
+
+def sweep(*values, data=ERRORS):
+    found = [point for value in values for point in points(value, data, GROUPING, 0.002)]
+    return Sweep("fit.lambda", tuple(found))
+
+
+def test_a_group_has_the_means_of_the_statistics_of_its_sequences():
+    ab, c = points(0.1, ERRORS, GROUPING, 0.002)
+    assert (ab.value, ab.group, ab.images, ab.seconds_per_image) == (0.1, "ab", 7, 0.002)
+    assert ab.mean == pytest.approx((0.3 + 1.5) / 2)
+    assert ab.p25 == pytest.approx((0.1 + 1.25) / 2)
+    assert ab.median == pytest.approx((0.2 + 1.5) / 2)
+    assert ab.p75 == pytest.approx((0.3 + 1.75) / 2)
+    assert (c.p25, c.mean, c.p75) == (0.5, 0.5, 0.5)
+
+
+def test_failed_images_do_not_count_and_a_group_without_any_has_no_numbers():
+    ab, c = points(0.1, errors(0.0, 0.2, math.nan, math.nan, sequences="aabc"), GROUPING, 0.002)
+    assert (ab.images, ab.p25) == (2, pytest.approx(0.05))
+    assert c.images == 0
+    assert math.isnan(c.mean)
+    assert math.isnan(c.p25)
+
+
+def test_what_does_not_exist_is_null_and_empty(tmp_path):
+    found = sweep(0.1, data=errors(0.0, math.nan, sequences="ac"))
+    assert json.loads(sweep_json(found))["points"][1]["mean"] is None
+    write_csv(tmp_path / "sweep.csv", found)
+    *_, last = (tmp_path / "sweep.csv").read_text("utf-8").splitlines()
+    assert last == "fit.lambda,0.1,c,0,,,,,,0.002"
+
+
+def test_the_table_has_values_down_and_groups_across():
+    lines = markdown(sweep(0.1, 0.2)).splitlines()
+    assert lines[0] == "# Error against fit.lambda"
+    row = next(line for line in lines if line.startswith("| 0.2"))
+    assert [cell.strip() for cell in row.strip("|").split("|")] == [
+        "0.2", "0.900", "0.675 to 1.025", "0.500", "0.500 to 0.500", "2",
+    ]  # fmt: skip
+
+
+def test_numbers_are_drawn_as_lines_in_their_order():
+    (axis,) = sweep_plot(sweep(0.2, 0.1)).axes
+    assert [line.get_label() for line in axis.lines] == ["ab", "c"]
+    assert list(axis.lines[0].get_xdata()) == [0.1, 0.2]
+    assert list(axis.lines[0].get_ydata()) == pytest.approx([0.9, 0.9])
+    assert axis.get_xscale() == "linear"
+    assert axis.get_ylim()[0] == 0
+
+
+def test_a_wide_range_has_a_logarithmic_axis_unless_it_has_zero():
+    assert sweep_plot(sweep(0.01, 1)).axes[0].get_xscale() == "log"
+    assert sweep_plot(sweep(0, 0.01, 1)).axes[0].get_xscale() == "linear"
+
+
+@pytest.mark.parametrize("values", [("convex", "mean-shape"), (True, False)])
+def test_names_are_drawn_as_bars_beside_their_times(values):
+    errors_, times = sweep_plot(sweep(*values)).axes
+    assert [bar.get_height() for bar in errors_.containers[0]] == pytest.approx([0.9, 0.9])
+    assert [label.get_text() for label in times.get_yticklabels()] == list(map(str, values))
+    assert [bar.get_width() for bar in times.containers[0]] == pytest.approx([2, 2])
