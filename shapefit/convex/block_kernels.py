@@ -95,7 +95,7 @@ def prox_block(q, t, out):
     product = np.sqrt(c0 * c0 + c1 * c1 + c2 * c2)
     plus = np.sqrt(A + C + 2.0 * product)
     minus = np.sqrt((A - C) * (A - C) + 4.0 * D * D) / plus
-    if minus <= t and product > 0.0:
+    if minus <= t and product > 1e-16 * plus * plus:  # else of rank one up to rounding
         norm = 0.5 * (plus - t)
         f = norm / (plus * product)
         for b in range(3):

@@ -38,8 +38,9 @@ def certify_transforms(
 
     D = <Y, Omega o W> - f*(Y), f* the conjugate of the loss, with ||(Omega o Y) B_i^T||_* <=
     lambda for all i and Y omega = 0. transforms M (n, k, 2, 3); dual Y (n, 2, p), any: it is made
-    orthogonal to omega and scaled until it is feasible; errors E (n, 2, p), weighted, from which a
-    robust loss finds T as the weighted mean of what remains, 0 if not given. Under the EXACT loss
+    orthogonal to omega and scaled until it is feasible; errors E (n, 2, p), weighted, 0 if not
+    given, from which T follows: the mean of what transforms and errors leave of the landmarks,
+    weighted by omega^2 where the loss has a quadratic. Under the EXACT loss
     P counts lambda sum ||M_i||_2 alone and means something where the residual is small.
     """
     n, _, p = problem.landmarks.shape
@@ -49,7 +50,7 @@ def certify_transforms(
     certify_all(
         problem.landmarks, problem.weights, problem.atoms, problem.lam,
         float(problem.loss.has_quadratic), problem.bound,
-        np.ascontiguousarray(transforms), E, Y, T, objective, gap, residual,
+        np.require(transforms, np.float64, ("C", "W")), E, Y, T, objective, gap, residual,
     )  # fmt: skip
     return Certificate(objective, gap, residual, T, E, Y)
 

@@ -12,24 +12,30 @@ def certify(W, omega, B, lam, delta, bound, M, E, Y, T):
     """Objective, relative duality gap and relative residual; T (2,) and E (2, p) are written.
 
     W (2, p), omega (p,), B (k, 3, p), M (k, 2, 3), Y (2, p). On entry E holds the sparse errors
-    from which the translation follows; on return those that minimise the objective. Y is made
+    from which the translation follows: the mean of what M and E leave, weighted by omega^2 where
+    the loss has a quadratic. On return it holds those that minimise the objective. Y is made
     orthogonal to omega and scaled until it is dual feasible, so P - D bounds the distance to the
     optimum whatever the solver did.
     """
     k, p = B.shape[0], B.shape[2]
-    V, R = np.zeros((2, p)), np.zeros((2, p))  # V = W centred, 0 where hidden
+    V, R = np.zeros((2, p)), np.zeros((2, p))  # V: W centred, R: what M leaves of it
+    mean = np.zeros(2)
     square, scale = 0.0, 0.0
+    first = 0
     for j in range(p):
         square += omega[j] ** 2
+        if omega[p - 1 - j] > 0.0:
+            first = p - 1 - j
     for a in range(2):
-        mean = 0.0
+        anchor = W[a, first]  # taken off first: landmarks on one point are exactly zero
         for j in range(p):
             if omega[j] > 0.0:
-                mean += omega[j] ** 2 * W[a, j] / square
+                mean[a] += omega[j] ** 2 * (W[a, j] - anchor) / square
         for j in range(p):
             if omega[j] > 0.0:
-                V[a, j] = W[a, j] - mean
-                R[a, j] = W[a, j]
+                V[a, j] = W[a, j] - anchor - mean[a]
+                R[a, j] = V[a, j]
+        mean[a] += anchor
     norms = 0.0
     for i in range(k):
         m = M[i]
@@ -47,12 +53,17 @@ def certify(W, omega, B, lam, delta, bound, M, E, Y, T):
     robust = np.isfinite(bound)
     primal, residual = lam * norms, 0.0
     for a in range(2):
-        T[a] = 0.0
+        shift, weights = 0.0, 0.0
         for j in range(p):
-            T[a] += omega[j] * (omega[j] * R[a, j] - E[a, j]) / square
+            if omega[j] > 0.0:
+                weight = omega[j] ** 2 if delta > 0.0 else 1.0
+                shift += weight * (R[a, j] - E[a, j] / omega[j])
+                weights += weight
+        shift /= weights
+        T[a] = mean[a] + shift
         along = 0.0
         for j in range(p):
-            r = omega[j] * (R[a, j] - T[a])
+            r = omega[j] * (R[a, j] - shift)
             residual += r * r
             scale += (omega[j] * V[a, j]) ** 2
             if robust:

@@ -34,8 +34,8 @@ from shapefit.convex.reduction_kernels import expand_rows
 # sigma starts at START / lambda, the step on which M can move by its own size where ||W|| = 1 and
 # ||B_i|| = 1, and grows by GROWTH an outer iteration.
 START, GROWTH = 20.0, 4.0
-# An inner problem is solved until ||gradient|| <= LOOSENESS ||change of (M, E)|| / sigma.
-LOOSENESS = 10.0
+# An inner problem is solved until ||gradient|| <= LOOSENESS ||change of (M, E)|| / (sigma lambda).
+LOOSENESS = 0.2
 # Rounding of the gradient, whose terms M + sigma Y B^T and E + sigma Y cancel. Where it is reached
 # the inner problem is solved, and a larger sigma would only add noise.
 ROUNDING = 1e-15
@@ -174,7 +174,7 @@ def solve_reduced(
                 break
             noise = ROUNDING * sigma * (max(lam, np.sqrt(yy)) if robust else lam)
             noisy = gg <= noise * noise
-            if inner > 0 and (noisy or gg * sigma * sigma <= LOOSENESS * LOOSENESS * moved):
+            if inner > 0 and (noisy or gg * t * t <= LOOSENESS * LOOSENESS * moved):
                 break
             # Newton step
             rows = 0

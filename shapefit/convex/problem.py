@@ -49,6 +49,10 @@ class Problem:
     beta: float = 0.1
 
     def __post_init__(self) -> None:
+        for name in ("landmarks", "weights", "atoms", "lam"):
+            # one memory layout, because a kernel is compiled anew for each
+            values = np.require(getattr(self, name), np.float64, ("C", "W"))
+            object.__setattr__(self, name, values)
         n, two, p = self.landmarks.shape
         k, three, q = self.atoms.shape
         if two != 2 or three != 3 or p != q or k == 0:
@@ -110,10 +114,10 @@ def build_problem(
     if not seen[weights > 0].all():
         raise ValueError("landmarks of positive weight must be finite")
     return Problem(
-        np.ascontiguousarray(np.where((weights > 0)[:, None, :], W, 0.0), dtype=np.float64),
-        np.ascontiguousarray(weights, dtype=np.float64),
-        np.ascontiguousarray(atoms, dtype=np.float64),
-        np.ascontiguousarray(np.broadcast_to(np.asarray(lam, dtype=np.float64), (len(W),))),
+        np.where((weights > 0)[:, None, :], W, 0.0),
+        weights,
+        atoms,
+        np.broadcast_to(lam, (len(W),)),
         loss,
         beta,
     )

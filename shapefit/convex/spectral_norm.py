@@ -58,5 +58,6 @@ def prox_spectral_norm(Q: Floats, t: Floats | float) -> Floats:
         # u1 u1^T = (A - s2^2 I) / (s1^2 - s2^2)
         leading = (A - block(s2**2) * eye) / block(total * difference)
         shrunk = Q - block(t / s1) * (leading @ Q)
-    tight = block(difference <= t)
+    # In a block of rank one up to rounding U V^T is noise; there both formulas are zero up to it.
+    tight = block((difference <= t) & (product > 1e-16 * total**2))
     return np.where(block(total <= t), 0.0, np.where(tight, equal, shrunk))

@@ -69,7 +69,7 @@ def solve_stretch(
     codes: 0 optimal, 1 iteration limit, 2 degenerate, 3 numerical failure.
 
     Every image is solved in the units ||w|| = 1 and max ||B_i|| = 1. Where the loss has no
-    quadratic the weights move from the residual to the bounds of the dual, f(omega r) = omega f(r):
+    quadratic the unit of the dual is free: lambda = 1. There the weights move from the residual to the bounds of the dual, f(omega r) = omega f(r):
     the same program, but well conditioned whatever the weights.
     """
     n, k, p = W.shape[0], B.shape[0], B.shape[2]
@@ -78,7 +78,7 @@ def solve_stretch(
     M, N = np.zeros((6, padded)), np.zeros((6, padded))
     visible, h, last = np.zeros(p, np.int64), np.zeros(p), np.full(p, -1.0)
     rho, ones, bounds = np.ones(p), np.ones(p), np.ones(p)
-    Y = np.zeros((2, p))
+    Y, V = np.zeros((2, p)), np.zeros((2, p))
     seen, have_start, size, largest = 0, False, 1.0, 1.0
     planes, atoms, w, y = np.zeros((3, 0, padded)), np.zeros((padded, 3, 0)), W[0], W[0]
     for image in range(n):
@@ -103,16 +103,19 @@ def solve_stretch(
             gaps[image] = np.nan
             residuals[image] = np.nan
             continue
-        reduce_rows(W[image], rho, visible, h, seen, w)
+        for m in range(seen):
+            for a in range(2):  # from the first landmark, so that one point is exactly zero
+                V[a, visible[m]] = W[image, a, visible[m]] - W[image, a, visible[0]]
+        reduce_rows(V, rho, visible, h, seen, w)
         square = 0.0
         for j in range(seen - 1):
             square += w[0, j] ** 2 + w[1, j] ** 2
         size = np.sqrt(square) if square > 0.0 else 1.0
         w /= size
-        unit = size if delta > 0.0 else 1.0  # of the dual
+        unit = size if delta > 0.0 else lam[image] / largest  # of the dual
         scaled_lam = lam[image] / (unit * largest)
         for j in range(p):
-            bounds[j] = bound / unit if delta > 0.0 else bound * omega[j]
+            bounds[j] = (bound if delta > 0.0 else bound * omega[j]) / unit
         if started:
             for i in range(k):
                 for a in range(2):

@@ -1,0 +1,137 @@
+"""The certificate against plain NumPy, weak duality, and hand-made cases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from shapefit.convex.certificate import certify_transforms, lambda_max
+from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import Loss, Problem, build_problem
+from shapefit.convex.solution import Status
+
+
+def random_point(
+    problem: Problem, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    n, _, p = problem.landmarks.shape
+    M = rng.standard_normal((n, len(problem.atoms), 2, 3))
+    M *= rng.random((n, len(problem.atoms), 1, 1)) < 0.5
+    # a multiple of the landmarks, so that D is often positive
+    Y = problem.landmarks * rng.uniform(0, 1, (n, 1, 1)) + 0.3 * rng.standard_normal((n, 2, p))
+    E = rng.standard_normal((n, 2, p)) * (rng.random((n, 1, p)) < 0.3)
+    return M, Y, E
+
+
+def test_kernel_agrees_with_numpy(
+    make_problem: Callable[..., Problem], judge: Callable, loss: Loss, rng: np.random.Generator
+) -> None:
+    problem = make_problem(50, loss=loss)
+    M, Y, E = random_point(problem, rng)
+    if loss.has_quadratic and np.isinf(problem.bound):
+        E[:] = 0
+    found = certify_transforms(problem, M, Y, E)
+    P, D, residual = judge(problem, M, found.translation, Y)
+    np.testing.assert_allclose(found.objective, P, rtol=1e-12)
+    np.testing.assert_allclose(found.relative_gap, (P - D) / P, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(found.residual, residual, rtol=1e-12)
+    assert (D > 0).any()
+    # T is the mean of what M and E leave, weighted where the loss is quadratic
+    omega = problem.weights[:, None, :]
+    shapes = np.einsum("nkab,kbp->nap", M, problem.atoms)
+    left = omega * (problem.landmarks - shapes - found.translation[..., None]) - E
+    visible = omega > 0
+    left = np.divide(left, omega, out=np.zeros_like(left), where=visible)
+    mean_weights = omega**2 if loss.has_quadratic else visible
+    np.testing.assert_allclose((left * mean_weights).sum(axis=2), 0, atol=1e-12)
+    # what comes back is feasible and proves the same
+    assert np.abs((found.dual * omega).sum(axis=2)).max() < 1e-13
+    N = (found.dual * omega)[:, None] @ problem.atoms.swapaxes(1, 2)
+    nuclear = np.linalg.svd(N, compute_uv=False).sum(axis=-1)
+    assert (nuclear <= problem.lam[:, None] * (1 + 1e-12)).all()
+    assert (np.abs(found.dual) <= problem.bound * (1 + 1e-12)).all()
+    again = certify_transforms(problem, M, found.dual, E)
+    np.testing.assert_allclose(again.relative_gap, found.relative_gap, rtol=1e-9, atol=1e-12)
+
+
+def test_inputs_are_left_alone(
+    make_problem: Callable[..., Problem], rng: np.random.Generator
+) -> None:
+    problem = make_problem(loss=Loss.ABSOLUTE)
+    point = random_point(problem, rng)
+    copies = [array.copy() for array in point]
+    certify_transforms(problem, *point)
+    for array, copy in zip(point, copies, strict=True):
+        assert (array == copy).all()
+
+
+@pytest.mark.parametrize("loss", [Loss.SQUARED, Loss.ABSOLUTE, Loss.SPARSE_ERROR])
+def test_no_point_lies_below_any_bound(
+    make_problem: Callable[..., Problem], rng: np.random.Generator, loss: Loss
+) -> None:
+    """Weak duality: every P is above every D, near the optimum too."""
+    problem = make_problem(10, loss=loss)
+    best = solve_newton(problem, tolerance=1e-10)
+    for size in (0, 1e-6, 1e-3, 1.0):
+        M, Y, _ = random_point(problem, rng)
+        found = certify_transforms(problem, best.transforms + size * M, best.dual + size * Y)
+        P, D = found.objective, found.objective * (1 - found.relative_gap)
+        assert (P >= best.objective * (1 - 1e-9)).all()
+        assert (D <= best.objective * (1 + 1e-12)).all()
+
+
+def test_one_landmark_pair_by_hand() -> None:
+    """W and the one atom are (1, -1) in their first rows and 0 elsewhere, M is m there.
+
+    The residual is (1 - m)(1, -1), the objective (1 - m)^2 + lambda m, least at m = 1 - lambda / 2.
+    """
+    landmarks = np.array([[1.0, -1.0], [0, 0]])
+    atoms = np.array([[[1.0, -1.0], [0, 0], [0, 0]]])
+    problem = build_problem(landmarks, atoms, 0.6)
+    M = np.zeros((1, 1, 2, 3))
+    M[0, 0, 0, 0] = 0.7
+    Y = np.array([[[0.3, -0.3], [0, 0]]])
+    found = certify_transforms(problem, M, Y)
+    assert found.objective[0] == pytest.approx(0.3**2 + 0.6 * 0.7)
+    assert found.relative_gap[0] == pytest.approx(0, abs=1e-15)
+    assert found.residual[0] == pytest.approx(0.3)
+    assert lambda_max(problem)[0] == pytest.approx(2)
+
+
+def test_nan_never_passes_for_optimal(make_problem: Callable[..., Problem]) -> None:
+    problem = make_problem(1)
+    M = np.zeros((1, len(problem.atoms), 2, 3))
+    M[0, 3, 1, 1] = np.nan
+    assert np.isnan(certify_transforms(problem, M, problem.landmarks).relative_gap[0])
+    Y = np.full_like(problem.landmarks, np.nan)
+    gap = certify_transforms(problem, np.zeros_like(M), Y).relative_gap[0]
+    assert np.isnan(gap) or gap == pytest.approx(1)  # no bound at all, or the bound 0
+
+
+def test_lambda_max_is_the_least_lambda_with_optimum_zero(
+    make_problem: Callable[..., Problem],
+) -> None:
+    problem = make_problem(20)
+    top = lambda_max(problem)
+
+    def solve(factor: float) -> np.ndarray:
+        at = build_problem(problem.landmarks, problem.atoms, factor * top, weights=problem.weights)
+        solution = solve_newton(at, tolerance=1e-12)
+        assert set(solution.status) == {Status.OPTIMAL}
+        return np.abs(solution.transforms).max(axis=(1, 2, 3))
+
+    assert not solve(1 + 1e-12).any()
+    assert not solve(10.0).any()
+    assert (solve(0.999) > 0).all()
+
+
+def test_lambda_max_ignores_what_is_hidden(make_problem: Callable[..., Problem]) -> None:
+    problem = make_problem(20)
+    hidden = problem.weights[:, None, :] == 0
+    garbage = np.where(hidden, np.nan, problem.landmarks)
+    dirty = Problem(garbage, problem.weights, problem.atoms, problem.lam)
+    assert (lambda_max(dirty) == lambda_max(problem)).all()
+    with pytest.raises(ValueError, match="squared"):
+        lambda_max(make_problem(loss=Loss.ABSOLUTE))

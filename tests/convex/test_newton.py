@@ -1,0 +1,269 @@
+"""Statuses of the fast solver, each with its certificate, and the symmetries of the program."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import Loss, Problem, build_problem
+from shapefit.convex.solution import Solution, Status
+from shapefit.geometry.rotations import rotation_about
+
+FINE = 1e-10
+
+
+def solve(problem: Problem) -> Solution:
+    solution = solve_newton(problem, tolerance=FINE)
+    assert set(solution.status) == {Status.OPTIMAL}
+    return solution
+
+
+def fitted(problem: Problem, solution: Solution) -> np.ndarray:
+    """sum M_i B_i + T: unique where the transforms may not be."""
+    shapes = np.einsum("nkab,kbp->nap", solution.transforms, problem.atoms)
+    return shapes + solution.translation[..., None]
+
+
+def assert_same_fit(problem: Problem, ours: np.ndarray, theirs: np.ndarray) -> None:
+    """Strongly convex in Omega o fit, or met exactly, so a gap of 1e-10 leaves about 1e-5."""
+    omega = problem.weights[:, None, :]
+    size = np.abs(omega * problem.landmarks).max()
+    np.testing.assert_allclose(omega * ours, omega * theirs, atol=1e-4 * size)
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-8])
+def test_every_image_is_certified(
+    make_problem: Callable[..., Problem], assert_certified: Callable, loss: Loss, tolerance: float
+) -> None:
+    problem = make_problem(40, loss=loss)
+    assert_certified(problem, solve_newton(problem, tolerance=tolerance), tolerance)
+
+
+def test_parts_of_a_solution_fit_together(make_problem: Callable[..., Problem], loss: Loss) -> None:
+    problem = make_problem(20, loss=loss)
+    solution = solve(problem)
+    omega = problem.weights[:, None, :]
+    r = omega * (problem.landmarks - fitted(problem, solution))
+    mean = (omega**2 * problem.landmarks).sum(2) / (omega**2).sum(2)
+    whole = np.linalg.norm(omega * (problem.landmarks - mean[..., None]), axis=(1, 2))
+    np.testing.assert_allclose(
+        np.linalg.norm(r, axis=(1, 2)) / whole, solution.residual, rtol=1e-9, atol=1e-13
+    )
+    size = np.abs(r)
+    expected = {
+        Loss.SQUARED: np.zeros_like(r),
+        Loss.EXACT: np.zeros_like(r),
+        Loss.ABSOLUTE: r,
+        Loss.SPARSE_ERROR: np.sign(r) * np.maximum(size - problem.beta, 0),
+    }[loss]
+    np.testing.assert_allclose(omega * solution.errors, expected, atol=1e-13)
+    assert (solution.errors[np.broadcast_to(omega == 0, r.shape)] == 0).all()
+
+
+def test_sparse_errors_are_the_gross_ones(rng: np.random.Generator) -> None:
+    """A few landmarks moved far away are the ones that E names."""
+    atoms = rng.standard_normal((8, 3, 20))
+    atoms /= np.linalg.norm(atoms, axis=(1, 2), keepdims=True)
+    landmarks = 3 * atoms[:6, :2]
+    moved = np.zeros((6, 20), dtype=bool)
+    for image in range(6):
+        moved[image, rng.choice(20, 2, replace=False)] = True
+    landmarks = np.where(moved[:, None, :], landmarks + 5.0, landmarks)
+    found = solve_newton(build_problem(landmarks, atoms, 0.05, loss=Loss.SPARSE_ERROR, beta=0.1))
+    assert set(found.status) == {Status.OPTIMAL}
+    assert ((np.abs(found.errors).max(axis=1) > 2.5) == moved).all()
+
+
+def test_iteration_limit_comes_with_its_honest_gap(
+    make_problem: Callable[..., Problem], judge: Callable, loss: Loss
+) -> None:
+    problem = make_problem(20, loss=loss)
+    found = solve_newton(problem, max_iterations=2)
+    assert Status.ITERATION_LIMIT in found.status
+    assert (found.iterations <= 2).all()
+    P, D, residual = judge(problem, found.transforms, found.translation, found.dual)
+    for image, status in enumerate(found.status):
+        gap = (P[image] - D[image]) / P[image]
+        assert found.relative_gap[image] == pytest.approx(gap, rel=1e-9, abs=1e-12)
+        met = abs(gap) <= 1e-4 and (loss is not Loss.EXACT or residual[image] <= 1e-4)
+        assert (status is Status.OPTIMAL) == met
+
+
+def test_few_visible_landmarks(make_problem: Callable[..., Problem], loss: Loss) -> None:
+    problem = make_problem(70, loss=loss)
+    weights = problem.weights.copy()
+    weights[3, 1:] = 0
+    weights[4] = 0
+    weights[66:, 1:] = 0
+    found = solve_newton(replace(problem, weights=weights))
+    lost = np.isin(np.arange(70), [3, 4, 66, 67, 68, 69])
+    assert [status is Status.DEGENERATE for status in found.status] == lost.tolist()
+    assert {found.status[i] for i in np.flatnonzero(~lost)} == {Status.OPTIMAL}
+    for values in (found.objective, found.relative_gap, found.residual):
+        assert (np.isnan(values) == lost).all()
+    assert not found.transforms[lost].any()
+    # the neighbours do not feel it
+    alone = solve_newton(replace(problem, weights=weights).take(np.array([2, 5])))
+    np.testing.assert_allclose(alone.objective, found.objective[[2, 5]], rtol=2e-4)
+
+
+def test_overflow_is_a_numerical_failure_and_spares_the_next(
+    make_problem: Callable[..., Problem], loss: Loss
+) -> None:
+    problem = make_problem(3, loss=loss)
+    landmarks = problem.landmarks.copy()
+    landmarks[1] *= 1e200
+    found = solve_newton(replace(problem, landmarks=landmarks))
+    assert found.status == (Status.OPTIMAL, Status.NUMERICAL_FAILURE, Status.OPTIMAL)
+
+
+def test_exact_program_without_a_solution_is_never_optimal(rng: np.random.Generator) -> None:
+    problem = build_problem(
+        rng.standard_normal((5, 2, 9)), rng.standard_normal((1, 3, 9)), 1.0, loss=Loss.EXACT
+    )
+    found = solve_newton(problem)
+    assert Status.OPTIMAL not in found.status
+    assert (found.residual > 0.1).all()
+
+
+def test_no_images() -> None:
+    problem = build_problem(np.zeros((0, 2, 5)), np.ones((2, 3, 5)), 0.1)
+    assert solve_newton(problem).status == ()
+
+
+def test_results_do_not_depend_on_the_threads(
+    make_problem: Callable[..., Problem], loss: Loss
+) -> None:
+    problem = make_problem(200, 10, 8, loss=loss)
+    one = solve_newton(problem, threads=1)
+    for threads in (0, 2, 3):
+        other = solve_newton(problem, threads=threads)
+        for name in ("transforms", "translation", "dual", "errors", "relative_gap", "iterations"):
+            assert (getattr(one, name) == getattr(other, name)).all()
+
+
+@pytest.mark.parametrize("garbage", [np.nan, np.inf, -1e300])
+def test_garbage_under_the_mask_is_irrelevant(
+    make_problem: Callable[..., Problem], loss: Loss, garbage: float
+) -> None:
+    problem = make_problem(30, loss=loss)
+    hidden = problem.weights[:, None, :] == 0
+    assert hidden.any()
+    dirty = np.where(hidden, garbage, problem.landmarks)
+    one, other = solve_newton(problem), solve_newton(replace(problem, landmarks=dirty))
+    assert (one.transforms == other.transforms).all()
+    assert (one.objective == other.objective).all()
+    assert (one.translation == other.translation).all()
+    built = build_problem(dirty, problem.atoms, 0.1, weights=problem.weights, loss=loss)
+    assert (built.landmarks == np.where(hidden, 0, problem.landmarks)).all()
+
+
+@pytest.mark.parametrize("loss", [Loss.SQUARED, Loss.EXACT])
+def test_rotation_in_the_image_plane(make_problem: Callable[..., Problem], loss: Loss) -> None:
+    problem = make_problem(20, loss=loss)
+    R = rotation_about(np.array([0, 0, 1.0]), np.array([0.7]))[0, :2, :2]
+    one, other = solve(problem), solve(replace(problem, landmarks=R @ problem.landmarks))
+    np.testing.assert_allclose(other.objective, one.objective, rtol=2 * FINE)
+    assert_same_fit(problem, fitted(problem, other), R @ fitted(problem, one))
+
+
+def test_permutations_of_landmarks_and_atoms(
+    make_problem: Callable[..., Problem], loss: Loss, rng: np.random.Generator
+) -> None:
+    problem = make_problem(20, loss=loss)
+    n, k, p = len(problem.landmarks), len(problem.atoms), problem.landmarks.shape[2]
+    order, ranks = rng.permutation(p), rng.permutation(k)
+    turned = replace(
+        problem,
+        landmarks=problem.landmarks[:, :, order],
+        weights=problem.weights[:, order],
+        atoms=problem.atoms[ranks][:, :, order],
+    )
+    one, other = solve(problem), solve(turned)
+    np.testing.assert_allclose(other.objective, one.objective, rtol=2 * FINE)
+    if loss is not Loss.ABSOLUTE:  # whose optimum need not be unique
+        assert_same_fit(turned, fitted(turned, other), fitted(problem, one)[:, :, order])
+        size = np.abs(one.transforms).max()
+        matched = np.abs(other.transforms - one.transforms[:, ranks]).max(axis=(1, 2, 3))
+        assert np.median(matched) < 1e-4 * size
+    assert n == len(other.status)
+
+
+def test_translation(make_problem: Callable[..., Problem], loss: Loss) -> None:
+    problem = make_problem(20, loss=loss)
+    shift = np.array([[3.0], [-40.0]])
+    one, other = solve(problem), solve(replace(problem, landmarks=problem.landmarks + shift))
+    np.testing.assert_allclose(other.objective, one.objective, rtol=2 * FINE)
+    if loss is not Loss.ABSOLUTE:
+        moved = other.translation - one.translation
+        np.testing.assert_allclose(moved, np.broadcast_to(shift[:, 0], moved.shape), atol=1e-4)
+
+
+def scaled(problem: Problem, landmarks: float, atoms: float, weights: float = 1.0) -> Problem:
+    """Write the same problem in other units: W -> aW, B -> bB, Omega -> wOmega."""
+    quadratic = problem.loss.has_quadratic
+    unit = weights * landmarks if quadratic else 1.0
+    return replace(
+        problem,
+        landmarks=landmarks * problem.landmarks,
+        atoms=atoms * problem.atoms,
+        weights=weights * problem.weights,
+        lam=problem.lam * unit * weights * atoms,
+        beta=problem.beta * (unit if quadratic else 1.0),
+    )
+
+
+@pytest.mark.parametrize("factor", [1e-9, 1e16])
+def test_units_do_not_matter(
+    make_problem: Callable[..., Problem], loss: Loss, factor: float
+) -> None:
+    """Nanometres and light-years, of the landmarks, the atoms and the weights alike."""
+    problem = make_problem(20, loss=loss)
+    one = solve(problem)
+    quadratic = loss.has_quadratic
+    others = [scaled(problem, factor, 1.0), scaled(problem, 1.0, factor)]
+    units = [factor**2 if quadratic else factor, 1.0]
+    if loss is not Loss.EXACT:  # whose weights say only what is seen
+        others.append(scaled(problem, 1.0, 1.0, factor))
+        units.append(factor**2 if quadratic else factor)
+    else:
+        units[0] = factor  # lambda ||M||, no residual
+    for other, unit in zip(others, units, strict=True):
+        found = solve(other)
+        np.testing.assert_allclose(found.objective, unit * one.objective, rtol=2 * FINE)
+        M = found.transforms * (np.abs(other.atoms).max() / np.abs(problem.atoms).max())
+        M /= np.abs(other.landmarks).max() / np.abs(problem.landmarks).max()
+        if loss is not Loss.ABSOLUTE:
+            assert np.median(np.abs(M - one.transforms)) < 1e-4
+
+
+@pytest.mark.parametrize("exponent", [-200, -30, 53, 200])
+def test_powers_of_two_scale_bit_by_bit(
+    make_problem: Callable[..., Problem], loss: Loss, exponent: int
+) -> None:
+    problem = make_problem(20, loss=loss)
+    factor = 2.0**exponent
+    one, other = solve_newton(problem), solve_newton(scaled(problem, factor, 1.0))
+    assert (other.transforms == factor * one.transforms).all()
+    assert (other.translation == factor * one.translation).all()
+    assert (other.relative_gap == one.relative_gap).all()
+    assert (other.iterations == one.iterations).all()
+
+
+def test_a_shared_lambda_is_a_lambda_each(make_problem: Callable[..., Problem]) -> None:
+    problem = make_problem(6)
+    lam = np.array([0.01, 0.1, 1.0, 0.01, 0.1, 1.0])
+    together = solve_newton(replace(problem, lam=lam), tolerance=1e-9)
+    for image in range(6):
+        alone = build_problem(
+            problem.landmarks[image],
+            problem.atoms,
+            lam[image],
+            weights=problem.weights[image : image + 1],
+        )
+        found = solve_newton(alone, tolerance=1e-9)
+        assert found.objective[0] == pytest.approx(together.objective[image], rel=1e-8)

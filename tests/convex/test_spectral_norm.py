@@ -1,0 +1,92 @@
+"""Norms and prox of 2x3 blocks against an SVD, and against the condition of optimality."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from shapefit.convex.spectral_norm import nuclear_norm, prox_spectral_norm, spectral_norm
+
+KINDS = ["any", "equal", "nearly equal", "rank one", "nearly rank one", "zero"]
+
+
+def make_block(kind: str, seed: int, exponent: float) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    if kind == "any":
+        return 10**exponent * rng.standard_normal((2, 3))
+    second = {"equal": 1.0, "nearly equal": 1 - 1e-9, "rank one": 0.0, "nearly rank one": 1e-9}
+    U, V = (np.linalg.qr(rng.standard_normal((m, m)))[0] for m in (2, 3))
+    values = 0.0 if kind == "zero" else np.diag([1.0, second[kind]])
+    return 10**exponent * (U @ (values * np.eye(2)) @ V[:2])
+
+
+blocks = st.builds(
+    make_block,
+    st.sampled_from(KINDS),
+    st.integers(0, 2**32 - 1),
+    st.floats(-60, 60),
+)
+
+
+def judge_prox(Q: np.ndarray, t: float) -> np.ndarray:
+    """The paper's formula: U diag(s - t proj(s / t)) V^T, proj onto the l1 ball by sorting."""
+    U, s, Vt = np.linalg.svd(Q, full_matrices=False)
+    x = s / t
+    if x.sum() <= 1:
+        return np.zeros_like(Q)
+    theta = x[0] - 1 if x[0] - 1 >= x[1] else (x.sum() - 1) / 2
+    return (U * (s - t * np.maximum(x - theta, 0))) @ Vt
+
+
+@given(blocks)
+def test_norms_are_sums_of_singular_values(Q: np.ndarray) -> None:
+    s = np.linalg.svd(Q, compute_uv=False)
+    np.testing.assert_allclose(spectral_norm(Q), s[0], rtol=1e-14)
+    np.testing.assert_allclose(nuclear_norm(Q), s.sum(), rtol=1e-14)
+
+
+@given(blocks, st.floats(1e-6, 3.0))
+@example(make_block("equal", 1, 0), 1e-6)
+def test_prox_agrees_with_the_formula_of_the_paper(Q: np.ndarray, share: float) -> None:
+    size = np.linalg.norm(Q)
+    t = share * (size or 1.0)
+    np.testing.assert_allclose(prox_spectral_norm(Q, t), judge_prox(Q, t), atol=1e-14 * size)
+
+
+@given(blocks, st.floats(1e-6, 3.0))
+def test_prox_meets_the_condition_of_optimality(Q: np.ndarray, share: float) -> None:
+    """P = prox(Q) if and only if ||Q - P||_* <= t and <Q - P, P> = t ||P||_2."""
+    size = np.linalg.norm(Q)
+    t = share * (size or 1.0)
+    P = prox_spectral_norm(Q, t)
+    left = Q - P
+    assert np.linalg.svd(left, compute_uv=False).sum() <= t + 1e-14 * size
+    gain = t * np.linalg.svd(P, compute_uv=False)[0]
+    assert (left * P).sum() == pytest.approx(gain, rel=1e-12, abs=1e-13 * size**2)
+
+
+def test_prox_of_many_blocks_is_the_prox_of_each(rng: np.random.Generator) -> None:
+    Q = rng.standard_normal((5, 7, 2, 3))
+    t = rng.uniform(0.1, 4, (5, 1))
+    each = [[judge_prox(Q[i, j], t[i, 0]) for j in range(7)] for i in range(5)]
+    found = prox_spectral_norm(Q, t)
+    np.testing.assert_allclose(found, each, atol=1e-14)
+    assert 0 < np.mean(found == 0) < 1  # both sides of the threshold were met
+
+
+def test_prox_of_rank_one_blocks_at_the_threshold(rng: np.random.Generator) -> None:
+    """Where s1 + s2 > t >= s1 - s2 by rounding alone, the prox is zero up to rounding."""
+    Q = np.einsum("na,nb->nab", rng.standard_normal((2000, 2)), rng.standard_normal((2000, 3)))
+    for t in (nuclear_norm(Q) * (1 - 2**-52), 2 * spectral_norm(Q) - nuclear_norm(Q)):
+        assert np.abs(prox_spectral_norm(Q, t)).max() < 1e-14 * np.abs(Q).max()
+
+
+def test_hand_made_blocks() -> None:
+    Q = np.array([[3.0, 0, 0], [0, 1.0, 0]])
+    assert spectral_norm(Q) == 3
+    assert nuclear_norm(Q) == 4
+    np.testing.assert_allclose(prox_spectral_norm(Q, 1.0), [[2, 0, 0], [0, 1, 0]])
+    np.testing.assert_allclose(prox_spectral_norm(Q, 3.0), [[0.5, 0, 0], [0, 0.5, 0]])
+    assert not prox_spectral_norm(Q, 4.0).any()
