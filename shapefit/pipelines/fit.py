@@ -35,7 +35,7 @@ from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.whole_sequences import whole_sequences
 
 Floats = NDArray[np.float64]
-Refinement = Callable[[Floats, tuple[str, ...]], Floats]
+Refinement = Callable[[Lifting, LandmarkSet], Lifting]
 
 
 def run(config: FitConfig) -> Iterator[Outcome]:
@@ -53,7 +53,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             lifting = lift(
                 images.landmarks, find_weights(images), dictionary.atoms, program, estimator
             )
-            lifting = replace(lifting, shapes=refinement(lifting.shapes, images.sequences or ()))
+            lifting = refinement(lifting, images)
             solve_seconds += time.perf_counter() - began
             path = follow_path(lifting.problem, config.path, newton) if config.path else None
             writer.append(as_result(images, lifting, path, config))
@@ -95,7 +95,7 @@ def with_sequences(images: LandmarkSet) -> LandmarkSet:
 def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:
     """Return what the images of a sequence tell about each other: nothing, or the depths."""
     if not config.temporal.depths:
-        return lambda shapes, _: shapes
+        return lambda lifting, _: lifting
     if dictionary.edges is None:
         raise input_error(
             "temporal.depths",
@@ -108,7 +108,25 @@ def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:
         tolerance=config.temporal.tolerance,
         max_rounds=config.temporal.max_rounds,
     )
-    return partial(refine_sequences, bones=dictionary.edges, settings=settings)
+    return partial(refine, bones=dictionary.edges, settings=settings)
+
+
+def refine(
+    lifting: Lifting, images: LandmarkSet, bones: NDArray[np.integer], settings: Sequencing
+) -> Lifting:
+    """Refine the depths along each sequence, with x and y as observed where a landmark is seen.
+
+    Bones keep their lengths in the observed landmarks, not in those fitted image by image. What
+    is hidden or set aside as an outlier keeps its fitted x and y. All but the shapes stays.
+    """
+    seen = lifting.problem.weights > 0
+    if lifting.estimate.outliers is not None:
+        seen &= ~lifting.estimate.outliers
+    seen &= np.isfinite(lifting.scale)[:, None]
+    shapes = lifting.shapes.copy()
+    shapes[:, :2] = np.where(seen[:, None, :], images.landmarks, shapes[:, :2])
+    refined = refine_sequences(shapes, images.sequences or (), bones, settings)
+    return replace(lifting, shapes=refined)
 
 
 def choose_program(config: FitConfig) -> Program:

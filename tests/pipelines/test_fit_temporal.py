@@ -1,0 +1,74 @@
+"""`fit` with `temporal.depths`: whole sequences, observed x and y, refused inputs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.rotations import rotation_about
+from shapefit.io import LandmarkSet, landmark_writer, read_results, write_dictionary
+from shapefit.pipelines.fit import run
+
+NAMES = tuple(f"point{j}" for j in range(8))
+EDGES = np.array([[j, j + 1] for j in range(7)])
+
+
+@pytest.fixture
+def fit(tmp_path, rng):
+    """Fit two sequences of a turning body of which the dictionary knows only the like."""
+    atoms = normalise(rng.standard_normal((4, 3, 8))).points / 5
+    body = 100 * (atoms[0] + 0.2 * atoms[1])
+    turns = rotation_about(np.array([0.0, 1.0, 0.0]), np.linspace(0, 2 * np.pi, 12))
+    landmarks = (turns @ body)[:, :2] + 30.0
+    landmarks[5, :, 3] = np.nan
+
+    def run_fit(*, edges=EDGES, sequences=("a",) * 7 + ("b",) * 5, **settings):
+        write_dictionary(
+            tmp_path / "dictionary.h5",
+            Dictionary(atoms, NAMES, normalise(atoms.mean(0)).points, edges=edges),
+        )
+        items = tuple(f"image{i}" for i in range(12))
+        with landmark_writer(tmp_path / "views.h5") as writer:
+            writer.append(
+                LandmarkSet(
+                    landmarks=landmarks, landmark_names=NAMES, items=items, sequences=sequences
+                )
+            )
+        config = FitConfig(
+            landmarks=[tmp_path / "views.h5"],
+            dictionary=tmp_path / "dictionary.h5",
+            output=tmp_path / "result.h5",
+            solver={"tolerance": 1e-8},
+            **settings,
+        )
+        list(run(config))
+        return read_results(tmp_path / "result.h5")
+
+    run_fit.landmarks = landmarks
+    return run_fit
+
+
+def test_chunks_do_not_divide_sequences(fit):
+    whole = fit(temporal={"depths": True})
+    cut = fit(temporal={"depths": True}, chunk=2)
+    np.testing.assert_allclose(cut.shapes, whole.shapes, rtol=1e-4, atol=1e-2)
+    assert cut.items == whole.items
+
+
+def test_x_and_y_are_observed_where_seen_and_fitted_where_hidden(fit):
+    plain, refined = fit(), fit(temporal={"depths": True})
+    seen = np.isfinite(fit.landmarks)
+    np.testing.assert_allclose(refined.shapes[:, :2][seen], fit.landmarks[seen])
+    np.testing.assert_allclose(refined.shapes[5, :2, 3], plain.shapes[5, :2, 3])
+    np.testing.assert_array_equal(refined.landmarks_fitted, plain.landmarks_fitted)
+    assert np.abs(refined.shapes[:, 2] - plain.shapes[:, 2]).max() > 0.1
+
+
+@pytest.mark.parametrize("lacks", ["edges", "sequences"])
+def test_bones_and_sequences_are_needed(fit, lacks):
+    with pytest.raises(InputError, match=f"without `{lacks.removesuffix('s')}"):
+        fit(temporal={"depths": True}, **{lacks: None})
