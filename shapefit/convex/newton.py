@@ -28,9 +28,9 @@ def solve_newton(
     """Solve every image to a relative duality gap <= tolerance by semismooth Newton steps.
 
     `threads` = 0 means all cores. `start` is a solution for the same images, weights and loss at
-    another lambda, for example, and is left as it is. For the EXACT loss the relative residual ||W - sum M_i B_i|| /
-    ||W|| must fall below the tolerance too. An image with fewer than two visible landmarks is
-    DEGENERATE. See newton_kernels.py for the method.
+    another lambda, for example, and is left as it is. For the EXACT loss the relative residual
+    ||W - sum M_i B_i|| / ||W|| must fall below the tolerance too. An image with fewer than two
+    visible landmarks is DEGENERATE. See newton_kernels.py for the method.
     """
     n, _, p = problem.landmarks.shape
     k = len(problem.atoms)

@@ -69,8 +69,8 @@ def solve_stretch(
     codes: 0 optimal, 1 iteration limit, 2 degenerate, 3 numerical failure.
 
     Every image is solved in the units ||w|| = 1 and max ||B_i|| = 1. Where the loss has no
-    quadratic the unit of the dual is free: lambda = 1. There the weights move from the residual to the bounds of the dual, f(omega r) = omega f(r):
-    the same program, but well conditioned whatever the weights.
+    quadratic the weights move from the residual to the bounds of the dual, f(omega r) =
+    omega f(r): the same program, but well conditioned whatever the weights.
     """
     n, k, p = W.shape[0], B.shape[0], B.shape[2]
     padded = (k + 7) // 8 * 8  # zero atoms fill the last vector; they never become active

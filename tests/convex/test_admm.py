@@ -1,4 +1,4 @@
-"""The batched data-space ADMM against the paper's three steps, written out with 3k x 3k inverses."""
+"""The batched data-space ADMM against the paper's three steps with their 3k x 3k inverses."""
 
 from __future__ import annotations
 
