@@ -18,9 +18,9 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from shapefit.convex.admm import solve_admm
 
 from benchmarks.cases import LAMBDA, Case, hide, made_case, mocap_case
+from shapefit.convex.admm import solve_admm
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solution import Status

@@ -50,7 +50,7 @@ def certify(W, omega, B, lam, delta, bound, M, E, Y, T):
         # largest eigenvalue of M M^T, exact where the two are equal
         norms += np.sqrt(0.5 * (A + C + np.hypot(A - C, 2.0 * D)))
 
-    robust = np.isfinite(bound)
+    robust = bound < np.inf
     primal, residual = lam * norms, 0.0
     for a in range(2):
         shift, weights = 0.0, 0.0

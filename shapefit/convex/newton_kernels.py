@@ -35,7 +35,7 @@ from shapefit.convex.reduction_kernels import expand_rows
 # ||B_i|| = 1, and grows by GROWTH an outer iteration.
 START, GROWTH = 20.0, 4.0
 # An inner problem is solved until ||gradient|| <= LOOSENESS ||change of (M, E)|| / (sigma lambda).
-LOOSENESS = 0.2
+LOOSENESS = 2.0
 # Rounding of the gradient, whose terms M + sigma Y B^T and E + sigma Y cancel. Where it is reached
 # the inner problem is solved, and a larger sigma would only add noise.
 ROUNDING = 1e-15
@@ -170,7 +170,7 @@ def solve_reduced(
             gap = abs(primal - dual) / max(primal, 1e-300)
             if delta == 0.0 and not robust:
                 gap = max(gap, np.sqrt(gg))
-            if gap <= tolerance or steps >= most or not np.isfinite(gap):
+            if gap <= tolerance or steps >= most or not gap < np.inf:
                 break
             noise = ROUNDING * sigma * (max(lam, np.sqrt(yy)) if robust else lam)
             noisy = gg <= noise * noise
@@ -244,7 +244,6 @@ def solve_reduced(
                 M[b, active[c]] = fresh[c, b]
         if robust:
             E[:] = fresh_E
-        if gap <= tolerance or steps >= most or not np.isfinite(gap):
+        if gap <= tolerance or steps >= most or not gap < np.inf:
             return steps
-        if not noisy:
-            sigma *= GROWTH
+        sigma = sigma / GROWTH if noisy else sigma * GROWTH

@@ -68,13 +68,14 @@ def solve_stretch(
     Y_out and E_out hold a start for each image, which takes the place of the neighbour's. Status
     codes: 0 optimal, 1 iteration limit, 2 degenerate, 3 numerical failure.
 
-    Every image is solved in the units ||w|| = 1 and max ||B_i|| = 1. Where the loss has no
-    quadratic the weights move from the residual to the bounds of the dual, f(omega r) =
-    omega f(r): the same program, but well conditioned whatever the weights.
+    Every image is solved in the units ||w|| = 1 and max ||B_i|| = 1, and lambda = 1 where the loss
+    has no quadratic, so that the unit of the dual is free. There the weights move from the
+    residual to the bounds of the dual, f(omega r) = omega f(r): the same program, but well
+    conditioned whatever the weights.
     """
     n, k, p = W.shape[0], B.shape[0], B.shape[2]
     padded = (k + 7) // 8 * 8  # zero atoms fill the last vector; they never become active
-    robust = np.isfinite(bound)
+    robust = bound < np.inf
     M, N = np.zeros((6, padded)), np.zeros((6, padded))
     visible, h, last = np.zeros(p, np.int64), np.zeros(p), np.full(p, -1.0)
     rho, ones, bounds = np.ones(p), np.ones(p), np.ones(p)
@@ -155,7 +156,7 @@ def solve_stretch(
         objective[image], gaps[image], residuals[image] = certify(
             W[image], omega, B, lam[image], delta, bound, out, E, Y_out[image], T_out[image]
         )
-        have_start = np.isfinite(gaps[image])
+        have_start = gaps[image] < np.inf
         if not have_start:
             status[image] = 3
             continue
