@@ -36,8 +36,8 @@ from shapefit.convex.reduction_kernels import expand_rows
 START, GROWTH = 20.0, 4.0
 # An inner problem is solved until ||gradient|| <= LOOSENESS ||change of (M, E)|| / (sigma lambda).
 LOOSENESS = 2.0
-# Rounding of the gradient, whose terms M + sigma Y B^T and E + sigma Y cancel. Where it is reached
-# the inner problem is solved, and a larger sigma would only add noise.
+# Rounding of the gradient, whose terms M + sigma Y B^T and E + sigma Y cancel: no inner problem is
+# solved beyond it. Where that comes first sigma falls, because the noise grows with it.
 ROUNDING = 1e-15
 ARMIJO, SHORTEST = 1e-4, 1e-10
 
@@ -173,8 +173,8 @@ def solve_reduced(
             if gap <= tolerance or steps >= most or not gap < np.inf:
                 break
             noise = ROUNDING * sigma * (max(lam, np.sqrt(yy)) if robust else lam)
-            noisy = gg <= noise * noise
-            if inner > 0 and (noisy or gg * t * t <= LOOSENESS * LOOSENESS * moved):
+            solved = gg * t * t <= LOOSENESS * LOOSENESS * moved
+            if inner > 0 and (solved or gg <= noise * noise):
                 break
             # Newton step
             rows = 0
@@ -246,4 +246,4 @@ def solve_reduced(
             E[:] = fresh_E
         if gap <= tolerance or steps >= most or not gap < np.inf:
             return steps
-        sigma = sigma / GROWTH if noisy else sigma * GROWTH
+        sigma = sigma * GROWTH if solved else sigma / GROWTH

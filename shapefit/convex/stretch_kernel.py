@@ -127,7 +127,7 @@ def solve_stretch(
                 for a in range(2):
                     Y[a, j] = Y_out[image, a, j] * (omega[j] / rho[j])
                     E[a, j] *= rho[j] / size
-            have_start = True
+            have_start = np.sum(np.abs(M)) + np.sum(np.abs(Y)) + np.sum(np.abs(E)) < np.inf
         elif have_start:
             M *= (old_size / size) * (largest / old_largest)
             have_start = _explains(M, atoms, w)
@@ -136,6 +136,7 @@ def solve_stretch(
             y /= unit
         else:
             M[:] = 0.0
+            E[:] = 0.0
             correlate(w, planes, N)
             y[:] = w * min(1.0, scaled_lam / max(largest_nuclear_norm(N), 1e-300))
         steps[image] = solve_reduced(
@@ -156,7 +157,7 @@ def solve_stretch(
         objective[image], gaps[image], residuals[image] = certify(
             W[image], omega, B, lam[image], delta, bound, out, E, Y_out[image], T_out[image]
         )
-        have_start = gaps[image] < np.inf
+        have_start = abs(gaps[image]) < np.inf
         if not have_start:
             status[image] = 3
             continue

@@ -11,6 +11,7 @@ import pytest
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Solution, Status
+from shapefit.convex.stretch_kernel import solve_stretch
 from shapefit.geometry.rotations import rotation_about
 
 FINE = 1e-10
@@ -128,6 +129,45 @@ def test_exact_program_without_a_solution_is_never_optimal(rng: np.random.Genera
     found = solve_newton(problem)
     assert Status.OPTIMAL not in found.status
     assert (found.residual > 0.1).all()
+
+
+def test_a_start_changes_the_way_and_not_the_end(
+    make_problem: Callable[..., Problem], assert_certified: Callable, loss: Loss
+) -> None:
+    problem = make_problem(30, loss=loss)
+    cold = solve_newton(problem, tolerance=1e-6)
+    before = solve_newton(replace(problem, lam=1.3 * problem.lam), tolerance=1e-6)
+    kept = [array.copy() for array in (before.transforms, before.dual, before.errors)]
+    for start in (before, cold):
+        warm = solve_newton(problem, tolerance=1e-6, start=start)
+        assert_certified(problem, warm, 1e-6)
+    assert warm.iterations.mean() < 0.1 * cold.iterations.mean()  # the last start was the optimum
+    for array, copy in zip((before.transforms, before.dual, before.errors), kept, strict=True):
+        assert (array == copy).all()
+
+
+def test_a_broken_start_is_no_start(make_problem: Callable[..., Problem], loss: Loss) -> None:
+    problem = make_problem(3, loss=loss)
+    cold = solve_newton(problem)
+    broken = replace(cold, transforms=cold.transforms.copy(), errors=cold.errors.copy())
+    broken.transforms[1, 0, 0, 0] = np.nan
+    broken.errors[2] = np.inf
+    found = solve_newton(problem, start=broken)
+    assert set(found.status) == {Status.OPTIMAL}
+
+
+def test_a_kernel_is_compiled_once(make_problem: Callable[..., Problem]) -> None:
+    """Whatever the memory layout of the arrays: compiling takes many seconds."""
+    solve_newton(make_problem(3))
+    kinds = len(solve_stretch.signatures)
+    problem = make_problem(5)
+    frozen = problem.landmarks.copy()
+    frozen.flags.writeable = False
+    solve_newton(replace(problem, landmarks=frozen))
+    solve_newton(replace(problem, landmarks=np.asfortranarray(problem.landmarks)))
+    solve_newton(build_problem(problem.landmarks[0], problem.atoms[::-1], 1))
+    solve_newton(problem.take(np.array([3])), start=solve_newton(problem.take(np.array([3]))))
+    assert len(solve_stretch.signatures) == kinds
 
 
 def test_no_images() -> None:
