@@ -63,7 +63,7 @@ def real_views(real_data: Path) -> tuple[np.ndarray, np.ndarray]:
         with h5py.File(real_data / "mocap" / name) as file:
             whole = file["shapes"]
             at = np.linspace(0, len(whole) - 1, count).astype(int)
-            return normalise(whole[at].transpose(0, 2, 1)).points
+            return normalise(whole[at].transpose(0, 2, 1).astype(float)).points
 
     atoms = shapes("subject86_24fps.h5", 64)
     atoms /= np.linalg.norm(atoms, axis=(1, 2), keepdims=True)
