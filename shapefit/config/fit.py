@@ -11,6 +11,9 @@ from pydantic import Field, PlainValidator, ValidationInfo, field_validator, mod
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.expectation import Expected
+from shapefit.config.fit_camera import ViewingConfig
+from shapefit.config.fit_export import ExportConfig, PicturesConfig
+from shapefit.config.fit_outliers import OutlierSearchConfig
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists
 from shapefit.config.paths import InputPath, InputPaths, OutputPath
 
@@ -167,6 +170,25 @@ class FitConfig(CommandConfig):
         default_factory=TemporalConfig,
         description="What the images of one sequence tell about each other.",
     )
+    leave_out: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Dataset of the landmarks that names, for each image, the training shape "
+        "whose atoms its fit must do without (dictionaries of exemplars).",
+    )
+    outliers: OutlierSearchConfig = Field(
+        default_factory=OutlierSearchConfig,
+        description="Which landmarks the fit leaves out because they are wrong.",
+    )
+    camera: ViewingConfig = Field(
+        default_factory=ViewingConfig, description="How the camera saw the landmarks."
+    )
+    export: ExportConfig = Field(
+        default_factory=ExportConfig, description="Mesh files of the fitted shapes."
+    )
+    pictures: PicturesConfig = Field(
+        default_factory=PicturesConfig, description="Pictures of the fitted shapes."
+    )
     threads: int = Field(default=0, ge=0, description="Threads to solve with; 0 is one per core.")
     chunk: int = Field(default=4096, ge=1, description="Images held in memory at a time.")
     strict: bool = Field(
@@ -195,4 +217,8 @@ class FitConfig(CommandConfig):
             raise ValueError("`path` belongs to the method convex")
         if self.path and (self.loss == "exact" or self.solver.name == "admm"):
             raise ValueError("`path` needs the solver newton and a loss that lambda weighs against")
+        if self.path and (self.leave_out or self.outliers.method != "none"):
+            raise ValueError("`path` goes with neither `leave_out` nor a search for outliers")
+        if self.camera.model == "perspective" and self.method == "pmp":
+            raise ValueError("`camera: {model: perspective}` does not go with the method pmp")
         return self

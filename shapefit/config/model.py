@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from shapefit.config.paths import DataFolder
+from shapefit.config.paths import Folder
 
 
 def _tuples(value: Any) -> Any:
@@ -34,7 +34,7 @@ class ConfigModel(BaseModel):
 class CommandConfig(ConfigModel):
     """Everything that one command can be told."""
 
-    data: DataFolder = Field(
+    data: Folder = Field(
         default=None,
         description="Folder that `{data}` stands for at the beginning of any other path.",
     )

@@ -117,7 +117,7 @@ def _flat(expanded: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
     return tuple(dict.fromkeys(path for files in expanded for path in files))
 
 
-DataFolder = Annotated[
+Folder = Annotated[
     Path | None,
     PathWords("a folder"),
     BeforeValidator(lambda value: None if value is None else absolute_path(value)),

@@ -1,0 +1,61 @@
+"""The section `camera` of `fit`: how the camera saw the landmarks."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from shapefit.config.expectation import Expected
+from shapefit.config.model import ConfigModel, FromLists
+
+
+class ViewingConfig(ConfigModel):
+    """The camera of the images, and how a shape is refined under its full projection."""
+
+    model: Literal["weak-perspective", "perspective"] = Field(
+        default="weak-perspective",
+        description="Weak perspective, as in the convex program; or, from there, rotation, "
+        "translation and coefficients refined under the full projection, which needs the focal "
+        "length.",
+    )
+    focal: float | None = Field(
+        default=None, gt=0, description="Focal length of all images, in the unit of the landmarks."
+    )
+    intrinsics: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Dataset of the landmarks that holds focal lengths or 3x3 camera matrices, "
+        "one for the file or one an image; instead of `focal`.",
+    )
+    principal_point: Annotated[
+        tuple[float, float] | None, Expected("two numbers, x and y"), FromLists
+    ] = Field(
+        default=None,
+        description="Where the optical axis meets the image, in the unit of the landmarks; by "
+        "default that of the camera matrices, or 0, 0.",
+    )
+    ridge: float = Field(
+        default=0.3,
+        gt=0,
+        description="perspective: weight that draws the coefficients to those of the mean shape.",
+    )
+    softness: float = Field(
+        default=0.1,
+        gt=0,
+        description="perspective: residual, for normalised landmarks, beyond which a landmark "
+        "loses its pull (Cauchy's loss).",
+    )
+    max_rounds: int = Field(default=50, ge=1, description="perspective: most rounds for one image.")
+
+    @model_validator(mode="after")
+    def _knows_the_focal_length(self) -> Self:
+        if self.focal is not None and self.intrinsics is not None:
+            raise ValueError("`focal` and `intrinsics` exclude each other; give one of them")
+        known = self.focal is not None or self.intrinsics is not None
+        if (self.model == "perspective") != known:
+            raise ValueError(
+                "`model: perspective` and a focal length (`focal` or `intrinsics`) go together; "
+                "give both or neither"
+            )
+        return self

@@ -1,0 +1,61 @@
+"""The sections `export` and `pictures` of `fit`: what can be opened and looked at."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from shapefit.config.model import ConfigModel, FromLists
+from shapefit.config.paths import Folder
+
+Items = Annotated[tuple[str, ...], FromLists]
+
+
+class ExportConfig(ConfigModel):
+    """Mesh files of the fitted shapes, one an image."""
+
+    folder: Folder = Field(
+        default=None, description="Folder to write mesh files to; none writes none."
+    )
+    format: Literal["obj", "ply", "ply-ascii", "glb"] = Field(
+        default="ply", description="Format of the files; ply is binary."
+    )
+    frame: Literal["camera", "object"] = Field(
+        default="camera", description="Frame of the vertices: that of the camera or of the object."
+    )
+    unit: Literal["landmarks", "dictionary"] = Field(
+        default="landmarks",
+        description="Unit of the vertices: that of the landmarks (pixels), or that of the "
+        "dictionary (metres), whose size is then the mean over the atoms used.",
+    )
+    landmarks: bool = Field(
+        default=False, description="Also write the landmarks, as a second object."
+    )
+    wireframe: Literal["tubes", "lines"] = Field(
+        default="tubes", description="What edges become where the dictionary has no mesh."
+    )
+    rotation: Literal["shared", "per-atom"] = Field(
+        default="shared",
+        description="One rotation for the mesh, or one an atom as in the convex program, under "
+        "which the mesh can shear.",
+    )
+    items: Items = Field(default=("*",), description="Items to write: names or globs.")
+
+
+class PicturesConfig(ConfigModel):
+    """Pictures of landmarks, fitted model and novel views."""
+
+    folder: Folder = Field(
+        default=None, description="Folder to write pictures to; none writes none."
+    )
+    format: Literal["png", "svg"] = Field(default="png", description="Format of the pictures.")
+    items: Items = Field(default=("*",), description="Items to draw a picture of: names or globs.")
+    most: int = Field(
+        default=20, ge=0, description="Most pictures; the first items that fit count."
+    )
+    sheet: int = Field(
+        default=0,
+        ge=0,
+        description="Images of the contact sheet, spread evenly over all; 0 draws none.",
+    )

@@ -1,0 +1,144 @@
+"""The chain that takes landmarks to 3D shapes, put together as the config of `fit` says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import FitConfig
+from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import Loss
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
+from shapefit.io import LandmarkSet
+from shapefit.lifting.lift import Lifting, Program, lift
+from shapefit.lifting.methods import Settings, Solve, choose_method
+from shapefit.lifting.path import WarmSolve
+from shapefit.lifting.temporal import Sequencing, refine_sequences
+
+Floats = NDArray[np.float64]
+Lifter = Callable[[LandmarkSet, Dictionary], Lifting]
+Refinement = Callable[[Lifting, LandmarkSet], Lifting]
+
+
+def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
+    """Return what lifts a chunk of images, whose landmarks are those of the dictionary.
+
+    Raises InputError where the dictionary lacks what the config asks for.
+    """
+    choose_settings(config, dictionary)
+    refinement = choose_refinement(config, dictionary)
+    program = choose_program(config)
+
+    def lift_with(images: LandmarkSet, dictionary: Dictionary) -> Lifting:
+        estimator = choose_method(config.method, choose_settings(config, dictionary))
+        weights = find_weights(images)
+        return lift(images.landmarks, weights, dictionary.atoms, program, estimator)
+
+    return lambda images, dictionary: refinement(lift_with(images, dictionary), images)
+
+
+def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:
+    """Return what the images of a sequence tell about each other: nothing, or the depths."""
+    if not config.temporal.depths:
+        return lambda lifting, _: lifting
+    if dictionary.edges is None:
+        raise input_error(
+            "temporal.depths",
+            f"{config.dictionary} without `edges`",
+            "learn the dictionary from shapes with edges: they are the bones",
+        )
+    settings = Sequencing(
+        smoothness=config.temporal.smoothness,
+        rigidity=config.temporal.rigidity,
+        tolerance=config.temporal.tolerance,
+        max_rounds=config.temporal.max_rounds,
+    )
+    return partial(refine, bones=dictionary.edges, settings=settings)
+
+
+def refine(
+    lifting: Lifting, images: LandmarkSet, bones: NDArray[np.integer], settings: Sequencing
+) -> Lifting:
+    """Refine the depths along each sequence, with x and y as observed where a landmark is seen.
+
+    Bones keep their lengths in the observed landmarks, not in those fitted image by image. What
+    is hidden or set aside as an outlier keeps its fitted x and y. All but the shapes stays.
+    """
+    seen = lifting.problem.weights > 0
+    if lifting.estimate.outliers is not None:
+        seen &= ~lifting.estimate.outliers
+    seen &= np.isfinite(lifting.scale)[:, None]
+    shapes = lifting.shapes.copy()
+    shapes[:, :2] = np.where(seen[:, None, :], images.landmarks, shapes[:, :2])
+    refined = refine_sequences(shapes, images.sequences or (), bones, settings)
+    return replace(lifting, shapes=refined)
+
+
+def choose_program(config: FitConfig) -> Program:
+    """Return the convex program that the config names."""
+    return Program(
+        lam=None if config.lam == "auto" else config.lam,
+        loss=Loss(config.loss),
+        beta=config.beta,
+        noise=config.noise or 0.0,
+    )
+
+
+def choose_settings(config: FitConfig, dictionary: Dictionary) -> Settings:
+    """Return what the methods need besides the problem."""
+    if config.method == "pmp" and dictionary.edges is None:
+        raise input_error(
+            config.dictionary,
+            "no `edges`, the limbs whose lengths pmp keeps",
+            "learn it with `method: pca-bases` from shapes with edges",
+        )
+    options = config.alternation
+    return Settings(
+        solve=choose_solver(config),
+        mean_shape=dictionary.mean_shape,
+        edges=dictionary.edges,
+        orthogonal=config.orthogonal,
+        signed=options.signed,
+        views=options.views,
+        multi_start=options.multi_start,
+        tolerance=options.tolerance,
+        max_rounds=options.max_rounds,
+        threads=config.threads,
+    )
+
+
+def choose_solver(config: FitConfig) -> Solve:
+    """Return the solver that the config names, with its options."""
+    options = config.solver
+    if options.name == "admm":
+        from shapefit.convex.admm import solve_admm
+
+        return partial(
+            solve_admm,
+            tolerance=options.tolerance,
+            stop=options.stop,
+            max_iterations=options.max_iterations,
+        )
+    return choose_newton(config)
+
+
+def choose_newton(config: FitConfig) -> WarmSolve:
+    """Return the fast solver with the options of the config."""
+    options = config.solver
+    return partial(
+        solve_newton,
+        tolerance=options.tolerance,
+        max_iterations=options.max_iterations,
+        threads=config.threads,
+    )
+
+
+def find_weights(images: LandmarkSet) -> Floats:
+    """Omega (n, p): the confidence, or 1, where a landmark is seen, and 0 elsewhere."""
+    seen = np.isfinite(images.landmarks).all(axis=1)
+    return np.where(seen, 1.0 if images.confidence is None else images.confidence, 0.0)
