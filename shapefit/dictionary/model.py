@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from shapefit.geometry.normalisation import normalise
 
 
 @dataclass(frozen=True)
@@ -15,8 +17,10 @@ class Dictionary:
 
     atoms (k, 3, p); mean_shape (3, p); edges (e, 2) pairs of landmark indices for drawing;
     mesh_vertices (k, 3, q) and mesh_faces (f, 3) travel with the atoms where the training shapes
-    had a mesh; objective_trace is the training objective after every half-step; provenance holds
-    text (version, resolved config, input digests).
+    had a mesh; atom_scale (k,): atom i measures atom_scale[i] * B_i in `unit`; atom_items (k,):
+    the training shape that each atom is, where the atoms are exemplars; objective_trace is the
+    training objective after every half-step; provenance holds text (version, resolved config,
+    input digests).
     """
 
     atoms: NDArray[np.float64]
@@ -25,6 +29,9 @@ class Dictionary:
     edges: NDArray[np.int64] | None = None
     mesh_vertices: NDArray[np.float64] | None = None
     mesh_faces: NDArray[np.int64] | None = None
+    atom_scale: NDArray[np.float64] | None = None
+    unit: str = "unknown"
+    atom_items: tuple[str, ...] | None = None
     objective_trace: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     provenance: Mapping[str, str] = field(default_factory=dict)
 
@@ -32,3 +39,31 @@ class Dictionary:
     def k(self) -> int:
         """Return the number of atoms."""
         return len(self.atoms)
+
+    def without(self, item: str) -> Dictionary:
+        """Return the dictionary of the atoms that are not the training shape `item`.
+
+        Its mean shape is the normalised mean of the atoms that are left. Raises ValueError where
+        the atoms have no items, and where none is left.
+        """
+        kept = self.atoms_without(item)
+        if not kept.any():
+            raise ValueError(f"every atom is the item {item!r}")
+        atoms = self.atoms[kept]
+        return replace(
+            self,
+            atoms=atoms,
+            mean_shape=normalise(atoms.mean(axis=0)).points,
+            mesh_vertices=None if self.mesh_vertices is None else self.mesh_vertices[kept],
+            atom_scale=None if self.atom_scale is None else self.atom_scale[kept],
+            atom_items=tuple(name for name in self.atom_items or () if name != item),
+        )
+
+    def atoms_without(self, item: str) -> NDArray[np.bool_]:
+        """Return the mask (k,) of the atoms that are not the training shape `item`.
+
+        Raises ValueError where the atoms have no items.
+        """
+        if self.atom_items is None:
+            raise ValueError("the atoms have no items: they are not exemplars")
+        return np.array([name != item for name in self.atom_items], dtype=bool)

@@ -28,12 +28,15 @@ def read_dictionary(path: Path) -> Dictionary:
             )
         hdf5_checks.check_finite(reader, "atoms", [atoms])
         hdf5_checks.check_finite(reader, "mean_shape", [fields["mean_shape"][None]])
+        if fields["mesh_vertices"] is not None:
+            hdf5_checks.check_finite(reader, "mesh_vertices", [fields["mesh_vertices"]])
+        hdf5_checks.check_positive(reader, "atom_scale")
         hdf5_checks.check_indices(reader, "edges", "p")
         hdf5_checks.check_indices(reader, "mesh_faces", "q")
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
         provenance = {name: str(value) for name, value in reader.attributes.items()}
-        return Dictionary(**fields, provenance=provenance)
+        return Dictionary(**fields, unit=reader.unit, provenance=provenance)
 
 
 def write_dictionary(path: Path, dictionary: Dictionary) -> None:

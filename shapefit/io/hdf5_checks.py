@@ -39,6 +39,19 @@ def check_confidence(reader: Hdf5Reader, blocks: Blocks) -> None:
     )
 
 
+def check_positive(reader: Hdf5Reader, name: str) -> None:
+    """Raise InputError where a number of the dataset (n,), if there is one, is not above 0."""
+    values = reader.read(name)
+    if values is None:
+        return
+    problems = Problems()
+    wrong = np.flatnonzero(~(np.isfinite(values) & (values > 0)))
+    problems.add(
+        wrong, lambda row: f"{reader.place(name, row)}: is {values[row]}; write a positive number"
+    )
+    problems.raise_if_any()
+
+
 def check_indices(reader: Hdf5Reader, name: str, axis: str) -> None:
     """Raise InputError where an index of edges or faces is not one of the axis it points at."""
     indices, size = reader.read(name), reader.size(axis)

@@ -96,7 +96,7 @@ class Hdf5Writer:
         root = self._file.attrs
         root["format"] = self._form.name
         root["version"] = VERSION
-        root["unit"] = getattr(self._first, "unit", "normalised")
+        root["unit"] = self._first.unit
         if hasattr(self._first, "y_axis"):
             root["y_axis"] = self._first.y_axis
         for name, value in self.attributes.items():

@@ -144,6 +144,8 @@ DICTIONARY = Format(
         _EDGES,
         Dataset("mesh_vertices", ("k", "q", 3), points=True),
         _MESH_FACES,
+        Dataset("atom_scale", ("k",)),
+        Dataset("atom_item", ("k",), "text", field="atom_items"),
         Dataset("objective_trace", ("t",)),
     ),
 )

@@ -88,6 +88,9 @@ def dictionary(rng) -> Dictionary:
         edges=np.array([[0, 1], [2, 3]]),
         mesh_vertices=rng.normal(size=(7, 3, 6)),
         mesh_faces=np.array([[0, 1, 2]]),
+        atom_scale=rng.uniform(1, 2, size=7),
+        unit="m",
+        atom_items=("golf", "golf", "polo", "jetta", "passat", "up", "Škoda"),
         objective_trace=rng.uniform(size=9),
         provenance={"version": "0.1.0", "config": '{"k": 7}', "inputs": "{}"},
     )

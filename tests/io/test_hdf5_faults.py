@@ -250,7 +250,8 @@ def test_indices_must_point_at_something(shape_file, dictionary_file, problems, 
 
 
 def test_a_dictionary_without_atoms(dictionary_file, problems, edit):
-    edit(dictionary_file, atoms=np.zeros((0, 4, 3)), mesh_vertices=None)
+    gone = dict.fromkeys(("mesh_vertices", "atom_scale", "atom_item"))
+    edit(dictionary_file, atoms=np.zeros((0, 4, 3)), **gone)
     (line,) = problems(read_dictionary, dictionary_file)
     assert line.startswith(f"{dictionary_file}:/atoms: has the shape (0, 4, 3); ")
 
@@ -264,3 +265,31 @@ def test_duplicate_items_in_one_file(shape_file, result_file, problems, edit):
             f"{path}:/item[4]: item 'b' stands also at {path}:/item[1]; "
             "give every item a name of its own",
         )
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_an_atom_must_measure_something(dictionary_file, problems, value, edit):
+    edit(dictionary_file, atom_scale=[1.0, 2.0, value, 1.0, 1.0, 1.0, 1.0])
+    (line,) = problems(read_dictionary, dictionary_file)
+    assert line == f"{dictionary_file}:/atom_scale[2]: is {value}; write a positive number"
+
+
+def test_vertices_of_atoms_must_be_finite(dictionary_file, dictionary, problems, edit):
+    bad = dictionary.mesh_vertices.swapaxes(1, 2).copy()
+    bad[6, 5, 1] = np.inf
+    (line,) = problems(read_dictionary, edit(dictionary_file, mesh_vertices=bad))
+    assert line.startswith(f"{dictionary_file}:/mesh_vertices[6]: vertex 5 is (")
+
+
+def test_scales_and_items_belong_to_atoms(dictionary_file, problems, edit):
+    edit(dictionary_file, atom_scale=np.ones(6), atom_item=["x"] * 8)
+    assert problems(read_dictionary, dictionary_file) == (
+        f"{dictionary_file}:/atom_scale: has the shape (6,); store numbers (atoms), here (7)",
+        f"{dictionary_file}:/atom_item: has the shape (8,); store UTF-8 text (atoms), here (7)",
+    )
+
+
+def test_a_dictionary_may_lack_scales_and_items(dictionary_file, dictionary, same, edit):
+    edit(dictionary_file, atom_scale=None, atom_item=None)
+    bare = replace(dictionary, atom_scale=None, atom_items=None)
+    same(read_dictionary(dictionary_file), bare)

@@ -27,6 +27,7 @@ from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, concatenate
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
+positive = st.floats(0, exclude_min=True, allow_infinity=False)
 anything = st.floats()
 texts = st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=6)
 names = st.text(st.characters(exclude_characters="\0", codec="utf-8"), min_size=1, max_size=6)
@@ -134,6 +135,9 @@ def dictionaries(draw):
         edges=draw(optional(indices(2, p))),
         mesh_vertices=draw(numbers((k, 3, q))),
         mesh_faces=draw(optional(indices(3, q))),
+        atom_scale=draw(optional(numbers(k, positive))),
+        unit=draw(names),
+        atom_items=draw(optional(st.lists(texts, min_size=k, max_size=k).map(tuple))),
         objective_trace=draw(numbers(draw(st.integers(0, 3)))),
         provenance=draw(attributes(texts)),
     )

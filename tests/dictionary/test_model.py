@@ -1,0 +1,65 @@
+"""The dictionary: what is left of it without the atoms of one training shape."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.normalisation import normalise
+
+
+@pytest.fixture
+def exemplars(rng):
+    """Five atoms of four items; `polo` is two of them."""
+    atoms = normalise(rng.standard_normal((5, 3, 6))).points
+    return Dictionary(
+        atoms=atoms,
+        landmark_names=tuple("abcdef"),
+        mean_shape=normalise(atoms.mean(axis=0)).points,
+        edges=np.array([[0, 1]]),
+        mesh_vertices=rng.standard_normal((5, 3, 9)),
+        mesh_faces=np.array([[0, 1, 8]]),
+        atom_scale=rng.uniform(1, 2, 5),
+        unit="m",
+        atom_items=("golf", "polo", "jetta", "polo", "up"),
+        provenance={"version": "0"},
+    )
+
+
+def test_all_atoms_of_the_item_go_and_the_others_stay_as_they_were(exemplars):
+    rest = exemplars.without("polo")
+    assert rest.atom_items == ("golf", "jetta", "up")
+    for name in ("atoms", "mesh_vertices", "atom_scale"):
+        np.testing.assert_array_equal(getattr(rest, name), getattr(exemplars, name)[[0, 2, 4]])
+    for name in ("landmark_names", "edges", "mesh_faces", "unit", "provenance"):
+        assert getattr(rest, name) is getattr(exemplars, name)
+    np.testing.assert_array_equal(exemplars.atoms_without("polo"), [1, 0, 1, 0, 1])
+
+
+def test_the_mean_shape_knows_nothing_of_the_item(exemplars):
+    rest = exemplars.without("polo")
+    np.testing.assert_allclose(rest.mean_shape, normalise(rest.atoms.mean(axis=0)).points)
+    garbage = exemplars.atoms.copy()
+    garbage[[1, 3]] = 1e9
+    spoilt = replace(exemplars, atoms=garbage, mean_shape=np.full((3, 6), np.nan))
+    np.testing.assert_array_equal(spoilt.without("polo").mean_shape, rest.mean_shape)
+
+
+def test_an_item_that_is_no_atom_changes_nothing(exemplars):
+    rest = exemplars.without("beetle")
+    np.testing.assert_array_equal(rest.atoms, exemplars.atoms)
+    np.testing.assert_allclose(rest.mean_shape, exemplars.mean_shape, atol=1e-12)
+
+
+def test_landmarks_alone_are_enough(exemplars):
+    bare = replace(exemplars, mesh_vertices=None, mesh_faces=None, atom_scale=None)
+    rest = bare.without("up")
+    assert (rest.k, rest.mesh_vertices, rest.atom_scale) == (4, None, None)
+
+
+def test_atoms_without_items_and_the_last_item_cannot_be_left_out(exemplars):
+    with pytest.raises(ValueError, match="not exemplars"):
+        replace(exemplars, atom_items=None).without("polo")
+    with pytest.raises(ValueError, match="every atom is the item 'golf'"):
+        replace(exemplars, atom_items=("golf",) * 5).without("golf")
