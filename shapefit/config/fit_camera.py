@@ -38,7 +38,8 @@ class ViewingConfig(ConfigModel):
     ridge: float = Field(
         default=0.3,
         gt=0,
-        description="perspective: weight that draws the coefficients to those of the mean shape.",
+        description="perspective: weight of the squared distance of the coefficients to those of the "
+        "mean shape.",
     )
     softness: float = Field(
         default=0.1,
@@ -46,7 +47,7 @@ class ViewingConfig(ConfigModel):
         description="perspective: residual, for normalised landmarks, beyond which a landmark "
         "loses its pull (Cauchy's loss).",
     )
-    max_rounds: int = Field(default=50, ge=1, description="perspective: most rounds for one image.")
+    max_rounds: int = Field(default=200, ge=1, description="perspective: most rounds for one image.")
 
     @model_validator(mode="after")
     def _knows_the_focal_length(self) -> Self:

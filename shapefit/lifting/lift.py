@@ -34,12 +34,27 @@ class Program:
 
 
 @dataclass(frozen=True)
+class PerspectiveView:
+    """u = centre + focal X_xy / (sign X_z) with X = R sum_i c_i B_i + translation, for n images.
+
+    translation (n, 3), of the object's origin in the frame of the camera, in normalised units of
+    the dictionary, nan where an image has no shape; focal and centre (n, 2) in the unit of the
+    landmarks.
+    """
+
+    translation: Floats
+    focal: Floats
+    centre: Floats
+
+
+@dataclass(frozen=True)
 class Lifting:
     """Shapes in the camera frame and the units of the landmarks, and all that they rest on.
 
-    landmarks_fitted (n, 2, p) = scale (first two rows of the estimate) + translation. shapes
-    (n, 3, p), with mean depth 0; translation (n, 2), scale (n,); problem and estimate in
-    normalised units; failures: image -> reason, for images without a shape (nan).
+    shapes (n, 3, p) = scale (shapes of the estimate), with mean depth 0, + translation on x and y;
+    landmarks_fitted (n, 2, p) are their projections: x and y, unless there is a perspective view.
+    translation (n, 2), scale (n,); problem and estimate in normalised units; failures: image ->
+    reason, for images without a shape (nan).
     """
 
     shapes: Floats
@@ -49,6 +64,7 @@ class Lifting:
     problem: Problem
     estimate: Estimate
     failures: Mapping[int, str]
+    perspective: PerspectiveView | None = None
 
 
 def lift(

@@ -39,7 +39,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             lifting = lifter(images, dictionary)
             solve_seconds += time.perf_counter() - began
             path = follow_path(lifting.problem, config.path, newton) if config.path else None
-            writer.append(as_result(images, lifting, path, config))
+            writer.append(as_result(images, lifting, path, config, dictionary))
             done += len(images)
             yield Outcome(
                 done=len(images),

@@ -8,16 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.extras import Extras
-from shapefit.lifting.lift import Lifting
+from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.path import Path
+from shapefit.meshes.dense import metric_scale
 
 Floats = NDArray[np.float64]
 
 
 def as_result(
-    images: LandmarkSet, lifting: Lifting, path: Path | None, config: FitConfig
+    images: LandmarkSet,
+    lifting: Lifting,
+    path: Path | None,
+    config: FitConfig,
+    dictionary: Dictionary,
 ) -> ResultSet:
     """Lay out a chunk as it is stored, with the observed landmarks beside the fitted ones."""
     found = lifting.estimate
@@ -46,14 +52,19 @@ def as_result(
         transforms=known(found.transforms) if config.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
-        extras=further_datasets(images, lifting, path),
+        extras=further_datasets(images, lifting, path, dictionary),
     )
 
 
-def further_datasets(images: LandmarkSet, lifting: Lifting, path: Path | None) -> Extras:
+def further_datasets(
+    images: LandmarkSet, lifting: Lifting, path: Path | None, dictionary: Dictionary
+) -> Extras:
     """Join what came with the landmarks with what only some fits have."""
-    visible = (lifting.problem.weights > 0)[:, None, :]
     found = lifting.estimate
+    seen = lifting.problem.weights > 0
+    if found.outliers is not None:
+        seen = seen | found.outliers
+    visible = seen[:, None, :]
     own: dict[str, NDArray[Any] | None] = {
         "landmarks": np.where(visible, images.landmarks, np.nan).swapaxes(1, 2),
         "lambda": lifting.problem.lam,
@@ -68,6 +79,24 @@ def further_datasets(images: LandmarkSet, lifting: Lifting, path: Path | None) -
         own["path_relative_gap"] = path.relative_gap
         own["path_residual"] = path.residual
         own["path_active_atoms"] = path.active_atoms
+    if lifting.perspective is not None:
+        own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
     known = {name: values for name, values in own.items() if values is not None}
     carried = Extras.of(images.extras, len(images))
     return Extras({**carried.per_item, **known}, carried.whole)
+
+
+def perspective_datasets(
+    view: PerspectiveView, coefficients: Floats | None, dictionary: Dictionary
+) -> dict[str, NDArray[Any] | None]:
+    """Lay out a perspective view; the position is in the unit of a dictionary that has sizes."""
+    position = None
+    if dictionary.atom_scale is not None and coefficients is not None:
+        unit = metric_scale(dictionary.atoms, coefficients, dictionary.atom_scale)
+        position = unit[:, None] * view.translation
+    return {
+        "camera_translation": view.translation,
+        "focal": view.focal,
+        "principal_point": view.centre,
+        "position": position,
+    }

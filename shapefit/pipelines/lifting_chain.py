@@ -18,10 +18,13 @@ from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.methods import Settings, Solve, choose_method
 from shapefit.lifting.path import WarmSolve
+from shapefit.lifting.perspective_view import Options, refine_view
 from shapefit.lifting.temporal import Sequencing, refine_sequences
+from shapefit.pipelines.intrinsics import find_camera
 
 Floats = NDArray[np.float64]
 Lifter = Callable[[LandmarkSet, Dictionary], Lifting]
+View = Callable[[Lifting, LandmarkSet, Dictionary], Lifting]
 Refinement = Callable[[Lifting, LandmarkSet], Lifting]
 
 
@@ -33,13 +36,33 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
     choose_settings(config, dictionary)
     refinement = choose_refinement(config, dictionary)
     program = choose_program(config)
+    view = choose_view(config)
 
     def lift_with(images: LandmarkSet, dictionary: Dictionary) -> Lifting:
         estimator = choose_method(config.method, choose_settings(config, dictionary))
         weights = find_weights(images)
-        return lift(images.landmarks, weights, dictionary.atoms, program, estimator)
+        lifting = lift(images.landmarks, weights, dictionary.atoms, program, estimator)
+        return view(lifting, images, dictionary)
 
     return lambda images, dictionary: refinement(lift_with(images, dictionary), images)
+
+
+def choose_view(config: FitConfig) -> View:
+    """Return what follows weak perspective: nothing, or refinement under the full projection."""
+    if config.camera.model == "weak-perspective":
+        return lambda lifting, images, dictionary: lifting
+    options = Options(
+        ridge=config.camera.ridge,
+        softness=config.camera.softness,
+        max_rounds=config.camera.max_rounds,
+        threads=config.threads,
+    )
+
+    def view(lifting: Lifting, images: LandmarkSet, dictionary: Dictionary) -> Lifting:
+        camera = find_camera(images, config.camera)
+        return refine_view(lifting, images.landmarks, camera, dictionary, options)
+
+    return view
 
 
 def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:

@@ -1,0 +1,137 @@
+"""One shape under a full perspective projection, refined from where another method left it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from shapefit.convex.solution import Status
+from shapefit.lifting.perspective_kernels import perspective_stretch
+from shapefit.lifting.stretches import run_stretches
+
+Floats = NDArray[np.float64]
+
+STATUS = (Status.CONVERGED, Status.ITERATION_LIMIT, Status.NUMERICAL_FAILURE)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """u = centre + focal X_xy / (sign X_z) for n images: focal (n, 2) > 0, centre (n, 2).
+
+    In the unit of the landmarks they go with. sign is +1 where z points away from the camera (y of
+    the landmarks down), -1 where it points to it (y up).
+    """
+
+    focal: Floats
+    centre: Floats
+    sign: float
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Stationary points for n images: X = R sum_i c_i B_i + t.
+
+    rotation R (n, 3, 3); translation t (n, 3); coefficients c (n, k) >= 0; objective (n,);
+    rounds (n,); status, a Status an image. nan where it is NUMERICAL_FAILURE.
+    """
+
+    rotation: Floats
+    translation: Floats
+    coefficients: Floats
+    objective: Floats
+    rounds: NDArray[np.int64]
+    status: tuple[Status, ...]
+
+
+def refine_perspective(
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    camera: Camera,
+    rotation: Floats,
+    prior: Floats,
+    *,
+    ridge: float = 0.3,
+    softness: float = 0.1,
+    max_rounds: int = 100,
+    threads: int = 0,
+) -> Refined:
+    """min over R, t, c >= 0 of sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c - prior|^2.
+
+    r_j = Omega_j (w_j - projection of column j of R sum_i c_i B_i + t), in normalised units:
+    landmarks w (n, 2, p), weights Omega (n, p), atoms B (k, 3, p), camera in the unit of w. It
+    starts from the rotations R (n, 3, 3), c = prior (k,), and t where weak perspective puts it.
+    A shape twice as large at twice the depth looks the same, so the size is fixed:
+    prior^T c = prior^T prior. The result is a local minimum; no certificate bounds it.
+    """
+    n = len(landmarks)
+    R = np.array(rotation, np.float64)
+    c = np.tile(np.asarray(prior, np.float64), (n, 1))
+    t = place_in_depth(landmarks, weights, np.tensordot(prior, atoms, axes=1), camera, R)
+    objective, rounds, codes = np.full(n, np.nan), np.zeros(n, np.int64), np.zeros(n, np.int64)
+    inputs = [np.require(a, np.float64, ("C", "W")) for a in (landmarks, weights, atoms, prior)]
+    W, omega, B, c0 = inputs
+    focal, centre = (np.require(a, np.float64, ("C", "W")) for a in (camera.focal, camera.centre))
+
+    def work(part: slice) -> None:
+        perspective_stretch(
+            W[part], omega[part], B, c0, focal[part], centre[part], camera.sign, ridge, softness,
+            max_rounds, R[part], t[part], c[part], objective[part], rounds[part], codes[part],
+        )  # fmt: skip
+
+    run_stretches(n, work, threads)
+    status = tuple(STATUS[code] for code in codes)
+    failed = codes == STATUS.index(Status.NUMERICAL_FAILURE)
+    R[failed], t[failed], c[failed] = np.nan, np.nan, np.nan
+    return Refined(R, t, c, objective, rounds, status)
+
+
+def project(camera: Camera, points: Floats) -> Floats:
+    """u = centre + focal X_xy / (sign X_z): points (n, 3, p) in the camera's frame -> (n, 2, p)."""
+    depth = camera.sign * points[:, 2:]
+    return camera.centre[..., None] + camera.focal[..., None] * points[:, :2] / depth
+
+
+def place_in_depth(
+    landmarks: Floats, weights: Floats, shape: Floats, camera: Camera, rotation: Floats
+) -> Floats:
+    """t (n, 3) at which R S, seen by weak perspective, has the size and place of the landmarks.
+
+    The depth is that of the visible landmarks' middle; S (3, p), the rest as above.
+    """
+    omega = np.where(weights > 0, weights, 0.0) ** 2
+    share = omega / omega.sum(axis=1, keepdims=True)
+    X = rotation @ shape
+    W = np.where(weights[:, None] > 0, landmarks, 0.0)
+    middle, seen = np.einsum("nap,np->na", X, share), np.einsum("nap,np->na", W, share)
+    rays = (W - camera.centre[..., None]) / camera.focal[..., None]
+    ray = (seen - camera.centre) / camera.focal
+    flat = X[:, :2] - middle[:, :2, None]
+    spread = np.einsum("nap,nap,np->n", flat, flat, share)
+    overlap = np.einsum("nap,nap,np->n", flat, rays - ray[..., None], share)
+    # a rotation that fits not at all must not put the shape at infinity
+    least = 0.1 * np.sqrt(
+        spread * np.einsum("nap,nap,np->n", *(2 * (rays - ray[..., None],)), share)
+    )
+    depth = spread / np.maximum(overlap, least)
+    t = np.empty((len(W), 3))
+    t[:, :2] = ray * depth[:, None] - middle[:, :2]
+    t[:, 2] = camera.sign * depth - middle[:, 2]
+    return t
+
+
+def mean_coefficients(atoms: Floats, mean_shape: Floats) -> Floats:
+    """argmin_{c >= 0} |sum_i c_i B_i - mean_shape|^2 + a little |c|^2: (k,).
+
+    For exemplars all are alike, 1/k over the spread of their mean.
+    """
+    k = len(atoms)
+    A = atoms.reshape(k, -1).T
+    little = 1e-3 * np.linalg.norm(A, axis=0).max()
+    c, _ = nnls(
+        np.vstack([A, little * np.eye(k)]), np.concatenate([mean_shape.ravel(), np.zeros(k)])
+    )
+    return c
