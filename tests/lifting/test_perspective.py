@@ -1,0 +1,218 @@
+"""Refinement under perspective: planted shapes, stationarity, another solver, symmetries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from shapefit.convex.solution import Status
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
+from shapefit.lifting.perspective import (
+    Camera,
+    mean_coefficients,
+    place_in_depth,
+    project,
+    refine_perspective,
+)
+
+K, P = 6, 16
+FLIP = np.diag([1.0, -1.0, -1.0])  # y down and z forward <-> y up and z to the viewer
+
+
+@pytest.fixture
+def atoms(rng):
+    """Variations of one mean shape, normalised, as the models of a class are."""
+    mean = rng.standard_normal((3, P))
+    return normalise(mean + 0.3 * rng.standard_normal((K, 3, P))).points
+
+
+@pytest.fixture
+def prior(atoms):
+    return mean_coefficients(atoms, normalise(atoms.mean(axis=0)).points)
+
+
+class Planted:
+    """n images of shapes with known c, R, t, close enough for strong perspective."""
+
+    def __init__(self, rng, atoms, prior, n=8, noise=0.0):
+        gauge = prior / (prior @ prior)
+        c = rng.dirichlet(np.ones(K), n)
+        self.coefficients = c / (c @ gauge)[:, None]
+        self.rotation = random_rotations(n, rng)
+        self.translation = np.stack(
+            [rng.uniform(-1, 1, n), rng.uniform(-1, 1, n), rng.uniform(6, 12, n)], axis=1
+        )
+        self.shapes = self.rotation @ np.tensordot(self.coefficients, atoms, axes=1)
+        focal = np.stack([np.full(n, 7.0), np.full(n, 7.5)], axis=1)
+        self.camera = Camera(focal, rng.uniform(-0.5, 0.5, (n, 2)), 1.0)
+        self.landmarks = project(self.camera, self.shapes + self.translation[..., None])
+        self.landmarks = self.landmarks + noise * rng.standard_normal(self.landmarks.shape)
+        self.weights = np.ones((n, P))
+        turns = [rotation_about(axis, np.array([0.2]))[0] for axis in random_axes(rng, n)]
+        self.start = np.array(turns) @ self.rotation
+
+
+def random_axes(rng, n):
+    axes = rng.standard_normal((n, 3))
+    return axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+@pytest.fixture
+def planted(rng, atoms, prior):
+    return Planted(rng, atoms, prior)
+
+
+@pytest.fixture
+def noisy(rng, atoms, prior):
+    return Planted(rng, atoms, prior, noise=0.05)
+
+
+def refine(scene, atoms, prior, **options):
+    changes = {
+        key: options.pop(key)
+        for key in ("landmarks", "weights", "camera", "start")
+        if key in options
+    }
+    given = {**vars(scene), **changes}
+    return refine_perspective(
+        given["landmarks"], given["weights"], atoms, given["camera"], given["start"], prior,
+        **{"max_rounds": 500, "ridge": 0.3, **options},
+    )  # fmt: skip
+
+
+def objective(scene, image, atoms, prior, R, t, c, ridge, softness):
+    S = R @ np.tensordot(c, atoms, axes=1) + t[:, None]
+    one = Camera(scene.camera.focal[image], scene.camera.centre[image], scene.camera.sign)
+    flat = one.centre[:, None] + one.focal[:, None] * S[:2] / S[2]
+    r = scene.weights[image] * (flat - scene.landmarks[image])
+    loss = softness**2 * np.log1p((r**2).sum(axis=0) / softness**2).sum()
+    return 0.5 * (loss + ridge * ((c - prior) ** 2).sum())
+
+
+def test_planted_shapes_and_poses_are_found(planted, atoms, prior):
+    found = refine(planted, atoms, prior, ridge=1e-9)
+    assert set(found.status) <= {Status.CONVERGED, Status.ITERATION_LIMIT}
+    assert rotation_angle(found.rotation, planted.rotation).max() < 0.01
+    np.testing.assert_allclose(found.translation, planted.translation, rtol=1e-3)
+    shapes = found.rotation @ np.tensordot(found.coefficients, atoms, axes=1)
+    np.testing.assert_allclose(shapes, planted.shapes, atol=1e-3)
+
+
+def test_the_size_is_that_of_the_prior_and_no_coefficient_negative(noisy, atoms, prior):
+    found = refine(noisy, atoms, prior)
+    np.testing.assert_allclose(found.coefficients @ prior, prior @ prior, rtol=1e-9)
+    assert (found.coefficients >= 0).all()
+    assert set(found.status) == {Status.CONVERGED}
+
+
+def test_rotations_stay_rotations(noisy, atoms, prior):
+    R = refine(noisy, atoms, prior).rotation
+    np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (8, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(R), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("softness", [0.05, 2.0])
+def test_an_independent_solver_cannot_lower_the_objective(noisy, atoms, prior, softness):
+    found = refine(noisy, atoms, prior, softness=softness)
+    for image in range(8):
+        start = found.rotation[image]
+        here = objective(
+            noisy, image, atoms, prior, start, found.translation[image],
+            found.coefficients[image], 0.3, softness,
+        )  # fmt: skip
+        np.testing.assert_allclose(found.objective[image], here, rtol=1e-9)
+
+        def residuals(x, image=image, start=start):
+            R = Rotation.from_rotvec(x[:3]).as_matrix() @ start
+            c = x[6:] * (prior @ prior) / (x[6:] @ prior)
+            camera = noisy.camera
+            S = R @ np.tensordot(c, atoms, axes=1) + x[3:6, None]
+            flat = camera.centre[image][:, None] + camera.focal[image][:, None] * S[:2] / S[2]
+            r = np.linalg.norm(flat - noisy.landmarks[image], axis=0)
+            cauchy = softness * np.sqrt(np.log1p((r / softness) ** 2))
+            return np.concatenate([cauchy, np.sqrt(0.3) * (c - prior)])
+
+        x = np.concatenate([np.zeros(3), found.translation[image], found.coefficients[image]])
+        lower = np.concatenate([np.full(6, -np.inf), np.full(K, -1e-12)])
+        other = least_squares(residuals, x, bounds=(lower, np.inf), xtol=1e-12, ftol=1e-12)
+        assert other.cost >= here * (1 - 1e-6)
+
+
+def test_hidden_landmarks_do_not_matter(noisy, atoms, prior, rng):
+    weights = noisy.weights.copy()
+    weights[:, :4] = 0
+    garbage = noisy.landmarks.copy()
+    garbage[:, :, :4] = np.nan
+    clean = refine(noisy, atoms, prior, weights=weights)
+    dirty = refine(noisy, atoms, prior, weights=weights, landmarks=garbage)
+    np.testing.assert_array_equal(clean.coefficients, dirty.coefficients)
+    np.testing.assert_array_equal(clean.rotation, dirty.rotation)
+
+
+def test_turning_the_image_turns_the_result(noisy, atoms, prior):
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array([0.7]))[0]
+    square = Camera(noisy.camera.focal[:, :1].repeat(2, axis=1), noisy.camera.centre, 1.0)
+    turned = Camera(square.focal, square.centre @ turn[:2, :2].T, 1.0)
+    before = refine(noisy, atoms, prior, camera=square)
+    after = refine(
+        noisy, atoms, prior, camera=turned,
+        landmarks=turn[:2, :2] @ noisy.landmarks, start=turn @ noisy.start,
+    )  # fmt: skip
+    np.testing.assert_allclose(after.rotation, turn @ before.rotation, atol=1e-4)
+    np.testing.assert_allclose(after.coefficients, before.coefficients, atol=1e-4)
+    np.testing.assert_allclose(after.objective, before.objective, rtol=1e-8)
+
+
+def test_y_up_is_the_same_scene_in_another_frame(noisy, atoms, prior):
+    mirror = np.array([1.0, -1.0])
+    camera = Camera(noisy.camera.focal, noisy.camera.centre * mirror, -1.0)
+    down = refine(noisy, atoms, prior)
+    up = refine(
+        noisy, atoms, prior, camera=camera,
+        landmarks=noisy.landmarks * mirror[:, None], start=FLIP @ noisy.start,
+    )  # fmt: skip
+    np.testing.assert_allclose(up.rotation, FLIP @ down.rotation, atol=1e-6)
+    np.testing.assert_allclose(up.translation, down.translation @ FLIP, atol=1e-6)
+
+
+def test_outliers_pull_little_where_the_loss_is_soft(planted, atoms, prior):
+    landmarks = planted.landmarks.copy()
+    landmarks[:, :, 0] += 2.0
+    soft = refine(planted, atoms, prior, landmarks=landmarks, softness=0.02, ridge=1e-3)
+    stiff = refine(planted, atoms, prior, landmarks=landmarks, softness=100.0, ridge=1e-3)
+    angles = [rotation_angle(r.rotation, planted.rotation) for r in (soft, stiff)]
+    assert np.median(angles[0]) < 0.1 * np.median(angles[1])
+
+
+def test_threads_and_neighbours_change_nothing(noisy, atoms, prior):
+    whole = refine(noisy, atoms, prior, threads=2)
+    alone = refine_perspective(
+        noisy.landmarks[3:4], noisy.weights[3:4], atoms,
+        Camera(noisy.camera.focal[3:4], noisy.camera.centre[3:4], 1.0), noisy.start[3:4], prior,
+        ridge=0.3, max_rounds=500,
+    )  # fmt: skip
+    np.testing.assert_array_equal(whole.coefficients[3:4], alone.coefficients)
+
+
+def test_the_start_in_depth_is_exact_where_the_object_is_far(atoms, prior, rng):
+    R = random_rotations(4, rng)
+    shape = np.tensordot(prior, atoms, axes=1)
+    t = np.stack([rng.uniform(-9, 9, 4), rng.uniform(-9, 9, 4), np.full(4, 1e5)], axis=1)
+    camera = Camera(np.full((4, 2), 1e5), rng.uniform(-1, 1, (4, 2)), 1.0)
+    landmarks = project(camera, R @ shape + t[..., None])
+    found = place_in_depth(landmarks, np.ones((4, P)), shape, camera, R)
+    np.testing.assert_allclose(found, t, rtol=1e-3)
+
+
+def test_too_few_rounds_are_said(noisy, atoms, prior):
+    found = refine(noisy, atoms, prior, max_rounds=2)
+    assert set(found.status) == {Status.ITERATION_LIMIT}
+    assert (found.rounds == 2).all()
+
+
+def test_coefficients_of_the_mean_are_alike_for_exemplars(atoms):
+    mean = atoms.mean(axis=0)
+    np.testing.assert_allclose(mean_coefficients(atoms, mean), 1 / K, rtol=1e-3)
