@@ -11,6 +11,9 @@ from shapefit.config.paths import Folder
 
 Items = Annotated[tuple[str, ...], FromLists]
 
+MOST_ON_A_SHEET = 200
+"""More would be too small to see, or too large to open."""
+
 
 class ExportConfig(ConfigModel):
     """Mesh files of the fitted shapes, one an image."""
@@ -21,24 +24,28 @@ class ExportConfig(ConfigModel):
     format: Literal["obj", "ply", "ply-ascii", "glb"] = Field(
         default="ply", description="Format of the files; ply is binary."
     )
-    frame: Literal["camera", "object"] = Field(
-        default="camera", description="Frame of the vertices: that of the camera or of the object."
+    frame: Literal["object", "camera"] = Field(
+        default="object",
+        description="Frame of the vertices: that of the dictionary, in which objects stand as its "
+        "training shapes do; or the camera's, where y points as in the landmarks.",
     )
     unit: Literal["landmarks", "dictionary"] = Field(
         default="landmarks",
         description="Unit of the vertices: that of the landmarks (pixels), or that of the "
-        "dictionary (metres), whose size is then the mean over the atoms used.",
+        "dictionary (metres), where the size is the mean over the atoms used.",
     )
     landmarks: bool = Field(
         default=False, description="Also write the landmarks, as a second object."
     )
     wireframe: Literal["tubes", "lines"] = Field(
-        default="tubes", description="What edges become where the dictionary has no mesh."
+        default="tubes",
+        description="What the edges between fitted landmarks become where the dictionary has no "
+        "mesh.",
     )
     rotation: Literal["shared", "per-atom"] = Field(
         default="shared",
-        description="One rotation for the mesh, or one an atom as in the convex program, under "
-        "which the mesh can shear.",
+        description="convex: one rotation for the mesh; or one an atom, as for the landmarks of "
+        "the result, under which the mesh shears.",
     )
     items: Items = Field(default=("*",), description="Items to write: names or globs.")
 
@@ -57,5 +64,6 @@ class PicturesConfig(ConfigModel):
     sheet: int = Field(
         default=0,
         ge=0,
+        le=MOST_ON_A_SHEET,
         description="Images of the contact sheet, spread evenly over all; 0 draws none.",
     )

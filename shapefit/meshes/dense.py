@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.geometry.normalisation import Normalised
-from shapefit.lifting.reconstruction import complete_transforms
+from shapefit.lifting.reconstruction import complete_transforms, orthogonal_transforms
 
 Floats = NDArray[np.float64]
 
@@ -54,22 +54,44 @@ def camera_frame(
 
     atoms (k, 3, q), coefficients (n, k), rotation (n, 3, 3), scale (n,), translation (n, 2), as a
     result holds them -> (n, 3, q) in the unit of the landmarks, depth 0 at their centroid.
+    A translation (n, 3) sets the depth too.
     """
     return _place(rotation @ object_frame(atoms, coefficients), scale, translation)
 
 
 def camera_frame_sheared(
-    atoms: Floats, transforms: Floats, scale: Floats, translation: Floats
+    atoms: Floats,
+    transforms: Floats,
+    scale: Floats,
+    translation: Floats,
+    *,
+    orthogonal: bool = False,
 ) -> Floats:
     """s sum_i c_i R_i B_i + T: a rotation for each atom, as in the convex program.
 
-    As `camera_frame`, with transforms (n, k, 2, 3) that hold coefficients and rotations. On the
-    atoms this gives the shapes of the fit exactly; but as the rotations differ, angles and lengths
-    of the mesh are no longer those of any car, person or other object of the dictionary.
+    As `camera_frame`, with transforms (n, k, 2, 3) that hold coefficients and rotations, completed
+    as `reconstruct` does. On the atoms this gives the shapes of the fit exactly; but as the
+    rotations differ, angles and lengths of the mesh are no longer those of any car, person or
+    other object of the dictionary.
     """
     n, k = transforms.shape[:2]
-    turned = complete_transforms(transforms).transpose(0, 2, 1, 3).reshape(n, 3, 3 * k)
+    complete = orthogonal_transforms if orthogonal else complete_transforms
+    turned = complete(transforms).transpose(0, 2, 1, 3).reshape(n, 3, 3 * k)
     return _place(turned @ atoms.reshape(3 * k, -1), scale, translation)
+
+
+def seen_in_perspective(points: Floats, focal: Floats, principal_point: Floats) -> Floats:
+    """(principal point + f X_xy / |X_z|, f (X_z - Z) / |Z|): where a camera sees points.
+
+    points X (n, 3, q) in the frame of the camera, all before it; f (n, 2) for x and y, principal
+    point (n, 2). Z is the mean of X_z, and the third row is for drawing: depths on the scale of
+    the two others.
+    """
+    depth = points[:, 2:]
+    middle = depth.mean(axis=2, keepdims=True)
+    flat = principal_point[:, :, None] + focal[:, :, None] * points[:, :2] / np.abs(depth)
+    scale = focal.mean(axis=1)[:, None, None] / np.abs(middle)
+    return np.concatenate([flat, scale * (depth - middle)], axis=1)
 
 
 def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:
@@ -92,5 +114,5 @@ def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Flo
 
 def _place(shapes: Floats, scale: Floats, translation: Floats) -> Floats:
     placed: Floats = scale[:, None, None] * shapes
-    placed[:, :2] += translation[:, :, None]
+    placed[:, : translation.shape[1]] += translation[:, :, None]
     return placed

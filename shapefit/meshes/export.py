@@ -44,26 +44,20 @@ def mesh_files(
     in a file of their own, `-landmarks.ply`. Raises ValueError where a coordinate is not finite or
     a face has a vertex that does not exist.
     """
-    from trimesh import PointCloud
-
     mesh = _mesh("mesh", vertices, faces)
     if file_format in (MeshFormat.PLY, MeshFormat.PLY_ASCII):
-        files = {".ply": _ply(mesh, file_format)}
-        if landmarks is not None:
-            files["-landmarks.ply"] = _ply(PointCloud(_rows(landmarks)), file_format)
-        return files
-    objects = {"mesh": mesh}
-    if landmarks is not None:
-        objects["landmarks"] = _mesh("landmarks", *balls(_rows(landmarks).T))
-    return {f".{file_format}": _scene(objects, file_format)}
+        return {".ply": _ply(mesh, file_format), **_point_files(landmarks, file_format)}
+    return {f".{file_format}": _scene({"mesh": mesh, **_balls(landmarks)}, file_format)}
 
 
-def line_files(points: Floats, edges: Integers, file_format: MeshFormat) -> Files:
+def line_files(
+    points: Floats, edges: Integers, file_format: MeshFormat, landmarks: Floats | None = None
+) -> Files:
     """Encode the edges (e, 2) between points (3, p) as lines.
 
     Lines have no width, and many viewers leave them out: `wireframe.tubes` gives a mesh that all
     of them show. OBJ keeps all points in their order; PLY and GLB hold the two ends of each edge.
-    Raises ValueError as `mesh_files` does.
+    Landmarks are as in `mesh_files`. Raises ValueError as `mesh_files` does.
     """
     from trimesh.path import Path3D
     from trimesh.path.entities import Line
@@ -71,11 +65,27 @@ def line_files(points: Floats, edges: Integers, file_format: MeshFormat) -> File
     rows = _rows(points)
     _check_indices(edges, len(rows))
     if file_format is MeshFormat.OBJ:
-        return {".obj": _obj_lines(rows, edges)}
+        return {".obj": _obj_lines(rows, edges, landmarks)}
     path = Path3D([Line(edge) for edge in edges], rows, process=False)
     if file_format is MeshFormat.GLB:
-        return {".glb": _scene({"edges": path}, file_format)}
-    return {".ply": _ply(path, file_format)}
+        return {".glb": _scene({"edges": path, **_balls(landmarks)}, file_format)}
+    return {".ply": _ply(path, file_format), **_point_files(landmarks, file_format)}
+
+
+def _point_files(landmarks: Floats | None, file_format: MeshFormat) -> Files:
+    """Encode bare points as PLY."""
+    from trimesh import PointCloud
+
+    if landmarks is None:
+        return {}
+    return {"-landmarks.ply": _ply(PointCloud(_rows(landmarks)), file_format)}
+
+
+def _balls(landmarks: Floats | None) -> dict[str, Trimesh]:
+    """Return the object of the landmarks by its name."""
+    if landmarks is None:
+        return {}
+    return {"landmarks": _mesh("landmarks", *balls(_rows(landmarks).T))}
 
 
 def _mesh(name: str, vertices: Floats, faces: Integers) -> Trimesh:
@@ -114,11 +124,19 @@ def _scene(objects: Mapping[str, Trimesh | Path3D], file_format: MeshFormat) -> 
     return text.strip().encode() + b"\n"
 
 
-def _obj_lines(rows: Floats, edges: Integers) -> bytes:
-    lines = ["o edges"]
-    lines += [f"v {x:.8f} {y:.8f} {z:.8f}" for x, y, z in rows.tolist()]
+def _obj_lines(rows: Floats, edges: Integers, landmarks: Floats | None) -> bytes:
+    """Write what trimesh cannot: lines in OBJ. All objects count their vertices together."""
+    lines = ["o edges", *_obj_vertices(rows)]
     lines += [f"l {first + 1} {second + 1}" for first, second in edges.tolist()]
+    if landmarks is not None:
+        vertices, faces = balls(_rows(landmarks).T)
+        lines += ["o landmarks", *_obj_vertices(vertices.T)]
+        lines += [f"f {i} {j} {k}" for i, j, k in (faces + len(rows) + 1).tolist()]
     return "\n".join([*lines, ""]).encode()
+
+
+def _obj_vertices(rows: Floats) -> list[str]:
+    return [f"v {x:.8f} {y:.8f} {z:.8f}" for x, y, z in rows.tolist()]
 
 
 def _rows(points: Floats) -> Floats:

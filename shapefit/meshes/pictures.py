@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -64,6 +64,8 @@ class FittedImage:
     landmarks (2, p), nan = hidden; shape (3, p) and mesh_vertices (3, q) in the camera frame and
     the unit of the landmarks, nan where the fit failed; outliers (p,): the landmarks judged to be
     wrong; rotation (3, 3) from the object frame, whose y axis then stands upright in novel views.
+    seen_shape (3, p) and seen_mesh (3, q): x and y where the camera sees them, and depths, if that
+    is not straight along z.
     """
 
     title: str
@@ -72,6 +74,15 @@ class FittedImage:
     mesh_vertices: Floats | None = None
     outliers: Booleans | None = None
     rotation: Floats | None = None
+    seen_shape: Floats | None = None
+    seen_mesh: Floats | None = None
+
+    @property
+    def as_seen(self) -> FittedImage:
+        """Return the image with shape and mesh as the camera sees them."""
+        shape = self.shape if self.seen_shape is None else self.seen_shape
+        mesh = self.mesh_vertices if self.seen_mesh is None else self.seen_mesh
+        return replace(self, shape=shape, mesh_vertices=mesh)
 
     @property
     def fitted(self) -> bool:
@@ -150,7 +161,8 @@ def skeleton_picture(
 def _draw_input(axes: Axes, image: FittedImage, model: Model, size: float = MARK) -> None:
     landmarks = upright(image.landmarks, model.y_axis)
     panels.draw_landmarks(axes, landmarks, image.outliers, size)
-    solid = image.shape if image.mesh_vertices is None else image.mesh_vertices
+    seen = image.as_seen
+    solid = seen.shape if seen.mesh_vertices is None else seen.mesh_vertices
     panels.frame(axes, WIDE, landmarks, upright(solid, model.y_axis))
 
 
@@ -159,9 +171,10 @@ def _draw_overlay(
 ) -> None:
     """Draw what `_draw_input` does, in the same place, over the fitted model."""
     if image.fitted:
-        fitted = upright(image.shape[:2], model.y_axis)
+        seen = image.as_seen
+        fitted = upright(seen.shape[:2], model.y_axis)
         landmarks = upright(image.landmarks, model.y_axis)
-        _draw_model(axes, image, model, np.eye(3), paleness=UNDER_LANDMARKS, as_pixels=as_pixels)
+        _draw_model(axes, seen, model, np.eye(3), paleness=UNDER_LANDMARKS, as_pixels=as_pixels)
         panels.draw_residuals(axes, fitted, landmarks, size)
         panels.draw_hidden(axes, fitted, landmarks, size)
     _draw_input(axes, image, model, size)

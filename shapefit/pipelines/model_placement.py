@@ -1,0 +1,79 @@
+"""Where the models of fitted images stand: in the frame and unit that `export` asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import ResultSet
+from shapefit.meshes.dense import camera_frame, camera_frame_sheared, metric_scale
+
+Floats = NDArray[np.float64]
+
+
+def known(values: Floats | None) -> Floats:
+    """Return what a record may lack and the fit at hand has."""
+    assert values is not None
+    return values
+
+
+@dataclass(frozen=True)
+class ModelPlacement:
+    """size * S + origin, in the frame of the object size * R^T S, for n images with a shape.
+
+    S are points in normalised units around the centroid of their landmarks, in the directions of
+    the camera. transforms (n, k, 2, 3) are needed for `export.rotation: per-atom` alone.
+    """
+
+    config: FitConfig
+    dictionary: Dictionary
+    found: ResultSet
+    transforms: Floats | None
+
+    def landmarks(self) -> Floats:
+        """Return the fitted landmarks (n, 3, p)."""
+        centred = self.found.shapes.copy()
+        centred[:, :2] -= known(self.found.translation)[:, :, None]
+        return self._place(centred / known(self.found.scale)[:, None, None])
+
+    def carry(self, atoms: Floats) -> Floats:
+        """Return points (n, 3, q) of the atoms (k, 3, q), mixed and turned as the landmarks were.
+
+        With one rotation an image or, if `export.rotation` says so, one an atom.
+        """
+        one, none = np.ones(len(self.found)), np.zeros((len(self.found), 2))
+        if self.config.export.rotation == "per-atom":
+            M, orthogonal = known(self.transforms), self.config.orthogonal
+            return self._place(camera_frame_sheared(atoms, M, one, none, orthogonal=orthogonal))
+        c, R = known(self.found.coefficients), known(self.found.rotation)
+        return self._place(camera_frame(atoms, c, R, one, none))
+
+    def _place(self, points: Floats) -> Floats:
+        size = self._size()[:, None, None]
+        if self.config.export.frame == "object":
+            return size * (known(self.found.rotation).swapaxes(1, 2) @ points)
+        return size * points + self._origin()[:, :, None]
+
+    def _size(self) -> Floats:
+        """Length (n,) of a normalised unit, in the unit of the landmarks or of the dictionary."""
+        if self.config.export.unit == "landmarks":
+            return known(self.found.scale)
+        c, s = known(self.found.coefficients), known(self.dictionary.atom_scale)
+        return metric_scale(self.dictionary.atoms, c, s)
+
+    def _origin(self) -> Floats:
+        """Where (n, 3) the centroid of the landmarks is in the frame of the camera.
+
+        In pixels its depth is 0. In the unit of the dictionary its place is known where the camera
+        is a perspective one, else it is 0.
+        """
+        origin = np.zeros((len(self.found), 3))
+        if self.config.export.unit == "landmarks":
+            origin[:, :2] = known(self.found.translation)
+        elif self.config.camera.model == "perspective":
+            origin = self._size()[:, None] * self.found.extras["camera_translation"]
+        return origin

@@ -1,0 +1,98 @@
+"""Pictures of fitted images: one file an image, and a contact sheet of images spread over all."""
+
+from __future__ import annotations
+
+from functools import partial
+from importlib.util import find_spec
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
+from shapefit.evaluation.plots import save
+from shapefit.io import ResultSet
+from shapefit.io.atomic_folder import StagedFiles
+from shapefit.io.item_files import file_stem
+from shapefit.meshes.pictures import FittedImage, Model, contact_sheet, fit_picture
+from shapefit.pipelines.chosen_items import ChosenItems
+from shapefit.pipelines.fitted_images import fitted_image
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+SHEET = PurePosixPath("contact_sheet")
+
+
+def check_pictures() -> None:
+    """Raise InputError where matplotlib is not installed; does not import it."""
+    if find_spec("matplotlib") is None:
+        fix = "install it with `pip install shapefit[plots]`, or leave `pictures` out"
+        raise input_error("pictures", "matplotlib is not installed", fix)
+
+
+class PictureExport:
+    """Draws the images that `pictures` chooses; keeps those of the contact sheet until `finish`."""
+
+    def __init__(
+        self, config: FitConfig, dictionary: Dictionary, files: StagedFiles, count: int
+    ) -> None:
+        """Take where the files go, and how many images will come."""
+        self._config = config
+        self._dictionary = dictionary
+        self._files = files
+        self._items = ChosenItems("pictures.items", config.pictures.items)
+        self._places = frozenset(spread(config.pictures.sheet, count))
+        self._sheet: list[FittedImage] = []
+        self._model = Model("up")
+        self._come = self._drawn = 0
+
+    def add(self, found: ResultSet, transforms: Floats | None) -> None:
+        """Draw the chosen images of a chunk; transforms (n, k, 2, 3) where the method has them."""
+        faces, edges = self._dictionary.mesh_faces, self._dictionary.edges
+        self._model = Model(found.y_axis, faces, edges)
+        for row, item in enumerate(found.items):
+            alone = item in self._items and self._drawn < self._config.pictures.most
+            on_sheet = self._come + row in self._places
+            if not (alone or on_sheet):
+                continue
+            turned = None if transforms is None else transforms[[row]]
+            image = fitted_image(found.take([row]), turned, self._config, self._dictionary)
+            if on_sheet:
+                self._sheet.append(image)
+            if alone:
+                self._save(file_stem(item), fit_picture([image], self._model))
+                self._drawn += 1
+        self._come += len(found)
+
+    def finish(self) -> None:
+        """Draw the contact sheet."""
+        if self._sheet:
+            self._save(SHEET, contact_sheet(self._sheet, self._model))
+
+    @property
+    def note(self) -> str:
+        """How many images have a picture of their own, and how many the contact sheet shows."""
+        alone = f"{self._drawn} picture{'' if self._drawn == 1 else 's'}"
+        return f"{alone}, contact sheet of {len(self._sheet)}" if self._sheet else alone
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was asked for and is not there."""
+        return self._items.warnings
+
+    def _save(self, stem: PurePosixPath, figure: Figure) -> None:
+        ending = self._config.pictures.format
+        name = stem.with_name(f"{stem.name}.{ending}")
+        self._files.write(name, partial(save, figure, file_format=ending))
+
+
+def spread(wanted: int, count: int) -> tuple[int, ...]:
+    """Return the middle of each of as many equal parts of 0..count - 1 as wanted."""
+    parts = min(wanted, count)
+    return tuple((2 * part + 1) * count // (2 * parts) for part in range(parts))
