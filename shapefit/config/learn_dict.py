@@ -10,11 +10,11 @@ from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig
 from shapefit.config.paths import InputPaths, OutputPath
 
-_ALIGN = "`all`, or a list of at least three different landmark names"
+_ALIGN = "`all`, `none`, or a list of at least three different landmark names"
 
 
 def _landmark_choice(value: Any) -> Any:
-    if value == "all":
+    if value in ("all", "none"):
         return value
     if not isinstance(value, list | tuple) or not all(isinstance(name, str) for name in value):
         raise ValueError(f"expected {_ALIGN}, found {value!r}")
@@ -28,10 +28,11 @@ class LearnDictConfig(CommandConfig):
 
     shapes: InputPaths = Field(description="Files of 3D training shapes (HDF5 or CSV).")
     output: OutputPath = Field(description="Dictionary file to write (HDF5).")
-    method: Literal["sparse-coding", "pca-bases"] = Field(
+    method: Literal["sparse-coding", "exemplars", "pca-bases"] = Field(
         default="sparse-coding",
-        description="How to learn: non-negative sparse coding with bounded atoms; or the principal "
-        "components of each sequence, bases of either sign for matching pursuit.",
+        description="How to learn: non-negative sparse coding with bounded atoms; exemplars, every "
+        "training shape an atom; or the principal components of each sequence, bases of either "
+        "sign for matching pursuit.",
     )
     every: int = Field(
         default=1,
@@ -39,10 +40,19 @@ class LearnDictConfig(CommandConfig):
         description="Keep every n-th shape of each sequence, starting with its first.",
     )
     align: Annotated[
-        Literal["all"] | tuple[str, ...], Expected(_ALIGN), BeforeValidator(_landmark_choice)
+        Literal["all", "none"] | tuple[str, ...],
+        Expected(_ALIGN),
+        BeforeValidator(_landmark_choice),
     ] = Field(
         default="all",
-        description="Landmarks that decide how training shapes are turned onto each other.",
+        description="Landmarks that decide how training shapes are turned onto each other; none "
+        "keeps them in their common frame.",
+    )
+    symmetry: Literal["none", "symmetrise", "double"] = Field(
+        default="none",
+        description="Left and right, as the `mirror_index` of the shapes pairs them: symmetrise "
+        "takes the mean of each training shape and its mirror image; double adds the mirror images "
+        "as further training shapes. Either leaves meshes out.",
     )
     k: int = Field(
         default=64,

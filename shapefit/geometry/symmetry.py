@@ -25,6 +25,17 @@ def mirror(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
     return mirrored
 
 
+def lateral_axis(shapes: Floats, mirror_index: Indices) -> int:
+    """argmax_a sum over points of (x_a - x_a of the partner)^2: where left and right lie apart.
+
+    shapes (..., 3, p) in frames that share their lateral axis -> 0, 1 or 2, as `lateral` of the
+    other functions. Raises ValueError as `mirror` does.
+    """
+    apart = shapes - shapes[..., _partners(mirror_index, shapes.shape[-1])]
+    square = (apart**2).sum(axis=-1).reshape(-1, 3).sum(axis=0)
+    return int(square.argmax())
+
+
 def symmetrise(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
     """(S + mirror(S)) / 2: the nearest symmetric shape, its plane of symmetry at 0.
 

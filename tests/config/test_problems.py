@@ -135,6 +135,11 @@ def test_every_problem_is_told_at_once():
         ),
         (
             "learn-dict",
+            "method: exemplars\nbeta: 1",
+            "c.yaml:4:7: `beta` belongs to `method: sparse-coding`; leave it out",
+        ),
+        (
+            "learn-dict",
             "method: pca-bases\natom_bound: mean",
             "c.yaml:4:13: `atom_bound` belongs to `method: sparse-coding`; leave it out",
         ),
@@ -161,7 +166,7 @@ def test_every_problem_is_told_at_once():
         (
             "learn-dict",
             "method: pca-base",
-            "c.yaml:3:9: expected sparse-coding or pca-bases, found 'pca-base'; "
+            "c.yaml:3:9: expected sparse-coding or exemplars or pca-bases, found 'pca-base'; "
             "did you mean 'pca-bases'?",
         ),
         ("learn-dict", "seed: 1", "c.yaml:3:1: unknown key 'seed'"),

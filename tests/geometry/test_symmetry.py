@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from shapefit.geometry.procrustes import similarity_transform
-from shapefit.geometry.symmetry import double, mirror, symmetrise
+from shapefit.geometry.symmetry import double, lateral_axis, mirror, symmetrise
 
 # left hand, nose, right hand, tail: hands are partners, nose and tail their own
 PARTNERS = [2, 1, 0, 3]
@@ -82,3 +82,24 @@ def test_real_cars_are_symmetric_as_their_file_says(real_data):
     bent[:, :, :10] += 0.3
     assert np.abs(symmetrise(bent, partners) - bent).max() > 0.1
     np.testing.assert_allclose(symmetrise(shapes, partners), shapes, atol=1e-6)
+
+
+@pytest.mark.parametrize("lateral", [0, 1, 2])
+def test_the_lateral_axis_is_the_one_along_which_partners_lie_apart(rng, lateral):
+    offsets = 0.1 * rng.normal(size=(5, 3, 4))
+    shapes = symmetrise(rng.normal(size=(5, 3, 4)), PARTNERS, lateral) + offsets
+    assert lateral_axis(shapes, PARTNERS) == lateral
+    assert lateral_axis(shapes[0] + 100, PARTNERS) == lateral
+
+
+@pytest.mark.real_data
+def test_the_lateral_axis_of_the_real_cars_is_x(real_data):
+    with h5py.File(real_data / "cars" / "models.h5") as file:
+        shapes, partners = file["shapes"][:].swapaxes(1, 2), file["mirror_index"][:]
+    assert lateral_axis(shapes, partners) == 0
+    assert lateral_axis(shapes[:, [2, 0, 1]], partners) == 1
+
+
+def test_the_lateral_axis_needs_pairs(rng):
+    with pytest.raises(ValueError, match="its own inverse"):
+        lateral_axis(rng.normal(size=(3, 4)), [1, 2, 0, 3])

@@ -15,8 +15,9 @@ from shapefit.errors import InputError
 from shapefit.geometry.normalisation import centroid, normalise, spread
 from shapefit.geometry.procrustes import generalised_procrustes, rotation_onto
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import ShapeSet, digest, read_dictionary, write_shapes
-from shapefit.pipelines import learn_dict
+from shapefit.io import ShapeSet, digest, read_dictionary, read_shapes, write_shapes
+from shapefit.pipelines import learn_dict, training_shapes
+from shapefit.pipelines.training_shapes import every_nth
 
 NAMES = ("hip", "neck", "head", "left hand", "right hand")
 EDGES = np.array([[0, 1], [1, 2], [1, 3], [1, 4]])
@@ -141,10 +142,10 @@ class TestAlign:
 
 class TestEvery:
     def test_counts_within_each_sequence(self):
-        assert learn_dict.every_nth(("a",) * 4 + ("b",) * 3 + ("a",) * 3, 3) == [0, 3, 4, 9]
+        assert every_nth(("a",) * 4 + ("b",) * 3 + ("a",) * 3, 3) == [0, 3, 4, 9]
 
     def test_one_keeps_all(self):
-        assert learn_dict.every_nth(("a", "b", "a"), 1) == [0, 1, 2]
+        assert every_nth(("a", "b", "a"), 1) == [0, 1, 2]
 
     def test_the_rest_is_not_learned_from(self, config, shapes, tmp_path):
         _, thinned = learned(config(every=3))
@@ -182,16 +183,6 @@ class TestOutcomes:
         outcomes, _ = learned(config(iterations=100, tolerance=0.05))
         assert sum(o.done for o in outcomes) < 20
         assert outcomes[-1].written
-
-    def test_meshes_are_left_out_with_a_warning(self, config, shapes, tmp_path):
-        meshed = replace(
-            shapes, mesh_vertices=np.zeros((30, 3, 4)), mesh_faces=np.array([[0, 1, 2]])
-        )
-        write_shapes(tmp_path / "train.h5", meshed)
-        outcomes, dictionary = learned(config())
-        assert any("mesh" in warning for warning in warnings(outcomes))
-        assert dictionary.mesh_vertices is None
-        assert dictionary.mesh_faces is None
 
     def test_atoms_that_no_shape_uses_are_counted(self, config):
         outcomes, _ = learned(config(beta=100.0))
@@ -275,7 +266,7 @@ class TestFailures:
         points = shapes.shapes.copy()
         points[4, 0, 0], points[7, 1, 2] = np.nan, np.inf
         spoiled = replace(shapes, shapes=points)
-        monkeypatch.setattr(learn_dict, "read_shapes", lambda paths: spoiled)
+        monkeypatch.setattr(training_shapes, "read_shapes", lambda paths: spoiled)
         outcomes, dictionary = learned(config())
         assert failures(outcomes) == dict.fromkeys(("item4", "item7"), "a coordinate is not finite")
         assert np.isfinite(dictionary.atoms).all()
@@ -331,6 +322,6 @@ def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
     assert len(dictionary.objective_trace) == 31
     assert "relative error 0.02" in outcomes[-1].note
     # The mean stands as the first shape does: no turn brings one nearer to the other.
-    first = learn_dict.read_shapes(config.shapes).shapes[0]
+    first = read_shapes(config.shapes).shapes[0]
     first = normalise(first).points
     np.testing.assert_allclose(rotation_onto(first, dictionary.mean_shape), np.eye(3), atol=1e-6)

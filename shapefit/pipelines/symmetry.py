@@ -1,0 +1,49 @@
+"""The left and the right of training shapes: symmetric models, or a model and its mirror image."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import LearnDictConfig
+from shapefit.errors import input_error
+from shapefit.geometry.symmetry import double, lateral_axis, symmetrise
+from shapefit.io import ShapeSet
+from shapefit.io.extras import Extras
+
+
+def apply_symmetry(shapes: ShapeSet, config: LearnDictConfig) -> ShapeSet:
+    """Return the shapes, or their symmetric ones, or the shapes and then their mirror images.
+
+    A mirror image has the item and sequence of its shape. The shapes come without meshes unless
+    `symmetry` is none: `mirror_index` pairs landmarks, and a mesh whose vertices have no partners
+    can be mirrored as a surface only, not vertex by vertex as mixing meshes needs. Raises
+    InputError where the shapes have no `mirror_index`, or one that does not pair the landmarks.
+    """
+    if config.symmetry == "none":
+        return shapes
+    index = find_partners(shapes, config)
+    lateral = lateral_axis(shapes.shapes, index)
+    bare = replace(shapes, mesh_vertices=None, mesh_faces=None)
+    if config.symmetry == "symmetrise":
+        return replace(bare, shapes=symmetrise(shapes.shapes, index, lateral))
+    twice = bare.take(np.tile(np.arange(len(shapes)), 2))
+    return replace(twice, shapes=double(shapes.shapes, index, lateral))
+
+
+def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> NDArray[Any]:
+    """Return the partner of each landmark. Raises InputError as `apply_symmetry` does."""
+    place = ", ".join(str(path) for path in config.shapes)
+    fix = "store the index of each landmark's mirror image, or set `symmetry: none`"
+    index = Extras.of(shapes.extras, len(shapes)).whole.get("mirror_index")
+    if index is None:
+        raise input_error(place, "has no dataset `mirror_index`", fix)
+    points = np.arange(len(shapes.landmark_names))
+    pairs = index.shape == points.shape and index.dtype.kind in "iu"
+    pairs = pairs and bool(((index >= 0) & (index < len(points))).all())
+    if not pairs or (index[index] != points).any() or (index == points).all():
+        raise input_error(f"{place}:/mirror_index", "does not pair the landmarks", fix)
+    return index
