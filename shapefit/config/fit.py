@@ -219,6 +219,12 @@ class FitConfig(CommandConfig):
             raise ValueError("`path` needs the solver newton and a loss that lambda weighs against")
         if self.path and (self.leave_out or self.outliers.method != "none"):
             raise ValueError("`path` goes with neither `leave_out` nor a search for outliers")
+        weak = self.camera.model == "weak-perspective"
+        if self.export.rotation == "per-atom" and not (self.method == "convex" and weak):
+            raise ValueError(
+                "`export: {rotation: per-atom}` belongs to the method convex and weak perspective; "
+                "the others have one rotation an image: set shared"
+            )
         if self.camera.model == "perspective" and self.method == "pmp":
             raise ValueError("`camera: {model: perspective}` does not go with the method pmp")
         return self

@@ -20,6 +20,7 @@ from shapefit.io import (
 )
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.path import follow_path
+from shapefit.pipelines.fit_export import open_exports
 from shapefit.pipelines.fit_record import as_result
 from shapefit.pipelines.lifting_chain import choose_lifter, choose_newton
 from shapefit.pipelines.outcome import Failure, Outcome
@@ -32,14 +33,20 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     lifter = choose_lifter(config, dictionary)
     newton = choose_newton(config)
     solve_seconds, done = 0.0, 0
-    with open_landmarks(config.landmarks) as source, result_writer(config.output) as writer:
+    with (
+        open_landmarks(config.landmarks) as source,
+        result_writer(config.output) as writer,
+        open_exports(config, dictionary, source.count) as exports,
+    ):
         for chunk in find_chunks(source, config):
             images = chunk.arrange(dictionary.landmark_names, source_names(config))
             began = time.perf_counter()
             lifting = lifter(images, dictionary)
             solve_seconds += time.perf_counter() - began
             path = follow_path(lifting.problem, config.path, newton) if config.path else None
-            writer.append(as_result(images, lifting, path, config, dictionary))
+            record = as_result(images, lifting, path, config, dictionary)
+            writer.append(record)
+            exports.add(record, lifting.estimate.transforms)
             done += len(images)
             yield Outcome(
                 done=len(images),
@@ -57,7 +64,12 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             solve_seconds=solve_seconds,
             images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,
         )
-    yield Outcome(total=source.count, written=(config.output,))
+    yield Outcome(
+        total=source.count,
+        warnings=exports.warnings,
+        note=exports.note,
+        written=(config.output, *exports.folders),
+    )
 
 
 def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkSet]:

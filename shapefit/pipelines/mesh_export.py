@@ -88,8 +88,8 @@ class MeshExport:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was asked for and is not there."""
-        missing = (f"images without a shape, and so without a mesh: {self._missing}",)
-        return (missing if self._missing else ()) + self._items.warnings
+        found = f"images without a shape (failed, or all coefficients 0): {self._missing}"
+        return ((f"{found}; they have no mesh",) if self._missing else ()) + self._items.warnings
 
     def _write(self, found: ResultSet, transforms: Floats | None) -> None:
         points, landmarks = self._points(
