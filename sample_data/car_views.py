@@ -42,6 +42,13 @@ def look(azimuth: float, elevation: float, roll: float, distance: float) -> Came
     return Camera(turn @ upright, LOOK_AT + distance * outward)
 
 
+def camera_matrix() -> Floats:
+    """Intrinsics (3, 3) of every view."""
+    matrix = np.diag([FOCAL_LENGTH, FOCAL_LENGTH, 1.0])
+    matrix[:2, 2] = np.array(IMAGE_SIZE) / 2
+    return matrix
+
+
 def _hits(start: Floats, ends: Floats, triangles: Floats) -> np.ndarray:
     """Whether the segment from `start` to each of `ends` crosses a triangle (f, 3, 3).
 

@@ -14,7 +14,7 @@ import numpy as np
 from sample_data.car_landmarks import counterparts, landmark_vertices, lines
 from sample_data.car_models import MODELS
 from sample_data.car_parts import Part, assemble, parts_of
-from sample_data.car_views import look
+from sample_data.car_views import camera_matrix, look
 from sample_data.storage import write_csv, write_hdf5
 
 SEED = 20150608
@@ -62,7 +62,7 @@ def write_views(
     folder: Path, cars: Mapping[str, Part], spots: Mapping[str, int], rng: np.random.Generator
 ) -> None:
     """Look at every car from all sides; landmarks that it hides itself are NaN."""
-    items, models, pictures, rotations = [], [], [], []
+    items, models, pictures, rotations, translations = [], [], [], [], []
     for name, car in cars.items():
         points = car.vertices[list(spots.values())]
         for number in range(VIEWS):
@@ -76,13 +76,19 @@ def write_views(
             seen = camera.visible(points, car.vertices, car.faces)
             pictures.append(np.where(seen[:, None], picture, np.nan).round(1))
             rotations.append(camera.rotation)
+            translations.append(-camera.rotation @ camera.place)
             items.append(f"{name}/view_{number + 1}")
             models.append(name)
     write_hdf5(
         folder / "cars_views.h5",
         attributes={"format": "shapefit-landmarks", "version": 1, "unit": "px", "y_axis": "down"},
         texts={"landmark_names": list(spots), "item": items, "true_model": models},
-        arrays={"landmarks": np.stack(pictures), "true_rotation": np.stack(rotations)},
+        arrays={
+            "landmarks": np.stack(pictures),
+            "true_rotation": np.stack(rotations),
+            "true_translation": np.stack(translations),
+            "camera_matrix": camera_matrix(),
+        },
     )
     write_csv(folder / "cars_views.csv", list(spots), items, np.stack(pictures), decimals=1)
 

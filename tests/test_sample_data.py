@@ -194,6 +194,9 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(folder, cars):
     views = images(folder / "cars_views.h5")
     assert (len(views), views.unit, views.y_axis) == (108, "px", "down")
     assert views.landmark_names == cars.landmark_names
+    centre = np.append(PRINCIPAL_POINT, 1)
+    expected = np.diag([FOCAL_LENGTH, FOCAL_LENGTH, 0]) + np.outer(centre, [0, 0, 1])
+    np.testing.assert_allclose(views.extras["camera_matrix"], expected)
     R = views.extras["true_rotation"].astype(float)
     np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-5)
     for view, model in enumerate(views.extras["true_model"]):
@@ -208,6 +211,8 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(folder, cars):
         b = np.concatenate([(u * z - x)[seen], (v * z - y)[seen]])
         translation = np.linalg.lstsq(A, b, rcond=None)[0]
         assert 8.5 < translation[2] < 15.5
+        told = views.extras["true_translation"][view]
+        np.testing.assert_allclose(translation, told, atol=0.01 * translation[2])
         pixels = FOCAL_LENGTH * (A @ translation - b) / translation[2]
         assert np.sqrt((pixels**2).mean()) < 1
 

@@ -1,0 +1,120 @@
+"""A lifting refined under perspective: one story told by all its fields."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shapefit.convex.newton import solve_newton
+from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.rotations import random_rotations, rotation_angle
+from shapefit.lifting.lift import Program, lift
+from shapefit.lifting.methods import Settings, choose_method
+from shapefit.lifting.perspective import Camera, project
+from shapefit.lifting.perspective_view import Options, refine_view
+
+N, K, P = 6, 5, 14
+OPTIONS = Options(ridge=1e-3, softness=0.1, max_rounds=500)
+
+
+@pytest.fixture
+def dictionary(rng):
+    atoms = normalise(rng.standard_normal((3, P)) + 0.3 * rng.standard_normal((K, 3, P))).points
+    names = tuple(f"point{j}" for j in range(P))
+    return Dictionary(atoms, names, normalise(atoms.mean(axis=0)).points)
+
+
+@pytest.fixture
+def rotations(rng):
+    return random_rotations(N, rng)
+
+
+@pytest.fixture
+def camera():
+    return Camera(np.tile([900.0, 910.0], (N, 1)), np.tile([320.0, 240.0], (N, 1)), 1.0)
+
+
+@pytest.fixture
+def landmarks(dictionary, rotations, camera, rng):
+    """Mixtures of atoms, 8 units away, in pixels."""
+    c = rng.dirichlet(np.ones(K), N)
+    t = np.stack([rng.uniform(-1, 1, N), rng.uniform(-1, 1, N), np.full(N, 8.0)], axis=1)
+    X = rotations @ np.tensordot(c, dictionary.atoms, axes=1) + t[..., None]
+    return project(camera, X)
+
+
+def view(landmarks, weights, dictionary, camera, method="convex+refine", options=OPTIONS):
+    settings = Settings(solve=solve_newton, mean_shape=dictionary.mean_shape)
+    estimator = choose_method(method, settings)
+    first = lift(landmarks, weights, dictionary.atoms, Program(lam=0.3), estimator)
+    return first, refine_view(first, landmarks, camera, dictionary, options)
+
+
+@pytest.mark.parametrize("method", ["convex", "convex+refine", "alternate", "mean-shape"])
+def test_every_method_can_be_refined(method, landmarks, dictionary, camera, rotations):
+    first, found = view(landmarks, np.ones((N, P)), dictionary, camera, method)
+    assert rotation_angle(found.estimate.rotation, rotations).max() < 1.0
+    assert (found.estimate.residual < 0.5 * first.estimate.residual).all()
+
+
+def test_the_fields_belong_together(landmarks, dictionary, camera):
+    _, found = view(landmarks, np.ones((N, P)), dictionary, camera)
+    e, seen = found.estimate, found.perspective
+    S = e.rotation @ np.tensordot(e.coefficients, dictionary.atoms, axes=1)
+    np.testing.assert_allclose(e.shapes, S)
+    flat = np.pad(found.translation, ((0, 0), (0, 1)))
+    np.testing.assert_allclose(found.shapes, found.scale[:, None, None] * S + flat[..., None])
+    X = S + seen.translation[..., None]
+    np.testing.assert_allclose(found.landmarks_fitted, project(camera, X), rtol=1e-9)
+    np.testing.assert_allclose(found.scale, np.sqrt(900 * 910) / seen.translation[:, 2])
+    np.testing.assert_allclose(
+        found.translation, project(camera, seen.translation[..., None])[..., 0]
+    )
+    np.testing.assert_allclose(
+        e.transforms, e.coefficients[..., None, None] * e.rotation[:, None, :2]
+    )
+    centred = landmarks - landmarks.mean(axis=2, keepdims=True)
+    misfit = np.linalg.norm(landmarks - found.landmarks_fitted, axis=(1, 2))
+    np.testing.assert_allclose(e.residual, misfit / np.linalg.norm(centred, axis=(1, 2)))
+
+
+def test_an_image_without_a_shape_stays_without(landmarks, dictionary, camera):
+    weights = np.ones((N, P))
+    weights[2, 2:] = 0
+    first, found = view(landmarks, weights, dictionary, camera)
+    assert dict(found.failures) == dict(first.failures)
+    assert list(found.failures) == [2]
+    assert np.isnan(found.shapes[2]).all()
+    assert np.isnan(found.perspective.translation[2]).all()
+    assert np.isfinite(np.delete(found.shapes, 2, axis=0)).all()
+    assert found.estimate.status[2] is first.estimate.status[2]
+
+
+def test_what_was_left_out_stays_out(landmarks, dictionary, camera):
+    weights = np.ones((N, P))
+    weights[:, 5] = 0
+    moved = landmarks.copy()
+    moved[:, :, 5] += 500
+    _, clean = view(landmarks, weights, dictionary, camera)
+    _, dirty = view(moved, weights, dictionary, camera)
+    np.testing.assert_array_equal(clean.shapes, dirty.shapes)
+
+
+def test_a_rotation_that_nobody_knows_is_sought(landmarks, dictionary, camera, rotations):
+    """A large lambda leaves convex+refine without coefficients, and so without a rotation."""
+    settings = Settings(solve=solve_newton, mean_shape=dictionary.mean_shape)
+    estimator = choose_method("convex+refine", settings)
+    first = lift(landmarks, np.ones((N, P)), dictionary.atoms, Program(lam=1e3), estimator)
+    assert np.isnan(first.estimate.rotation).all()
+    found = refine_view(first, landmarks, camera, dictionary, OPTIONS)
+    assert rotation_angle(found.estimate.rotation, rotations).max() < 1.0
+
+
+def test_far_away_it_is_the_weak_perspective_camera(dictionary, rotations, rng):
+    """Perspective ends where the depth of the object is small beside its distance."""
+    c = rng.dirichlet(np.ones(K), N)
+    far = Camera(np.full((N, 2), 1e8), np.zeros((N, 2)), 1.0)
+    X = rotations @ np.tensordot(c, dictionary.atoms, axes=1) + np.array([0, 0, 1e6])[:, None]
+    _, found = view(project(far, X), np.ones((N, P)), dictionary, far)
+    np.testing.assert_allclose(found.shapes[:, :2], found.landmarks_fitted, rtol=1e-4, atol=1e-2)
