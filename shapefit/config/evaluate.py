@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.expectation import Expected
-from shapefit.config.model import CommandConfig, FromLists
-from shapefit.config.paths import InputPaths, OutputPath, PathWords, expand_path
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists
+from shapefit.config.paths import InputPath, InputPaths, OutputPath, PathWords, expand_path
 
-Metric = Literal["similarity", "camera", "rotation", "reprojection"]
+Metric = Literal["similarity", "camera", "rotation", "reprojection", "precision", "recall"]
+
+ERRORS: tuple[Metric, ...] = ("similarity", "camera", "rotation", "reprojection")
+"""Metrics of every fit; the others judge the labels of outliers, which only some fits give."""
+
+MEAN_SHAPE = "Mean shape (oracle)"
+NEAREST_ATOM = "Nearest atom (oracle)"
+BEST_COMBINATION = "Best combination (oracle)"
+"""Rows of the report that `floors` asks for."""
 
 MOST_EXAMPLES = 20
 """Rows of a picture that a person still looks at."""
@@ -50,6 +58,21 @@ def _number_or_names(value: Any) -> int | tuple[str, ...]:
     raise PydanticCustomError("number_or_names", _EXAMPLES)
 
 
+class FloorsConfig(ConfigModel):
+    """What a dictionary can reach at all: similarity errors of the truth, without any fit."""
+
+    dictionary: InputPath = Field(
+        description="Dictionary whose mean shape, nearest atom and best non-negative combination "
+        "get rows of their own, each laid onto the truth as well as it can be."
+    )
+    leave_out: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Dataset of the result that names, for each image, the training shape whose "
+        "atoms do not count (dictionaries of exemplars), as `leave_out` of fit.",
+    )
+
+
 class EvalConfig(CommandConfig):
     """Compare results with the truth."""
 
@@ -72,7 +95,19 @@ class EvalConfig(CommandConfig):
         description="Groups of sequences to average over: name -> glob on sequence names.",
     )
     metrics: Annotated[tuple[Metric, ...], FromLists] = Field(
-        default=get_args(Metric), description="Errors to measure."
+        default=ERRORS,
+        description="Errors to measure; precision and recall, of the outlier labels, only where "
+        "they are named here.",
+    )
+    least_visible: int = Field(
+        default=0,
+        ge=0,
+        description="Observed landmarks that an image must have to be judged; others are left out "
+        "and counted in a warning.",
+    )
+    floors: FloorsConfig | None = Field(
+        default=None,
+        description="Similarity errors that the dictionary leaves at best.",
     )
     published: Mapping[str, Mapping[str, float]] = Field(
         default_factory=dict,
@@ -101,6 +136,16 @@ class EvalConfig(CommandConfig):
         if not metrics:
             raise ValueError("expected at least one metric, found an empty list")
         return metrics
+
+    @field_validator("floors")
+    @classmethod
+    def _names_are_free(
+        cls, floors: FloorsConfig | None, info: ValidationInfo
+    ) -> FloorsConfig | None:
+        taken = {MEAN_SHAPE, NEAREST_ATOM, BEST_COMBINATION} & info.data.get("results", {}).keys()
+        if floors and taken:
+            raise ValueError(f"{min(taken)!r} is the name of a row here; rename it in `results`")
+        return floors
 
     @field_validator("published")
     @classmethod

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.evaluation.plots import BARS, GAP, INK, LETTER, TITLES, add_head, look, style_axis
+from shapefit.evaluation.plots import (
+    BARS,
+    GAP,
+    INK,
+    LETTER,
+    TITLES,
+    add_head,
+    axis_label,
+    look,
+    style_axis,
+)
 from shapefit.evaluation.summary import ALL, ImageErrors
 
 if TYPE_CHECKING:
@@ -41,7 +51,7 @@ def box_plot(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[str]
     figure.set_layout_engine("constrained")
     axis = figure.subplots()
     reach = [np.percentile(v, WHISKERS[1]) for boxes in values.values() for v in boxes if len(v)]
-    style_axis(axis, slots, 1.05 * max(reach, default=0.0) or 1.0, f"error ({errors[0].unit})")
+    style_axis(axis, slots, 1.05 * max(reach, default=0.0) or 1.0, axis_label(errors[0].unit))
     start = (slots - sum(taken) - GAP * (len(taken) - 1)) / 2
     ticks: dict[float, str] = {}
     for (group, boxes), width in zip(values.items(), taken, strict=True):

@@ -54,6 +54,18 @@ def reprojection(fitted: Floats, observed: Floats) -> Floats:
     return np.sqrt(_mean_over_visible(squares, visible, fewest=1))
 
 
+def box_diagonal(observed: Floats) -> Floats:
+    """Diagonal of the upright box around the visible landmarks; (n, 2, p) -> (n,).
+
+    nan where none is visible, or all are on one point: such a box measures nothing.
+    """
+    visible = visible_in_both(observed, observed)[:, None, :]
+    lowest = np.where(visible, observed, np.inf).min(axis=-1)
+    highest = np.where(visible, observed, -np.inf).max(axis=-1)
+    diagonal = np.hypot(*np.maximum(highest - lowest, 0.0).T)
+    return np.where(diagonal > 0, diagonal, np.nan)
+
+
 def truth_scale(estimate: Floats, truth: Floats) -> Floats:
     """Spread of the true landmarks that are judged: error / scale is the normalised error.
 

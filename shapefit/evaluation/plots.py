@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from shapefit.errors import input_error
+from shapefit.evaluation.labels import SHARE
 from shapefit.evaluation.summary import ALL, Summary
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ TITLES = {
     "camera": "3D error in the camera frame",
     "rotation": "Angle to the true rotation",
     "reprojection": "RMS reprojection error",
+    "precision": "Precision of the outlier labels",
+    "recall": "Recall of the outlier labels",
 }
 
 
@@ -93,7 +96,8 @@ def bar_plot(summaries: Sequence[Summary]) -> Figure:
     axes = figure.subplots(len(rows), squeeze=False)[:, 0]
     top = 1.05 * max((s.mean for s in summaries if not math.isnan(s.mean)), default=0.0)
     for axis, row in zip(axes, rows, strict=True):
-        style_axis(axis, slots, top or 1.0, f"mean error ({summaries[0].unit})")
+        label = f"mean {axis_label(summaries[0].unit)}"
+        style_axis(axis, slots, top or 1.0, label)
         start = 0.0 if slots > FEWEST_SLOTS else (slots - row[0].slots) / 2
         ticks: dict[float, str] = {}
         for group in row:
@@ -171,6 +175,11 @@ def _draw(axis: Axes, start: float, group: _Group, methods: Sequence[str]) -> No
 def look(index: int) -> tuple[str, str]:
     """Return the colour and hatch of the method at an index."""
     return COLOURS[index % len(COLOURS)], HATCHES[index // len(COLOURS) % len(HATCHES)]
+
+
+def axis_label(unit: str) -> str:
+    """Return what the errors of a unit are called; shares, of labels, are no errors."""
+    return unit if unit == SHARE else f"error ({unit})"
 
 
 def style_axis(axis: Axes, slots: float, top: float, label: str) -> None:

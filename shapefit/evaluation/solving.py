@@ -42,6 +42,11 @@ class Solving:
     milliseconds: float | None = None
     solved: float | None = None
 
+    @property
+    def images_per_second(self) -> float | None:
+        """Return 1000 / milliseconds; None where that is unknown or too short to be told."""
+        return 1000 / self.milliseconds if self.milliseconds else None
+
 
 def sum_up(runs: Sequence[Run]) -> Solving:
     """Sum up the files of one method; each image weighs the same."""

@@ -13,15 +13,18 @@ from shapefit.config import EvalConfig
 from shapefit.errors import input_error
 from shapefit.evaluation import plots, tables
 from shapefit.evaluation.box_plots import box_plot
+from shapefit.evaluation.errors_markdown import markdown
 from shapefit.evaluation.report import NORMALISED, Method, Report
 from shapefit.evaluation.solving import Run, sum_up
 from shapefit.evaluation.summary import ImageErrors, group_sequences, summarise
 from shapefit.io import ResultSet, read_results, read_shapes
 from shapefit.io.atomic import digest
 from shapefit.pipelines.examples import Lifted, check_examples, examples_picture, keep
+from shapefit.pipelines.floors import Shown, floor_errors, shown_in
 from shapefit.pipelines.judgement import Judgement, abbreviate, judge
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
+from shapefit.pipelines.visible_enough import visible_enough
 
 
 def run(config: EvalConfig) -> Iterator[Outcome]:
@@ -42,25 +45,31 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     methods: list[Method] = []
     errors: list[ImageErrors] = []
     warnings: list[str] = []
+    shown: dict[str, Shown] = {}
     for name, files in config.results.items():
         judgements, runs = [], []
         for file in files:
             results = read_results(file)
+            runs.append(_run_of(results))
+            results, too_few = visible_enough(file, results, config.least_visible)
             judgement = judge(file, results, truth, config.match, config.metrics)
             judgements.append(judgement)
-            runs.append(_run_of(results))
             if examples:
                 lifted[name].append(keep(results, judgement, truth))
+            if config.floors:
+                shown |= shown_in(results, judgement, config.floors.leave_out)
             yield Outcome(
                 done=len(judgement.items),
                 failures=tuple(Failure(i, f"{name}: {w}") for i, w in judgement.failures.items()),
-                warnings=judgement.warnings,
+                warnings=too_few + judgement.warnings,
                 note=name,
             )
-            warnings += judgement.warnings
+            warnings += too_few + judgement.warnings
         _check_distinct(judgements)
         methods.append(_method(name, judgements, runs))
         errors += _image_errors(name, judgements)
+    if config.floors:
+        errors += floor_errors(config.floors.dictionary, truth, shown)
     grouping, ungrouped = _grouping(config, errors)
     report = Report(
         methods=tuple(methods),
@@ -76,7 +85,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     if examples:
         writers |= plots.writers("examples", examples_picture(examples, lifted, truth))
     written = tuple(write_folder(config.output, writers))
-    yield Outcome(warnings=ungrouped, note=tables.markdown(report).rstrip(), written=written)
+    yield Outcome(warnings=ungrouped, note=markdown(report).rstrip(), written=written)
 
 
 def _check_distinct(judgements: Sequence[Judgement]) -> None:
@@ -144,6 +153,7 @@ def _grouping(
 
 def _provenance(config: EvalConfig) -> dict[str, object]:
     files = [*config.truth, *(file for files in config.results.values() for file in files)]
+    files += [config.floors.dictionary] if config.floors else []
     return {
         "version": __version__,
         "config": json.loads(config.as_json()),
@@ -156,7 +166,7 @@ def _tables(errors: Sequence[ImageErrors], report: Report) -> dict[str, Writer]:
         "per_image.csv": lambda path: tables.write_per_image(path, errors),
         "report.csv": lambda path: tables.write_report_csv(path, report.summaries),
         "report.json": lambda path: path.write_text(tables.report_json(report), encoding="utf-8"),
-        "report.md": lambda path: path.write_text(tables.markdown(report), encoding="utf-8"),
+        "report.md": lambda path: path.write_text(markdown(report), encoding="utf-8"),
     }
 
 

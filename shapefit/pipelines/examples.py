@@ -18,7 +18,8 @@ from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.meshes.pictures import Pose, skeleton_picture
 from shapefit.meshes.views import YAxis
-from shapefit.pipelines.judgement import Judgement, abbreviate, find_dataset
+from shapefit.pipelines.judgement import Judgement, abbreviate
+from shapefit.pipelines.result_datasets import find_dataset
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -207,8 +207,8 @@ def test_every_problem_is_told_at_once():
         (
             "eval",
             "metrics: [camra]",
-            "c.yaml:4:11: expected similarity or camera or rotation or reprojection, found 'camra'"
-            "; did you mean 'camera'?",
+            "c.yaml:4:11: expected similarity or camera or rotation or reprojection or precision "
+            "or recall, found 'camra'; did you mean 'camera'?",
         ),
         ("eval", "metrics: []", "c.yaml:4:10: expected at least one metric, found an empty list"),
         ("eval", "groups: {A: 3}", "c.yaml:4:13: expected a mapping, each value a text, found 3"),

@@ -168,3 +168,19 @@ class TestTruthScale:
 
     def test_true_landmarks_on_one_point_have_no_scale(self, truth):
         assert np.isnan(metrics.truth_scale(truth, np.full_like(truth, 0.1))).all()
+
+
+def test_the_box_of_landmarks_goes_around_the_visible_ones():
+    observed = np.array(
+        [
+            [[1.0, 4.0, 2.0, np.nan], [7.0, 3.0, 5.0, 9.0]],  # 3 by 4
+            [[-6.0, 6.0, 0.0, 0.0], [0.0, 0.0, -5.0, 0.0]],  # 12 by 5
+        ]
+    )
+    np.testing.assert_allclose(metrics.box_diagonal(observed), [5, 13])
+
+
+def test_one_point_or_none_has_no_box():
+    observed = np.full((2, 2, 3), np.nan)
+    observed[0, :, 1] = 7.0
+    np.testing.assert_array_equal(metrics.box_diagonal(observed), [np.nan, np.nan])

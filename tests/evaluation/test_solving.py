@@ -32,3 +32,10 @@ def test_what_one_file_does_not_tell_is_unknown_for_the_method():
 
 def test_without_a_known_objective_there_is_no_mean():
     assert sum_up([Run(1, np.array([np.nan]), STATUS[3:], 0.5)]) == Solving(None, 500.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("milliseconds", "rate"), [(0.25, 4000.0), (80.0, 12.5), (0.0, None), (None, None)]
+)
+def test_the_rate_is_the_inverse_of_the_time_of_an_image(milliseconds, rate):
+    assert Solving(milliseconds=milliseconds).images_per_second == rate

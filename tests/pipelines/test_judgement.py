@@ -66,6 +66,7 @@ def test_every_metric_in_its_units(fields, truth, rotations):
         ("camera", "m"),
         ("rotation", "deg"),
         ("reprojection", "px"),
+        ("reprojection", "box"),
     }
     similarity = metrics.similarity(fields["shapes"], truth.shapes)
     scale = truth.shapes.std(axis=-1).mean(axis=-1)
@@ -76,6 +77,10 @@ def test_every_metric_in_its_units(fields, truth, rotations):
     np.testing.assert_allclose(errors["camera", "normalised"], camera / scale)
     np.testing.assert_allclose(errors["rotation", "deg"], 30)
     np.testing.assert_allclose(errors["reprojection", "px"], np.sqrt(2))
+    observed = fields["extras"]["landmarks"]
+    sides = np.nanmax(observed, axis=1) - np.nanmin(observed, axis=1)
+    box = np.sqrt(2) / np.linalg.norm(sides, axis=-1)
+    np.testing.assert_allclose(errors["reprojection", "box"], box)
     assert (judgement.failures, judgement.warnings) == ({}, ())
 
 

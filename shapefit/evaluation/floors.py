@@ -1,0 +1,61 @@
+"""What a dictionary leaves of the truth at best: floors and ceilings of the errors of any fit."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.dictionary.coding import sparse_code
+from shapefit.evaluation.metrics import FEWEST_LANDMARKS, similarity
+from shapefit.geometry.procrustes import rotation_onto
+
+Floats = NDArray[np.float64]
+
+STILL = 1e-9
+"""Fall of the squared residual, as a share of the shape's square, that ends the alternation."""
+MAX_ROUNDS = 200
+
+
+def nearest_atom(shapes: Floats, atoms: Floats) -> Floats:
+    """Return min over i of similarity(B_i, S) for each shape; (n, 3, p), (k, 3, p) -> (n,)."""
+    errors = [similarity(np.broadcast_to(atom, shapes.shape), shapes) for atom in atoms]
+    return np.min(errors, axis=0)
+
+
+def best_combination(shapes: Floats, atoms: Floats) -> Floats:
+    """argmin over E = sum_i c_i B_i, c >= 0 of min over R, t of ||E - R S - t 1^T||_F^2.
+
+    shapes (n, 3, p) with nan where a landmark is unknown, atoms (k, 3, p); returns E (n, 3, p) in
+    the frame of the atoms, nan at unknown landmarks and where fewer than three are known. R and c
+    take turns from the rotation onto the mean of the atoms, so for a shape turned far from all of
+    them the minimum may be a local one.
+    """
+    known = np.isfinite(shapes).all(axis=-2)
+    best = np.full(shapes.shape, np.nan)
+    for pattern in np.unique(known, axis=0):
+        if pattern.sum() >= FEWEST_LANDMARKS:
+            rows = np.flatnonzero((known == pattern).all(axis=-1))
+            place = np.ix_(rows, np.arange(3), np.flatnonzero(pattern))
+            best[place] = _alternate(_centred(shapes[place]), _centred(atoms[..., pattern]))
+    return best
+
+
+def _alternate(shapes: Floats, atoms: Floats) -> Floats:
+    """Take turns between rotations and non-negative least squares; all centred, none hidden."""
+    targets = rotation_onto(shapes, atoms.mean(axis=0)) @ shapes
+    size = (shapes**2).sum(axis=(-2, -1))
+    coefficients = None
+    before = np.full(len(shapes), np.inf)
+    for _ in range(MAX_ROUNDS):
+        coefficients = sparse_code(targets, atoms, beta=0.0, start=coefficients)
+        combined = np.tensordot(coefficients, atoms, axes=1)
+        residual = ((combined - targets) ** 2).sum(axis=(-2, -1))
+        if (before - residual <= STILL * size).all():
+            break
+        before = residual
+        targets = rotation_onto(shapes, combined) @ shapes
+    return combined
+
+
+def _centred(points: Floats) -> Floats:
+    return points - points.mean(axis=-1, keepdims=True)

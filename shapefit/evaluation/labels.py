@@ -1,0 +1,32 @@
+"""How well landmarks labelled as outliers agree with those that were corrupted.
+
+Both functions take labels (n, p) of n images, and give nan for an image that leaves them
+undefined: that is no failure.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+SHARE = "share"
+"""Unit of both."""
+
+
+def precision(labelled: Booleans, corrupted: Booleans) -> Floats:
+    """|labelled and corrupted| / |labelled| of each image (n,); nan where nothing is labelled."""
+    return _share(labelled & corrupted, labelled)
+
+
+def recall(labelled: Booleans, corrupted: Booleans) -> Floats:
+    """|labelled and corrupted| / |corrupted| of each image (n,); nan where nothing is corrupted."""
+    return _share(labelled & corrupted, corrupted)
+
+
+def _share(part: Booleans, whole: Booleans) -> Floats:
+    count = whole.sum(axis=-1)
+    nothing = np.full(len(count), np.nan)
+    return np.divide(part.sum(axis=-1), count, out=nothing, where=count > 0)

@@ -1,0 +1,57 @@
+"""What stops an evaluation, and what it leaves behind then."""
+
+from dataclasses import replace
+
+import pytest
+
+from shapefit.errors import InputError
+from shapefit.evaluation import tables
+
+
+def test_an_item_in_two_files_of_one_method_is_an_error(desk, results):
+    desk.write("again.h5", results.take([3]))
+    files = {"convex": [desk.folder / "convex.h5", desk.folder / "again.h5"]}
+    with pytest.raises(InputError, match=r"again.h5: has the item 'item3', which .*convex.h5"):
+        desk.run(results=files)
+
+
+def test_a_crash_while_writing_leaves_old_files_and_no_half_ones(desk, monkeypatch):
+    desk.run()
+    old = {path.name: path.read_bytes() for path in desk.config.output.iterdir()}
+
+    def crash(report):
+        raise RuntimeError("crashed")
+
+    monkeypatch.setattr(tables, "report_json", crash)
+    with pytest.raises(RuntimeError):
+        desk.run(metrics=["similarity"])
+    assert {path.name for path in desk.config.output.iterdir()} == set(old)
+    assert (desk.config.output / "report.json").read_bytes() == old["report.json"]
+    assert (desk.config.output / "report.md").read_bytes() == old["report.md"]
+
+
+class TestInputErrors:
+    def test_groups_match_no_sequence(self, desk):
+        with pytest.raises(InputError, match=r"groups: no sequence matches.*13_01, 13_02, 14_01"):
+            desk.run(groups={"Subject 15": "15_*"})
+        assert not desk.config.output.exists()
+
+    def test_results_of_other_items(self, desk, results):
+        desk.write("convex.h5", replace(results, items=tuple("abcdefg")))
+        with pytest.raises(InputError, match="none of its 7 images is in the truth"):
+            desk.run()
+        assert not desk.config.output.exists()
+
+    def test_output_is_a_file(self, desk):
+        (desk.folder / "report").write_text("kept")
+        with pytest.raises(InputError, match="report: it is not a folder"):
+            desk.begin()
+        assert (desk.folder / "report").read_text() == "kept"
+
+    def test_folder_of_the_output_is_missing(self, desk):
+        with pytest.raises(InputError, match="does not exist"):
+            desk.begin(output=desk.folder / "none" / "report")
+
+    def test_output_is_standard_output(self, desk):
+        with pytest.raises(InputError, match="folder"):
+            desk.begin(output="-")

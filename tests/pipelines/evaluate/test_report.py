@@ -1,0 +1,172 @@
+"""The tables and the page that an evaluation writes, and what stands in them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.evaluation import metrics
+from shapefit.io import write_shapes
+
+N = 7
+FILES = {"per_image.csv", "report.csv", "report.json", "report.md"}
+
+
+def test_group_mean_is_the_mean_of_its_sequences_means(desk, truth, results):
+    desk.run()
+    errors = metrics.similarity(results.shapes, truth.shapes)
+    labels = {"method": "convex", "metric": "similarity", "unit": "m"}
+    first = desk.row(**labels, group="Subject 13", sequence="13_01")
+    group = desk.row(**labels, group="Subject 13", sequence="")
+    np.testing.assert_allclose(float(first["mean"]), errors[:4].mean())
+    np.testing.assert_allclose(float(group["mean"]), (errors[:4].mean() + errors[4]) / 2)
+    assert abs(errors[:5].mean() - float(group["mean"])) > 1e-3
+    assert (first["images"], group["images"]) == ("4", "5")
+
+
+def test_last_outcome_shows_the_table_and_lists_what_was_written(desk):
+    judged, written = desk.run()
+    assert (judged.done, judged.failures, judged.warnings) == (N, (), ())
+    assert {path.name for path in written.written} == FILES
+    assert {path.name for path in desk.config.output.iterdir()} == FILES
+    assert f"{written.note}\n" == (desk.config.output / "report.md").read_text()
+    assert "Subject 13" in written.note
+
+
+def test_per_image_has_a_row_for_every_metric_and_unit(desk):
+    desk.run()
+    rows = desk.rows("per_image.csv")
+    assert len(rows) == 7 * N
+    kinds = {(row["metric"], row["unit"]) for row in rows}
+    assert kinds == {
+        ("similarity", "normalised"),
+        ("similarity", "m"),
+        ("camera", "normalised"),
+        ("camera", "m"),
+        ("rotation", "deg"),
+        ("reprojection", "m"),
+        ("reprojection", "box"),
+    }
+    row = desk.row("per_image.csv", item="item4", metric="rotation")
+    assert (row["sequence"], row["method"]) == ("13_02", "convex")
+    assert float(row["error"]) < 1e-4
+
+
+def test_published_rows_and_caveats_stand_beside_ours(desk):
+    published = {"Convex (paper)": {"Subject 13": 0.259}}
+    *_, last = desk.run(published=published, caveats=["Other frames than theirs."])
+    header = next(line for line in last.note.splitlines() if "paper" in line)
+    row = next(line for line in last.note.splitlines() if "0.259" in line)
+    assert "convex" in header
+    assert row.startswith("| Subject 13 |")
+    assert "- Other frames than theirs." in last.note
+    document = json.loads((desk.config.output / "report.json").read_text())
+    assert document["published"] == published
+
+
+def test_failed_items_are_counted_listed_and_left_out(desk, truth, results):
+    shapes = results.shapes.copy()
+    shapes[1] = np.nan
+    desk.write("convex.h5", replace(results, shapes=shapes))
+    judged, last = desk.run()
+    assert [failure.item for failure in judged.failures] == ["item1"]
+    assert judged.failures[0].reason.startswith("convex: ")
+    assert judged.done == N
+    errors = metrics.similarity(results.shapes, truth.shapes)
+    row = desk.row(metric="similarity", unit="m", sequence="13_01")
+    assert row["images"] == "3"
+    np.testing.assert_allclose(float(row["mean"]), errors[[0, 2, 3]].mean())
+    (method,) = json.loads((desk.config.output / "report.json").read_text())["methods"]
+    assert (method["images"], method["failed"]) == (N, 1)
+    assert "item1" in last.note
+    failed = [row for row in desk.rows("per_image.csv") if row["item"] == "item1"]
+    assert [row["error"] for row in failed] == [""] * 7
+
+
+def test_items_without_truth_are_failures(desk, truth):
+    write_shapes(desk.folder / "truth.h5", truth.take([0, 1, 2, 3, 4, 5]))
+    judged, last = desk.run()
+    assert [failure.item for failure in judged.failures] == ["item6"]
+    assert "item6" in last.note
+
+
+def test_several_methods_side_by_side(desk, results):
+    desk.write("worse.h5", replace(results, shapes=-results.shapes))
+    methods = {"good": [desk.folder / "convex.h5"], "mirrored": [desk.folder / "worse.h5"]}
+    outcomes = desk.run(results=methods)
+    assert [outcome.note for outcome in outcomes[:-1]] == ["good", "mirrored"]
+    labels = {"metric": "similarity", "unit": "m", "group": "Subject 14", "sequence": ""}
+    good, mirrored = (float(desk.row(**labels, method=m)["mean"]) for m in methods)
+    assert good < mirrored
+
+
+def test_files_of_one_method_are_joined(desk, results):
+    desk.run()
+    whole = desk.rows()
+    desk.write("a.h5", results.take([0, 1, 5]))
+    desk.write("b.h5", results.take([2, 3, 4, 6]))
+    files = {"convex": [desk.folder / "a.h5", desk.folder / "b.h5"]}
+    desk.run(results=files)
+    for row in whole:
+        kind = {key: row[key] for key in ("metric", "unit", "group", "sequence")}
+        other = desk.row(**kind)
+        assert other["images"] == row["images"]
+        np.testing.assert_allclose(float(other["mean"]), float(row["mean"]))
+
+
+def test_csv_results_are_judged_by_shape_alone(desk, results):
+    desk.write("table.csv", results)
+    judged, last = desk.run(results=[desk.folder / "table.csv"])
+    assert len(judged.warnings) == 3
+    assert all(warning in last.note for warning in judged.warnings)
+    metrics_left = {row["metric"] for row in desk.rows()}
+    assert metrics_left == {"similarity"}
+
+
+def test_without_groups_and_sequences_all_is_one(desk, truth, results):
+    write_shapes(desk.folder / "truth.h5", replace(truth, sequences=None))
+    desk.write("convex.h5", replace(results, sequences=None))
+    desk.run(groups={})
+    places = {(row["group"], row["sequence"]) for row in desk.rows()}
+    assert places == {("all", ""), ("all", "all")}
+
+
+def test_groups_and_sequences_that_match_nothing_are_said(desk):
+    *_, last = desk.run(groups={"Subject 13": "13_*", "Subject 15": "15_*"})
+    assert len(last.warnings) == 2
+    assert "group Subject 15: no sequence matches '15_*'" in last.warnings
+    assert any("14_01" in warning for warning in last.warnings)
+    assert all(warning in last.note for warning in last.warnings)
+
+
+def test_provenance_is_kept(desk):
+    desk.run()
+    document = json.loads((desk.config.output / "report.json").read_text())
+    assert document["config"]["match"] == "item"
+    assert set(document["inputs"]) == {
+        str(desk.config.truth[0]),
+        str(*desk.config.results["convex"]),
+    }
+    assert all(len(digest) == 64 for digest in document["inputs"].values())
+
+
+def test_what_the_files_tell_about_solving_is_summed_up(desk, results):
+    status = np.array(["optimal"] * 6 + ["iteration limit"], dtype=object)
+    told = replace(
+        results,
+        objective=np.arange(7.0),
+        status=status,
+        attributes={"solve_seconds": 0.014, "method": "convex"},
+    )
+    desk.write("told.h5", told)
+    *_, last = desk.run(
+        results={"told": [desk.folder / "told.h5"], "silent": desk.config.results["convex"]}
+    )
+    told_of, silent = json.loads((desk.config.output / "report.json").read_text())["methods"]
+    assert told_of["solving"] == pytest.approx(
+        {"mean_objective": 3.0, "milliseconds": 2.0, "solved": 6 / 7}
+    )
+    assert set(silent["solving"].values()) == {None}
+    assert "## Solving" in last.note
+    assert "85.71 %" in last.note
