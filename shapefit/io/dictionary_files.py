@@ -31,6 +31,7 @@ def read_dictionary(path: Path) -> Dictionary:
         if fields["mesh_vertices"] is not None:
             hdf5_checks.check_finite(reader, "mesh_vertices", [fields["mesh_vertices"]])
         hdf5_checks.check_positive(reader, "atom_scale")
+        hdf5_checks.check_named(reader, [fields["atom_items"] or ()], "atom_item")
         hdf5_checks.check_indices(reader, "edges", "p")
         hdf5_checks.check_indices(reader, "mesh_faces", "q")
         if fields["objective_trace"] is None:

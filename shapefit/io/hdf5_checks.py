@@ -64,13 +64,13 @@ def check_indices(reader: Hdf5Reader, name: str, axis: str) -> None:
         raise input_error(reader.place(name, int(rows[0])), found, fix)
 
 
-def check_named(reader: Hdf5Reader, blocks: Iterable[Sequence[str]]) -> None:
-    """Raise InputError where an item has no name."""
+def check_named(reader: Hdf5Reader, blocks: Iterable[Sequence[str]], dataset: str = "item") -> None:
+    """Raise InputError where an item of the dataset has no name."""
     problems = Problems()
     start = 0
     for block in blocks:
         rows = [start + row for row, item in enumerate(block) if not item]
-        problems.add(rows, lambda row: f"{reader.place('item', row)}: is empty; name every item")
+        problems.add(rows, lambda row: f"{reader.place(dataset, row)}: is empty; name every item")
         start += len(block)
     problems.raise_if_any()
 

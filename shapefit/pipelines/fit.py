@@ -22,6 +22,7 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.path import follow_path
 from shapefit.pipelines.fit_export import open_exports
 from shapefit.pipelines.fit_record import as_result
+from shapefit.pipelines.left_out import Strangers
 from shapefit.pipelines.lifting_chain import choose_lifter, choose_newton
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.whole_sequences import whole_sequences
@@ -32,6 +33,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     dictionary = read_dictionary(config.dictionary)
     lifter = choose_lifter(config, dictionary)
     newton = choose_newton(config)
+    strangers = Strangers(config.leave_out, dictionary) if config.leave_out else None
     solve_seconds, done = 0.0, 0
     with (
         open_landmarks(config.landmarks) as source,
@@ -43,6 +45,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             began = time.perf_counter()
             lifting = lifter(images, dictionary)
             solve_seconds += time.perf_counter() - began
+            if strangers:
+                strangers.add(images)
             path = follow_path(lifting.problem, config.path, newton) if config.path else None
             record = as_result(images, lifting, path, config, dictionary)
             writer.append(record)
@@ -54,6 +58,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 failures=find_failures(images, lifting, config),
                 warnings=find_warnings(lifting, config),
             )
+        left_in = strangers.warnings if strangers else ()
         writer.attributes.update(
             method=config.method,
             version=__version__,
@@ -66,7 +71,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         )
     yield Outcome(
         total=source.count,
-        warnings=exports.warnings,
+        warnings=left_in + exports.warnings,
         note=exports.note,
         written=(config.output, *exports.folders),
     )

@@ -21,9 +21,10 @@ from shapefit.lifting.path import WarmSolve
 from shapefit.lifting.perspective_view import Options, refine_view
 from shapefit.lifting.temporal import Sequencing, refine_sequences
 from shapefit.pipelines.intrinsics import find_camera
+from shapefit.pipelines.left_out import leaving_out
+from shapefit.pipelines.lifter import Lifter
 
 Floats = NDArray[np.float64]
-Lifter = Callable[[LandmarkSet, Dictionary], Lifting]
 View = Callable[[Lifting, LandmarkSet, Dictionary], Lifting]
 Refinement = Callable[[Lifting, LandmarkSet], Lifting]
 
@@ -44,7 +45,10 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
         lifting = lift(images.landmarks, weights, dictionary.atoms, program, estimator)
         return view(lifting, images, dictionary)
 
-    return lambda images, dictionary: refinement(lift_with(images, dictionary), images)
+    lifter: Lifter = lift_with
+    if config.leave_out is not None:
+        lifter = leaving_out(lift_with, config.leave_out, dictionary)
+    return lambda images, dictionary: refinement(lifter(images, dictionary), images)
 
 
 def choose_view(config: FitConfig) -> View:

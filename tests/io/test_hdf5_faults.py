@@ -289,6 +289,11 @@ def test_scales_and_items_belong_to_atoms(dictionary_file, problems, edit):
     )
 
 
+def test_items_of_atoms_have_names(dictionary_file, problems, edit):
+    (line,) = problems(read_dictionary, edit(dictionary_file, atom_item=[*"abcde", "", "g"]))
+    assert line == f"{dictionary_file}:/atom_item[5]: is empty; name every item"
+
+
 def test_a_dictionary_may_lack_scales_and_items(dictionary_file, dictionary, same, edit):
     edit(dictionary_file, atom_scale=None, atom_item=None)
     bare = replace(dictionary, atom_scale=None, atom_items=None)

@@ -137,7 +137,7 @@ def dictionaries(draw):
         mesh_faces=draw(optional(indices(3, q))),
         atom_scale=draw(optional(numbers(k, positive))),
         unit=draw(names),
-        atom_items=draw(optional(st.lists(texts, min_size=k, max_size=k).map(tuple))),
+        atom_items=draw(optional(st.lists(names, min_size=k, max_size=k).map(tuple))),
         objective_trace=draw(numbers(draw(st.integers(0, 3)))),
         provenance=draw(attributes(texts)),
     )

@@ -1,0 +1,99 @@
+"""`leave_out` of `fit`: no image is lifted with the atoms of the model that it shows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
+from shapefit.io import LandmarkSet
+from shapefit.io.extras import Extras
+from shapefit.lifting.lift import Lifting
+from shapefit.lifting.merging import Group, merge
+from shapefit.pipelines.lifter import Lifter
+
+KEY = "leave_out"
+BY_ITEM = "item"
+
+
+def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary) -> Lifter:
+    """Return what lifts each image with the dictionary without the item that `dataset` names.
+
+    Images of an item that the dictionary does not have are lifted with all atoms. The lifting has
+    the columns of the whole dictionary, 0 for atoms left out. Raises InputError where the atoms
+    have no items, or but one; and, when it lifts, where the images lack the dataset.
+    """
+    if dictionary.atom_items is None:
+        found = "the atoms of the dictionary have no items"
+        raise input_error(KEY, found, f"learn it with `method: exemplars`, or remove `{KEY}`")
+    if len(set(dictionary.atom_items)) == 1:
+        found = f"every atom of the dictionary is the item '{dictionary.atom_items[0]}'"
+        raise input_error(KEY, found, "learn the dictionary from more models")
+
+    def lift_without(images: LandmarkSet, dictionary: Dictionary) -> Lifting:
+        items = find_items(images, dataset)
+        items[~find_known(items, dictionary)] = ""
+        groups = []
+        for item in dict.fromkeys(items.tolist()):
+            rows = np.flatnonzero(items == item)
+            rest = dictionary.without(item) if item else dictionary
+            lifting = lifter(images.take(rows), rest)
+            groups.append(Group(lifting, rows, np.flatnonzero(dictionary.atoms_without(item))))
+        return merge(groups, dictionary.atoms) if groups else lifter(images, dictionary)
+
+    return lift_without
+
+
+class Strangers:
+    """Counts the images that show no item of the dictionary, and so were lifted with all atoms."""
+
+    def __init__(self, dataset: str, dictionary: Dictionary) -> None:
+        self._dataset = dataset
+        self._dictionary = dictionary
+        self._images = 0
+        self._first: list[str] = []
+        self._count = 0
+
+    def add(self, images: LandmarkSet) -> None:
+        """Count the strangers among more images. Raises InputError where they lack the dataset."""
+        items = find_items(images, self._dataset)
+        strange = items[~find_known(items, self._dictionary)]
+        self._images += len(images)
+        self._count += len(strange)
+        self._first = self._first or strange[:1].tolist()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """How many there were. Raises InputError where there was nobody else."""
+        if not self._count:
+            return ()
+        found = (
+            f"{self._count} of {self._images} images show no item of the dictionary, "
+            f"the first '{self._first[0]}'"
+        )
+        if self._count == self._images:
+            items = ", ".join(f"'{item}'" for item in list(self._dictionary.atom_items or ())[:3])
+            fix = f"name the dataset whose texts are items of the dictionary, as {items}"
+            raise input_error(KEY, found, fix)
+        return (f"{KEY}: {found}; they were fitted with all atoms",)
+
+
+def find_items(images: LandmarkSet, dataset: str) -> NDArray[np.str_]:
+    """Return the item that the dataset names for each image (n,).
+
+    `item` stands for the items of the images themselves. Raises InputError where the landmarks
+    have no such dataset with one name an image.
+    """
+    per_item = Extras.of(images.extras, len(images)).per_item
+    named = {name: values for name, values in per_item.items() if values.ndim == 1}
+    named[BY_ITEM] = np.array(images.items, dtype=object)
+    if dataset not in named:
+        found = f"the landmarks have no dataset '{dataset}' with one name an image"
+        raise input_error(KEY, found, f"set `{KEY}` to one of: {', '.join(sorted(named))}")
+    return named[dataset].astype(str)
+
+
+def find_known(items: NDArray[np.str_], dictionary: Dictionary) -> NDArray[np.bool_]:
+    """Return the mask (n,) of the items that atoms of the dictionary have."""
+    return np.isin(items, np.array(dictionary.atom_items, dtype=str))

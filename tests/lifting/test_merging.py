@@ -1,0 +1,139 @@
+"""Liftings of groups become one: every field, in the order of the images, with all atoms."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+
+from shapefit.convex.newton import solve_newton
+from shapefit.geometry.normalisation import normalise
+from shapefit.lifting.lift import PerspectiveView, Program, lift
+from shapefit.lifting.merging import Group, merge
+from shapefit.lifting.methods import Settings, choose_method
+
+PROGRAM = Program(lam=0.1)
+ORDER = np.array([3, 0, 6, 1, 5, 2, 4])
+PARTS = (slice(0, 3), slice(3, 4), slice(4, 7))
+
+
+@pytest.fixture
+def atoms(rng):
+    return normalise(rng.standard_normal((5, 3, 8))).points
+
+
+@pytest.fixture
+def run(rng, atoms):
+    """Return the function that lifts some of seven images, one of them degenerate."""
+    landmarks = 10 * rng.standard_normal((7, 2, 8)) + 50
+    weights = np.ones((7, 8))
+    weights[5, 2:] = 0
+
+    def run(images=slice(None), kept=slice(None), method="convex"):
+        B = atoms[kept]
+        settings = Settings(solve=solve_newton, mean_shape=normalise(B.mean(axis=0)).points)
+        estimator = choose_method(method, settings)
+        return lift(landmarks[images], weights[images], B, PROGRAM, estimator)
+
+    return run
+
+
+def same(one, other):
+    """Assert that two records agree in all their fields, to the last bit."""
+    assert type(one) is type(other)
+    for field in fields(one):
+        mine, theirs = getattr(one, field.name), getattr(other, field.name)
+        if is_dataclass(mine):
+            same(mine, theirs)
+        elif isinstance(mine, np.ndarray):
+            np.testing.assert_array_equal(mine, theirs, strict=True, err_msg=field.name)
+        else:
+            assert mine == theirs, field.name
+
+
+def one_by_one(run, **options):
+    return [Group(run([i], **options), np.array([i]), np.arange(5)) for i in ORDER]
+
+
+@pytest.mark.parametrize("method", ["convex", "convex+refine", "mean-shape"])
+def test_images_lifted_one_by_one_are_those_lifted_alone(run, atoms, method):
+    merged = merge(one_by_one(run, method=method), atoms)
+    assert merged.failures.keys() == {5}
+    for i in range(7):
+        alone = run([i], method=method)
+        np.testing.assert_array_equal(merged.shapes[i], alone.shapes[0])
+        assert merged.estimate.status[i] is alone.estimate.status[0]
+        assert merged.failures.get(i) == alone.failures.get(0)
+
+
+def test_every_field_comes_back_in_the_order_of_the_images(run, atoms):
+    whole = run()
+    view = PerspectiveView(np.arange(21.0).reshape(7, 3), np.arange(7.0), np.zeros((7, 2)))
+    whole = replace(whole, perspective=view)
+
+    def part(images):
+        def take(values):
+            return values[images]
+
+        found, problem = whole.estimate, whole.problem
+        arrays = {
+            f.name: take(getattr(found, f.name))
+            for f in fields(found)
+            if isinstance(getattr(found, f.name), np.ndarray)
+        }
+        number = {image: row for row, image in enumerate(images)}
+        return replace(
+            whole,
+            shapes=take(whole.shapes),
+            landmarks_fitted=take(whole.landmarks_fitted),
+            translation=take(whole.translation),
+            scale=take(whole.scale),
+            problem=problem.take(images),
+            estimate=replace(found, status=tuple(found.status[i] for i in images), **arrays),
+            failures={number[i]: why for i, why in whole.failures.items() if i in number},
+            perspective=PerspectiveView(*(take(getattr(view, f.name)) for f in fields(view))),
+        )
+
+    groups = [Group(part(ORDER[p]), ORDER[p], np.arange(5)) for p in PARTS]
+    same(merge(groups, atoms), whole)
+
+
+def test_atoms_that_a_group_lacked_have_no_part(run, atoms):
+    kept = np.array([0, 2, 3])
+    some, rest = np.array([4, 1]), np.array([0, 2, 3, 5, 6])
+    part = run(some, kept)
+    merged = merge([Group(part, some, kept), Group(run(rest), rest, np.arange(5))], atoms)
+    assert merged.estimate.coefficients.shape == (7, 5)
+    np.testing.assert_array_equal(merged.estimate.coefficients[some][:, [1, 4]], 0)
+    np.testing.assert_array_equal(merged.estimate.transforms[some][:, [1, 4]], 0)
+    np.testing.assert_array_equal(
+        merged.estimate.transforms[some][:, kept], part.estimate.transforms
+    )
+    np.testing.assert_array_equal(
+        merged.estimate.coefficients[some][:, kept], part.estimate.coefficients
+    )
+    np.testing.assert_array_equal(merged.problem.atoms, atoms)
+    np.testing.assert_array_equal(merged.problem.landmarks[some], part.problem.landmarks)
+
+
+def test_images_must_be_there_once(run, atoms):
+    group = Group(run([0, 1]), np.array([0, 1]), np.arange(5))
+    for images in ([1, 2], [3, 4]):
+        with pytest.raises(ValueError, match="each image once"):
+            merge([group, Group(run(images), np.array(images), np.arange(5))], atoms)
+
+
+def test_what_cannot_be_joined_is_named(run, atoms):
+    first = Group(run([0]), np.array([0]), np.arange(5))
+    other = run([1])
+    broken = {
+        "estimate: tight: is not of one type": replace(
+            other, estimate=replace(other.estimate, tight=None)
+        ),
+        "problem: beta: differs": replace(other, problem=replace(other.problem, beta=0.7)),
+        r"scale: has the shape \(2,\) for 1 images": replace(other, scale=np.ones(2)),
+    }
+    for message, lifting in broken.items():
+        with pytest.raises(ValueError, match=message):
+            merge([first, Group(lifting, np.array([1]), np.arange(5))], atoms)
