@@ -8,6 +8,7 @@
 #   make paper        every table and figure of the paper, with an index (DATA=FOLDER as below)
 #   make bench        images a second against the peers (DATA=FOLDER adds motion capture)
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
+#   make cars         real cars: report, meshes, pictures, outliers (DATA=FOLDER as above)
 
 PYTHON ?= python3
 DATA ?=
@@ -19,10 +20,15 @@ READY := $(VENV)/ready
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test check format-check lint types docs mocap-table recovery paper clean
+.PHONY: demo test check format-check lint types docs mocap-table recovery paper cars bench clean
 
 demo: $(READY)
 	$(call chain,demo)
+	@mkdir -p results/demo/cars
+	$(SHAPEFIT) learn-dict -c configs/demo/cars/learn-dict.yaml
+	$(SHAPEFIT) fit -c configs/demo/cars/fit.yaml
+	$(SHAPEFIT) eval -c configs/demo/cars/eval.yaml
+	@echo "Meshes, pictures and a report of cars are in results/demo/cars."
 
 mocap-table: $(READY)
 	$(call chain,mocap)
@@ -47,6 +53,20 @@ paper: $(READY)
 	for sweep in $(PAPER_SWEEPS); do \
 	    $(SHAPEFIT) sweep -c configs/paper/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(BIN)/python -m benchmarks.paper_index results/paper
+
+CAR_METHODS := $(basename $(notdir $(wildcard configs/cars/methods/*.yaml)))
+CAR_SWEEPS := $(basename $(notdir $(wildcard configs/cars/outliers-*.yaml)))
+
+cars: $(READY)
+	@mkdir -p results/cars
+	$(SHAPEFIT) learn-dict -c configs/cars/learn-dict.yaml $(SET_DATA)
+	$(SHAPEFIT) fit -c configs/cars/fit.yaml $(SET_DATA) || [ $$? -eq 1 ]
+	for method in $(CAR_METHODS); do \
+	    $(SHAPEFIT) fit -c configs/cars/methods/$$method.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
+	$(SHAPEFIT) eval -c configs/cars/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
+	for sweep in $(CAR_SWEEPS); do \
+	    $(SHAPEFIT) sweep -c configs/cars/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
+	@echo "The report, pictures and meshes are in results/cars."
 
 test: $(READY)
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
