@@ -27,8 +27,9 @@ def best_combination(shapes: Floats, atoms: Floats) -> Floats:
 
     shapes (n, 3, p) with nan where a landmark is unknown, atoms (k, 3, p); returns E (n, 3, p) in
     the frame of the atoms, nan at unknown landmarks and where fewer than three are known. R and c
-    take turns from the rotation onto the mean of the atoms, so for a shape turned far from all of
-    them the minimum may be a local one.
+    take turns, once from the rotation onto the mean of the atoms and once from that onto the
+    nearest atom, and the better end counts: it is never worse than any single atom, but may be a
+    local minimum.
     """
     known = np.isfinite(shapes).all(axis=-2)
     best = np.full(shapes.shape, np.nan)
@@ -36,25 +37,38 @@ def best_combination(shapes: Floats, atoms: Floats) -> Floats:
         if pattern.sum() >= FEWEST_LANDMARKS:
             rows = np.flatnonzero((known == pattern).all(axis=-1))
             place = np.ix_(rows, np.arange(3), np.flatnonzero(pattern))
-            best[place] = _alternate(_centred(shapes[place]), _centred(atoms[..., pattern]))
+            best[place] = _combine(_centred(shapes[place]), _centred(atoms[..., pattern]))
     return best
 
 
-def _alternate(shapes: Floats, atoms: Floats) -> Floats:
-    """Take turns between rotations and non-negative least squares; all centred, none hidden."""
-    targets = rotation_onto(shapes, atoms.mean(axis=0)) @ shapes
+def _combine(shapes: Floats, atoms: Floats) -> Floats:
+    """Return the better of the two ends; all centred, none hidden."""
+    sizes = np.linalg.norm(atoms, axis=(-2, -1), keepdims=True)
+    directions = atoms / np.maximum(sizes, np.finfo(np.float64).tiny)  # an atom may be 0
+    overlap = [((rotation_onto(shapes, B) @ shapes) * B).sum(axis=(-2, -1)) for B in directions]
+    nearest = atoms[np.argmax(overlap, axis=0)]
+    mean = np.broadcast_to(atoms.mean(axis=0), shapes.shape)
+    (first, remains), (second, leaves) = (_alternate(shapes, atoms, at) for at in (mean, nearest))
+    return np.where((leaves < remains)[:, None, None], second, first)
+
+
+def _alternate(shapes: Floats, atoms: Floats, start: Floats) -> tuple[Floats, Floats]:
+    """Take turns between rotations and non-negative least squares, from the rotations onto start.
+
+    Returns the combinations (n, 3, p) and their squared residuals (n,).
+    """
     size = (shapes**2).sum(axis=(-2, -1))
-    coefficients = None
+    combined, coefficients = start, None
     before = np.full(len(shapes), np.inf)
     for _ in range(MAX_ROUNDS):
+        targets = rotation_onto(shapes, combined) @ shapes
         coefficients = sparse_code(targets, atoms, beta=0.0, start=coefficients)
         combined = np.tensordot(coefficients, atoms, axes=1)
         residual = ((combined - targets) ** 2).sum(axis=(-2, -1))
         if (before - residual <= STILL * size).all():
             break
         before = residual
-        targets = rotation_onto(shapes, combined) @ shapes
-    return combined
+    return combined, residual
 
 
 def _centred(points: Floats) -> Floats:

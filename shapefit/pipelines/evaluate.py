@@ -22,6 +22,7 @@ from shapefit.io.atomic import digest
 from shapefit.pipelines.examples import Lifted, check_examples, examples_picture, keep
 from shapefit.pipelines.floors import Shown, floor_errors, shown_in
 from shapefit.pipelines.judgement import Judgement, abbreviate, judge
+from shapefit.pipelines.measurement import MAY_BE_UNDEFINED
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
 from shapefit.pipelines.visible_enough import visible_enough
@@ -32,8 +33,9 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
 
     One outcome a result file, with the images that failed, and a last one with the Markdown
     tables as its note. Nothing is written before all results were judged. Raises InputError for
-    files that cannot be read or compared, groups that no sequence belongs to, examples that cannot
-    be drawn, an output folder that cannot be written, and plots without matplotlib.
+    files that cannot be read or compared, images that leave every metric undefined, a dictionary
+    that gives no floors, groups that no sequence belongs to, examples that cannot be drawn, an
+    output folder that cannot be written, and plots without matplotlib.
     """
     check_folder(config.output)
     if config.plots:
@@ -68,6 +70,9 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         _check_distinct(judgements)
         methods.append(_method(name, judgements, runs))
         errors += _image_errors(name, judgements)
+    if not errors:
+        found = f"no image has anything to judge in {', '.join(config.metrics)}"
+        raise input_error("metrics", found, "add `similarity`, which every shape has")
     if config.floors:
         errors += floor_errors(config.floors.dictionary, truth, shown)
     grouping, ungrouped = _grouping(config, errors)
@@ -121,15 +126,23 @@ def _method(name: str, judgements: Sequence[Judgement], runs: Sequence[Run]) -> 
 
 
 def _image_errors(name: str, judgements: Sequence[Judgement]) -> list[ImageErrors]:
-    """Join what the files of one method say about each metric and unit."""
+    """Join what the files of one method say about each metric and unit.
+
+    Images that leave a metric undefined are no images of it, unless they failed.
+    """
     kinds = dict.fromkeys(kind for judgement in judgements for kind in judgement.errors)
     joined = []
-    for metric, unit in kinds:
-        having = [j for j in judgements if (metric, unit) in j.errors]
-        items = tuple(item for j in having for item in j.items)
-        sequences = tuple(sequence for j in having for sequence in j.sequences)
-        values = np.concatenate([j.errors[metric, unit] for j in having])
-        joined.append(ImageErrors(name, metric, unit, items, sequences, values))
+    for kind in kinds:
+        images = [
+            (item, sequence, value)
+            for j in judgements
+            if kind in j.errors
+            for item, sequence, value in zip(j.items, j.sequences, j.errors[kind], strict=True)
+            if kind[0] not in MAY_BE_UNDEFINED or not np.isnan(value) or item in j.failures
+        ]
+        if images:
+            items, sequences, values = zip(*images, strict=True)
+            joined.append(ImageErrors(name, *kind, items, sequences, np.array(values)))
     return joined
 
 

@@ -193,6 +193,14 @@ def test_a_printed_eval_config_with_examples_loads_again(folder, examples):
     assert load_config("eval", write(folder, dump_config(config))) == config
 
 
+@pytest.mark.parametrize("leave_out", [None, "true_model"])
+def test_a_printed_eval_config_with_floors_loads_again(folder, leave_out):
+    floors = {"dictionary": "b.h5", "leave_out": leave_out}
+    config = EvalConfig(results="a.h5", truth="a.h5", output="r", floors=floors, least_visible=20)
+    assert config.floors.dictionary == folder / "b.h5"
+    assert load_config("eval", write(folder, dump_config(config))) == config
+
+
 def test_a_printed_config_with_landmark_names_loads_again(folder):
     config = LearnDictConfig(
         shapes="a.h5", output="d.h5", data="far", align=["no", "1e-3", "hip: left"]

@@ -210,6 +210,8 @@ def test_every_problem_is_told_at_once():
             "c.yaml:4:11: expected similarity or camera or rotation or reprojection or precision "
             "or recall, found 'camra'; did you mean 'camera'?",
         ),
+        ("eval", "floors: {dictionary: none.h5}", "c.yaml:4:22: no file"),
+        ("eval", "least_visible: -1", "c.yaml:4:16: expected"),
         ("eval", "metrics: []", "c.yaml:4:10: expected at least one metric, found an empty list"),
         ("eval", "groups: {A: 3}", "c.yaml:4:13: expected a mapping, each value a text, found 3"),
         (
@@ -330,3 +332,9 @@ def test_one_dictionary_only(folder):
 def test_results_of_one_name_must_be_named_apart(folder):
     (told,) = problems("eval", EVAL.replace("results: a.h5", "results: [a.h5, sub/a.csv]"))
     assert "would both be called 'a'" in told
+
+
+def test_a_result_cannot_have_the_name_of_a_floor():
+    text = EVAL.replace("results: a.h5", "results: {Mean shape (oracle): a.h5}")
+    (problem,) = problems("eval", text + "floors: {dictionary: a.h5}\n")
+    assert "c.yaml:4:9: 'Mean shape (oracle)' is the name of a row here" in problem

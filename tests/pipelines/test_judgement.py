@@ -84,6 +84,13 @@ def test_every_metric_in_its_units(fields, truth, rotations):
     assert (judgement.failures, judgement.warnings) == ({}, ())
 
 
+def test_a_given_box_measures_the_reprojection(fields, truth):
+    corners, sides = np.full((N, 2), 1e3), np.array([[3.0, 4.0], [12.0, 5.0], *4 * [[8.0, 6.0]]])
+    fields["extras"]["bounding_box"] = np.concatenate([corners, sides], axis=1)
+    box = judged(fields, truth, metrics=["reprojection"]).errors["reprojection", "box"]
+    np.testing.assert_allclose(box, np.sqrt(2) / np.array([5.0, 13, 10, 10, 10, 10]))
+
+
 def test_a_truth_without_unit_of_its_own_is_given_once(fields, truth):
     plain = ShapeSet(truth.shapes, NAMES, truth.items, unit="normalised")
     assert set(judged(fields, plain, metrics=["similarity"]).errors) == {
@@ -153,6 +160,15 @@ class TestFailures:
         assert list(judgement.failures) == ["item3"]
         assert "rotation (deg)" in judgement.failures["item3"]
         assert np.isfinite(judgement.errors["similarity", "m"]).all()
+
+    @pytest.mark.parametrize("sides", [(0.0, 0.0), (np.nan, 4.0)])
+    def test_an_item_with_no_box_to_measure_by_is_listed(self, fields, truth, sides):
+        boxes = np.tile([0.0, 0, 3, 4], (N, 1))
+        boxes[3, 2:] = sides
+        fields["extras"]["bounding_box"] = boxes
+        judgement = judged(fields, truth)
+        assert list(judgement.failures) == ["item3"]
+        assert "reprojection (box)" in judgement.failures["item3"]
 
     def test_true_landmarks_on_one_point_are_listed(self, fields, truth):
         truth.shapes[5] = 0.1
@@ -227,9 +243,10 @@ class TestInputErrors:
         with pytest.raises(InputError, match=r"convex.h5:/true_rotation: has the shape"):
             judged(fields, truth, "true_rotation")
 
-    @pytest.mark.parametrize("name", ["true_rotation", "landmarks"])
+    @pytest.mark.parametrize("name", ["true_rotation", "landmarks", "bounding_box"])
     def test_dataset_of_wrong_shape(self, fields, truth, name):
-        fields["extras"][name] = fields["extras"][name][:, :2, :1]
+        fields["extras"]["bounding_box"] = np.ones((N, 4))
+        fields["extras"][name] = fields["extras"][name][:, :2]
         with pytest.raises(InputError, match=f"convex.h5:/{name}: has the shape"):
             judged(fields, truth)
 

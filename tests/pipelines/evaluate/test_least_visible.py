@@ -1,0 +1,61 @@
+"""Images that show too few landmarks are left out, and said to be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.errors import InputError
+
+SEEN = (5, 4, 3, 5, 2, 4, 5)
+"""Observed landmarks of each image; shapes are whole all the same."""
+
+
+@pytest.fixture
+def partly_seen(desk, results):
+    observed = results.extras["landmarks"].copy()
+    for image, seen in zip(observed, SEEN, strict=True):
+        image[seen:] = np.nan
+    seen = replace(results, extras={**results.extras, "landmarks": observed})
+    desk.write("convex.h5", seen)
+    return seen
+
+
+@pytest.mark.parametrize(("least", "judged"), [(0, 7), (2, 7), (3, 6), (4, 5), (5, 3)])
+def test_images_with_at_least_so_many_are_judged(desk, partly_seen, least, judged):
+    outcome, last = desk.run(least_visible=least)
+    kept = [i for i, seen in enumerate(SEEN) if seen >= least]
+    rows = [row["item"] for row in desk.rows("per_image.csv") if row["metric"] == "rotation"]
+    assert rows == [f"item{i}" for i in kept]
+    assert (outcome.done, outcome.failures) == (judged, ())
+    out = f"{7 - judged} of 7 images left out, with fewer than {least} observed landmarks"
+    assert (out in " ".join(outcome.warnings)) == (judged < 7)
+    assert (out in last.note) == (judged < 7)
+
+
+def test_errors_are_those_of_the_images_that_are_left(desk, partly_seen):
+    desk.run()
+    whole = desk.errors(metric="similarity", unit="m")
+    desk.run(least_visible=4)
+    np.testing.assert_array_equal(
+        desk.errors(metric="similarity", unit="m"), whole[[0, 1, 3, 5, 6]]
+    )
+
+
+def test_the_time_of_an_image_is_that_of_all_images(desk, partly_seen):
+    told = replace(partly_seen, attributes={"solve_seconds": 0.014})
+    desk.write("convex.h5", told)
+    *_, last = desk.run(least_visible=5, groups={})
+    assert last.note.split("\n\n")[2].splitlines()[2].endswith("|           2 |      500 |")
+
+
+def test_results_without_observed_landmarks_are_an_error(desk, results):
+    desk.write("table.csv", results)
+    with pytest.raises(InputError, match=r"table\.csv: has no dataset 'landmarks'.*least_visible"):
+        desk.run(results=[desk.folder / "table.csv"], least_visible=1)
+
+
+def test_no_image_left_is_an_error(desk, partly_seen):
+    with pytest.raises(InputError, match=r"none of its 7 images has 6 .*`least_visible` to 5 or"):
+        desk.run(least_visible=6)
+    assert not desk.config.output.exists()
