@@ -211,8 +211,15 @@ class FitConfig(CommandConfig):
             raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
         if self.loss != "squared" and self.solver.name == "admm":
             raise ValueError(f"the solver admm knows only `loss: squared`, not {self.loss}")
-        if self.loss != "squared" and self.method not in ("convex", "convex+refine"):
-            raise ValueError(f"the method {self.method} knows only `loss: squared`")
+        robust = self.loss in ("l1", "sparse-error")
+        refinable = robust and self.method == "convex+refine"
+        if self.loss != "squared" and self.method != "convex" and not refinable:
+            raise ValueError(f"the method {self.method} does not know `loss: {self.loss}`")
+        if robust and self.outliers.method != "none":
+            raise ValueError(
+                f"`loss: {self.loss}` and `outliers: {{method: {self.outliers.method}}}` both look "
+                "for outliers; leave out one of them"
+            )
         if self.path and self.method != "convex":
             raise ValueError("`path` belongs to the method convex")
         if self.path and (self.loss == "exact" or self.solver.name == "admm"):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Solution, Status
 from shapefit.lifting.alternation import alternate
+from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import Estimate, Estimator, place
 from shapefit.lifting.matching_pursuit import matching_pursuit
 from shapefit.lifting.pose import find_moments, find_pose, spread_views, turn_in_plane
@@ -75,7 +76,11 @@ def convex(problem: Problem, settings: Settings) -> Estimate:
 
 
 def convex_refine(problem: Problem, settings: Settings) -> Estimate:
-    """Synchronise the convex solution to one rotation and alternate from there, over c >= 0."""
+    """Synchronise the convex solution to one rotation and alternate from there, over c >= 0.
+
+    With a robust loss the robust program finds the outliers, and the squared residuals of the
+    other landmarks are refined; the landmarks stay normalised by all that are seen.
+    """
     return _alternate_from_convex(problem, settings, signed=False)
 
 
@@ -151,28 +156,44 @@ def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | N
     return None
 
 
-def _alternate_from_convex(problem: Problem, settings: Settings, *, signed: bool) -> Estimate:
-    """Alternate from the convex solution, which bounds the objective from below.
+def believable(problem: Problem, outliers: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Outliers (n, p), but none in an image where the others could not be lifted without them."""
+    left = np.where(outliers, 0.0, problem.weights)
+    beyond = np.zeros(len(left), dtype=bool)
+    beyond[list(find_degenerate(problem.landmarks, left))] = True
+    return outliers & ~beyond[:, None]
 
-    For c_i Rbar is a transform of spectral norm |c_i|: the gap is that to the convex dual.
+
+def _alternate_from_convex(problem: Problem, settings: Settings, *, signed: bool) -> Estimate:
+    """Alternate from the synchronised convex solution, under a robust loss on its inliers only.
+
+    Without a robust loss the convex optimum bounds the objective from below, for c_i Rbar is a
+    transform of spectral norm |c_i|, and the gap is that to its dual. A robust optimum bounds no
+    squared residuals: then there is no gap.
     """
     solution = settings.solve(problem)
-    start = synchronise(solution.transforms, threads=settings.threads)
-    found = _alternate(problem, settings, start.rotation[:, None], signed=signed)
-    bound = solution.objective * (1 - solution.relative_gap)
-    gap = np.divide(
-        found.objective - bound,
-        found.objective,
-        out=np.zeros_like(bound),
-        where=found.objective != 0,
-    )
+    start = synchronise(solution.transforms, threads=settings.threads).rotation[:, None]
+    outliers = find_outliers(problem, solution)
+    if outliers is None:
+        found = _alternate(problem, settings, start, signed=signed)
+        bound = solution.objective * (1 - solution.relative_gap)
+        gap = np.divide(
+            found.objective - bound,
+            found.objective,
+            out=np.zeros_like(bound),
+            where=found.objective != 0,
+        )
+        found = replace(found, relative_gap=gap)
+    else:
+        outliers = believable(problem, outliers)
+        weights = np.where(outliers, 0.0, problem.weights)
+        inliers = replace(problem, weights=weights, loss=Loss.SQUARED)
+        found = replace(_alternate(inliers, settings, start, signed=signed), outliers=outliers)
     status = tuple(
         first if first in (Status.DEGENERATE, Status.NUMERICAL_FAILURE) else second
         for first, second in zip(solution.status, found.status, strict=True)
     )
-    return replace(
-        found, relative_gap=gap, status=status, iterations=solution.iterations + found.iterations
-    )
+    return replace(found, status=status, iterations=solution.iterations + found.iterations)
 
 
 def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: bool) -> Estimate:

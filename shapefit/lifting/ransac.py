@@ -1,0 +1,61 @@
+"""RANSAC: the landmarks that agree with one pose of a known shape (paper, Discussion).
+
+Fischler and Bolles, CACM 1981, with the truncated sum of MSAC (Torr and Zisserman, CVIU 2000),
+local optimisation (Chum, Matas and Kittler, DAGM 2003) and a count of chance agreements in the
+spirit of Moisan and Stival, IJCV 2004.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.lifting.ransac_kernels import consensus_stretch
+from shapefit.lifting.stretches import run_stretches
+
+Floats = NDArray[np.float64]
+
+
+def find_consensus(
+    landmarks: Floats,
+    weights: Floats,
+    shape: Floats,
+    seeds: NDArray[np.uint64],
+    *,
+    threshold: float,
+    draws: int = 500,
+    max_rounds: int = 30,
+    threads: int = 0,
+) -> NDArray[np.bool_]:
+    """Landmarks (n, p) that agree with a weak perspective pose of the shape, the inliers.
+
+    landmarks (n, 2, p) in any unit, whatever where hidden; weights (n, p), 0 = hidden; shape
+    (3, p), such as the mean shape; seeds (n,). A landmark agrees where its
+    residual is at most threshold times the size of the posed shape, which is the scale of the
+    pose for a normalised one. Poses of `draws` random triples of an image compete, see
+    ransac_kernels.py; each that takes the lead is fitted to its inliers and these are judged
+    again, `max_rounds` times at most. The draws of an image depend on its seed alone. An image
+    has no inliers where no triple determines a pose.
+    """
+    n, _, p = landmarks.shape
+    if shape.shape != (3, p) or weights.shape != (n, p) or seeds.shape != (n,):
+        raise ValueError(
+            f"landmarks {landmarks.shape}, weights {weights.shape}, shape {shape.shape} and seeds"
+            f" {seeds.shape} must be (n, 2, p), (n, p), (3, p) and (n,)"
+        )
+    visible = weights > 0
+    square = weights**2
+    mean = square.sum(axis=1, keepdims=True) / np.maximum(visible.sum(axis=1, keepdims=True), 1)
+    square = np.divide(square, mean, out=np.zeros_like(square), where=visible)
+    W = np.ascontiguousarray(np.where(visible[:, None], landmarks, 0.0))
+    S = np.ascontiguousarray(shape)
+    seeds = np.ascontiguousarray(seeds, dtype=np.uint64)
+    inliers = np.zeros((n, p), dtype=bool)
+
+    def work(part: slice) -> None:
+        consensus_stretch(
+            W[part], square[part], S, seeds[part], threshold, draws, max_rounds, inliers[part]
+        )
+
+    run_stretches(n, work, threads)
+    return inliers
