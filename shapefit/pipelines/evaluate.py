@@ -60,13 +60,14 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
                 lifted[name].append(keep(results, judgement, truth))
             if config.floors:
                 shown |= shown_in(results, judgement, config.floors.leave_out)
+            new = [w for w in (*too_few, *judgement.warnings) if w not in warnings]
             yield Outcome(
                 done=len(judgement.items),
                 failures=tuple(Failure(i, f"{name}: {w}") for i, w in judgement.failures.items()),
-                warnings=too_few + judgement.warnings,
+                warnings=tuple(new),
                 note=name,
             )
-            warnings += too_few + judgement.warnings
+            warnings += new
         _check_distinct(judgements)
         methods.append(_method(name, judgements, runs))
         errors += _image_errors(name, judgements)
@@ -81,7 +82,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         summaries=tuple(s for e in errors for s in summarise(e, grouping)),
         published=config.published,
         caveats=config.caveats,
-        warnings=tuple(dict.fromkeys([*warnings, *ungrouped])),
+        warnings=(*warnings, *ungrouped),
         provenance=_provenance(config),
     )
     writers = _tables(errors, report)

@@ -33,8 +33,9 @@ def visible_enough(file: Path, results: ResultSet, least: int) -> tuple[ResultSe
         raise input_error(file, found, fix)
     if enough.all():
         return results, ()
+    # Without the name of the file: results of the same images have one warning together.
     warning = (
-        f"{file}: {(~enough).sum()} of {len(results)} images left out, with fewer than {least} "
-        "observed landmarks"
+        f"{(~enough).sum()} of {len(results)} images left out, with fewer than {least} observed "
+        "landmarks"
     )
     return results.take(np.flatnonzero(enough)), (warning,)

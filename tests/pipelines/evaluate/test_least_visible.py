@@ -42,6 +42,13 @@ def test_errors_are_those_of_the_images_that_are_left(desk, partly_seen):
     )
 
 
+def test_results_of_the_same_images_say_so_once(desk, partly_seen):
+    files = {name: [desk.write(f"{name}.h5", partly_seen)] for name in "ab"}
+    first, second, last = desk.run(results=files, least_visible=4)
+    assert (len(first.warnings), second.warnings) == (1, ())
+    assert last.note.count("2 of 7 images left out") == 1
+
+
 def test_the_time_of_an_image_is_that_of_all_images(desk, partly_seen):
     told = replace(partly_seen, attributes={"solve_seconds": 0.014})
     desk.write("convex.h5", told)
