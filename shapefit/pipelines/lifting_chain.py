@@ -23,6 +23,7 @@ from shapefit.lifting.temporal import Sequencing, refine_sequences
 from shapefit.pipelines.intrinsics import find_camera
 from shapefit.pipelines.left_out import leaving_out
 from shapefit.pipelines.lifter import Lifter
+from shapefit.pipelines.outlier_search import choose_search, lift_inliers
 
 Floats = NDArray[np.float64]
 View = Callable[[Lifting, LandmarkSet, Dictionary], Lifting]
@@ -37,12 +38,20 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
     choose_settings(config, dictionary)
     refinement = choose_refinement(config, dictionary)
     program = choose_program(config)
+    search = choose_search(config.outliers, choose_solver(config), config.threads)
     view = choose_view(config)
 
     def lift_with(images: LandmarkSet, dictionary: Dictionary) -> Lifting:
         estimator = choose_method(config.method, choose_settings(config, dictionary))
+
+        def lift_weighted(weights: Floats) -> Lifting:
+            return lift(images.landmarks, weights, dictionary.atoms, program, estimator)
+
         weights = find_weights(images)
-        lifting = lift(images.landmarks, weights, dictionary.atoms, program, estimator)
+        if search is None:
+            lifting = lift_weighted(weights)
+        else:
+            lifting = lift_inliers(search, images, weights, dictionary, lift_weighted)
         return view(lifting, images, dictionary)
 
     lifter: Lifter = lift_with
