@@ -15,6 +15,7 @@ from shapefit.meshes.dense import (
     mesh_of_atoms,
     metric_scale,
     object_frame,
+    seen_in_perspective,
 )
 
 
@@ -100,6 +101,43 @@ def test_per_atom_rotations_give_the_shapes_of_the_fit(rng):
     expected = s[:, None, None] * reconstruct(M, B).shapes
     expected[:, :2] += T[..., None]
     np.testing.assert_allclose(camera_frame_sheared(B, M, s, T), expected, atol=1e-12)
+
+
+def test_orthogonal_transforms_are_completed_as_the_fit_completes_them(rng):
+    B, M = rng.normal(size=(4, 3, 6)), rng.normal(size=(2, 4, 2, 3))
+    one, none = np.ones(2), np.zeros((2, 2))
+    expected = reconstruct(M, B, orthogonal=True).shapes
+    found = camera_frame_sheared(B, M, one, none, orthogonal=True)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert np.abs(camera_frame_sheared(B, M, one, none) - expected).max() > 0.1
+
+
+def test_a_translation_of_three_sets_the_depth(rng):
+    B, c, R = rng.normal(size=(4, 3, 6)), rng.uniform(size=(2, 4)), random_rotations(2, rng)
+    s, T = np.array([3.0, 0.5]), rng.normal(size=(2, 3))
+    flat = camera_frame(B, c, R, s, T[:, :2])
+    deep = camera_frame(B, c, R, s, T)
+    np.testing.assert_array_equal(deep[:, :2], flat[:, :2])
+    np.testing.assert_allclose(deep[:, 2], flat[:, 2] + T[:, 2:])
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_camera_sees_points_where_pinholes_show_them(sign, rng):
+    X = rng.normal(size=(2, 3, 6)) + np.array([1.0, 2, 30 * sign])[:, None]
+    focal, centre = np.array([[500.0, 510], [80, 80]]), np.array([[320.0, 240], [0, 0]])
+    seen = seen_in_perspective(X, focal, centre)
+    for j in range(2):
+        for x, y, z in zip(*X[j], strict=True):
+            expected = centre[j] + focal[j] * np.array([x, y]) / (sign * z)
+            assert np.abs(seen[j, :2].T - expected).sum(axis=1).min() < 1e-9
+    # near comes before far, and one unit is as long in depth as it is across
+    np.testing.assert_array_equal(np.argsort(seen[:, 2]), np.argsort(X[:, 2]))
+    far = 1e6 * np.array([0, 0, sign])[:, None]
+    seen = seen_in_perspective(X + far, focal[:, :1].repeat(2, 1), np.zeros((2, 2)))
+    flat = seen - seen.mean(axis=2, keepdims=True)
+    solid = X - X.mean(axis=2, keepdims=True)
+    ratio = np.linalg.norm(flat, axis=2) / np.linalg.norm(solid, axis=2)
+    np.testing.assert_allclose(ratio, np.repeat(focal[:, :1] / 1e6, 3, axis=1), rtol=1e-3)
 
 
 def test_one_rotation_for_all_atoms_is_the_case_of_equal_rotations(rng):

@@ -178,6 +178,35 @@ def test_obj_lines_keep_all_points():
     ]
 
 
+@pytest.mark.parametrize("file_format", [MeshFormat.PLY, MeshFormat.PLY_ASCII])
+def test_landmarks_of_ply_lines_are_points_in_a_file_of_their_own(file_format, box, rng):
+    landmarks = rng.normal(size=(3, 5))
+    files = line_files(box(1, 1, 1), np.array([[0, 1]]), file_format, landmarks)
+    assert list(files) == [".ply", "-landmarks.ply"]
+    (points,) = opened(files, "-landmarks.ply").values()
+    np.testing.assert_allclose(points.vertices, landmarks.T, rtol=6e-8, atol=5.1e-9)
+
+
+def test_landmarks_of_glb_lines_are_a_second_object(box, rng):
+    landmarks = rng.normal(size=(3, 5))
+    files = line_files(box(1, 1, 1), np.array([[0, 1]]), MeshFormat.GLB, landmarks)
+    assert list(files) == [".glb"]
+    objects = opened(files, ".glb")
+    assert set(objects) == {"edges", "landmarks"}
+    assert_same(objects["landmarks"], *balls(landmarks), MeshFormat.GLB)
+
+
+def test_landmarks_of_obj_lines_count_their_vertices_on(box, rng):
+    points, landmarks = box(1, 1, 1), rng.normal(size=(3, 5))
+    files = line_files(points, np.array([[0, 1]]), MeshFormat.OBJ, landmarks)
+    text = files[".obj"].decode()
+    assert [line for line in text.splitlines() if line[0] == "o"] == ["o edges", "o landmarks"]
+    # trimesh drops lines where there are faces; the vertices keep their numbers in the file
+    (mesh,) = opened(files, ".obj").values()
+    vertices, faces = balls(landmarks)
+    np.testing.assert_allclose(mesh.triangles, vertices.T[faces], atol=5.1e-9)
+
+
 @EVERY
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
 def test_what_is_not_finite_is_refused(file_format, wrong, box, box_faces):

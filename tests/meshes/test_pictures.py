@@ -133,6 +133,33 @@ def extent(points):
     return flat.max(axis=0) - flat.min(axis=0)
 
 
+def test_the_overlay_shows_the_model_where_the_camera_sees_it(image, box, box_faces):
+    seen = box(5, 4, 1) + np.array([[20.0], [30], [0]])
+    side = [View(90, 0)]
+    elsewhere = replace(image, seen_shape=seen, seen_mesh=seen)
+    plain, other = (fit_picture([i], Model("up", box_faces), side) for i in (image, elsewhere))
+    np.testing.assert_allclose(extent(triangles(plain.axes[1])), [4, 3])
+    np.testing.assert_allclose(extent(triangles(other.axes[1])), [5, 4])
+    np.testing.assert_array_equal(triangles(plain.axes[2]), triangles(other.axes[2]))
+    assert marks(other.axes[1])[to_rgba(panels.HIDDEN)] == corners(seen, [2])
+    # both panels show the landmarks in one place, with room for the model
+    for axes in other.axes[:2]:
+        assert axes.get_xlim() == other.axes[0].get_xlim()
+        assert axes.get_xlim()[0] < 8 < 22.5 < axes.get_xlim()[1]
+
+
+def test_edges_are_drawn_where_the_camera_sees_them(image, box):
+    seen = box(5, 4, 1)
+    elsewhere = replace(image, mesh_vertices=None, seen_shape=seen)
+    figure = fit_picture([elsewhere], Model("up", edges=EDGES))
+    over, novel = (
+        np.array(next(c for c in axes.collections if c.get_zorder() == 3).get_segments())
+        for axes in figure.axes[1:3]
+    )
+    np.testing.assert_allclose(extent(over), extent(seen.T[EDGES][..., :2]))
+    assert np.abs(novel).max() > 10  # around (10, 20), where the shape is
+
+
 def test_novel_views_walk_around_the_mesh(image, box_faces):
     side, top = View(90, 0), View(0, 90)
     axes = fit_picture([image], Model("down", box_faces), [side, top]).axes

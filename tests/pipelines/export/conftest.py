@@ -1,0 +1,159 @@
+"""A dictionary of sample cars and a few of their views, fitted with exports."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.normalisation import normalise
+from shapefit.io import (
+    landmark_writer,
+    open_landmarks,
+    read_dictionary,
+    read_results,
+    read_shapes,
+    write_dictionary,
+)
+from shapefit.pipelines import fit
+
+
+def _exemplars(shapes):
+    """Return the dictionary of normalised shapes in their common frame, y up."""
+    normalised = normalise(shapes.shapes)
+    mesh = shapes.mesh_vertices
+    if mesh is not None:
+        mesh = (mesh - normalised.centroid[..., None]) / normalised.scale[:, None, None]
+    return Dictionary(
+        atoms=normalised.points,
+        landmark_names=shapes.landmark_names,
+        mean_shape=normalise(normalised.points.mean(axis=0)).points,
+        edges=shapes.edges,
+        mesh_vertices=mesh,
+        mesh_faces=shapes.mesh_faces,
+        atom_scale=normalised.scale,
+        unit=shapes.unit,
+        atom_items=shapes.items,
+    )
+
+
+def _write_landmarks(path: Path, images) -> Path:
+    with landmark_writer(path) as writer:
+        writer.append(images)
+    return path
+
+
+@pytest.fixture(scope="package")
+def exemplars():
+    """Return the function that makes a dictionary of shapes, each an atom."""
+    return _exemplars
+
+
+@pytest.fixture(scope="package")
+def cars(project, tmp_path_factory):
+    """Return the path of the dictionary of the sample cars: 18 atoms, 3420 mesh vertices."""
+    path = tmp_path_factory.mktemp("cars") / "cars.h5"
+    write_dictionary(path, _exemplars(read_shapes([project / "sample_data/cars.h5"])))
+    return path
+
+
+@pytest.fixture(scope="package")
+def views(project):
+    """Six views of sample cars, the landmarks in pixels, y down."""
+    with open_landmarks([project / "sample_data/cars_views.h5"]) as source:
+        (images,) = source.chunks(1000)
+    return images.take(slice(0, 108, 20))
+
+
+@pytest.fixture(scope="package")
+def people(project, tmp_path_factory):
+    """Return the path of a dictionary of sample people: edges, no mesh."""
+    shapes = read_shapes([project / "sample_data/people_train.h5"]).take(slice(0, None, 120))
+    path = tmp_path_factory.mktemp("people") / "people.h5"
+    write_dictionary(path, _exemplars(shapes))
+    return path
+
+
+@pytest.fixture
+def run(tmp_path, cars, views):
+    """Return the function that fits with sections of the config; gives record and outcomes."""
+
+    def run_fit(images=views, dictionary=cars, **keys):
+        settings = {"method": "convex+refine", "transforms": True} | keys
+        config = FitConfig(
+            landmarks=[str(_write_landmarks(tmp_path / "views.h5", images))],
+            dictionary=str(dictionary),
+            output=str(tmp_path / "result.h5"),
+            **settings,
+        )
+        outcomes = list(fit.run(config))
+        return read_results(config.output), outcomes
+
+    return run_fit
+
+
+@pytest.fixture
+def export(tmp_path, run):
+    """Return the function that fits with keys of `export` to tmp_path/meshes."""
+
+    def run_export(images=None, dictionary=None, fit_keys=None, **keys):
+        given = {"images": images, "dictionary": dictionary}
+        given = {name: value for name, value in given.items() if value is not None}
+        section = {"folder": str(tmp_path / "meshes")} | keys
+        return run(**given, **(fit_keys or {}), export=section)
+
+    return run_export
+
+
+@pytest.fixture(scope="package")
+def car_atoms(cars):
+    return read_dictionary(cars)
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Return the function that opens an exported file as it stands; gives its objects by name."""
+
+    def read_objects(item, file_format="ply", ending=""):
+        path = tmp_path / "meshes" / f"{item}{ending}.{file_format.split('-')[0]}"
+        return dict(trimesh.load_scene(path, process=False, split_objects=True).geometry)
+
+    return read_objects
+
+
+@pytest.fixture
+def read_one(read):
+    """Return the function that opens an exported file with one object."""
+
+    def read_only_object(item, file_format="ply", ending=""):
+        (geometry,) = read(item, file_format, ending).values()
+        return geometry
+
+    return read_only_object
+
+
+@pytest.fixture
+def mixed():
+    """Return sum_i c_i B_i of an image of a result."""
+
+    def mix(atoms, found, image):
+        return np.tensordot(found.coefficients[image], atoms, axes=1)
+
+    return mix
+
+
+@pytest.fixture
+def metres(mixed):
+    """Return the length of a normalised unit: the sizes of the atoms, by their parts."""
+
+    def length(dictionary, found, image):
+        norm = np.linalg.norm(dictionary.atoms, axis=(1, 2))
+        share = found.coefficients[image] * norm
+        size = share @ (dictionary.atom_scale * norm) / share.sum()
+        return size / np.linalg.norm(mixed(dictionary.atoms, found, image))
+
+    return length

@@ -1,0 +1,216 @@
+"""Every mesh file that `fit` writes is opened again and compared with what its result says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from shapefit.io.records import concatenate
+from shapefit.meshes.wireframe import balls
+
+FORMATS = pytest.mark.parametrize("file_format", ["obj", "ply", "ply-ascii", "glb"])
+# OBJ: 8 decimals. PLY and GLB: single precision of coordinates, which go up to 1500 pixels.
+PRECISION = {"obj": 5.1e-9, "ply": 6.2e-5, "ply-ascii": 6.2e-5, "glb": 6.2e-5}
+
+
+def origin(found, image):
+    return np.array([*found.translation[image], 0])[:, None]
+
+
+@FORMATS
+def test_the_mesh_is_that_of_the_coefficients_in_every_format(
+    tmp_path, export, car_atoms, file_format, read_one, read, mixed
+):
+    found, outcomes = export(format=file_format, landmarks=True, frame="camera")
+    assert len(found) == 6
+    for image, item in enumerate(found.items):
+        place, s, R = origin(found, image), found.scale[image], found.rotation[image]
+        expected = s * R @ mixed(car_atoms.mesh_vertices, found, image) + place
+        points = s * R @ mixed(car_atoms.atoms, found, image) + place
+        np.testing.assert_allclose(points, found.shapes[image], atol=1e-9)
+        objects = read(item, file_format)
+        if file_format.startswith("ply"):
+            (mesh,) = objects.values()
+            cloud = read_one(item, file_format, "-landmarks")
+            np.testing.assert_allclose(cloud.vertices.T, points, atol=PRECISION[file_format])
+        else:
+            assert set(objects) == {"mesh", "landmarks"}
+            mesh = objects["mesh"]
+            marks = balls(points)[0]
+            np.testing.assert_allclose(
+                objects["landmarks"].vertices.T, marks, atol=PRECISION[file_format]
+            )
+        assert np.isfinite(mesh.vertices).all()
+        np.testing.assert_allclose(mesh.vertices.T, expected, atol=PRECISION[file_format])
+        np.testing.assert_array_equal(mesh.faces, car_atoms.mesh_faces)
+        assert mesh.is_watertight
+        assert mesh.is_winding_consistent
+        assert mesh.volume > 0
+        # as viewers open it, with vertices that coincide merged
+        usual = trimesh.load_mesh(tmp_path / "meshes" / f"{item}.{file_format.split('-')[0]}")
+        assert usual.is_watertight
+    assert outcomes[-1].written == (tmp_path / "result.h5", tmp_path / "meshes")
+    assert outcomes[-1].note == "6 meshes"
+    assert [warning for outcome in outcomes for warning in outcome.warnings] == []
+
+
+@pytest.mark.parametrize("frame", ["object", "camera"])
+@pytest.mark.parametrize("unit", ["landmarks", "dictionary"])
+def test_frames_and_units(export, car_atoms, frame, unit, read_one, mixed, metres):
+    found, _ = export(frame=frame, unit=unit, format="obj")
+    for image, item in enumerate(found.items):
+        expected = mixed(car_atoms.mesh_vertices, found, image)
+        if frame == "camera":
+            expected = found.rotation[image] @ expected
+        if unit == "dictionary":
+            expected = metres(car_atoms, found, image) * expected
+        else:
+            place = origin(found, image) if frame == "camera" else 0
+            expected = found.scale[image] * expected + place
+        mesh = read_one(item, "obj")
+        np.testing.assert_allclose(mesh.vertices.T, expected, atol=5.1e-9)
+
+
+def test_by_default_a_car_stands_upright_and_looks_ahead(export, car_atoms, read_one):
+    found, _ = export(unit="dictionary")
+    names = car_atoms.landmark_names
+    for item in found.items:
+        width, height, length = read_one(item, "ply").extents
+        assert 1.5 < width < 2.5
+        assert 1.2 < height < 2.3
+        assert 3.3 < length < 5.6
+    found, _ = export(landmarks=True)
+    for item in found.items:
+        rows = read_one(item, "ply", "-landmarks").vertices
+        place = dict(zip(names, rows, strict=True))
+        assert place["left_windscreen_top"][1] > place["left_front_wheel"][1]
+        assert place["left_front_wheel"][2] > place["left_rear_wheel"][2]
+
+
+@pytest.mark.parametrize("orthogonal", [False, True])
+def test_rotations_per_atom_give_the_landmarks_of_the_result(
+    export, car_atoms, orthogonal, read_one
+):
+    keys = {"method": "convex", "orthogonal": orthogonal}
+    found, _ = export(
+        fit_keys=keys, rotation="per-atom", landmarks=True, frame="camera", format="ply"
+    )
+    # sample landmarks are vertices of the mesh
+    apart = car_atoms.mesh_vertices[0, :, None, :] - car_atoms.atoms[0, :, :, None]
+    vertex = (apart**2).sum(axis=0).argmin(axis=1)
+    for image, item in enumerate(found.items):
+        mesh = read_one(item, "ply")
+        points = read_one(item, "ply", "-landmarks")
+        np.testing.assert_allclose(points.vertices.T, found.shapes[image], atol=6.2e-5)
+        np.testing.assert_allclose(mesh.vertices[vertex].T, found.shapes[image], atol=6.2e-5)
+
+
+def edge_lengths(mesh):
+    return np.linalg.norm(np.diff(mesh.vertices[mesh.edges_unique], axis=1)[:, 0], axis=1)
+
+
+def test_the_consensus_rotation_keeps_lengths_that_rotations_per_atom_do_not(
+    export, car_atoms, read_one, mixed
+):
+    lengths = {}
+    for rotation in ("shared", "per-atom"):
+        found, _ = export(fit_keys={"method": "convex"}, rotation=rotation, format="obj")
+        lengths[rotation] = edge_lengths(read_one(found.items[0], "obj"))
+    plain = trimesh.Trimesh(
+        found.scale[0] * mixed(car_atoms.mesh_vertices, found, 0).T,
+        car_atoms.mesh_faces,
+        process=False,
+    )
+    np.testing.assert_allclose(lengths["shared"], edge_lengths(plain), atol=2e-8)
+    sheared = lengths["per-atom"] / lengths["shared"]
+    assert np.median(np.abs(sheared / np.median(sheared) - 1)) > 0.002
+
+
+@pytest.mark.parametrize("y_axis", ["down", "up"])
+def test_in_perspective_the_car_is_where_it_is(
+    export, car_atoms, views, y_axis, read_one, mixed, metres
+):
+    images = views
+    if y_axis == "up":  # the same pictures, y counted from below
+        flipped = views.landmarks * np.array([1, -1])[:, None]
+        images = replace(views, landmarks=flipped, y_axis="up")
+    centre = [640.0, 480.0 if y_axis == "down" else -480.0]
+    camera = {"model": "perspective", "focal": 1600.0, "principal_point": centre}
+    found, _ = export(
+        images, fit_keys={"camera": camera}, frame="camera", unit="dictionary", landmarks=True
+    )
+    sign = 1 if y_axis == "down" else -1
+    for image, item in enumerate(found.items):
+        size = metres(car_atoms, found, image)
+        t = found.extras["camera_translation"][image][:, None]
+        solid = found.rotation[image] @ mixed(car_atoms.mesh_vertices, found, image)
+        mesh = read_one(item, "ply")
+        np.testing.assert_allclose(mesh.vertices.T, size * (solid + t), atol=2e-6)
+        assert 8 < sign * mesh.centroid[2] < 16
+        # the camera sees the landmarks in that place where the fit says
+        x, y, z = read_one(item, "ply", "-landmarks").vertices.T
+        seen = np.array(centre)[:, None] + 1600 * np.array([x, y]) / (sign * z)
+        np.testing.assert_allclose(seen, found.landmarks_fitted[image], atol=1e-3)
+
+
+def test_only_the_items_asked_for_are_written(tmp_path, export, views):
+    chosen, other = views.items[0], views.items[3]
+    _, outcomes = export(items=[chosen, "suv*", "nobody*"], format="glb")
+    suvs = [item for item in views.items if item.startswith("suv")]
+    assert suvs
+    written = {
+        str(path.relative_to(tmp_path / "meshes").with_suffix(""))
+        for path in (tmp_path / "meshes").rglob("*.glb")
+    }
+    assert written == {chosen, *suvs}
+    assert other not in written
+    assert outcomes[-1].warnings == ("export.items: no item is called or matches 'nobody*'",)
+
+
+def test_images_without_a_shape_are_counted(tmp_path, export, views):
+    landmarks = views.landmarks.copy()
+    landmarks[1, :, 2:] = np.nan
+    _, outcomes = export(replace(views, landmarks=landmarks))
+    assert [failure.item for outcome in outcomes for failure in outcome.failures] == [
+        views.items[1]
+    ]
+    assert outcomes[-1].note == "5 meshes"
+    assert outcomes[-1].warnings == (
+        "images without a shape (failed, or all coefficients 0): 1; they have no mesh",
+    )
+    assert len(list((tmp_path / "meshes").rglob("*.ply"))) == 5
+
+
+def test_a_shape_that_shrank_to_a_point_is_counted_too(tmp_path, export):
+    _, outcomes = export(fit_keys={"method": "convex", "lambda": 1e6})
+    assert outcomes[-1].warnings == (
+        "images without a shape (failed, or all coefficients 0): 6; they have no mesh",
+    )
+    assert list((tmp_path / "meshes").iterdir()) == []
+
+
+def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
+    export, car_atoms, views, monkeypatch, read_one, mixed
+):
+    monkeypatch.setattr("shapefit.pipelines.mesh_export.STRETCH", 3)
+    copies = [replace(views, items=tuple(f"{i}#{copy}" for i in views.items)) for copy in "ab"]
+    landmarks = concatenate(copies)
+    landmarks.landmarks[7, :, 2:] = np.nan
+    found, _ = export(landmarks, fit_keys={"chunk": 5}, items=["*[0-35-9]#a", "*#b"], format="obj")
+    written = [i for i, item in enumerate(found.items) if i != 7 and not item.endswith("4#a")]
+    assert 7 < len(written) < 12
+    for image in written:
+        expected = found.scale[image] * mixed(car_atoms.mesh_vertices, found, image)
+        mesh = read_one(found.items[image], "obj")
+        np.testing.assert_allclose(mesh.vertices.T, expected, atol=5.1e-9)
+
+
+def test_odd_names_stay_in_the_folder_and_apart(tmp_path, export, views):
+    items = ("../up", "/root", "a b", "..", "a/b/c", "a:b?")
+    export(replace(views, items=items))
+    assert sorted(
+        str(path.relative_to(tmp_path / "meshes")) for path in tmp_path.rglob("*.ply")
+    ) == ["%/root.ply", "%2E%2E.ply", "%2E%2E/up.ply", "a b.ply", "a%3Ab%3F.ply", "a/b/c.ply"]

@@ -1,0 +1,211 @@
+"""The pictures that `fit` draws: which, of what, and where in them the model lies."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from shapefit.config import FitConfig
+from shapefit.io import open_landmarks
+from shapefit.pipelines.fitted_images import fitted_image
+from shapefit.pipelines.picture_export import spread
+
+
+@pytest.fixture
+def draw(tmp_path, run):
+    """Return the function that fits with keys of `pictures` to tmp_path/pictures."""
+
+    def run_fit(*records, **keys):
+        fit_keys = keys.pop("fit_keys", {})
+        return run(*records, pictures={"folder": str(tmp_path / "pictures")} | keys, **fit_keys)
+
+    return run_fit
+
+
+@pytest.fixture
+def sheets(monkeypatch):
+    """Collect the images of contact sheets in place of drawing them."""
+    drawn = []
+    from shapefit.pipelines import picture_export
+
+    real = picture_export.contact_sheet
+
+    def collect(images, model):
+        drawn.append((list(images), model))
+        return real(images[:1], model)
+
+    monkeypatch.setattr(picture_export, "contact_sheet", collect)
+    return drawn
+
+
+def written(tmp_path):
+    folder = tmp_path / "pictures"
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+def test_chosen_items_and_a_contact_sheet(tmp_path, draw, views):
+    first, last = views.items[0], views.items[-1]
+    _, outcomes = draw(items=[first, last, "lorry*"], sheet=4)
+    assert written(tmp_path) == {f"{first}.png", f"{last}.png", "contact_sheet.png"}
+    for path in (tmp_path / "pictures").rglob("*.png"):
+        pixels = imread(path)
+        assert min(pixels.shape[:2]) > 150
+        assert (pixels[..., :3] < 0.9).any(axis=-1).mean() > 0.1
+    assert outcomes[-1].written == (tmp_path / "result.h5", tmp_path / "pictures")
+    assert outcomes[-1].note == "2 pictures, contact sheet of 4"
+    assert outcomes[-1].warnings == ("pictures.items: no item is called or matches 'lorry*'",)
+
+
+def test_svg(tmp_path, draw, views):
+    draw(items=[views.items[0]], sheet=2, format="svg")
+    assert written(tmp_path) == {f"{views.items[0]}.svg", "contact_sheet.svg"}
+    alone, sheet = (
+        ElementTree.parse(tmp_path / "pictures" / f"{name}.svg")
+        for name in (views.items[0], "contact_sheet")
+    )
+    # every visible face a path, but pixels in the sheet
+    assert len(alone.findall(".//{*}path")) > 2000
+    assert not alone.findall(".//{*}image")
+    assert sheet.findall(".//{*}image")
+    assert len(sheet.findall(".//{*}path")) < 1000
+
+
+def test_at_most_so_many(tmp_path, draw, views):
+    _, outcomes = draw(most=2, fit_keys={"chunk": 1})
+    assert written(tmp_path) == {f"{item}.png" for item in views.items[:2]}
+    assert outcomes[-1].note == "2 pictures"
+
+
+@pytest.mark.parametrize("chunk", [1, 4, 100])
+def test_the_sheet_is_spread_evenly_over_all(tmp_path, draw, views, sheets, chunk):
+    draw(most=0, sheet=3, fit_keys={"chunk": chunk})
+    ((images, model),) = sheets
+    assert [image.title for image in images] == [views.items[i] for i in (1, 3, 5)]
+    assert model.y_axis == "down"
+    assert written(tmp_path) == {"contact_sheet.png"}
+
+
+@pytest.mark.parametrize(
+    ("wanted", "count", "places"),
+    [(0, 9, ()), (1, 9, (4,)), (3, 9, (1, 4, 7)), (9, 3, (0, 1, 2)), (4, 0, ())],
+)
+def test_spread(wanted, count, places):
+    assert spread(wanted, count) == places
+
+
+def test_an_image_without_a_shape_has_its_picture(tmp_path, draw, views, sheets):
+    landmarks = views.landmarks.copy()
+    landmarks[1, :, 2:] = np.nan
+    _, outcomes = draw(replace(views, landmarks=landmarks), items=[views.items[1]], sheet=6)
+    assert f"{views.items[1]}.png" in written(tmp_path)
+    ((images, _),) = sheets
+    assert [image.fitted for image in images] == [True, False, True, True, True, True]
+    assert outcomes[-1].note == "1 picture, contact sheet of 6"
+
+
+def test_meshes_and_pictures_may_share_a_folder(tmp_path, run, views):
+    both = {"folder": str(tmp_path / "pictures"), "items": [views.items[0]]}
+    _, outcomes = run(export=both, pictures=both)
+    assert written(tmp_path) == {f"{views.items[0]}.ply", f"{views.items[0]}.png"}
+    assert outcomes[-1].written == (tmp_path / "result.h5", tmp_path / "pictures")
+    assert outcomes[-1].note == "1 mesh, 1 picture"
+
+
+class TestFittedImages:
+    """What a picture is given to draw."""
+
+    @pytest.fixture
+    def gather(self, tmp_path, run, cars, car_atoms):
+        """Fit, and gather every image."""
+
+        def fit_and_gather(*records, dictionary=car_atoms, **keys):
+            found, _ = run(*records, **keys)
+            config = FitConfig(
+                landmarks=str(tmp_path / "views.h5"), dictionary=str(cars), output="r.h5",
+                **{"method": "convex+refine"} | keys,
+            )  # fmt: skip
+            return found, [
+                fitted_image(found.take([row]), found.transforms[[row]], config, dictionary)
+                for row in range(len(found))
+            ]
+
+        return fit_and_gather
+
+    def test_observed_landmarks_and_outliers(self, gather, views):
+        keys = {"method": "convex", "loss": "sparse-error", "beta": 0.02}
+        found, images = gather(**keys)
+        assert np.any(found.extras["outliers"])
+        for row, image in enumerate(images):
+            assert image.title == views.items[row]
+            np.testing.assert_array_equal(image.landmarks, views.landmarks[row])
+            np.testing.assert_array_equal(image.outliers, found.extras["outliers"][row])
+        _, plain = gather()
+        assert all(image.outliers is None for image in plain)
+
+    @pytest.mark.parametrize(
+        "keys",
+        [
+            {"method": "convex+refine"},
+            {"method": "convex"},
+            {"method": "convex", "orthogonal": True},
+            {
+                "camera": {
+                    "model": "perspective", "focal": 1600.0, "principal_point": [640.0, 480.0],
+                }
+            },
+        ],
+    )  # fmt: skip
+    def test_the_model_is_seen_under_its_fitted_landmarks(self, gather, car_atoms, keys):
+        # sample landmarks are vertices of the mesh
+        apart = car_atoms.mesh_vertices[0, :, None, :] - car_atoms.atoms[0, :, :, None]
+        vertex = (apart**2).sum(axis=0).argmin(axis=1)
+        found, images = gather(**keys)
+        for row, image in enumerate(images):
+            seen = image.as_seen
+            fitted = found.landmarks_fitted[row]
+            np.testing.assert_allclose(seen.shape[:2], fitted, atol=1e-3)
+            np.testing.assert_allclose(seen.mesh_vertices[:2, vertex], fitted, atol=1e-3)
+
+    def test_a_camera_that_looks_up_y_sees_the_same(self, gather, views):
+        flipped = replace(
+            views, landmarks=views.landmarks * np.array([1, -1])[:, None], y_axis="up"
+        )
+        seen = {}
+        for images, centre in ((views, [640.0, 480.0]), (flipped, [640.0, -480.0])):
+            camera = {"model": "perspective", "focal": 1600.0, "principal_point": centre}
+            _, gathered = gather(images, camera=camera)
+            seen[images.y_axis] = gathered
+        turn = np.array([1, -1, -1])[:, None]  # half a turn about x
+        for down, up in zip(seen["down"], seen["up"], strict=True):
+            np.testing.assert_allclose(down.seen_mesh, turn * up.seen_mesh, atol=0.5)
+
+    def test_the_mesh_in_novel_views_has_one_rotation(self, gather, car_atoms, mixed):
+        found, images = gather(method="convex")
+        for row, image in enumerate(images):
+            expected = found.scale[row] * mixed(car_atoms.mesh_vertices, found, row)
+            turned = found.rotation[row].T @ image.mesh_vertices
+            np.testing.assert_allclose(
+                turned - turned.mean(axis=1, keepdims=True),
+                expected - expected.mean(axis=1, keepdims=True),
+                atol=1e-9,
+            )
+
+    def test_where_a_mesh_cannot_follow_there_is_none(self, gather, views):
+        sequence = replace(views, sequences=("a",) * 6)
+        _, images = gather(sequence, temporal={"depths": True})
+        assert all(image.mesh_vertices is None for image in images)
+        assert all(image.fitted for image in images)
+
+
+def test_people_are_drawn_with_their_bones(draw, people, project, sheets):
+    with open_landmarks([project / "sample_data/people_views.csv"]) as source:
+        (images,) = source.chunks(100)
+    draw(images, people, most=0, sheet=2)
+    (((first, _), model),) = sheets
+    assert model.edges.shape == (14, 2)
+    assert model.faces is None
+    assert first.mesh_vertices is None

@@ -1,0 +1,104 @@
+"""Dictionaries with edges and no mesh: tubes or lines between the fitted landmarks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from shapefit.io import LandmarkSet, open_landmarks, read_dictionary, read_shapes, write_dictionary
+
+FORMATS = pytest.mark.parametrize("file_format", ["obj", "ply", "ply-ascii", "glb"])
+PIXEL = 6.2e-5
+"""Single precision of coordinates up to 1000 pixels."""
+
+
+@pytest.fixture
+def poses(project):
+    with open_landmarks([project / "sample_data/people_views.csv"]) as source:
+        (images,) = source.chunks(100)
+    return images
+
+
+@pytest.fixture
+def bones(people):
+    return read_dictionary(people).edges
+
+
+@FORMATS
+def test_people_are_a_closed_tube_a_bone(export, people, poses, bones, read_one, file_format):
+    found, outcomes = export(poses, people, format=file_format, frame="camera")
+    assert outcomes[-1].note == "12 meshes"
+    for image, item in enumerate(found.items):
+        mesh = read_one(item, file_format)
+        assert mesh.is_watertight
+        assert mesh.is_winding_consistent
+        assert mesh.volume > 0
+        parts = mesh.split()
+        assert len(parts) == len(bones)
+        middles = np.array([part.vertices.mean(axis=0) for part in parts])
+        expected = found.shapes[image][:, bones].mean(axis=2).T
+        apart = np.linalg.norm(middles[:, None] - expected[None], axis=2)
+        assert apart.min(axis=0).max() < 1e-3
+
+
+@pytest.mark.parametrize("method", ["convex", "mean-shape"])
+def test_lines_join_the_landmarks_of_the_result_whatever_the_method(
+    export, people, poses, bones, read_one, method
+):
+    found, _ = export(
+        poses, people, {"method": method}, landmarks=True, frame="camera", wireframe="lines"
+    )
+    for image, item in enumerate(found.items):
+        points = read_one(item, ending="-landmarks")
+        np.testing.assert_allclose(points.vertices.T, found.shapes[image], atol=PIXEL)
+        path = read_one(item)
+        assert isinstance(path, trimesh.path.Path3D)
+        ends = path.vertices.reshape(-1, 2, 3)
+        np.testing.assert_allclose(ends, found.shapes[image].T[bones], atol=PIXEL)
+
+
+def test_depths_refined_along_a_sequence_are_those_of_the_wireframe(
+    export, people, poses, read_one
+):
+    sequence = LandmarkSet(
+        landmarks=poses.landmarks, landmark_names=poses.landmark_names, items=poses.items,
+        sequences=("one",) * len(poses),
+    )  # fmt: skip
+    keys = {"temporal": {"depths": True}}
+    found, _ = export(sequence, people, keys, landmarks=True, frame="camera")
+    for image, item in enumerate(found.items):
+        points = read_one(item, ending="-landmarks")
+        np.testing.assert_allclose(points.vertices.T, found.shapes[image], atol=PIXEL)
+
+
+def test_people_can_be_turned_back_and_measured(export, people, poses, read_one, metres):
+    found, _ = export(poses, people, landmarks=True, unit="dictionary")
+    dictionary = read_dictionary(people)
+    for image, item in enumerate(found.items):
+        points = read_one(item, ending="-landmarks").vertices.T
+        centred = found.shapes[image].copy()
+        centred[:2] -= found.translation[image][:, None]
+        size = metres(dictionary, found, image) / found.scale[image]
+        np.testing.assert_allclose(points, size * found.rotation[image].T @ centred, atol=2e-7)
+
+
+@pytest.mark.real_data
+@FORMATS
+def test_real_wireframes(tmp_path, export, exemplars, real_data, read_one, file_format):
+    shapes = read_shapes([real_data / "cars" / "fg3dcar_shapes.h5"])
+    dictionary = exemplars(shapes)
+    write_dictionary(tmp_path / "wires.h5", dictionary)
+    images = LandmarkSet(
+        landmarks=100 * dictionary.atoms[:3, :2],
+        landmark_names=shapes.landmark_names,
+        items=shapes.items[:3],
+    )
+    found, _ = export(images, tmp_path / "wires.h5", format=file_format)
+    tubes = len(np.unique(np.sort(shapes.edges, axis=1), axis=0))
+    for item in found.items:
+        mesh = read_one(item, file_format)
+        assert np.isfinite(mesh.vertices).all()
+        assert mesh.is_watertight
+        assert mesh.is_winding_consistent
+        assert mesh.body_count == tubes
