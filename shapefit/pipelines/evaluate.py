@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from shapefit.evaluation.errors_markdown import markdown
 from shapefit.evaluation.report import NORMALISED, Method, Report
 from shapefit.evaluation.solving import Run, sum_up
 from shapefit.evaluation.summary import ImageErrors, group_sequences, summarise
-from shapefit.io import ResultSet, read_results, read_shapes
+from shapefit.io import ResultSet, ShapeSet, read_results, read_shapes
 from shapefit.io.atomic import digest
 from shapefit.pipelines.examples import Lifted, check_examples, examples_picture, keep
 from shapefit.pipelines.floors import Shown, floor_errors, shown_in
@@ -43,55 +44,73 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     truth = read_shapes(config.truth)
     examples = config.examples if config.plots else 0
     check_examples(examples, truth, config.truth)
-    lifted: dict[str, list[Lifted]] = {name: [] for name in config.results}
-    methods: list[Method] = []
-    errors: list[ImageErrors] = []
-    warnings: list[str] = []
-    shown: dict[str, Shown] = {}
-    for name, files in config.results.items():
-        judgements, runs = [], []
-        for file in files:
-            results = read_results(file)
-            runs.append(_run_of(results))
-            results, too_few = visible_enough(file, results, config.least_visible)
-            judgement = judge(file, results, truth, config.match, config.metrics)
-            judgements.append(judgement)
-            if examples:
-                lifted[name].append(keep(results, judgement, truth))
-            if config.floors:
-                shown |= shown_in(results, judgement, config.floors.leave_out)
-            new = [w for w in (*too_few, *judgement.warnings) if w not in warnings]
-            yield Outcome(
-                done=len(judgement.items),
-                failures=tuple(Failure(i, f"{name}: {w}") for i, w in judgement.failures.items()),
-                warnings=tuple(new),
-                note=name,
-            )
-            warnings += new
-        _check_distinct(judgements)
-        methods.append(_method(name, judgements, runs))
-        errors += _image_errors(name, judgements)
+    found = _Found()
+    yield from _judge_all(config, truth, found)
+    errors = found.errors
     if not errors:
-        found = f"no image has anything to judge in {', '.join(config.metrics)}"
-        raise input_error("metrics", found, "add `similarity`, which every shape has")
+        nothing = f"no image has anything to judge in {', '.join(config.metrics)}"
+        raise input_error("metrics", nothing, "add `similarity`, which every shape has")
     if config.floors:
-        errors += floor_errors(config.floors.dictionary, truth, shown)
+        errors = errors + floor_errors(config.floors.dictionary, truth, found.shown)
     grouping, ungrouped = _grouping(config, errors)
     report = Report(
-        methods=tuple(methods),
+        methods=tuple(found.methods),
         summaries=tuple(s for e in errors for s in summarise(e, grouping)),
         published=config.published,
         caveats=config.caveats,
-        warnings=(*warnings, *ungrouped),
+        warnings=(*found.warnings, *ungrouped),
         provenance=_provenance(config),
     )
     writers = _tables(errors, report)
     if config.plots:
         writers |= _plots(errors, grouping)
     if examples:
-        writers |= plots.writers("examples", examples_picture(examples, lifted, truth))
+        writers |= plots.writers("examples", examples_picture(examples, found.lifted, truth))
     written = tuple(write_folder(config.output, writers))
     yield Outcome(warnings=ungrouped, note=markdown(report).rstrip(), written=written)
+
+
+@dataclass
+class _Found:
+    """What is known once all results were judged.
+
+    errors and methods in the order of `results`; the warnings, each once; lifted and shown are
+    what examples and floors need, where these are asked for.
+    """
+
+    methods: list[Method] = field(default_factory=list)
+    errors: list[ImageErrors] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    lifted: dict[str, list[Lifted]] = field(default_factory=dict)
+    shown: dict[str, Shown] = field(default_factory=dict)
+
+
+def _judge_all(config: EvalConfig, truth: ShapeSet, found: _Found) -> Iterator[Outcome]:
+    """Judge every result file and add to what was found; one outcome a file."""
+    for name, files in config.results.items():
+        judgements, runs, lifted = [], [], []
+        for file in files:
+            results = read_results(file)
+            runs.append(_run_of(results))
+            results, too_few = visible_enough(file, results, config.least_visible)
+            judgement = judge(file, results, truth, config.match, config.metrics)
+            judgements.append(judgement)
+            if config.plots and config.examples:
+                lifted.append(keep(results, judgement, truth))
+            if config.floors:
+                found.shown |= shown_in(results, judgement, config.floors.leave_out)
+            new = [w for w in (*too_few, *judgement.warnings) if w not in found.warnings]
+            found.warnings += new
+            yield Outcome(
+                done=len(judgement.items),
+                failures=tuple(Failure(i, f"{name}: {w}") for i, w in judgement.failures.items()),
+                warnings=tuple(new),
+                note=name,
+            )
+        _check_distinct(judgements)
+        found.methods.append(_method(name, judgements, runs))
+        found.errors += _image_errors(name, judgements)
+        found.lifted[name] = lifted
 
 
 def _check_distinct(judgements: Sequence[Judgement]) -> None:
