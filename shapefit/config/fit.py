@@ -174,7 +174,8 @@ class FitConfig(CommandConfig):
         default=None,
         min_length=1,
         description="Dataset of the landmarks that names, for each image, the training shape "
-        "whose atoms its fit must do without (dictionaries of exemplars).",
+        "whose atoms its fit must do without (dictionaries of exemplars); `item` where images are "
+        "named like training shapes.",
     )
     outliers: OutlierSearchConfig = Field(
         default_factory=OutlierSearchConfig,
@@ -197,6 +198,11 @@ class FitConfig(CommandConfig):
     transforms: bool = Field(
         default=False, description="Also write the (k, 2, 3) transforms of every image (large)."
     )
+
+    @property
+    def labels_outliers(self) -> bool:
+        """Whether the fit says which landmarks it judges wrong."""
+        return self.loss in ("l1", "sparse-error") or self.outliers.method != "none"
 
     @field_validator("path")
     @classmethod

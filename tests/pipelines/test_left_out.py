@@ -109,6 +109,27 @@ def test_what_the_model_looks_like_has_no_say(run, models, images, rng, method, 
     check_same(before, after)
 
 
+@pytest.mark.parametrize("outliers", ["none", "ransac", "truncated"])
+@pytest.mark.parametrize("model", ["polo", "up"])
+def test_no_stage_of_the_fit_sees_the_model(run, models, images, rng, outliers, model):
+    views = images.take([i for i in range(9) if SHOWN[i] == model])
+    mine = [name == model for name in models.atom_items]
+    garbage = models.atoms.copy()
+    garbage[mine] = 50 * rng.standard_normal((sum(mine), 3, 10))
+    keys = {
+        "views": views,
+        "method": "convex+refine",
+        "outliers": {"method": outliers},
+        "camera": {"model": "perspective", "focal": 900, "principal_point": [100, 100]},
+    }
+    before, _ = run(**keys)
+    after, _ = run(replace(models, atoms=garbage, mean_shape=garbage[0]), **keys)
+    check_same(before, after)
+    for name in ("camera_translation", "outliers"):
+        if name in before.extras:
+            np.testing.assert_array_equal(before.extras[name], after.extras[name])
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_each_image_is_fitted_with_the_dictionary_of_the_other_models(run, models, images, method):
     found, outcomes = run(method=method, transforms=True)
