@@ -12,6 +12,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 from pydantic import Field, ValidationInfo, field_validator
 
 from shapefit.config.checked import check, load_model, path_keys
+from shapefit.config.corruption import CorruptionConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.fit import FitConfig
 from shapefit.config.learn_dict import LearnDictConfig
@@ -57,13 +58,14 @@ class FitSection(FitConfig):
     output: OutputPath = Field(default=STANDARD_STREAM, description=f"Result file{_MADE}.")
 
 
-SECTIONS: Mapping[str, type[ConfigModel]] = {
+COMMANDS: dict[str, type[ConfigModel]] = {
     "learn_dict": LearnDictSection,
     "project": ProjectSection,
     "fit": FitSection,
 }
+SECTIONS: Mapping[str, type[ConfigModel]] = COMMANDS | {"corrupt": CorruptionConfig}
 
-Section = TypeVar("Section", LearnDictSection, ProjectSection, FitSection)
+Section = TypeVar("Section", LearnDictSection, ProjectSection, CorruptionConfig, FitSection)
 
 
 class Steps(NamedTuple):
@@ -71,6 +73,7 @@ class Steps(NamedTuple):
 
     learn_dict: LearnDictSection | None
     project: ProjectSection | None
+    corrupt: CorruptionConfig
     fit: FitSection
 
 
@@ -87,10 +90,20 @@ class SweepConfig(CommandConfig):
     project: Annotated[ProjectSection | None, _words("project")] = Field(
         default=None, description="How to see the shapes; left out, `fit` names the landmarks."
     )
+    corrupt: CorruptionConfig = Field(
+        default_factory=CorruptionConfig,
+        description="Which observed landmarks to make wrong before the fit.",
+    )
     fit: Annotated[FitSection, _words("fit")] = Field(
         description="How to lift; files that the sweep makes can be left out, or are passed over."
     )
     truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
+    match: str = Field(
+        default="item",
+        min_length=1,
+        description="What tells the true shape of an image: `item`, or the name of a dataset of "
+        "the landmarks that holds items of the truth.",
+    )
     groups: Mapping[str, str] = Field(
         default_factory=dict,
         description="Groups of sequences to average over: name -> glob on sequence names.",
@@ -99,8 +112,17 @@ class SweepConfig(CommandConfig):
         Mapping[str, Annotated[tuple[Value, ...], FromLists]],
         Expected("a mapping of one key to a list of values"),
     ] = Field(description="The key that varies, such as {fit.lambda: [0.05, 0.1]}.")
+    least_visible: int = Field(
+        default=0, ge=0, description="Visible landmarks that an image must have to be fitted."
+    )
     frames: int = Field(
-        default=1, ge=1, description="Fit every n-th image of the landmarks, the first included."
+        default=1, ge=1, description="Fit every n-th image of those that show enough landmarks."
+    )
+    first: int = Field(
+        default=0,
+        ge=0,
+        description="Images to pass over before the first that is fitted: with `frames: 2`, 0 and "
+        "1 are the two halves of the images.",
     )
     caveats: Annotated[tuple[str, ...], FromLists] = Field(
         default=(), description="What a reader of the numbers must know; printed with them."
@@ -123,13 +145,18 @@ class SweepConfig(CommandConfig):
         """Return the values of the key that varies."""
         return self.vary[self.key]
 
+    @cached_property
+    def corrupts(self) -> bool:
+        """Whether landmarks are made wrong, for some values at least."""
+        return self.corrupt.share > 0 or self.varied_section == "corrupt"
+
     def steps(self, value: Value) -> Steps:
         """Return the settings of each step where the key that varies has this value."""
-        steps = Steps(self.learn_dict, self.project, self.fit)
+        steps = Steps(self.learn_dict, self.project, self.corrupt, self.fit)
         name, _, key = self.key.partition(".")
         return steps._replace(**{name: _changed(getattr(self, name), key, value)})
 
-    @field_validator(*SECTIONS, mode="before")
+    @field_validator(*COMMANDS, mode="before")
     @classmethod
     def _read_file(cls, value: Any, info: ValidationInfo) -> Any:
         """Take the settings from a file where a section is a path."""
@@ -141,7 +168,7 @@ class SweepConfig(CommandConfig):
             made["landmarks"] = "-" if info.data.get("project") else None
             made["dictionary"] = "-" if info.data.get("learn_dict") else None
         try:
-            return load_model(SECTIONS[name], absolute_path(value), arguments=made)
+            return load_model(COMMANDS[name], absolute_path(value), arguments=made)
         except InputError as error:
             raise ValueError("; ".join(error.problems)) from None
 

@@ -21,6 +21,11 @@ _HOW_TO_READ = (
     "Similarity errors of normalised shapes. Each number is the mean, over the sequences of the "
     "group, of the sequence's mean (median, quartile, 90th percentile)."
 )
+_LABELS = (
+    "Precision is the share of the landmarks labelled as outliers that were made wrong, recall the "
+    "share of those made wrong that are labelled: means over the images with a shape that leave "
+    "them defined."
+)
 _TIMES = (
     "Times are of solving alone, without reading and writing, after everything was compiled and "
     "run once."
@@ -29,17 +34,24 @@ _TIMES = (
 
 @dataclass(frozen=True)
 class Point:
-    """Errors of one group of sequences at one value, and the time an image took to solve."""
+    """Errors of one group of sequences at one value, and the time an image took to solve.
+
+    `images` have an error, `failed` ones have none; precision and recall of the outlier labels
+    are nan where nobody knows them.
+    """
 
     value: Value
     group: str
     images: int
+    failed: int
     mean: float
     p25: float
     median: float
     p75: float
     p90: float
     seconds_per_image: float
+    precision: float = math.nan
+    recall: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -74,12 +86,20 @@ def points(
     errors: ImageErrors,
     grouping: Mapping[str, Sequence[str]],
     seconds_per_image: float,
+    labels: Sequence[ImageErrors] = (),
 ) -> list[Point]:
     """Sum up the errors at one value, one point a group.
 
-    Every statistic of a group is the mean of that statistic over its sequences.
+    Every statistic of a group is the mean of that statistic over its sequences. `labels` are the
+    precision and the recall of the outlier labels, where they are known.
     """
     summaries = summarise(errors, grouping)
+    means = {
+        (summary.metric, summary.group): summary.mean
+        for shares in labels
+        for summary in summarise(shares, grouping)
+        if summary.sequence is None
+    }
     quartiles = {
         s: np.nanpercentile(errors.values[np.array(errors.sequences) == s], [25, 75])
         for s in {summary.sequence for summary in summaries if summary.images}
@@ -94,19 +114,23 @@ def points(
                 value=value,
                 group=group.group,
                 images=group.images,
+                failed=group.failed,
                 mean=group.mean,
                 p25=float(p25),
                 median=group.median,
                 p75=float(p75),
                 p90=group.p90,
                 seconds_per_image=seconds_per_image,
+                precision=means.get(("precision", group.group), math.nan),
+                recall=means.get(("recall", group.group), math.nan),
             )
         )
     return found
 
 
 COLUMNS = (
-    "key", "value", "group", "images", "mean", "p25", "median", "p75", "p90", "seconds_per_image",
+    "key", "value", "group", "images", "failed", "mean", "p25", "median", "p75", "p90",
+    "seconds_per_image", "precision", "recall",
 )  # fmt: skip
 
 
@@ -130,22 +154,39 @@ def sweep_json(sweep: Sweep) -> str:
 
 
 def markdown(sweep: Sweep) -> str:
-    """One table: values down, mean and quartiles of each group and the time across."""
+    """One table: values down, mean and quartiles of each group and the time across.
+
+    Where outliers were looked for, the share of images with a shape and the precision and recall
+    of the labels stand beside the errors.
+    """
     groups = sweep.of_group()
+    labelled = any(not math.isnan(point.precision) for point in sweep.points)
     header = [sweep.key]
     for group in groups:
         header += [group, "quartiles"]
+        header += ["median", "with a shape", "precision", "recall"] if labelled else []
     header.append("ms an image")
     rows = []
     for at in zip(*groups.values(), strict=True):
         row = [str(at[0].value)]
         for point in at:
             row += [f"{point.mean:.3f}", f"{point.p25:.3f} to {point.p75:.3f}"]
+            row += _labels(point) if labelled else []
         rows.append([*row, f"{1000 * at[0].seconds_per_image:.3g}"])
     parts = [f"# Error against {sweep.key}", _HOW_TO_READ, markdown_table(header, rows), _TIMES]
+    if labelled:
+        parts.insert(2, _LABELS)
     if sweep.caveats:
         parts += ["## Caveats", "\n".join(f"- {caveat}" for caveat in sweep.caveats)]
     return "\n\n".join(parts) + "\n"
+
+
+def _labels(point: Point) -> list[str]:
+    """Cells of the median, the share of images with a shape, precision and recall."""
+    images = point.images + point.failed
+    share = f"{100 * point.images / images:.0f}%" if images else "-"
+    known = ["-" if math.isnan(x) else f"{x:.2f}" for x in (point.precision, point.recall)]
+    return [f"{point.median:.3f}", share, *known]
 
 
 def _known(point: Point) -> dict[str, Any]:

@@ -26,6 +26,7 @@ class Purpose(IntEnum):
     NOISE = 1
     HIDDEN = 2
     OUTLIERS = 3
+    CORRUPTION = 4
 
 
 def stream(seed: int, purpose: Purpose, block: int) -> np.random.Generator:
@@ -61,6 +62,27 @@ def displace(landmarks: Floats, share: float, size: float, rng: np.random.Genera
     angle = 2 * np.pi * rng.random((BLOCK, p))[:n]
     moved = landmarks + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
     return np.where(chosen[:, None], moved, landmarks)
+
+
+def corrupt(
+    landmarks: Floats, share: float, margin: float, rng: np.random.Generator
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Replace a random `share` of the visible landmarks (n, 2, p) of each image, n <= BLOCK.
+
+    The points are uniform over the bounding box of the visible landmarks grown on each side by
+    `margin` times its size; the number is rounded as in `hide`. Returns the landmarks, and which
+    were replaced (n, p): more of them, at the same points, for a larger share.
+    """
+    n, _, p = landmarks.shape
+    visible = np.asarray(np.isfinite(landmarks).all(axis=1))
+    chosen = _choose(visible, share, p, rng)
+    place = rng.random((BLOCK, 2, p))[:n]
+    seen = visible[:, None]
+    low = np.where(seen, landmarks, np.inf).min(axis=2, keepdims=True)
+    size = np.where(seen, landmarks, -np.inf).max(axis=2, keepdims=True) - low
+    with np.errstate(invalid="ignore"):  # images without visible landmarks
+        points = low - margin * size + (1 + 2 * margin) * size * place
+    return np.where(chosen[:, None], points, landmarks), chosen
 
 
 def _choose(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -15,29 +15,31 @@ from shapefit import __version__
 from shapefit.config import EvalConfig, SweepConfig
 from shapefit.config.sweep import Value
 from shapefit.evaluation import plots
+from shapefit.evaluation.labels import SHARE
 from shapefit.evaluation.report import NORMALISED
 from shapefit.evaluation.summary import ImageErrors, group_sequences
 from shapefit.evaluation.sweep import Point, Sweep, markdown, points, sweep_json, write_csv
 from shapefit.evaluation.sweep_plots import sweep_plot
-from shapefit.io import digest, landmark_writer, open_landmarks, read_results
+from shapefit.io import digest, read_dictionary, read_results
 from shapefit.pipelines import evaluate, fit, learn_dict, project
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
+from shapefit.pipelines.sweep_images import Choice, choose_images
 
 METRIC: Literal["similarity"] = "similarity"
-
-CHUNK = 4096
-"""Images held in memory at a time while landmarks are thinned out."""
-
-WARM_UP = 8
-"""Images fitted before the clock runs, so that nothing is compiled while it does."""
+LABELS: tuple[Literal["precision", "recall"], ...] = ("precision", "recall")
+"""Metrics of the outlier labels, where landmarks are made wrong and the fit looks for them."""
 
 
 @dataclass(frozen=True)
 class Files:
-    """What the steps before `fit` made."""
+    """What the steps before `fit` made.
+
+    `warm_up` holds images to fit before the clock runs, so that nothing is compiled while it does.
+    """
 
     dictionary: Path
+    seen: tuple[Path, ...]
     landmarks: Path
     warm_up: Path
 
@@ -62,10 +64,10 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         files = yield from _prepare(config, value, files, folder, work)
         result = folder / "result.h5"
         failed = yield from _fit(config, value, files, result)
-        errors = yield from _judge(config, value, result, failed)
+        errors, *labels = yield from _judge(config, value, result, failed)
         seconds = 1 / float(read_results(result).attributes["images_per_second"])
         grouping = group_sequences(config.groups, dict.fromkeys(errors.sequences))
-        found += points(value, errors, grouping, seconds)
+        found += points(value, errors, grouping, seconds, labels)
     sweep = Sweep(config.key, tuple(found), config.caveats, _provenance(config))
     written = tuple(write_folder(config.output, _writers(sweep, with_plot=config.plots)))
     yield Outcome(note=markdown(sweep).rstrip(), written=written)
@@ -89,16 +91,26 @@ def _prepare(
         learning = steps.learn_dict.model_copy(update={"output": dictionary})
         yield from _as_preparation(learn_dict.run(learning), f"{config.key}={value}: learn-dict")
     at = place("project")
-    if before and not at:
-        return replace(before, dictionary=dictionary)
-    at = at or work
-    landmarks = steps.fit.landmarks
-    if steps.project:
-        landmarks = (at / "all_landmarks.h5",)
-        seeing = steps.project.model_copy(update={"output": landmarks[0]})
+    seen = before.seen if before else steps.fit.landmarks
+    if steps.project and at:
+        seen = (at / "all_landmarks.h5",)
+        seeing = steps.project.model_copy(update={"output": seen[0]})
         yield from _as_preparation(project.run(seeing), f"{config.key}={value}: project")
-    files = Files(dictionary, at / "landmarks.h5", at / "warm_up.h5")
-    _thin_out(landmarks, config.frames, files)
+    if config.varied_section in ("project", "corrupt"):
+        at = folder
+    elif before:
+        return replace(before, dictionary=dictionary)
+    else:
+        at = work
+    files = Files(dictionary, seen, at / "landmarks.h5", at / "warm_up.h5")
+    choose_images(
+        seen,
+        Choice(config.least_visible, config.first, config.frames),
+        steps.corrupt if config.corrupts else None,
+        read_dictionary(dictionary).landmark_names,
+        files.landmarks,
+        files.warm_up,
+    )
     return files
 
 
@@ -107,22 +119,6 @@ def _as_preparation(outcomes: Iterable[Outcome], name: str) -> Iterator[Outcome]
     for outcome in outcomes:
         failures = _named(outcome.failures, name)
         yield Outcome(failures=failures, warnings=outcome.warnings, note=name)
-
-
-def _thin_out(landmarks: Sequence[Path], every: int, files: Files) -> None:
-    """Write every n-th image to a file, and the first few of them to one to warm up with."""
-    with (
-        open_landmarks(landmarks) as source,
-        landmark_writer(files.landmarks) as writer,
-        landmark_writer(files.warm_up) as warm_up,
-    ):
-        seen = 0
-        for chunk in source.chunks(CHUNK):
-            kept = chunk.take(slice(-seen % every, None, every))
-            writer.append(kept)
-            if not seen:
-                warm_up.append(kept.take(slice(WARM_UP)))
-            seen += len(chunk)
 
 
 def _fit(
@@ -149,16 +145,19 @@ def _fit(
 
 def _judge(
     config: SweepConfig, value: Value, result: Path, failed: Collection[str]
-) -> Generator[Outcome, None, ImageErrors]:
+) -> Generator[Outcome, None, list[ImageErrors]]:
     """Compare the result at one value with the truth; return the errors of its images.
 
-    The items in `failed` have been reported already.
+    Precision and recall of outlier labels follow where the chain knows them. The items in `failed` have been reported already.
     """
+    labelled = config.corrupts and config.steps(value).fit.labels_outliers
+    metrics = (METRIC, *LABELS) if labelled else (METRIC,)
     judging = EvalConfig(
         results={str(value): (result,)},
         truth=config.truth,
+        match=config.match,
         groups=config.groups,
-        metrics=(METRIC,),
+        metrics=metrics,
         output=result.with_name("report"),
         plots=False,
     )
@@ -166,23 +165,26 @@ def _judge(
         new = tuple(failure for failure in outcome.failures if failure.item not in failed)
         failures = _named(new, f"{config.key}={value}")
         yield Outcome(failures=failures, warnings=outcome.warnings)
-    return _read_errors(judging.output / "per_image.csv")
+    table = judging.output / "per_image.csv"
+    return [
+        _read_errors(table, metric, NORMALISED if metric == METRIC else SHARE) for metric in metrics
+    ]
 
 
 def _named(failures: Iterable[Failure], name: str) -> tuple[Failure, ...]:
     return tuple(Failure(f"{name}: {failure.item}", failure.reason) for failure in failures)
 
 
-def _read_errors(per_image: Path) -> ImageErrors:
-    """Read the normalised errors of one method from what `eval` wrote."""
+def _read_errors(per_image: Path, metric: str, unit: str) -> ImageErrors:
+    """Read the errors of one method in one metric from what `eval` wrote."""
     import polars as pl
 
     table = pl.read_csv(per_image, schema_overrides={"item": pl.String, "sequence": pl.String})
-    table = table.filter(unit=NORMALISED)
+    table = table.filter(metric=metric, unit=unit)
     return ImageErrors(
         method=table["method"].cast(pl.String)[0],
-        metric=METRIC,
-        unit=NORMALISED,
+        metric=metric,
+        unit=unit,
         items=tuple(table["item"]),
         sequences=tuple(table["sequence"]),
         values=table["error"].cast(pl.Float64).fill_null(np.nan).to_numpy(),

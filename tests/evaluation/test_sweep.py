@@ -49,7 +49,7 @@ def test_what_does_not_exist_is_null_and_empty(tmp_path):
     assert json.loads(sweep_json(found))["points"][1]["mean"] is None
     write_csv(tmp_path / "sweep.csv", found)
     *_, last = (tmp_path / "sweep.csv").read_text("utf-8").splitlines()
-    assert last == "fit.lambda,0.1,c,0,,,,,,0.002"
+    assert last == "fit.lambda,0.1,c,0,1,,,,,,0.002,,"
 
 
 def test_the_table_has_values_down_and_groups_across():
