@@ -148,7 +148,8 @@ def _judge(
 ) -> Generator[Outcome, None, list[ImageErrors]]:
     """Compare the result at one value with the truth; return the errors of its images.
 
-    Precision and recall of outlier labels follow where the chain knows them. The items in `failed` have been reported already.
+    Precision and recall of outlier labels follow where any image leaves them defined. The items
+    in `failed` have been reported already.
     """
     labelled = config.corrupts and config.steps(value).fit.labels_outliers
     metrics = (METRIC, *LABELS) if labelled else (METRIC,)
@@ -166,9 +167,9 @@ def _judge(
         failures = _named(new, f"{config.key}={value}")
         yield Outcome(failures=failures, warnings=outcome.warnings)
     table = judging.output / "per_image.csv"
-    return [
-        _read_errors(table, metric, NORMALISED if metric == METRIC else SHARE) for metric in metrics
-    ]
+    errors = _read_errors(table, METRIC, NORMALISED)
+    labels = [_read_errors(table, metric, SHARE) for metric in metrics[1:]]
+    return [errors, *(shares for shares in labels if shares.items)]
 
 
 def _named(failures: Iterable[Failure], name: str) -> tuple[Failure, ...]:
@@ -179,10 +180,11 @@ def _read_errors(per_image: Path, metric: str, unit: str) -> ImageErrors:
     """Read the errors of one method in one metric from what `eval` wrote."""
     import polars as pl
 
-    table = pl.read_csv(per_image, schema_overrides={"item": pl.String, "sequence": pl.String})
+    text = dict.fromkeys(("method", "item", "sequence"), pl.String)
+    table = pl.read_csv(per_image, schema_overrides=text)
     table = table.filter(metric=metric, unit=unit)
     return ImageErrors(
-        method=table["method"].cast(pl.String)[0],
+        method=next(iter(table["method"]), ""),
         metric=metric,
         unit=unit,
         items=tuple(table["item"]),
