@@ -40,6 +40,9 @@ def test_files_appear_when_all_are_complete(tmp_path, exists):
             before
         )
         assert files.count == 2
+        # on the file system of the folder, whose neighbours may not be writable
+        (staging,) = (path for path in tmp_path.rglob("*.partial"))
+        assert staging.parent == (folder if exists else tmp_path)
     assert content(folder) == before | {"a.txt": "new", "sub/sub/b.txt": "b"}
     assert os.listdir(tmp_path) == ["out"]
     assert not [path for path in folder.iterdir() if path.name.startswith(".")]

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from shapefit.io.records import concatenate
+from shapefit.io.records import ResultSet, concatenate
+from shapefit.lifting.reconstruction import complete_transforms
 from shapefit.meshes.wireframe import balls
+from shapefit.pipelines.mesh_export import has_shape
 
 FORMATS = pytest.mark.parametrize("file_format", ["obj", "ply", "ply-ascii", "glb"])
 # OBJ: 8 decimals. PLY and GLB: single precision of coordinates, which go up to 1500 pixels.
@@ -18,6 +20,12 @@ PRECISION = {"obj": 5.1e-9, "ply": 6.2e-5, "ply-ascii": 6.2e-5, "glb": 6.2e-5}
 
 def origin(found, image):
     return np.array([*found.translation[image], 0])[:, None]
+
+
+def landmark_vertices(dictionary):
+    """Which vertex of its mesh each landmark of a sample car is."""
+    apart = dictionary.mesh_vertices[0, :, None, :] - dictionary.atoms[0, :, :, None]
+    return (apart**2).sum(axis=0).argmin(axis=1)
 
 
 @FORMATS
@@ -98,9 +106,7 @@ def test_rotations_per_atom_give_the_landmarks_of_the_result(
     found, _ = export(
         fit_keys=keys, rotation="per-atom", landmarks=True, frame="camera", format="ply"
     )
-    # sample landmarks are vertices of the mesh
-    apart = car_atoms.mesh_vertices[0, :, None, :] - car_atoms.atoms[0, :, :, None]
-    vertex = (apart**2).sum(axis=0).argmin(axis=1)
+    vertex = landmark_vertices(car_atoms)
     for image, item in enumerate(found.items):
         mesh = read_one(item, "ply")
         points = read_one(item, "ply", "-landmarks")
@@ -192,20 +198,52 @@ def test_a_shape_that_shrank_to_a_point_is_counted_too(tmp_path, export):
     assert list((tmp_path / "meshes").iterdir()) == []
 
 
+@pytest.mark.parametrize("rotation", ["shared", "per-atom"])
 def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
-    export, car_atoms, views, monkeypatch, read_one, mixed
+    export, car_atoms, views, monkeypatch, read_one, mixed, rotation
 ):
     monkeypatch.setattr("shapefit.pipelines.mesh_export.STRETCH", 3)
     copies = [replace(views, items=tuple(f"{i}#{copy}" for i in views.items)) for copy in "ab"]
     landmarks = concatenate(copies)
     landmarks.landmarks[7, :, 2:] = np.nan
-    found, _ = export(landmarks, fit_keys={"chunk": 5}, items=["*[0-35-9]#a", "*#b"], format="obj")
+    found, _ = export(
+        landmarks, fit_keys={"method": "convex", "chunk": 5}, items=["*[0-35-9]#a", "*#b"],
+        format="obj", rotation=rotation,
+    )  # fmt: skip
     written = [i for i, item in enumerate(found.items) if i != 7 and not item.endswith("4#a")]
     assert 7 < len(written) < 12
     for image in written:
-        expected = found.scale[image] * mixed(car_atoms.mesh_vertices, found, image)
+        expected = mixed(car_atoms.mesh_vertices, found, image)
+        if rotation == "per-atom":
+            expected = found.rotation[image].T @ sum(
+                complete_transforms(M) @ mesh
+                for M, mesh in zip(found.transforms[image], car_atoms.mesh_vertices, strict=True)
+            )
         mesh = read_one(found.items[image], "obj")
-        np.testing.assert_allclose(mesh.vertices.T, expected, atol=5.1e-9)
+        np.testing.assert_allclose(mesh.vertices.T, found.scale[image] * expected, atol=5.1e-9)
+
+
+def test_landmarks_lie_on_the_mesh_also_where_the_result_has_them_elsewhere(
+    export, car_atoms, read_one
+):
+    found, _ = export(fit_keys={"method": "convex"}, frame="camera", landmarks=True)
+    vertex = landmark_vertices(car_atoms)
+    for image, item in enumerate(found.items):
+        points = read_one(item, ending="-landmarks").vertices
+        np.testing.assert_array_equal(points, read_one(item).vertices[vertex])
+        assert np.abs(points.T - found.shapes[image]).max() > 1
+
+
+def test_which_images_have_a_shape():
+    shapes = np.tile(np.arange(12.0).reshape(3, 4), (4, 1, 1))
+    rotation = np.tile(np.eye(3), (4, 1, 1))
+    shapes[1] = np.nan
+    shapes[2] = [[5.0], [6], [0]]
+    rotation[3] = np.nan
+    found = ResultSet(
+        shapes=shapes, rotation=rotation, landmark_names=tuple("abcd"), items=tuple("wxyz")
+    )
+    assert list(has_shape(found)) == [True, False, False, False]
 
 
 def test_odd_names_stay_in_the_folder_and_apart(tmp_path, export, views):
