@@ -63,7 +63,8 @@ class FloorsConfig(ConfigModel):
 
     dictionary: InputPath = Field(
         description="Dictionary whose mean shape, nearest atom and best non-negative combination "
-        "get rows of their own, each laid onto the truth as well as it can be."
+        "get rows of their own, each laid onto the truth as well as it can be; without `floors` "
+        "there are no such rows."
     )
     leave_out: str | None = Field(
         default=None,

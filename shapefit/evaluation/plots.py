@@ -36,6 +36,8 @@ FEWEST_SLOTS = 6
 """Fewer are padded left and right, so that bars stay slim."""
 LETTER = 0.085
 """Width of a letter in inches, about, to tell what fits."""
+LEGEND_HANDLE = 0.6
+"""Width in inches of an entry of the legend besides its letters."""
 
 TITLES = {
     "similarity": "3D error up to a similarity",
@@ -200,11 +202,13 @@ def add_head(figure: Figure, axis: Axes, title: str, methods: Sequence[str]) -> 
 
     axis.set_title(title, loc="left", color=INK, fontsize=12, pad=20)
     looks = [look(index) for index in range(len(methods))]
+    entry = LETTER * max(map(len, methods)) + LEGEND_HANDLE
+    columns = max(1, min(len(methods), 4, int(figure.get_figwidth() / entry)))
     figure.legend(
         handles=[
             Patch(facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.3, label=method)
             for method, (colour, hatch) in zip(methods, looks, strict=True)
         ],
-        loc="outside lower center", ncols=min(len(methods), 4), frameon=False, labelcolor=INK,
+        loc="outside lower center", ncols=columns, frameon=False, labelcolor=INK,
         fontsize=9,
     )  # fmt: skip

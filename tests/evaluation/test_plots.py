@@ -49,6 +49,15 @@ def test_a_bar_for_every_sequence_and_method_then_the_mean():
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["convex", "admm"]
 
 
+@pytest.mark.parametrize("count", [1, 4, 11])
+def test_the_legend_lies_within_the_figure(count):
+    methods = [f"Convex+robust+refine, 0.{i:02d}" for i in range(count)]
+    figure = plots.bar_plot(summaries(["all"], methods))
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    assert 0 <= box.x0 < box.x1 <= figure.bbox.width
+
+
 def test_bars_do_not_overlap():
     figure = plots.bar_plot(summaries(subject(13, 9), [f"method {i}" for i in range(5)]))
     edges = sorted((b.get_x(), b.get_x() + b.get_width()) for b in figure.axes[0].patches)
