@@ -47,7 +47,9 @@ class ViewingConfig(ConfigModel):
         description="perspective: residual, for normalised landmarks, beyond which a landmark "
         "loses its pull (Cauchy's loss).",
     )
-    max_rounds: int = Field(default=200, ge=1, description="perspective: most rounds for one image.")
+    max_rounds: int = Field(
+        default=200, ge=1, description="perspective: most rounds for one image."
+    )
 
     @model_validator(mode="after")
     def _knows_the_focal_length(self) -> Self:

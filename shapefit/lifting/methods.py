@@ -175,7 +175,7 @@ def _alternate_from_convex(problem: Problem, settings: Settings, *, signed: bool
     start = synchronise(solution.transforms, threads=settings.threads).rotation[:, None]
     outliers = find_outliers(problem, solution)
     if outliers is None:
-        found = _alternate(problem, settings, start, signed=signed)
+        found = _alternate_or_restart(problem, settings, start, signed=signed)
         bound = solution.objective * (1 - solution.relative_gap)
         gap = np.divide(
             found.objective - bound,
@@ -188,12 +188,32 @@ def _alternate_from_convex(problem: Problem, settings: Settings, *, signed: bool
         outliers = believable(problem, outliers)
         weights = np.where(outliers, 0.0, problem.weights)
         inliers = replace(problem, weights=weights, loss=Loss.SQUARED)
-        found = replace(_alternate(inliers, settings, start, signed=signed), outliers=outliers)
+        found = replace(
+            _alternate_or_restart(inliers, settings, start, signed=signed), outliers=outliers
+        )
     status = tuple(
         first if first in (Status.DEGENERATE, Status.NUMERICAL_FAILURE) else second
         for first, second in zip(solution.status, found.status, strict=True)
     )
     return replace(found, status=status, iterations=solution.iterations + found.iterations)
+
+
+def _alternate_or_restart(
+    problem: Problem, settings: Settings, starts: Floats, *, signed: bool
+) -> Estimate:
+    """Alternate; where no atom fits at the synchronised rotation, from the mean shape's pose too.
+
+    Without coefficients there is no rotation to go on from, though another one may fit.
+    """
+    found = _alternate(problem, settings, starts, signed=signed)
+    assert found.coefficients is not None
+    if found.coefficients.any(axis=1).all():
+        return found
+    views = spread_views(settings.views)
+    pose = find_pose(problem, settings.mean_shape, views, threads=settings.threads)
+    empty = ~np.any(found.coefficients, axis=1) & (pose.size > 0)
+    starts = np.where(empty[:, None, None, None], pose.rotation[:, None], starts)
+    return _alternate(problem, settings, starts, signed=signed)
 
 
 def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: bool) -> Estimate:
@@ -208,8 +228,7 @@ def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: 
     )
     c = found.coefficients
     R = np.where(np.isfinite(found.rotation), found.rotation, 0.0)
-    n, k = c.shape
-    shapes = R @ (c @ problem.atoms.reshape(k, -1)).reshape(n, 3, -1)
+    shapes = R @ np.tensordot(c, problem.atoms, axes=1)
     placed = place(problem, shapes[:, :2])
     return Estimate(
         shapes=shapes,

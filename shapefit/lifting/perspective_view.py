@@ -87,6 +87,8 @@ def refine_view(
         return whole
 
     old = lifting.estimate
+    iterations = old.iterations.copy()
+    iterations[rows] += found.rounds
     estimate = replace(
         old,
         shapes=spread(S),
@@ -94,7 +96,7 @@ def refine_view(
         rotation=spread(R),
         objective=spread(found.objective),
         residual=spread(relative_residual(norm.points, weights, projected)),
-        iterations=old.iterations + spread(found.rounds, 0).astype(np.int64),
+        iterations=iterations,
         status=merge_status(old, found.status, rows),
         coefficients=spread(c, 0.0),
         active_atoms=is_active(spread(c, 0.0)).sum(axis=1),
@@ -129,7 +131,7 @@ def find_rotations(lifting: Lifting, mean_shape: Floats, rows: Rows, threads: in
             problem.landmarks[images], problem.weights[images], problem.atoms, problem.lam[images]
         )
         pose = find_pose(part, mean_shape, spread_views(VIEWS), threads=threads)
-        known = np.isfinite(pose.rotation).all(axis=(1, 2))[:, None, None]
+        known = np.all(np.isfinite(pose.rotation), axis=(1, 2), keepdims=True)
         R[unknown] = np.where(known, pose.rotation, np.eye(3))
     return R
 

@@ -182,11 +182,29 @@ def test_outliers_are_told_by_the_robust_losses_only(make_scene, settings):
     assert METHODS["convex"](scene.problem(0.1), settings).outliers is None
 
 
-@pytest.mark.parametrize("name", RIGID)
-def test_robust_losses_are_for_the_convex_program(name, scene, settings):
+def test_robust_losses_need_the_convex_program(scene, settings):
     problem = build_problem(scene.landmarks, scene.atoms, 0.1, loss=Loss.SPARSE_ERROR)
     with pytest.raises(ValueError, match="squared loss only, not sparse-error"):
-        METHODS[name](problem, settings)
+        METHODS["alternate"](problem, settings)
+
+
+def test_no_image_is_no_error(make_scene, settings):
+    scene = make_scene(n=2)
+    problem = build_problem(scene.landmarks[:0], scene.atoms, 0.1, weights=scene.weights[:0])
+    assert METHODS["convex+refine"](problem, settings).shapes.shape == (0, 3, 12)
+
+
+def test_where_no_atom_fits_at_the_start_another_rotation_is_tried(scene, settings):
+    """Transforms of the wrong sign, as a solver that stopped early might leave them."""
+
+    def reversed_solution(problem):
+        solution = solve_newton(problem)
+        return replace(solution, transforms=-solution.transforms)
+
+    found = METHODS["convex+refine"](
+        scene.problem(0.05), replace(settings, solve=reversed_solution)
+    )
+    assert found.coefficients.any(axis=1).all()
 
 
 @pytest.fixture(scope="module")
