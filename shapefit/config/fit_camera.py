@@ -38,8 +38,8 @@ class ViewingConfig(ConfigModel):
     ridge: float = Field(
         default=0.3,
         gt=0,
-        description="perspective: weight of the squared distance of the coefficients to those of the "
-        "mean shape.",
+        description="perspective: weight of the squared distance of the coefficients to those of "
+        "the mean shape.",
     )
     softness: float = Field(
         default=0.1,

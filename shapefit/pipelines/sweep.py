@@ -13,6 +13,7 @@ import numpy as np
 
 from shapefit import __version__
 from shapefit.config import EvalConfig, SweepConfig
+from shapefit.config.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.sweep import Value
 from shapefit.evaluation import plots
 from shapefit.evaluation.labels import SHARE
@@ -126,7 +127,14 @@ def _fit(
 ) -> Generator[Outcome, None, set[str]]:
     """Fit the images at one value, once all it takes is compiled; return the items that failed."""
     fitting = config.steps(value).fit.model_copy(
-        update={"landmarks": (files.warm_up,), "dictionary": files.dictionary, "output": result}
+        update={
+            "landmarks": (files.warm_up,),
+            "dictionary": files.dictionary,
+            "output": result,
+            # each value would write over the meshes and pictures of the one before
+            "export": ExportConfig(),
+            "pictures": PicturesConfig(),
+        }
     )
     for _ in fit.run(fitting):
         pass

@@ -126,6 +126,12 @@ def test_files_that_are_given_are_used(sweep, tmp_path):
     assert not (tmp_path / "out/work/1_0.1/dictionary.h5").exists()
 
 
+def test_a_sweep_writes_no_pictures_of_its_fits(sweep, tmp_path):
+    folder = tmp_path / "pictures"
+    sweep({"fit.lambda": [0.1, 0.2]}, fit={"pictures": {"folder": str(folder)}})
+    assert not folder.exists()
+
+
 def test_methods_are_told_apart(sweep, tmp_path):
     _, rows = sweep({"fit.method": ["convex", "mean-shape"]}, plots=True)
     assert [row["value"] for row in rows] == ["convex", "mean-shape"]
