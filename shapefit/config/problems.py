@@ -45,7 +45,12 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, settings: Settings) -
 def _schema_at(
     model: type[BaseModel], location: Location
 ) -> tuple[type[BaseModel], FieldInfo | None]:
-    """Return the field that `location` is or lies in (None if unknown), and its owner."""
+    """Return the field that `location` is or lies in (None if unknown), and its owner.
+
+    A problem of several keys together lies in none of them: its location is empty.
+    """
+    if not location:
+        return model, None
     owner = model
     for key in location[:-1]:
         field = field_keys(owner)[str(key)]

@@ -1,0 +1,88 @@
+"""convex+refine with a robust loss: outliers of the convex program, and a fit without them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import Loss
+from shapefit.convex.solution import Status
+from shapefit.lifting.lift import Program, lift
+from shapefit.lifting.methods import METHODS, Settings, believable
+
+ROBUST = (Loss.ABSOLUTE, Loss.SPARSE_ERROR)
+
+
+@pytest.fixture
+def scene(make_scene):
+    return make_scene(n=20, k=6, p=40, active=2)
+
+
+@pytest.fixture
+def settings(scene):
+    return Settings(solve=partial(solve_newton, tolerance=1e-6), mean_shape=scene.mean_shape)
+
+
+@pytest.fixture
+def corrupted(scene, rng):
+    """A problem with every fifth landmark of each image elsewhere, and which those are."""
+    wrong = rng.random((20, 40)).argsort(axis=1) < 8
+    move = np.where(wrong[:, None], rng.choice([-1, 1], (20, 2, 40)) * 2.0, 0.0)
+    return replace(scene, landmarks=scene.landmarks + move).problem(0.02), wrong
+
+
+@pytest.mark.parametrize("loss", ROBUST)
+def test_planted_outliers_are_labelled_and_left_out(loss, corrupted, settings):
+    problem, wrong = corrupted
+    robust = METHODS["convex+refine"](replace(problem, loss=loss, beta=0.1), settings)
+    assert set(robust.status) == {Status.CONVERGED}
+    assert robust.relative_gap is None
+    assert robust.outliers[wrong].all()
+    labels = METHODS["convex"](replace(problem, loss=loss, beta=0.1), settings).outliers
+    np.testing.assert_array_equal(robust.outliers, labels)
+
+    garbage = np.where(wrong[:, None], 1e6, problem.landmarks)
+    inliers = replace(
+        problem, landmarks=garbage, weights=np.where(robust.outliers, 0.0, problem.weights)
+    )
+    alone = METHODS["convex+refine"](inliers, settings)
+    np.testing.assert_allclose(robust.objective, alone.objective, rtol=1e-3)
+    assert (robust.residual < 0.05).all()
+
+
+@pytest.mark.parametrize("loss", ROBUST)
+def test_the_rotation_is_that_without_outliers(loss, corrupted, scene, settings):
+    problem, _ = corrupted
+    robust = METHODS["convex+refine"](replace(problem, loss=loss, beta=0.1), settings)
+    squared = METHODS["convex+refine"](problem, settings)
+
+    def errors(found):
+        return np.abs(found.rotation - scene.rotation).max(axis=(1, 2))
+
+    assert errors(robust).max() < 0.03
+    assert np.median(errors(squared)) > 0.1
+
+
+def test_labels_that_leave_too_little_are_not_believed(scene, settings):
+    problem = scene.problem(0.02)
+    outliers = np.ones((20, 40), bool)
+    outliers[0, :3] = False  # three are enough
+    believed = believable(problem, outliers)
+    np.testing.assert_array_equal(believed[0], outliers[0])
+    assert not believed[1:].any()
+    # beta so small that every landmark is an outlier of the convex program
+    program = Program(0.02, Loss.SPARSE_ERROR, beta=1e-9)
+    found = lift(
+        scene.landmarks,
+        scene.weights,
+        scene.atoms,
+        program,
+        partial(METHODS["convex+refine"], settings=settings),
+    )
+    assert found.failures == {}
+    assert np.isfinite(found.shapes).all()
+    assert not found.estimate.outliers.any()
