@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution, Status
 from shapefit.convex.stretch_kernel import solve_stretch
+from shapefit.convex.stretches import run_stretches
 
-# Images start from the solution of the one before them within stretches of this length, whatever
-# the number of threads: results do not depend on it.
-STRETCH = 64
 _STATUS = (Status.OPTIMAL, Status.ITERATION_LIMIT, Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
 
@@ -42,8 +37,7 @@ def solve_newton(
     steps, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
     delta = float(problem.loss.has_quadratic)
 
-    def solve(first: int) -> None:
-        part = slice(first, first + STRETCH)
+    def solve(part: slice) -> None:
         solve_stretch(
             problem.landmarks[part], problem.weights[part], problem.atoms, problem.lam[part],
             delta, problem.bound, tolerance, max_iterations, start is not None,
@@ -51,13 +45,6 @@ def solve_newton(
             objective[part], gap[part], residual[part], steps[part], codes[part],
         )  # fmt: skip
 
-    starts = range(0, n, STRETCH)
-    workers = min(threads or os.cpu_count() or 1, len(starts))
-    if workers <= 1:
-        for first in starts:
-            solve(first)
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(solve, starts))
+    run_stretches(n, solve, threads)
     status = tuple(_STATUS[code] for code in codes)
     return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)

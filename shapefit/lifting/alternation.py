@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
+from shapefit.convex.stretches import run_stretches
 from shapefit.lifting.alternation_kernels import alternate_stretch
-from shapefit.lifting.stretches import run_stretches
 
 Floats = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
+from shapefit.convex.stretches import run_stretches
 from shapefit.geometry.rotations import complete_rotation
 from shapefit.lifting.estimate import Estimate, place
 from shapefit.lifting.matching_pursuit_kernels import pursue_stretch
-from shapefit.lifting.stretches import run_stretches
 
 Floats = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from shapefit.convex.solution import Status
+from shapefit.convex.stretches import run_stretches
 from shapefit.lifting.perspective_kernels import perspective_stretch
-from shapefit.lifting.stretches import run_stretches
 
 Floats = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.convex.problem import Problem
+from shapefit.convex.stretches import run_stretches
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.pose_kernels import pose_stretch
-from shapefit.lifting.stretches import run_stretches
 
 Floats = NDArray[np.float64]
 

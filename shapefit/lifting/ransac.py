@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.convex.stretches import run_stretches
 from shapefit.lifting.ransac_kernels import consensus_stretch
-from shapefit.lifting.stretches import run_stretches
 
 Floats = NDArray[np.float64]
 

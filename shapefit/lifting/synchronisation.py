@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.lifting.stretches import run_stretches
+from shapefit.convex.stretches import run_stretches
 from shapefit.lifting.synchronisation_kernels import synchronise_stretch
 
 Floats = NDArray[np.float64]

@@ -6,6 +6,8 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
+# The convex program is solved from one image to the next within a stretch; its length is fixed, so
+# that results do not depend on the number of threads.
 STRETCH = 64
 
 
