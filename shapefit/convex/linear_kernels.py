@@ -1,4 +1,8 @@
-"""Kernels for the Newton system (c I + F^T F) x = b with F of few or of many rows."""
+"""Kernels for the Newton system (c I + F^T F + E) x = b with F of few or of many rows.
+
+E is the curvature of the error terms: sum_am curvature_am f f^T, where f = e_m - h_m h is row m of
+the reflection I - h h^T without its last column, placed in the half of axis a.
+"""
 
 from __future__ import annotations
 
@@ -82,15 +86,56 @@ def _solve_factored(H, n, x):
 
 
 @kernel
-def newton_direction(F, rows, shift, by_rows, gradient, H, small, d):
-    """d = -(shift I + F^T F)^-1 gradient; F (rows, n), gradient and d (n,).
+def _append_errors(F, rows, curvature, h):
+    """Append sqrt(curvature_am) f where that is not zero; returns the new number of rows."""
+    q = F.shape[1] // 2
+    for a in range(2):
+        for m in range(curvature.shape[1]):
+            if curvature[a, m] > 0.0:
+                root = np.sqrt(curvature[a, m])
+                Fr = F[rows]
+                for j in range(2 * q):
+                    Fr[j] = 0.0
+                for j in range(q):
+                    Fr[a * q + j] = -root * h[m] * h[j]
+                if m < q:
+                    Fr[a * q + m] += root
+                rows += 1
+    return rows
 
-    Where F has fewer rows than columns and `by_rows` says that the shift is not tiny beside
-    F^T F, the inverse is taken in the space of rows (Woodbury). H (>= n, >= n) and small (>= n,)
-    are workspace.
+
+@kernel
+def _add_errors(curvature, h, H):
+    """H += sum_am curvature_am f f^T, upper triangle: a diagonal and a term of rank two an axis."""
+    q = H.shape[0] // 2
+    for a in range(2):
+        c, along = curvature[a], 0.0
+        for m in range(q + 1):
+            along += c[m] * h[m] * h[m]
+        for i in range(q):
+            Hi = H[a * q + i]
+            Hi[a * q + i] += c[i]
+            for j in range(i, q):
+                Hi[a * q + j] += h[i] * h[j] * (along - c[i] - c[j])
+
+
+@kernel
+def newton_direction(F, rows, curvature, h, shift, by_rows, gradient, H, small, d):
+    """d = -(shift I + F^T F + E)^-1 gradient; F (rows, n), gradient and d (n,).
+
+    E is made of curvature (2, n / 2 + 1) >= 0 and h; curvature (2, 0) leaves it out. Where F has
+    fewer rows than columns, with one more for each positive curvature, and `by_rows` says that the
+    shift is not tiny beside F^T F, the inverse is taken in the space of rows (Woodbury). F has
+    room for those rows; H (>= n, >= n) and small (>= n,) are workspace.
     """
     n = gradient.shape[0]
-    if by_rows and rows < n:
+    errors = 0
+    for a in range(2):
+        for m in range(curvature.shape[1]):
+            if curvature[a, m] > 0.0:
+                errors += 1
+    if by_rows and rows + errors < n:
+        rows = _append_errors(F, rows, curvature, h)
         _outer_gram(F, rows, n, shift, H)
         for f in range(rows):
             total = 0.0
@@ -108,6 +153,8 @@ def newton_direction(F, rows, shift, by_rows, gradient, H, small, d):
                 d[j] += factor * Ff[j]
         return
     _gram(F, rows, n, shift, H)
+    if errors > 0:
+        _add_errors(curvature, h, H)
     for j in range(n):
         d[j] = -gradient[j]
     _solve_factored(H, n, d)

@@ -9,11 +9,14 @@ delta = 1 for a loss with a quadratic and 0 without. The proximal-point method o
 
     Y <- argmin phi(Y) = delta/2 ||Y||^2 - <Y, W>
                          + 1/(2 sigma) sum_i ||prox_{sigma lambda}(M_i + sigma Y B_i^T)||^2
-                         + 1/(2 sigma) ||soft_{sigma bound}(E + sigma Y)||^2
-    M_i <- prox_{sigma lambda}(M_i + sigma Y B_i^T),     E <- soft_{sigma bound}(E + sigma Y).
+                         + sum_j 1/(2 rho_j) ||soft_{rho_j bound_j}(E_j + rho_j Y_j)||^2
+    M_i <- prox_{sigma lambda}(M_i + sigma Y B_i^T)
+    E_j <- soft_{rho_j bound_j}(E_j + rho_j Y_j)
 
-phi is convex with a semismooth gradient and lives in 2 (p - 1) dimensions, so a Newton step costs
-one small Cholesky factorisation and few steps suffice. Every iterate carries its duality gap.
+for columns E_j and Y_j. rho_j bound_j is the same part of sigma lambda for all j, so that the steps
+of E and M fit the sizes of both, whatever the bounds and lambda. phi is convex with a semismooth
+gradient and lives in 2 (p - 1) dimensions, so a Newton step costs one small Cholesky factorisation
+and few steps suffice. Every iterate carries its duality gap.
 """
 
 from __future__ import annotations
@@ -34,23 +37,27 @@ from shapefit.convex.reduction_kernels import expand_rows
 # sigma starts at START / lambda, the step on which M can move by its own size where ||W|| = 1 and
 # ||B_i|| = 1, and grows by GROWTH an outer iteration.
 START, GROWTH = 20.0, 4.0
+# rho_j bound_j = PART sigma lambda: an entry of E has the size of one residual, M that of all of W.
+# The count of steps is flat from 0.03 to 0.1, with 12 landmarks as with 256.
+PART = 0.05
 # An inner problem is solved until ||gradient|| <= LOOSENESS ||change of (M, E)|| / (sigma lambda).
 LOOSENESS = 2.0
-# Rounding of the gradient, whose terms M + sigma Y B^T and E + sigma Y cancel: no inner problem is
-# solved beyond it. Where that comes first sigma falls, because the noise grows with it.
-ROUNDING = 1e-15
+# Rounding of the gradient, whose terms M + sigma Y B^T and E + rho Y cancel, as a share of sigma
+# lambda. No inner problem is solved beyond it, nor in more than PATIENCE steps; where one of these
+# comes first sigma falls: the noise grows with it, and so do the kinks of phi that a step crosses.
+ROUNDING, PATIENCE = 1e-15, 40
 ARMIJO, SHORTEST = 1e-4, 1e-10
 
 
 @kernel
-def soft_squared(E, Y, step, D, sigma, bounds):
-    """||soft(E + sigma (Y + step D))||^2 with thresholds sigma bounds; E, Y, D (2, p)."""
+def soft_squared(E, Y, step, D, rho, threshold):
+    """sum_aj soft(E_aj + rho_j (Y_aj + step D_aj))^2 / rho_j; E, Y, D (2, p), rho (p,)."""
     value = 0.0
     for a in range(2):
         for j in range(E.shape[1]):
-            excess = abs(E[a, j] + sigma * (Y[a, j] + step * D[a, j])) - sigma * bounds[j]
+            excess = abs(E[a, j] + rho[j] * (Y[a, j] + step * D[a, j])) - threshold
             if excess > 0.0:
-                value += excess * excess
+                value += excess * excess / rho[j]
     return value
 
 
@@ -84,9 +91,10 @@ def solve_reduced(
     active, fresh = np.empty(k, np.int64), np.empty((k, 6))
     argument = np.empty(6)
     Y, D = np.zeros((2, p)), np.zeros((2, p))
-    fresh_E = np.zeros((2, p))
+    fresh_E, rho = np.zeros((2, p)), np.ones(p)
     g, d = np.empty(2 * q), np.empty(2 * q)
-    F = np.zeros((6 * k + (2 * seen if robust else 0), 2 * q))
+    curvature = np.zeros((2, seen if robust else 0))
+    F = np.zeros((6 * k + curvature.size, 2 * q))
     H, small = np.empty((2 * q, 2 * q)), np.empty(2 * q)
 
     sigma = START / lam
@@ -94,9 +102,11 @@ def solve_reduced(
     correlate(y, planes, N)
     steps = 0
     while True:
-        t = sigma * lam
+        t, threshold = sigma * lam, PART * sigma * lam
         inner = 0
         if robust:
+            for m in range(seen):
+                rho[visible[m]] = threshold / bounds[visible[m]]
             expand_rows(y, visible, h, seen, Y)
         yy, yw = 0.0, 0.0
         for j in range(q):
@@ -104,7 +114,7 @@ def solve_reduced(
             yw += y[0, j] * W[0, j] + y[1, j] * W[1, j]
         phi = delta * 0.5 * yy - yw + moreau(M, N, 0.0, N, sigma, t, total) / (2.0 * sigma)
         if robust:
-            phi += soft_squared(E, Y, 0.0, Y, sigma, bounds) / (2.0 * sigma)
+            phi += 0.5 * soft_squared(E, Y, 0.0, Y, rho, threshold)
         while True:
             # gradient, with the proximal point it belongs to
             for a in range(2):
@@ -136,8 +146,8 @@ def solve_reduced(
                     along = 0.0
                     for m in range(seen):
                         j = visible[m]
-                        value = E[a, j] + sigma * Y[a, j]
-                        excess = abs(value) - sigma * bounds[j]
+                        value = E[a, j] + rho[j] * Y[a, j]
+                        excess = abs(value) - threshold
                         fresh_E[a, j] = np.sign(value) * excess if excess > 0.0 else 0.0
                         along += fresh_E[a, j] * h[m]
                         moved += (fresh_E[a, j] - E[a, j]) ** 2
@@ -172,9 +182,9 @@ def solve_reduced(
                 gap = max(gap, np.sqrt(gg))
             if gap <= tolerance or steps >= most or not gap < np.inf:
                 break
-            noise = ROUNDING * sigma * (max(lam, np.sqrt(yy)) if robust else lam)
+            noise = ROUNDING * t
             solved = gg * t * t <= LOOSENESS * LOOSENESS * moved
-            if inner > 0 and (solved or gg <= noise * noise):
+            if inner > 0 and (solved or gg <= noise * noise or inner >= PATIENCE):
                 break
             # Newton step
             rows = 0
@@ -184,22 +194,14 @@ def solve_reduced(
                     argument[b] = M[b, i] + sigma * N[b, i]
                 rows = jacobian_rows(argument, t, sigma, atoms[i], F, rows)
             if robust:
-                root = np.sqrt(sigma)
                 for a in range(2):
                     for m in range(seen):
-                        if fresh_E[a, visible[m]] != 0.0:
-                            Fr = F[rows]
-                            for j in range(2 * q):
-                                Fr[j] = 0.0
-                            for j in range(q):
-                                Fr[a * q + j] = -root * h[m] * h[j]
-                            if m < q:
-                                Fr[a * q + m] += root
-                            rows += 1
+                        j = visible[m]
+                        curvature[a, m] = rho[j] if fresh_E[a, j] != 0.0 else 0.0
             shift = delta
             if delta == 0.0:
                 shift = sigma * (1e-13 + 1e-7 * min(1.0, np.sqrt(gg)))
-            newton_direction(F, rows, shift, delta > 0.0, g, H, small, d)
+            newton_direction(F, rows, curvature, h, shift, delta > 0.0, g, H, small, d)
             direction = d.reshape(2, q)
             correlate(direction, planes, dN)
             if robust:
@@ -216,7 +218,7 @@ def solve_reduced(
                 trial = delta * (0.5 * yy + step * yd + 0.5 * step * step * dd) - yw - step * wd
                 trial += moreau(M, N, step, dN, sigma, t, total) / (2.0 * sigma)
                 if robust:
-                    trial += soft_squared(E, Y, step, D, sigma, bounds) / (2.0 * sigma)
+                    trial += 0.5 * soft_squared(E, Y, step, D, rho, threshold)
                 enough = phi + ARMIJO * step * slope + 1e-13 * abs(phi)
                 if trial <= enough or step < SHORTEST:
                     break

@@ -54,12 +54,12 @@ def test_moreau_sums_the_squares_of_the_prox(rng: np.random.Generator) -> None:
     assert (~active).any()
 
 
-def test_soft_squared_sums_what_exceeds_the_bounds(rng: np.random.Generator) -> None:
+def test_soft_squared_sums_what_exceeds_the_threshold(rng: np.random.Generator) -> None:
     E, Y, D = rng.standard_normal((3, 2, 11))
-    bounds = rng.uniform(0.1, 1.0, 11)
-    argument = np.abs(E + 1.5 * (Y + 0.3 * D))
-    expected = (np.maximum(argument - 1.5 * bounds, 0) ** 2).sum()
-    assert soft_squared(E, Y, 0.3, D, 1.5, bounds) == pytest.approx(expected, rel=1e-13)
+    rho = rng.uniform(0.5, 2.0, 11)
+    argument = np.abs(E + rho * (Y + 0.3 * D))
+    expected = (np.maximum(argument - 0.8, 0) ** 2 / rho).sum()
+    assert soft_squared(E, Y, 0.3, D, rho, 0.8) == pytest.approx(expected, rel=1e-13)
 
 
 BLOCKS = {
@@ -100,15 +100,38 @@ def test_jacobian_rows_against_finite_differences(rng: np.random.Generator, name
     np.testing.assert_allclose(found, expected, atol=2e-8 * np.abs(expected).max())
 
 
+NO_ERRORS = np.zeros((2, 0))
+
+
 @pytest.mark.parametrize("rows", [0, 3, 9, 10, 11, 26])
 @pytest.mark.parametrize("by_rows", [True, False])
 def test_newton_direction_against_numpy(rng: np.random.Generator, rows: int, by_rows: bool) -> None:
     n, shift = 10, 1.0
     F, gradient = rng.standard_normal((30, n)), rng.standard_normal(n)
     H, small, d = np.empty((n, n)), np.empty(n), np.empty(n)
-    newton_direction(F, rows, shift, by_rows, gradient, H, small, d)
+    newton_direction(F, rows, NO_ERRORS, np.empty(0), shift, by_rows, gradient, H, small, d)
     expected = -np.linalg.solve(shift * np.eye(n) + F[:rows].T @ F[:rows], gradient)
     np.testing.assert_allclose(d, expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("by_rows", [True, False])
+def test_newton_direction_with_the_curvature_of_errors(
+    rng: np.random.Generator, share: float, by_rows: bool
+) -> None:
+    seen, rows, shift = 8, 3, 1.0
+    q = seen - 1
+    visible, h = np.zeros(seen, np.int64), np.zeros(seen)
+    find_visible(rng.uniform(0.5, 2.0, seen), visible, h)
+    curvature = rng.uniform(0.1, 3.0, (2, seen)) * (rng.random((2, seen)) < share)
+    F, gradient = rng.standard_normal((rows + 2 * seen, 2 * q)), rng.standard_normal(2 * q)
+    steps = (np.eye(seen) - np.outer(h, h))[:, :q]  # what each E feels of the dual
+    expected = shift * np.eye(2 * q) + F[:rows].T @ F[:rows]
+    expected[:q, :q] += steps.T @ np.diag(curvature[0]) @ steps
+    expected[q:, q:] += steps.T @ np.diag(curvature[1]) @ steps
+    H, small, d = np.empty((2 * q, 2 * q)), np.empty(2 * q), np.empty(2 * q)
+    newton_direction(F, rows, curvature, h, shift, by_rows, gradient, H, small, d)
+    np.testing.assert_allclose(d, -np.linalg.solve(expected, gradient), rtol=1e-10)
 
 
 def test_newton_direction_descends_where_the_matrix_is_singular(rng: np.random.Generator) -> None:
@@ -116,7 +139,8 @@ def test_newton_direction_descends_where_the_matrix_is_singular(rng: np.random.G
     F[:3] = rng.standard_normal((3, 6))
     F[3] = F[0]
     d = np.empty(6)
-    newton_direction(F, 4, 1e-13, False, gradient, np.empty((6, 6)), np.empty(6), d)
+    H, small = np.empty((6, 6)), np.empty(6)
+    newton_direction(F, 4, NO_ERRORS, np.empty(0), 1e-13, False, gradient, H, small, d)
     assert np.isfinite(d).all()
     assert d @ gradient < 0
 
