@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.stats import kstest
 
 from shapefit.pipelines.imperfections import (
     BLOCK,
     LEAST_VISIBLE,
     Purpose,
     add_noise,
+    corrupt,
     displace,
     hide,
     stream,
@@ -97,3 +99,40 @@ def test_an_image_fares_the_same_however_many_follow(landmarks, spoil):
     whole = spoil(landmarks, np.random.default_rng(3))
     part = spoil(landmarks[:10], np.random.default_rng(3))
     assert np.array_equal(whole[:10], part, equal_nan=True)
+
+
+class TestCorruption:
+    @pytest.fixture
+    def seen(self, landmarks, rng):
+        """The landmarks with a third of them unseen, and one image without any."""
+        hidden = rng.random((BLOCK, P)) < 1 / 3
+        hidden[0] = True
+        return np.where(hidden[:, None], np.nan, landmarks)
+
+    @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+    def test_the_share_of_the_visible_landmarks_is_replaced_and_named(self, seen, share, rng):
+        after, wrong = corrupt(seen, share, 0.1, rng)
+        visible = np.isfinite(seen[:, 0])
+        assert not wrong[~visible].any()
+        off = wrong.sum(axis=1) - share * visible.sum(axis=1)
+        assert np.abs(off).max() < 1
+        changed = ((after != seen) & np.isfinite(seen)).any(axis=1)
+        np.testing.assert_array_equal(changed, wrong)
+        np.testing.assert_array_equal(np.isfinite(after), np.isfinite(seen))
+
+    @pytest.mark.parametrize("margin", [0.0, 0.25])
+    def test_the_points_fill_the_grown_box(self, seen, margin, rng):
+        after, wrong = corrupt(seen, 0.5, margin, rng)
+        low, high = np.nanmin(seen[1:], axis=2), np.nanmax(seen[1:], axis=2)
+        place = (after[1:] - low[..., None]) / (high - low)[..., None]
+        place = (place.swapaxes(1, 2)[wrong[1:]] + margin) / (1 + 2 * margin)
+        assert ((place >= 0) & (place <= 1)).all()
+        assert kstest(place.ravel(), "uniform").pvalue > 1e-3
+
+    def test_a_larger_share_adds_landmarks_and_moves_no_others(self, seen):
+        few, some = (
+            corrupt(seen, share, 0.1, stream(1, Purpose.CORRUPTION, 0)) for share in (0.2, 0.6)
+        )
+        assert (some[1] | ~few[1]).all()
+        moved = np.broadcast_to(few[1][:, None], seen.shape)
+        np.testing.assert_array_equal(few[0][moved], some[0][moved])

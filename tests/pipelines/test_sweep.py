@@ -5,6 +5,7 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from shapefit.config import EvalConfig, FitConfig, LearnDictConfig, ProjectConfig, load_config
@@ -193,3 +194,55 @@ def test_wrong_folders_and_groups_and_no_matplotlib_are_input_errors(sweep, tmp_
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(InputError, match="plots: false"):
         sweep({"fit.lambda": [0.1]}, plots=True)
+
+
+class TestCorruptedCars:
+    """The cars of sample_data, each fitted without its own model."""
+
+    @pytest.fixture
+    def cars(self, sweep):
+        def start(vary, **fit):
+            settings = {"leave_out": "true_model", "method": "alternate"} | fit
+            return sweep(
+                vary,
+                learn_dict={"shapes": str(PEOPLE / "cars.h5"), "method": "exemplars"},
+                project=None,
+                fit={"landmarks": str(PEOPLE / "cars_views.h5")} | settings,
+                truth=str(PEOPLE / "cars.h5"),
+                match="true_model",
+                least_visible=20,
+                frames=2,
+            )
+
+        return start
+
+    def test_a_search_survives_what_the_plain_fit_does_not(self, cars, tmp_path):
+        shares = {"corrupt.share": [0, 0.4]}
+        outcomes, plain = cars(shares)
+        clean, spoilt = means(plain)
+        assert spoilt > 1.5 * clean
+        assert {row["precision"] for row in plain} == {""}
+        assert "precision" not in outcomes[-1].note
+        outcomes, robust = cars(shares, outliers={"method": "ransac"})
+        assert means(robust)[1] < 1.25 * clean
+        assert robust[0]["recall"] == ""
+        assert float(robust[1]["recall"]) > 0.85
+        assert float(robust[1]["precision"]) > 0.85
+        assert "with a shape" in outcomes[-1].note
+        first, second = (
+            read_results(tmp_path / f"out/work/{folder}/result.h5") for folder in ("1_0", "2_0.4")
+        )
+        assert first.items == second.items
+        assert not first.extras["corrupted"].any()
+        visible = np.isfinite(second.extras["landmarks"]).all(axis=2)
+        assert visible.sum(axis=1).min() >= 20
+        share = second.extras["corrupted"].sum() / visible.sum()
+        assert share == pytest.approx(0.4, abs=0.03)
+
+    def test_labels_are_judged_at_one_share_while_another_key_varies(self, sweep):
+        outcomes, rows = sweep(
+            {"fit.loss": ["squared", "l1"]}, corrupt={"share": 0.2}, fit={"beta": 0.3}
+        )
+        assert rows[0]["recall"] == ""
+        assert float(rows[1]["recall"]) > 0
+        assert not [warning for outcome in outcomes for warning in outcome.warnings]
