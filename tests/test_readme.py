@@ -29,6 +29,7 @@ def test_the_commands_run(project: Path, tmp_path: Path):
     ours = [command for command in told if not command.startswith(SET_UP)]
     assert len(ours) >= 3
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    printed = ""
     for command in ours:
         done = subprocess.run(
             shlex.split(command),
@@ -39,8 +40,11 @@ def test_the_commands_run(project: Path, tmp_path: Path):
             check=False,
         )
         assert done.returncode == 0, f"{command}\n{done.stderr}"
-    assert done.stdout.startswith("item,landmark,x,y,z\n")
+        printed += done.stdout
+    assert printed.startswith("item,landmark,x,y,z\n")
     assert (tmp_path / "shapes.csv").read_text(encoding="utf-8").count("\n") > 12 * 15
+    assert len(list((tmp_path / "meshes").glob("*.glb"))) == 4
+    assert (tmp_path / "pictures/contact_sheet.png").is_file()
 
 
 def test_set_up_commands_exist(project: Path):
