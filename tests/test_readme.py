@@ -43,7 +43,7 @@ def test_the_commands_run(project: Path, tmp_path: Path):
         printed += done.stdout
     assert printed.startswith("item,landmark,x,y,z\n")
     assert (tmp_path / "shapes.csv").read_text(encoding="utf-8").count("\n") > 12 * 15
-    assert len(list((tmp_path / "meshes").glob("*.glb"))) == 4
+    assert len(list((tmp_path / "meshes").rglob("*.glb"))) == 4
     assert (tmp_path / "pictures/contact_sheet.png").is_file()
 
 
