@@ -6,7 +6,7 @@
 #   make docs         write the generated pages of docs/
 #   make recovery     the paper's figure of exact recovery on planted instances
 #   make paper        every table and figure of the paper, with an index (DATA=FOLDER as below)
-#   make bench        images a second against the peers (DATA=FOLDER adds motion capture)
+#   make bench        images a second against the peers (DATA=FOLDER adds motion capture, CARS=FOLDER cars)
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
 #   make cars         real cars: report, meshes, pictures, outliers (DATA=FOLDER as above)
 
@@ -81,13 +81,13 @@ lint: $(READY)
 	$(BIN)/ruff check .
 
 types: $(READY)
-	$(BIN)/mypy shapefit cli
+	$(BIN)/mypy shapefit cli benchmarks
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py
 
 bench: $(READY)
-	$(BIN)/python -m benchmarks.solver $(if $(DATA),--data '$(DATA)')
+	$(BIN)/python -m benchmarks.solver $(if $(DATA),--data '$(DATA)') $(if $(CARS),--cars '$(CARS)')
 
 clean:
 	rm -rf $(VENV) results

@@ -89,7 +89,7 @@ def read(folder: Path) -> Cars:
 
 def fit(cars: Cars, landmarks: Floats, start: Floats, ridge: float, *, own: bool = False) -> Fits:
     """Fit each car with the models of the others, or with its own one alone."""
-    seen = np.isfinite(cars.landmarks).all(axis=1)
+    seen = np.asarray(np.isfinite(cars.landmarks).all(axis=1))
     norm = normalise(landmarks, seen)
     size = norm.scale[:, None]
     camera = Camera(np.repeat(1 / size, 2, axis=1), -norm.centroid / size, 1.0)

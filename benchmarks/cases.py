@@ -14,8 +14,8 @@ from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.io import ShapeSet, read_shapes
-from shapefit.pipelines.learn_dict import every_nth
+from shapefit.io import ShapeSet, open_landmarks, read_shapes
+from shapefit.pipelines.training_shapes import every_nth
 
 Floats = NDArray[np.float64]
 LAMBDA = 0.1
@@ -67,6 +67,19 @@ def mocap_case(folder: Path, k: int = 64) -> Case:
     """All frames of subject 13 under the turntable, a dictionary from subject 86."""
     views = turntable_views(read_shapes([folder / "subject13_24fps.h5"]))
     return Case(f"subject 13, k={k}, p=15", views, learn_mocap(folder, k))
+
+
+def cars_case(folder: Path, times: int = 10) -> Case:
+    """Annotated cars, each with its mask, several times over; all models but one as atoms."""
+    models = read_shapes([folder / "models.h5"])
+    shapes = normalise(models.shapes).points[:-1]
+    with open_landmarks([folder / "annotated_cars.h5"]) as source:
+        (images,) = source.chunks(source.count)
+    observed = images.arrange(models.landmark_names).landmarks
+    seen = np.asarray(np.isfinite(observed).all(axis=1))
+    points = np.where(seen[:, None], normalise(observed, seen).points, np.nan)
+    landmarks = np.tile(points, (times, 1, 1))
+    return Case(f"cars, k={len(shapes)}, p={shapes.shape[2]}", landmarks, shapes)
 
 
 def learn_mocap(folder: Path, k: int = 64) -> Floats:

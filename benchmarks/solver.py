@@ -1,7 +1,7 @@
 """Images a second of the fast solver against the paper's ADMM and Clarabel, in one run.
 
-Usage: python -m benchmarks.solver [--quick] [--data FOLDER]. Prints a Markdown table. Every row
-runs in a process of its own, so that its peak memory is its own.
+Usage: python -m benchmarks.solver [--quick] [--data FOLDER] [--cars FOLDER].
+Prints a Markdown table. Every row runs in a process of its own, so that its peak memory is its own.
 """
 
 from __future__ import annotations
@@ -16,16 +16,18 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.cases import LAMBDA, Case, hide, made_case, mocap_case
+from benchmarks.cases import LAMBDA, Case, cars_case, hide, made_case, mocap_case
 from shapefit.convex.admm import solve_admm
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solution import Solution, Status
 
 REPEATS = 5
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -46,11 +48,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer and smaller cases")
     parser.add_argument("--data", type=Path, help="folder with the motion capture files")
+    parser.add_argument("--cars", type=Path, help="folder with the files of annotated cars")
     arguments = parser.parse_args()
     print(f"{platform.processor() or platform.machine()}, {platform.python_version()}\n")
-    print("| case | solver | images | images/s | largest gap | optimal | peak MB | Newton is |")
+    print("| case | solver | images | images/s | largest gap | optimal | peak MB | first is |")
     print("|---|---|--:|--:|--:|--:|--:|--:|")
-    for build in list(cases(arguments.quick, arguments.data)):
+    for build in list(cases(arguments)):
         best = 0.0
         for measure in measures(arguments.quick):
             row = alone(partial(measure, build))
@@ -62,15 +65,17 @@ def main() -> None:
             )
 
 
-def cases(quick: bool, data: Path | None) -> Iterator[Callable[[], Case]]:
+def cases(arguments: argparse.Namespace) -> Iterator[Callable[[], Case]]:
     """Yield the builders of all cases."""
-    if data is not None:
-        yield partial(mocap_case, data)
-        yield partial(hidden, partial(mocap_case, data))
-        yield partial(mocap_case, data, 128)
-    for k in (32, 64) if quick else (32, 64, 128, 256):
-        for p in (15,) if quick else (15, 33, 66):
-            made = partial(made_case, 500 if quick else 2000, k, p)
+    if arguments.data:
+        yield partial(mocap_case, arguments.data)
+        yield partial(hidden, partial(mocap_case, arguments.data))
+        yield partial(mocap_case, arguments.data, 128)
+    if arguments.cars:
+        yield partial(cars_case, arguments.cars)
+    for k in (32, 64) if arguments.quick else (32, 64, 128, 256):
+        for p in (15,) if arguments.quick else (15, 33, 66):
+            made = partial(made_case, 500 if arguments.quick else 2000, k, p)
             yield made
             yield partial(hidden, made)
 
@@ -103,8 +108,7 @@ def measure_newton(build: Callable[[], Case], threads: int, tolerance: float) ->
     solve(problem)
     solution, seconds = timed(lambda: solve(problem))
     return row(case, f"newton {tolerance:g}, {threads} threads", len(case.landmarks), seconds,
-               float(solution.relative_gap.max()),
-               np.mean([s is Status.OPTIMAL for s in solution.status]))  # fmt: skip
+               float(solution.relative_gap.max()), optimal(solution))  # fmt: skip
 
 
 def measure_admm(build: Callable[[], Case], images: int) -> Row:
@@ -114,8 +118,7 @@ def measure_admm(build: Callable[[], Case], images: int) -> Row:
     problem = build_problem(case.landmarks[chosen], case.atoms, LAMBDA)
     solution, seconds = timed(lambda: solve_admm(problem, tolerance=1e-4), repeats=1)
     return row(case, "ADMM (NumPy, batch) 1e-4", images, seconds,
-               float(solution.relative_gap.max()),
-               np.mean([s is Status.OPTIMAL for s in solution.status]))  # fmt: skip
+               float(solution.relative_gap.max()), optimal(solution))  # fmt: skip
 
 
 def measure_clarabel(build: Callable[[], Case], images: int) -> Row:
@@ -131,18 +134,23 @@ def measure_clarabel(build: Callable[[], Case], images: int) -> Row:
     loss = 0.5 * cp.sum_squares(W - cp.multiply(omega, fitted))
     problem = cp.Problem(cp.Minimize(loss + LAMBDA * sum(cp.sigma_max(m) for m in M)))
 
-    def solve(image: int) -> None:
+    def solve(image: int) -> float:
         seen = np.isfinite(case.landmarks[image])
         omega.value = seen.astype(float)
         W.value = np.where(seen, case.landmarks[image], 0.0)
-        problem.solve(solver=cp.CLARABEL)
+        return float(problem.solve(solver=cp.CLARABEL))
 
     solve(chosen[0])
     _, seconds = timed(lambda: [solve(image) for image in chosen], repeats=1)
     return row(case, "cvxpy + Clarabel 1e-8", images, seconds, np.nan, 1.0)
 
 
-def timed(work: Callable[[], object], repeats: int = REPEATS) -> tuple[object, float]:
+def optimal(solution: Solution) -> float:
+    """Share of the images solved to the tolerance."""
+    return float(np.mean([status is Status.OPTIMAL for status in solution.status]))
+
+
+def timed(work: Callable[[], Result], repeats: int = REPEATS) -> tuple[Result, float]:
     """Result and median seconds of repeated runs."""
     seconds = []
     for _ in range(repeats):
