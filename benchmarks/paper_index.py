@@ -131,7 +131,7 @@ def _sensitivity(sweeps: Mapping[str, Mapping[str, Any]]) -> list[str]:
             f"### {title[0].upper()}{title[1:]}",
             markdown_table([sweep["key"], *groups], rows),
             f"![Error against {title}]({name}/sweep.png)",
-            f"With quartiles and times: [{name}/sweep.md]({name}/sweep.md).",
+            f"With medians and times: [{name}/sweep.md]({name}/sweep.md).",
         ]
     return parts
 

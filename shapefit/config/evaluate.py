@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
@@ -13,10 +13,11 @@ from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists
 from shapefit.config.paths import InputPath, InputPaths, OutputPath, PathWords, expand_path
 
-Metric = Literal["similarity", "camera", "rotation", "reprojection", "precision", "recall"]
-
-ERRORS: tuple[Metric, ...] = ("similarity", "camera", "rotation", "reprojection")
-"""Metrics of every fit; the others judge the labels of outliers, which only some fits give."""
+ErrorMetric = Literal["similarity", "camera", "rotation", "reprojection"]
+"""Metrics of every fit."""
+LabelMetric = Literal["precision", "recall"]
+"""Metrics of the labels of outliers, which only some fits give."""
+Metric = Literal[ErrorMetric, LabelMetric]
 
 MEAN_SHAPE = "Mean shape (oracle)"
 NEAREST_ATOM = "Nearest atom (oracle)"
@@ -96,7 +97,7 @@ class EvalConfig(CommandConfig):
         description="Groups of sequences to average over: name -> glob on sequence names.",
     )
     metrics: Annotated[tuple[Metric, ...], FromLists] = Field(
-        default=ERRORS,
+        default=get_args(ErrorMetric),
         description="Errors to measure; precision and recall, of the outlier labels, only where "
         "they are named here.",
     )

@@ -13,6 +13,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from shapefit.config.checked import check, load_model, path_keys
 from shapefit.config.corruption import CorruptionConfig
+from shapefit.config.evaluate import ErrorMetric
 from shapefit.config.expectation import Expected
 from shapefit.config.fit import FitConfig
 from shapefit.config.learn_dict import LearnDictConfig
@@ -107,6 +108,11 @@ class SweepConfig(CommandConfig):
     groups: Mapping[str, str] = Field(
         default_factory=dict,
         description="Groups of sequences to average over: name -> glob on sequence names.",
+    )
+    metrics: Annotated[tuple[ErrorMetric, ...], FromLists, Field(min_length=1)] = Field(
+        default=("similarity",),
+        description="Errors to measure, as in `eval`, each in its first unit; precision and recall "
+        "are added where landmarks are made wrong and the fit labels outliers.",
     )
     vary: Annotated[
         Mapping[str, Annotated[tuple[Value, ...], FromLists]],

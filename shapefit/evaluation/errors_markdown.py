@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
+from shapefit.evaluation.cells import ABSENT, HOW_TO_READ_PAIRS, decimals_of, number, pairs
 from shapefit.evaluation.markdown import markdown_table
 from shapefit.evaluation.report import PUBLISHED, Report
 from shapefit.evaluation.solving import Solving
@@ -16,16 +17,10 @@ Kind = tuple[str, str]
 FAILURES_SHOWN = 10
 """Failed items a method that the Markdown lists; the JSON lists them all."""
 
-ABSENT = "–"
-"""Cell of a number that does not exist."""
-
 _SPEED = ("ms an image", "images/s")
 
 _HOW_TO_READ = "Each number is the mean, over the sequences of the group, of the sequence's mean."
-_HOW_TO_READ_OVERVIEW = (
-    "Each cell is mean / median over the images; of several sequences, the mean of the sequences' "
-    "means and of their medians. Times are those of solving alone."
-)
+_HOW_TO_READ_OVERVIEW = f"{HOW_TO_READ_PAIRS} Times are those of solving alone."
 _HOW_TO_READ_SOLVING = (
     "Means over all images, as the result files tell them. Objectives of different models cannot "
     "be compared: the convex program minimises another than the methods that share one rotation "
@@ -74,13 +69,7 @@ def _overview(report: Report, tables: Mapping[Kind, Sequence[Summary]]) -> str:
     header, columns = ["method"], []
     for kind, summaries in tables.items():
         header.append(f"{kind[0]} ({kind[1]})")
-        decimals = _decimals(value for s in summaries for value in (s.mean, s.median))
-        columns.append(
-            {
-                s.method: f"{_number(s.mean, decimals)} / {_number(s.median, decimals)}"
-                for s in summaries
-            }
-        )
+        columns.append(dict(zip([s.method for s in summaries], pairs(summaries), strict=True)))
     solving = {method.name: method.solving for method in report.methods}
     if any(s.milliseconds is not None for s in solving.values()):
         header += _SPEED
@@ -91,7 +80,7 @@ def _overview(report: Report, tables: Mapping[Kind, Sequence[Summary]]) -> str:
         place = list(tables).index(PUBLISHED)
         for name, quoted in report.published.items():
             cells = [ABSENT] * len(columns)
-            cells[place] = _number(quoted[ALL], _decimals([quoted[ALL]]))
+            cells[place] = number(quoted[ALL], decimals_of([quoted[ALL]]))
             rows.append([f"*{name}*", *cells])
     return markdown_table(header, rows)
 
@@ -103,14 +92,14 @@ def _errors_table(
     quoted = {(g, m): error for m, column in published.items() for g, error in column.items()}
     groups = dict.fromkeys(group for group, _ in (*ours, *quoted))
     methods = dict.fromkeys(method for _, method in ours)
-    decimals = _decimals([*ours.values(), *quoted.values()])
+    decimals = decimals_of([*ours.values(), *quoted.values()])
 
     header = ["", *methods, *(f"*{method}*" for method in published)]
     rows = [
         [
             group,
-            *(_number(ours.get((group, method)), decimals) for method in methods),
-            *(_number(quoted.get((group, method)), decimals) for method in published),
+            *(number(ours.get((group, method)), decimals) for method in methods),
+            *(number(quoted.get((group, method)), decimals) for method in published),
         ]
         for group in groups
     ]
@@ -128,12 +117,12 @@ def _solving(report: Report) -> list[str]:
     told = [(method.name, method.solving) for method in report.methods]
     if all(solving == Solving() for _, solving in told):
         return []
-    decimals = _decimals(s.mean_objective for _, s in told if s.mean_objective is not None)
+    decimals = decimals_of(s.mean_objective for _, s in told if s.mean_objective is not None)
     header = ["method", "mean objective", *_SPEED, "optimal or converged"]
     rows = [
         [
             name,
-            _number(s.mean_objective, decimals),
+            number(s.mean_objective, decimals),
             *_speed(s),
             ABSENT if s.solved is None else _percent(s.solved),
         ]
@@ -169,15 +158,3 @@ def _failed_items(report: Report) -> list[str]:
 
 def _listing(title: str, lines: Sequence[str]) -> list[str]:
     return [f"## {title}", "\n".join(f"- {line}" for line in lines)] if lines else []
-
-
-def _number(value: float | None, decimals: int) -> str:
-    return ABSENT if value is None or math.isnan(value) else f"{value:.{decimals}f}"
-
-
-def _decimals(values: Iterable[float]) -> int:
-    """Digits after the point: three as in the paper, one from 10 on, more for tiny numbers."""
-    largest = max((value for value in values if not math.isnan(value)), default=0.0)
-    if largest >= 10:
-        return 1
-    return max(3, 2 - math.floor(math.log10(largest))) if largest > 0 else 3

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
+METRICS = ("precision", "recall")
 SHARE = "share"
 """Unit of both."""
 

@@ -12,19 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from shapefit.evaluation import labels
+from shapefit.evaluation.cells import ABSENT, HOW_TO_READ_PAIRS, pairs
 from shapefit.evaluation.markdown import markdown_table
-from shapefit.evaluation.summary import ImageErrors, summarise
+from shapefit.evaluation.summary import ALL, ImageErrors, summarise
 
 Value = str | bool | int | float
 
-_HOW_TO_READ = (
-    "Similarity errors of normalised shapes. Each number is the mean, over the sequences of the "
-    "group, of the sequence's mean (median, quartile, 90th percentile)."
-)
 _LABELS = (
     "Precision is the share of the landmarks labelled as outliers that were made wrong, recall the "
-    "share of those made wrong that are labelled: means over the images with a shape that leave "
-    "them defined."
+    "share of those made wrong that are labelled, over the images with a shape that leave them "
+    "defined."
 )
 _TIMES = (
     "Times are of solving alone, without reading and writing, after everything was compiled and "
@@ -34,14 +32,16 @@ _TIMES = (
 
 @dataclass(frozen=True)
 class Point:
-    """Errors of one group of sequences at one value, and the time an image took to solve.
+    """Errors of one group of sequences in one metric at one value, and the time of an image.
 
-    `images` have an error, `failed` ones have none; precision and recall of the outlier labels
-    are nan where nobody knows them.
+    `images` have an error, `failed` ones have none; an image that leaves the metric undefined, as
+    it can precision and recall, counts as neither.
     """
 
     value: Value
     group: str
+    metric: str
+    unit: str
     images: int
     failed: int
     mean: float
@@ -50,8 +50,6 @@ class Point:
     p75: float
     p90: float
     seconds_per_image: float
-    precision: float = math.nan
-    recall: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -66,12 +64,13 @@ class Sweep:
     caveats: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
-    def of_group(self) -> dict[str, list[Point]]:
-        """Return the points of each group, in the order of the values."""
-        groups: dict[str, list[Point]] = {}
+    def of_metric(self) -> dict[tuple[str, str], dict[str, list[Point]]]:
+        """Return the points of each metric and unit by group, in the order of the values."""
+        metrics: dict[tuple[str, str], dict[str, list[Point]]] = {}
         for point in self.points:
+            groups = metrics.setdefault((point.metric, point.unit), {})
             groups.setdefault(point.group, []).append(point)
-        return groups
+        return metrics
 
     @property
     def is_numeric(self) -> bool:
@@ -86,20 +85,12 @@ def points(
     errors: ImageErrors,
     grouping: Mapping[str, Sequence[str]],
     seconds_per_image: float,
-    labels: Sequence[ImageErrors] = (),
 ) -> list[Point]:
-    """Sum up the errors at one value, one point a group.
+    """Sum up the errors in one metric at one value, one point a group.
 
-    Every statistic of a group is the mean of that statistic over its sequences. `labels` are the
-    precision and the recall of the outlier labels, where they are known.
+    Every statistic of a group is the mean of that statistic over its sequences.
     """
     summaries = summarise(errors, grouping)
-    means = {
-        (summary.metric, summary.group): summary.mean
-        for shares in labels
-        for summary in summarise(shares, grouping)
-        if summary.sequence is None
-    }
     quartiles = {
         s: np.nanpercentile(errors.values[np.array(errors.sequences) == s], [25, 75])
         for s in {summary.sequence for summary in summaries if summary.images}
@@ -113,6 +104,8 @@ def points(
             Point(
                 value=value,
                 group=group.group,
+                metric=group.metric,
+                unit=group.unit,
                 images=group.images,
                 failed=group.failed,
                 mean=group.mean,
@@ -121,21 +114,19 @@ def points(
                 p75=float(p75),
                 p90=group.p90,
                 seconds_per_image=seconds_per_image,
-                precision=means.get(("precision", group.group), math.nan),
-                recall=means.get(("recall", group.group), math.nan),
             )
         )
     return found
 
 
 COLUMNS = (
-    "key", "value", "group", "images", "failed", "mean", "p25", "median", "p75", "p90",
-    "seconds_per_image", "precision", "recall",
+    "key", "value", "group", "metric", "unit", "images", "failed", "mean", "p25", "median", "p75",
+    "p90", "seconds_per_image",
 )  # fmt: skip
 
 
 def write_csv(path: Path, sweep: Sweep) -> None:
-    """Write sweep.csv, one row a value and group; a number that does not exist is empty."""
+    """Write sweep.csv, one row a value, group and metric; a number that does not exist is empty."""
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         rows.writeheader()
@@ -154,39 +145,34 @@ def sweep_json(sweep: Sweep) -> str:
 
 
 def markdown(sweep: Sweep) -> str:
-    """One table: values down, mean and quartiles of each group and the time across.
+    """One table: values down, mean and median of each group in each metric and the time across.
 
-    Where outliers were looked for, the share of images with a shape and the precision and recall
-    of the labels stand beside the errors.
+    Where images failed, the share of those that did not stands behind the errors of their group.
     """
-    groups = sweep.of_group()
-    labelled = any(not math.isnan(point.precision) for point in sweep.points)
-    header = [sweep.key]
-    for group in groups:
-        header += [group, "quartiles"]
-        header += ["median", "with a shape", "precision", "recall"] if labelled else []
-    header.append("ms an image")
-    rows = []
-    for at in zip(*groups.values(), strict=True):
-        row = [str(at[0].value)]
-        for point in at:
-            row += [f"{point.mean:.3f}", f"{point.p25:.3f} to {point.p75:.3f}"]
-            row += _labels(point) if labelled else []
-        rows.append([*row, f"{1000 * at[0].seconds_per_image:.3g}"])
-    parts = [f"# Error against {sweep.key}", _HOW_TO_READ, markdown_table(header, rows), _TIMES]
-    if labelled:
-        parts.insert(2, _LABELS)
+    values = list(dict.fromkeys(point.value for point in sweep.points))
+    columns: dict[str, dict[Value, str]] = {}
+    for (metric, unit), groups in sweep.of_metric().items():
+        for group, found in groups.items():
+            of_which = "" if group == ALL else f"{group}: "
+            at = [point.value for point in found]
+            columns[f"{of_which}{metric} ({unit})"] = dict(zip(at, pairs(found), strict=True))
+            if metric not in labels.METRICS and any(point.failed for point in found):
+                shares = {point.value: _share_with_shape(point) for point in found}
+                columns[f"{of_which}with a shape"] = shares
+    columns["ms an image"] = {p.value: f"{1000 * p.seconds_per_image:.3g}" for p in sweep.points}
+    rows = [[str(v), *(column.get(v, ABSENT) for column in columns.values())] for v in values]
+    parts = [f"# Error against {sweep.key}", HOW_TO_READ_PAIRS]
+    if any(point.metric in labels.METRICS for point in sweep.points):
+        parts.append(_LABELS)
+    parts += [markdown_table([sweep.key, *columns], rows), _TIMES]
     if sweep.caveats:
         parts += ["## Caveats", "\n".join(f"- {caveat}" for caveat in sweep.caveats)]
     return "\n\n".join(parts) + "\n"
 
 
-def _labels(point: Point) -> list[str]:
-    """Cells of the median, the share of images with a shape, precision and recall."""
+def _share_with_shape(point: Point) -> str:
     images = point.images + point.failed
-    share = f"{100 * point.images / images:.0f}%" if images else "-"
-    known = ["-" if math.isnan(x) else f"{x:.2f}" for x in (point.precision, point.recall)]
-    return [f"{point.median:.3f}", share, *known]
+    return f"{math.floor(100 * point.images / images)} %" if images else ABSENT
 
 
 def _known(point: Point) -> dict[str, Any]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from shapefit.evaluation.plots import COLOURS, FAINT, INK
+from shapefit.evaluation.plots import COLOURS, FAINT, INK, TITLES, axis_label
 from shapefit.evaluation.summary import ALL
-from shapefit.evaluation.sweep import Sweep
+from shapefit.evaluation.sweep import Point, Sweep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,30 +19,41 @@ LOGARITHMIC = 10
 MARKERS = "osD^v<>P"
 
 
-def sweep_plot(sweep: Sweep) -> Figure:
-    """Draw the mean error of each group with the range from quartile to quartile.
+COLUMNS = 3
+"""Panels side by side."""
 
-    Numbers lie on an axis; names get bars, and a second panel with the time of an image.
+
+def sweep_plot(sweep: Sweep) -> Figure:
+    """Draw the mean of each group in each metric with the range from quartile to quartile.
+
+    Numbers lie on an axis; names get bars, and a last panel with the time of an image.
     """
     from matplotlib.figure import Figure
 
-    panels = 1 if sweep.is_numeric else 2
-    figure = Figure(figsize=(5.6, 3.6) if sweep.is_numeric else (9.4, 3.6))
+    metrics = sweep.of_metric()
+    panels = len(metrics) if sweep.is_numeric else len(metrics) + 1
+    across = min(panels, COLUMNS)
+    down = -(-panels // across)
+    width = 5.6 if panels == 1 else 4.7 * across
+    figure = Figure(figsize=(width, 3.6 * down))
     figure.set_layout_engine("constrained")
-    axes = figure.subplots(1, panels, squeeze=False, width_ratios=(5, 3)[:panels])[0]
-    if sweep.is_numeric:
-        _draw_lines(axes[0], sweep)
-    else:
-        _draw_bars(axes[0], sweep)
-        _draw_times(axes[1], sweep)
-    for axis in axes:
+    axes = figure.subplots(down, across, squeeze=False).ravel()
+    for axis in axes[panels:]:
+        axis.remove()
+    for axis, ((metric, unit), groups) in zip(axes, metrics.items(), strict=False):
+        if sweep.is_numeric:
+            _draw_lines(axis, groups)
+            axis.set_xlabel(sweep.key, color=INK)
+        else:
+            _draw_bars(axis, groups)
+        axis.set_title(TITLES[metric], loc="left", fontsize=10, color=INK)
+        axis.set_ylabel(f"{axis_label(unit)}, mean and quartiles", color=INK)
+        axis.set_ylim(bottom=0)
+    if not sweep.is_numeric:
+        _draw_times(axes[len(metrics)], next(iter(groups.values())))
+    for axis in axes[:panels]:
         _style(axis)
-    axes[0].set_title(
-        f"3D error against {sweep.key}, mean and quartiles", loc="left", fontsize=10, color=INK
-    )
-    axes[0].set_ylabel("error up to a similarity (normalised)", color=INK)
-    axes[0].set_ylim(bottom=0)
-    if list(sweep.of_group()) != [ALL]:
+    if list(groups) != [ALL]:
         figure.legend(
             *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4,
             frameon=False, labelcolor=INK, fontsize=9,
@@ -49,8 +61,8 @@ def sweep_plot(sweep: Sweep) -> Figure:
     return figure
 
 
-def _draw_lines(axis: Axes, sweep: Sweep) -> None:
-    for index, (group, points) in enumerate(sweep.of_group().items()):
+def _draw_lines(axis: Axes, groups: Mapping[str, Sequence[Point]]) -> None:
+    for index, (group, points) in enumerate(groups.items()):
         points = sorted(points, key=lambda point: float(point.value))
         values = [float(point.value) for point in points]
         colour = COLOURS[index % len(COLOURS)]
@@ -64,11 +76,9 @@ def _draw_lines(axis: Axes, sweep: Sweep) -> None:
         axis.set_xscale("log")
         axis.minorticks_off()
     axis.set_xticks(values, [f"{value:g}" for value in values])
-    axis.set_xlabel(sweep.key, color=INK)
 
 
-def _draw_bars(axis: Axes, sweep: Sweep) -> None:
-    groups = sweep.of_group()
+def _draw_bars(axis: Axes, groups: Mapping[str, Sequence[Point]]) -> None:
     width = 0.8 / len(groups)
     for index, (group, points) in enumerate(groups.items()):
         offset = (index - (len(groups) - 1) / 2) * width
@@ -83,8 +93,7 @@ def _draw_bars(axis: Axes, sweep: Sweep) -> None:
     axis.set_xticks(range(len(names)), names)
 
 
-def _draw_times(axis: Axes, sweep: Sweep) -> None:
-    points = next(iter(sweep.of_group().values()))
+def _draw_times(axis: Axes, points: Sequence[Point]) -> None:
     times = [1000 * point.seconds_per_image for point in points]
     names = [str(point.value) for point in points]
     axis.barh(range(len(points)), times, 0.6, color=INK, zorder=2)

@@ -12,7 +12,7 @@ import numpy as np
 from shapefit import __version__
 from shapefit.config import EvalConfig
 from shapefit.errors import input_error
-from shapefit.evaluation import plots, tables
+from shapefit.evaluation import labels, plots, tables
 from shapefit.evaluation.box_plots import box_plot
 from shapefit.evaluation.errors_markdown import markdown
 from shapefit.evaluation.report import NORMALISED, Method, Report
@@ -23,7 +23,6 @@ from shapefit.io.atomic import digest
 from shapefit.pipelines.examples import Lifted, check_examples, examples_picture, keep
 from shapefit.pipelines.floors import Shown, floor_errors, shown_in
 from shapefit.pipelines.judgement import Judgement, abbreviate, judge
-from shapefit.pipelines.measurement import MAY_BE_UNDEFINED
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
 from shapefit.pipelines.visible_enough import visible_enough
@@ -158,7 +157,7 @@ def _image_errors(name: str, judgements: Sequence[Judgement]) -> list[ImageError
             for j in judgements
             if kind in j.errors
             for item, sequence, value in zip(j.items, j.sequences, j.errors[kind], strict=True)
-            if kind[0] not in MAY_BE_UNDEFINED or not np.isnan(value) or item in j.failures
+            if kind[0] not in labels.METRICS or not np.isnan(value) or item in j.failures
         ]
         if images:
             items, sequences, values = zip(*images, strict=True)

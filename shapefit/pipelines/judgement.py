@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
+from shapefit.evaluation import labels
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 from shapefit.evaluation.summary import ALL
 from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
-from shapefit.pipelines.measurement import MAY_BE_UNDEFINED, NEEDS, Kind, datasets_of, measure
+from shapefit.pipelines.measurement import NEEDS, Kind, datasets_of, measure
 from shapefit.pipelines.result_datasets import find_dataset, named_items
 
 Floats = NDArray[np.float64]
@@ -155,7 +156,7 @@ def _failures(
         kinds = [f"{kind[0]} ({kind[1]})" for kind, v in certain.items() if np.isnan(v[i])]
         return f"what {', '.join(kinds)} needs is nan, or true landmarks are all on one point"
 
-    certain = {kind: v for kind, v in errors.items() if kind[0] not in MAY_BE_UNDEFINED}
+    certain = {kind: v for kind, v in errors.items() if kind[0] not in labels.METRICS}
     failed = ~judged.any(axis=-1)
     for values in certain.values():
         failed |= np.isnan(values)

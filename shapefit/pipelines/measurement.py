@@ -33,9 +33,6 @@ NEEDS: Mapping[str, tuple[str, ...]] = {
 USES: Mapping[str, tuple[str, ...]] = {"reprojection": ("bounding_box",)}
 """Datasets that a metric takes where they are there."""
 
-MAY_BE_UNDEFINED = ("precision", "recall")
-"""Metrics whose nan tells that there was nothing to judge, not that the image failed."""
-
 
 def datasets_of(metric: str) -> tuple[str, ...]:
     """Return the names of all datasets that a metric can take."""
@@ -64,7 +61,7 @@ def measure(
             (metric, units[1]): error,
             (metric, BOX): error / _diagonal(data["bounding_box"], observed),
         }
-    if metric in MAY_BE_UNDEFINED:
+    if metric in labels.METRICS:
         share = labels.precision if metric == "precision" else labels.recall
         return {(metric, labels.SHARE): share(*needed)}
     distance = measures.camera if metric == "camera" else measures.similarity

@@ -7,17 +7,16 @@ import re
 from collections.abc import Collection, Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import get_args
 
 import numpy as np
 
 from shapefit import __version__
 from shapefit.config import EvalConfig, SweepConfig
+from shapefit.config.evaluate import LabelMetric
 from shapefit.config.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.sweep import Value
 from shapefit.evaluation import plots
-from shapefit.evaluation.labels import SHARE
-from shapefit.evaluation.report import NORMALISED
 from shapefit.evaluation.summary import ImageErrors, group_sequences
 from shapefit.evaluation.sweep import Point, Sweep, markdown, points, sweep_json, write_csv
 from shapefit.evaluation.sweep_plots import sweep_plot
@@ -26,10 +25,6 @@ from shapefit.pipelines import evaluate, fit, learn_dict, project
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
 from shapefit.pipelines.sweep_images import Choice, choose_images
-
-METRIC: Literal["similarity"] = "similarity"
-LABELS: tuple[Literal["precision", "recall"], ...] = ("precision", "recall")
-"""Metrics of the outlier labels, where landmarks are made wrong and the fit looks for them."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +60,11 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         files = yield from _prepare(config, value, files, folder, work)
         result = folder / "result.h5"
         failed = yield from _fit(config, value, files, result)
-        errors, *labels = yield from _judge(config, value, result, failed)
+        judged = yield from _judge(config, value, result, failed)
         seconds = 1 / float(read_results(result).attributes["images_per_second"])
-        grouping = group_sequences(config.groups, dict.fromkeys(errors.sequences))
-        found += points(value, errors, grouping, seconds, labels)
+        for errors in judged:
+            grouping = group_sequences(config.groups, dict.fromkeys(errors.sequences))
+            found += points(value, errors, grouping, seconds)
     sweep = Sweep(config.key, tuple(found), config.caveats, _provenance(config))
     written = tuple(write_folder(config.output, _writers(sweep, with_plot=config.plots)))
     yield Outcome(note=markdown(sweep).rstrip(), written=written)
@@ -154,13 +150,13 @@ def _fit(
 def _judge(
     config: SweepConfig, value: Value, result: Path, failed: Collection[str]
 ) -> Generator[Outcome, None, list[ImageErrors]]:
-    """Compare the result at one value with the truth; return the errors of its images.
+    """Compare the result at one value with the truth; return the errors in each metric.
 
     Precision and recall of outlier labels follow where any image leaves them defined. The items
     in `failed` have been reported already.
     """
     labelled = config.corrupts and config.steps(value).fit.labels_outliers
-    metrics = (METRIC, *LABELS) if labelled else (METRIC,)
+    metrics = config.metrics + (get_args(LabelMetric) if labelled else ())
     judging = EvalConfig(
         results={str(value): (result,)},
         truth=config.truth,
@@ -174,31 +170,33 @@ def _judge(
         new = tuple(failure for failure in outcome.failures if failure.item not in failed)
         failures = _named(new, f"{config.key}={value}")
         yield Outcome(failures=failures, warnings=outcome.warnings)
-    table = judging.output / "per_image.csv"
-    errors = _read_errors(table, METRIC, NORMALISED)
-    labels = [_read_errors(table, metric, SHARE) for metric in metrics[1:]]
-    return [errors, *(shares for shares in labels if shares.items)]
+    return _read_errors(judging.output / "per_image.csv")
 
 
 def _named(failures: Iterable[Failure], name: str) -> tuple[Failure, ...]:
     return tuple(Failure(f"{name}: {failure.item}", failure.reason) for failure in failures)
 
 
-def _read_errors(per_image: Path, metric: str, unit: str) -> ImageErrors:
-    """Read the errors of one method in one metric from what `eval` wrote."""
+def _read_errors(per_image: Path) -> list[ImageErrors]:
+    """Read what `eval` wrote of one method, each metric in the unit that comes first."""
     import polars as pl
 
     text = dict.fromkeys(("method", "item", "sequence"), pl.String)
-    table = pl.read_csv(per_image, schema_overrides=text)
-    table = table.filter(metric=metric, unit=unit)
-    return ImageErrors(
-        method=next(iter(table["method"]), ""),
-        metric=metric,
-        unit=unit,
-        items=tuple(table["item"]),
-        sequences=tuple(table["sequence"]),
-        values=table["error"].cast(pl.Float64).fill_null(np.nan).to_numpy(),
-    )
+    written = pl.read_csv(per_image, schema_overrides=text)
+    found: dict[str, ImageErrors] = {}
+    for (method, metric, unit), table in written.group_by(
+        "method", "metric", "unit", maintain_order=True
+    ):
+        errors = ImageErrors(
+            method=str(method),
+            metric=str(metric),
+            unit=str(unit),
+            items=tuple(table["item"]),
+            sequences=tuple(table["sequence"]),
+            values=table["error"].cast(pl.Float64).fill_null(np.nan).to_numpy(),
+        )
+        found.setdefault(errors.metric, errors)
+    return list(found.values())
 
 
 def _file_name(value: Value) -> str:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,9 +22,13 @@ def errors(*values, sequences="aaaaabbc"):
 ERRORS = errors(0.0, 0.1, 0.2, 0.3, 0.9, 1.0, 2.0, 0.5)
 
 
-def sweep(*values, data=ERRORS):
-    found = [point for value in values for point in points(value, data, GROUPING, 0.002)]
+def sweep(*values, data=(ERRORS,), grouping=GROUPING):
+    found = [p for value in values for d in data for p in points(value, d, grouping, 0.002)]
     return Sweep("fit.lambda", tuple(found))
+
+
+def cells(line):
+    return [cell.strip() for cell in line.strip("|").split("|")]
 
 
 def test_a_group_has_the_means_of_the_statistics_of_its_sequences():
@@ -45,20 +50,52 @@ def test_failed_images_do_not_count_and_a_group_without_any_has_no_numbers():
 
 
 def test_what_does_not_exist_is_null_and_empty(tmp_path):
-    found = sweep(0.1, data=errors(0.0, math.nan, sequences="ac"))
+    found = sweep(0.1, data=[errors(0.0, math.nan, sequences="ac")])
     assert json.loads(sweep_json(found))["points"][1]["mean"] is None
     write_csv(tmp_path / "sweep.csv", found)
     *_, last = (tmp_path / "sweep.csv").read_text("utf-8").splitlines()
-    assert last == "fit.lambda,0.1,c,0,1,,,,,,0.002,,"
+    assert last == "fit.lambda,0.1,c,similarity,normalised,0,1,,,,,,0.002"
 
 
 def test_the_table_has_values_down_and_groups_across():
     lines = markdown(sweep(0.1, 0.2)).splitlines()
     assert lines[0] == "# Error against fit.lambda"
-    row = next(line for line in lines if line.startswith("| 0.2"))
-    assert [cell.strip() for cell in row.strip("|").split("|")] == [
-        "0.2", "0.900", "0.675 to 1.025", "0.500", "0.500 to 0.500", "2",
+    header, _, first, second = (cells(line) for line in lines if line.startswith("|"))
+    groups = ["ab: similarity (normalised)", "c: similarity (normalised)"]
+    assert header == ["fit.lambda", *groups, "ms an image"]
+    assert first == ["0.1", "0.900 / 0.850", "0.500 / 0.500", "2"]
+    assert second == ["0.2", *first[1:]]
+
+
+def test_every_metric_has_a_column_and_a_panel():
+    degrees = replace(ERRORS, metric="rotation", unit="deg", values=10 * ERRORS.values)
+    recall = replace(ERRORS, metric="recall", unit="share", values=ERRORS.values / 2)
+    whole = {"all": ("a", "b", "c")}
+    found = sweep(0.1, 0.2, data=(ERRORS, degrees), grouping=whole)
+    # at the second value only, as where the share of wrong landmarks varies from 0
+    found = replace(found, points=(*found.points, *points(0.2, recall, whole, 0.002)))
+    text = markdown(found)
+    assert "Recall of" not in text
+    assert "recall the share of those made wrong" in text
+    header, _, first, second = (cells(line) for line in text.splitlines() if line[:1] == "|")
+    assert header[1:] == [
+        "similarity (normalised)", "rotation (deg)", "recall (share)", "ms an image",
     ]  # fmt: skip
+    assert first == ["0.1", "0.767 / 0.733", "7.667 / 7.333", "–", "2"]
+    assert second == ["0.2", *first[1:3], "0.383 / 0.367", "2"]
+    panels = sweep_plot(found).axes
+    assert [axis.get_ylabel() for axis in panels] == [
+        f"{what}, mean and quartiles" for what in ("error (normalised)", "error (deg)", "share")
+    ]
+    assert [list(axis.lines[0].get_xdata()) for axis in panels] == [[0.1, 0.2], [0.1, 0.2], [0.2]]
+    assert list(panels[1].lines[0].get_ydata()) == pytest.approx([23 / 3, 23 / 3])
+
+
+def test_where_images_failed_the_share_of_the_others_is_told():
+    found = sweep(0.1, data=[errors(0.0, 0.2, math.nan, sequences="aaa")], grouping={"all": ("a",)})
+    header, _, row = (cells(line) for line in markdown(found).splitlines() if line[:1] == "|")
+    assert header[2] == "with a shape"
+    assert row[1:3] == ["0.100 / 0.100", "66 %"]
 
 
 def test_numbers_are_drawn_as_lines_in_their_order():

@@ -201,7 +201,7 @@ class TestCorruptedCars:
 
     @pytest.fixture
     def cars(self, sweep):
-        def start(vary, **fit):
+        def start(vary, metrics=("similarity",), **fit):
             settings = {"leave_out": "true_model", "method": "alternate"} | fit
             return sweep(
                 vary,
@@ -212,23 +212,37 @@ class TestCorruptedCars:
                 match="true_model",
                 least_visible=20,
                 frames=2,
+                metrics=list(metrics),
             )
 
         return start
+
+    def test_every_metric_has_rows(self, cars):
+        _, rows = cars({"fit.lambda": [0.1, 1]}, metrics=["similarity", "camera", "rotation"])
+        kinds = [(row["value"], row["metric"], row["unit"]) for row in rows]
+        assert kinds == [
+            (value, metric, unit)
+            for value in ("0.1", "1")
+            for metric, unit in (
+                ("similarity", "normalised"), ("camera", "normalised"), ("rotation", "deg"),
+            )
+        ]  # fmt: skip
+        similarity, camera, rotation = means(rows[:3])
+        assert similarity < camera < rotation < 20
 
     def test_a_search_survives_what_the_plain_fit_does_not(self, cars, tmp_path):
         shares = {"corrupt.share": [0, 0.4]}
         outcomes, plain = cars(shares)
         clean, spoilt = means(plain)
         assert spoilt > 1.5 * clean
-        assert {row["precision"] for row in plain} == {""}
+        assert {row["metric"] for row in plain} == {"similarity"}
         assert "precision" not in outcomes[-1].note
         outcomes, robust = cars(shares, outliers={"method": "ransac"})
-        assert means(robust)[1] < 1.25 * clean
-        assert robust[0]["recall"] == ""
-        assert float(robust[1]["recall"]) > 0.85
-        assert float(robust[1]["precision"]) > 0.85
-        assert "with a shape" in outcomes[-1].note
+        found = {(row["metric"], row["value"]): float(row["mean"]) for row in robust}
+        assert found["similarity", "0.4"] < 1.25 * clean
+        assert ("recall", "0") not in found
+        assert found["recall", "0.4"] > 0.85
+        assert found["precision", "0.4"] > 0.85
         first, second = (
             read_results(tmp_path / f"out/work/{folder}/result.h5") for folder in ("1_0", "2_0.4")
         )
@@ -243,6 +257,6 @@ class TestCorruptedCars:
         outcomes, rows = sweep(
             {"fit.loss": ["squared", "l1"]}, corrupt={"share": 0.2}, fit={"beta": 0.3}
         )
-        assert rows[0]["recall"] == ""
-        assert float(rows[1]["recall"]) > 0
+        labels = [(row["value"], row["metric"]) for row in rows if row["metric"] != "similarity"]
+        assert labels == [("l1", "precision"), ("l1", "recall")]
         assert not [warning for outcome in outcomes for warning in outcome.warnings]
