@@ -48,7 +48,7 @@ class ViewingConfig(ConfigModel):
         "loses its pull (Cauchy's loss).",
     )
     max_rounds: int = Field(
-        default=200, ge=1, description="perspective: most rounds for one image."
+        default=1000, ge=1, description="perspective: most rounds for one image."
     )
 
     @model_validator(mode="after")
