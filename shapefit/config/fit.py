@@ -233,6 +233,11 @@ class FitConfig(CommandConfig):
         if self.path and (self.leave_out or self.outliers.method != "none"):
             raise ValueError("`path` goes with neither `leave_out` nor a search for outliers")
         weak = self.camera.model == "weak-perspective"
+        if self.temporal.depths and not weak:
+            raise ValueError(
+                "`temporal: {depths: true}` refines shapes under weak perspective; leave out "
+                "either it or `camera: {model: perspective}`"
+            )
         if self.export.rotation == "per-atom" and not (self.method == "convex" and weak):
             raise ValueError(
                 "`export: {rotation: per-atom}` belongs to the method convex and weak perspective; "

@@ -33,13 +33,24 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, settings: Settings) -
             place = settings.place(location[:-1])
             return f"{place}: missing key {str(location[-1])!r} ({field.description})"
         case "value_error":
-            return f"{settings.place(location)}: {detail['ctx']['error']}"
+            message = str(detail["ctx"]["error"])
+            return f"{settings.place(_first_named(message, location, settings))}: {message}"
     choices = re.findall(r"'([^']+)'", detail.get("ctx", {}).get("expected", ""))
     wanted = " or ".join(choices) or (expectation(field) if field else detail["msg"])
     return (
         f"{settings.place(location)}: expected {wanted}, "
         f"found {found(detail['input'])}{_did_you_mean(str(detail['input']), choices)}"
     )
+
+
+def _first_named(message: str, location: Location, settings: Settings) -> Location:
+    """Return where the first of the keys was said that a message names as `key` or `key: value`.
+
+    Of keys that do not go together none is at fault alone; their common `location` is the answer
+    where the settings say none of them.
+    """
+    named = ((*location, word) for word in re.findall(r"`(\w+)", message))
+    return next(filter(settings.said, named), location)
 
 
 def _schema_at(

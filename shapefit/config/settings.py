@@ -89,6 +89,10 @@ class Settings:
         folder = Path.cwd() / Path(data).expanduser()
         return change_paths(self.values, self.path_keys, partial(with_data, data=folder))
 
+    def said(self, location: Location) -> bool:
+        """Whether the file, an option or an argument gave a value at `location`."""
+        return location in self._places
+
     def place(self, location: Location, *, key: bool = False) -> str:
         """Return where the value at `location` (or its key) was said, or else its surroundings."""
         if location in self._places:

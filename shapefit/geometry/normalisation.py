@@ -46,7 +46,7 @@ def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Norma
 
     points (..., d, p), visible (..., p) bool or None for all. Where the visible points coincide
     the scale is 0 and the normalised points are not finite: the caller decides what that means.
-    Source: released solver's convention, see docs/conventions.md.
+    Source: released solver's convention, see docs/method.md, Conventions.
     """
     middle = centroid(points, visible)
     scale = spread(points, visible)
