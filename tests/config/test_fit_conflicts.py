@@ -1,4 +1,4 @@
-"""Keys of `fit` that do not go together are told at the place of the first that the message names."""
+"""Keys of `fit` that do not go together: told at the place of the first that a message names."""
 
 from __future__ import annotations
 
