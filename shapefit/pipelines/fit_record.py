@@ -14,6 +14,7 @@ from shapefit.io.extras import Extras
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.path import Path
 from shapefit.meshes.dense import metric_scale
+from shapefit.pipelines.landmark_weights import find_seen
 
 Floats = NDArray[np.float64]
 
@@ -61,12 +62,9 @@ def further_datasets(
 ) -> Extras:
     """Join what came with the landmarks with what only some fits have."""
     found = lifting.estimate
-    seen = lifting.problem.weights > 0
-    if found.outliers is not None:
-        seen = seen | found.outliers
-    visible = seen[:, None, :]
+    seen = find_seen(images)[:, None, :]
     own: dict[str, NDArray[Any] | None] = {
-        "landmarks": np.where(visible, images.landmarks, np.nan).swapaxes(1, 2),
+        "landmarks": np.where(seen, images.landmarks, np.nan).swapaxes(1, 2),
         "lambda": lifting.problem.lam,
         "residual": found.residual,
         "active_atoms": found.active_atoms,
@@ -83,7 +81,7 @@ def further_datasets(
         own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
     known = {name: values for name, values in own.items() if values is not None}
     carried = Extras.of(images.extras, len(images))
-    return Extras({**carried.per_item, **known}, carried.whole)
+    return carried | known
 
 
 def perspective_datasets(

@@ -21,6 +21,7 @@ from shapefit.lifting.path import WarmSolve
 from shapefit.lifting.perspective_view import Options, refine_view
 from shapefit.lifting.temporal import Sequencing, refine_sequences
 from shapefit.pipelines.intrinsics import find_camera
+from shapefit.pipelines.landmark_weights import find_weights
 from shapefit.pipelines.left_out import leaving_out
 from shapefit.pipelines.lifter import Lifter
 from shapefit.pipelines.outlier_search import choose_search, lift_inliers
@@ -172,9 +173,3 @@ def choose_newton(config: FitConfig) -> WarmSolve:
         max_iterations=options.max_iterations,
         threads=config.threads,
     )
-
-
-def find_weights(images: LandmarkSet) -> Floats:
-    """Omega (n, p): the confidence, or 1, where a landmark is seen, and 0 elsewhere."""
-    seen = np.isfinite(images.landmarks).all(axis=1)
-    return np.where(seen, 1.0 if images.confidence is None else images.confidence, 0.0)

@@ -87,9 +87,7 @@ def _name_pass(images: LandmarkSet, turn: int) -> LandmarkSet:
         images,
         items=tuple(item + mark for item in images.items),
         sequences=images.sequences and tuple(name + mark for name in images.sequences),
-        extras=Extras(
-            extras.per_item | {TRUE_ITEM: np.array(images.items, dtype=object)}, extras.whole
-        ),
+        extras=extras | {TRUE_ITEM: np.array(images.items, dtype=object)},
     )
 
 
@@ -127,5 +125,5 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, block: i
         sequences=shapes.sequences,
         unit=shapes.unit if config.camera.model == "orthographic" else PIXELS,
         y_axis="up",
-        extras=Extras(extras.per_item | {TRUE_ROTATION: rotations}, extras.whole),
+        extras=extras | {TRUE_ROTATION: rotations},
     )

@@ -130,6 +130,9 @@ class TestShapes:
         a, _ = fit(tmp_path, dictionary, first)
         b, _ = fit(tmp_path, dictionary, second)
         np.testing.assert_array_equal(a.shapes, b.shapes)
+        seen = np.where(confidence[:, :, None] > 0, images.landmarks.swapaxes(1, 2), np.nan)
+        np.testing.assert_array_equal(a.extras["landmarks"], seen)
+        np.testing.assert_array_equal(b.extras["landmarks"], seen)
 
     def test_permuted_landmarks_simply_work(self, tmp_path, dictionary, images):
         order = [3, 1, 4, 0, 5, 9, 2, 6, 8, 7]
@@ -269,6 +272,11 @@ class TestItemsThatFail:
         assert list(found.status) == ["optimal", Status.DEGENERATE.value, "optimal"]
         assert np.isnan(found.shapes[1]).all()
         assert np.isfinite(found.shapes[[0, 2]]).all()
+        observed = [[float(c) if c != "" else np.nan for c in point] for point in points]
+        hidden = np.isnan(observed).any(axis=1, keepdims=True)
+        np.testing.assert_array_equal(
+            found.extras["landmarks"][1], np.where(hidden, np.nan, observed)
+        )
 
     def test_strict_counts_what_is_not_optimal(self, tmp_path, dictionary, images):
         keys = {"solver": {"max_iterations": 1, "tolerance": 1e-9}}

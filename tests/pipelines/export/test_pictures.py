@@ -99,11 +99,14 @@ def test_spread(wanted, count, places):
 
 def test_an_image_without_a_shape_has_its_picture(tmp_path, draw, views, sheets):
     landmarks = views.landmarks.copy()
-    landmarks[1, :, 2:] = np.nan
+    landmarks[1][:, np.flatnonzero(np.isfinite(landmarks[1, 0]))[2:]] = np.nan
     _, outcomes = draw(replace(views, landmarks=landmarks), items=[views.items[1]], sheet=6)
     assert f"{views.items[1]}.png" in written(tmp_path)
     ((images, _),) = sheets
     assert [image.fitted for image in images] == [True, False, True, True, True, True]
+    for image, observed in zip(images, landmarks, strict=True):
+        np.testing.assert_array_equal(image.landmarks, observed)
+    assert np.isfinite(images[1].landmarks[0]).sum() == 2
     assert outcomes[-1].note == "1 picture, contact sheet of 6"
 
 
