@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -16,6 +15,7 @@ from shapefit.evaluation import labels
 from shapefit.evaluation.cells import ABSENT, HOW_TO_READ_PAIRS, pairs
 from shapefit.evaluation.markdown import markdown_table
 from shapefit.evaluation.summary import ALL, ImageErrors, summarise
+from shapefit.evaluation.tables import null_for_nan
 
 Value = str | bool | int | float
 
@@ -127,10 +127,12 @@ COLUMNS = (
 
 def write_csv(path: Path, sweep: Sweep) -> None:
     """Write sweep.csv, one row a value, group and metric; a number that does not exist is empty."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        rows = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        rows.writeheader()
-        rows.writerows({"key": sweep.key, **_known(point)} for point in sweep.points)
+    import polars as pl
+
+    rows = [
+        {"key": sweep.key, **_known(point), "value": str(point.value)} for point in sweep.points
+    ]
+    pl.DataFrame(rows, infer_schema_length=None).select(COLUMNS).write_csv(path)
 
 
 def sweep_json(sweep: Sweep) -> str:
@@ -176,7 +178,4 @@ def _share_with_shape(point: Point) -> str:
 
 
 def _known(point: Point) -> dict[str, Any]:
-    return {
-        key: None if isinstance(value, float) and math.isnan(value) else value
-        for key, value in asdict(point).items()
-    }
+    return {key: null_for_nan(value) for key, value in asdict(point).items()}

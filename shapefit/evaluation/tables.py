@@ -21,11 +21,14 @@ PER_IMAGE = ("method", "sequence", "item", "metric", "error", "unit")
 REPORT = ("method", "metric", "group", "sequence", "images", "mean", "median", "p90", "unit")
 
 
-def write_per_image(path: Path, errors: Sequence[ImageErrors]) -> None:
-    """Write per_image.csv, one row an image, metric and unit; a failed image's error is empty."""
+def write_per_image(path: Path, errors: Sequence[ImageErrors], of: str = "method") -> None:
+    """Write per_image.csv, one row an image, metric and unit; a failed image's error is empty.
+
+    `of` is the name of the first column: what the `method` of the errors is.
+    """
     import polars as pl
 
-    pl.concat([_per_image(e) for e in errors]).write_csv(path)
+    pl.concat([_per_image(e) for e in errors]).rename({"method": of}).write_csv(path)
 
 
 def _per_image(errors: ImageErrors) -> polars.DataFrame:
@@ -61,8 +64,7 @@ def report_json(report: Report) -> str:
             for method in report.methods
         ],
         "summaries": [
-            {key: _null_for_nan(value) for key, value in asdict(s).items()}
-            for s in report.summaries
+            {key: null_for_nan(value) for key, value in asdict(s).items()} for s in report.summaries
         ],
         "published": {method: dict(column) for method, column in report.published.items()},
         "caveats": report.caveats,
@@ -80,5 +82,6 @@ def by_kind(errors: Iterable[Errors]) -> dict[tuple[str, str], list[Errors]]:
     return collected
 
 
-def _null_for_nan(value: Any) -> Any:
+def null_for_nan(value: Any) -> Any:
+    """Return None in place of nan, as JSON and CSV have it."""
     return None if isinstance(value, float) and math.isnan(value) else value

@@ -7,22 +7,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from shapefit import __version__
 from shapefit.config import EvalConfig
 from shapefit.errors import input_error
-from shapefit.evaluation import labels, plots, tables
+from shapefit.evaluation import plots, tables
 from shapefit.evaluation.box_plots import box_plot
 from shapefit.evaluation.errors_markdown import markdown
 from shapefit.evaluation.report import NORMALISED, Method, Report
 from shapefit.evaluation.solving import Run, sum_up
-from shapefit.evaluation.summary import ImageErrors, group_sequences, summarise
+from shapefit.evaluation.summary import ImageErrors, summarise
 from shapefit.io import ResultSet, ShapeSet, read_results, read_shapes
 from shapefit.io.atomic import digest
 from shapefit.pipelines.examples import Lifted, check_examples, examples_picture, keep
 from shapefit.pipelines.floors import Shown, floor_errors, shown_in
-from shapefit.pipelines.judgement import Judgement, abbreviate, judge
+from shapefit.pipelines.image_errors import find_grouping, image_errors
+from shapefit.pipelines.judgement import Judgement, judge
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
 from shapefit.pipelines.visible_enough import visible_enough
@@ -51,7 +50,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         raise input_error("metrics", nothing, "add `similarity`, which every shape has")
     if config.floors:
         errors = errors + floor_errors(config.floors.dictionary, truth, found.shown)
-    grouping, ungrouped = _grouping(config, errors)
+    grouping, ungrouped = find_grouping(config.groups, errors)
     report = Report(
         methods=tuple(found.methods),
         summaries=tuple(s for e in errors for s in summarise(e, grouping)),
@@ -108,7 +107,7 @@ def _judge_all(config: EvalConfig, truth: ShapeSet, found: _Found) -> Iterator[O
             )
         _check_distinct(judgements)
         found.methods.append(_method(name, judgements, runs))
-        found.errors += _image_errors(name, judgements)
+        found.errors += image_errors(name, judgements)
         found.lifted[name] = lifted
 
 
@@ -142,45 +141,6 @@ def _method(name: str, judgements: Sequence[Judgement], runs: Sequence[Run]) -> 
         failures={item: why for j in judgements for item, why in j.failures.items()},
         solving=sum_up(runs),
     )
-
-
-def _image_errors(name: str, judgements: Sequence[Judgement]) -> list[ImageErrors]:
-    """Join what the files of one method say about each metric and unit.
-
-    Images that leave a metric undefined are no images of it, unless they failed.
-    """
-    kinds = dict.fromkeys(kind for judgement in judgements for kind in judgement.errors)
-    joined = []
-    for kind in kinds:
-        images = [
-            (item, sequence, value)
-            for j in judgements
-            if kind in j.errors
-            for item, sequence, value in zip(j.items, j.sequences, j.errors[kind], strict=True)
-            if kind[0] not in labels.METRICS or not np.isnan(value) or item in j.failures
-        ]
-        if images:
-            items, sequences, values = zip(*images, strict=True)
-            joined.append(ImageErrors(name, *kind, items, sequences, np.array(values)))
-    return joined
-
-
-def _grouping(
-    config: EvalConfig, errors: Sequence[ImageErrors]
-) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
-    """Sequences of each group, and warnings about globs and sequences that match nothing."""
-    sequences = dict.fromkeys(s for e in errors for s in e.sequences if s)
-    grouping = group_sequences(config.groups, sequences)
-    empty = [group for group, members in grouping.items() if not members]
-    if len(empty) == len(grouping):
-        found = f"no sequence matches a group; the sequences are {abbreviate(list(sequences))}"
-        raise input_error("groups", found, "correct the globs, or leave `groups` out")
-    grouped = {member for members in grouping.values() for member in members}
-    outside = [sequence for sequence in sequences if sequence not in grouped]
-    warnings = [f"group {g}: no sequence matches {config.groups[g]!r}" for g in empty]
-    if outside:
-        warnings.append(f"sequences in no group, only in per_image.csv: {abbreviate(outside)}")
-    return grouping, tuple(warnings)
 
 
 def _provenance(config: EvalConfig) -> dict[str, object]:

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Generator, Iterable, Iterator
+from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
-import numpy as np
-
 from shapefit import __version__
-from shapefit.config import EvalConfig, SweepConfig
+from shapefit.config import SweepConfig
 from shapefit.config.evaluate import LabelMetric
 from shapefit.config.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.sweep import Value
 from shapefit.evaluation import plots
-from shapefit.evaluation.summary import ImageErrors, group_sequences
+from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.sweep import Point, Sweep, markdown, points, sweep_json, write_csv
 from shapefit.evaluation.sweep_plots import sweep_plot
-from shapefit.io import digest, read_dictionary, read_results
-from shapefit.pipelines import evaluate, fit, learn_dict, project
+from shapefit.evaluation.tables import write_per_image
+from shapefit.io import ShapeSet, digest, read_dictionary, read_results, read_shapes
+from shapefit.pipelines import fit, learn_dict, project
+from shapefit.pipelines.image_errors import find_grouping, image_errors
+from shapefit.pipelines.judgement import judge
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
 from shapefit.pipelines.sweep_images import Choice, choose_images
@@ -53,6 +54,8 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         plots.require_matplotlib()
     work = config.output / "work"
     files: Files | None = None
+    truth = read_shapes(config.truth)
+    judged: list[ImageErrors] = []
     found: list[Point] = []
     for number, value in enumerate(config.values, start=1):
         folder = work / f"{number}_{_file_name(value)}"
@@ -60,13 +63,14 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         files = yield from _prepare(config, value, files, folder, work)
         result = folder / "result.h5"
         failed = yield from _fit(config, value, files, result)
-        judged = yield from _judge(config, value, result, failed)
+        errors = yield from _judge(config, value, result, truth, failed)
+        grouping, ungrouped = find_grouping(config.groups, errors)
+        yield Outcome(warnings=ungrouped)
         seconds = 1 / float(read_results(result).attributes["images_per_second"])
-        for errors in judged:
-            grouping = group_sequences(config.groups, dict.fromkeys(errors.sequences))
-            found += points(value, errors, grouping, seconds)
+        judged += errors
+        found += [point for e in errors for point in points(value, e, grouping, seconds)]
     sweep = Sweep(config.key, tuple(found), config.caveats, _provenance(config))
-    written = tuple(write_folder(config.output, _writers(sweep, with_plot=config.plots)))
+    written = tuple(write_folder(config.output, _writers(sweep, judged, with_plot=config.plots)))
     yield Outcome(note=markdown(sweep).rstrip(), written=written)
 
 
@@ -132,7 +136,8 @@ def _fit(
             "pictures": PicturesConfig(),
         }
     )
-    for _ in fit.run(fitting):
+    # the few images to warm up with may all be of models that the dictionary does not have
+    for _ in fit.run(fitting.model_copy(update={"leave_out": None})):
         pass
     failed: set[str] = set()
     for outcome in fit.run(fitting.model_copy(update={"landmarks": (files.landmarks,)})):
@@ -148,55 +153,26 @@ def _fit(
 
 
 def _judge(
-    config: SweepConfig, value: Value, result: Path, failed: Collection[str]
+    config: SweepConfig, value: Value, result: Path, truth: ShapeSet, failed: Collection[str]
 ) -> Generator[Outcome, None, list[ImageErrors]]:
-    """Compare the result at one value with the truth; return the errors in each metric.
+    """Compare the result at one value with the truth; return its errors in each metric.
 
-    Precision and recall of outlier labels follow where any image leaves them defined. The items
-    in `failed` have been reported already.
+    A metric with several units has them in the first. Precision and recall of outlier labels follow
+    where any image leaves them defined. The items in `failed` have been reported already.
     """
     labelled = config.corrupts and config.steps(value).fit.labels_outliers
     metrics = config.metrics + (get_args(LabelMetric) if labelled else ())
-    judging = EvalConfig(
-        results={str(value): (result,)},
-        truth=config.truth,
-        match=config.match,
-        groups=config.groups,
-        metrics=metrics,
-        output=result.with_name("report"),
-        plots=False,
-    )
-    for outcome in evaluate.run(judging):
-        new = tuple(failure for failure in outcome.failures if failure.item not in failed)
-        failures = _named(new, f"{config.key}={value}")
-        yield Outcome(failures=failures, warnings=outcome.warnings)
-    return _read_errors(judging.output / "per_image.csv")
+    judgement = judge(result, read_results(result), truth, config.match, metrics)
+    failures = (Failure(i, why) for i, why in judgement.failures.items() if i not in failed)
+    yield Outcome(failures=_named(failures, f"{config.key}={value}"), warnings=judgement.warnings)
+    found: dict[str, ImageErrors] = {}
+    for errors in image_errors(str(value), [judgement]):
+        found.setdefault(errors.metric, errors)
+    return list(found.values())
 
 
 def _named(failures: Iterable[Failure], name: str) -> tuple[Failure, ...]:
     return tuple(Failure(f"{name}: {failure.item}", failure.reason) for failure in failures)
-
-
-def _read_errors(per_image: Path) -> list[ImageErrors]:
-    """Read what `eval` wrote of one method, each metric in the unit that comes first."""
-    import polars as pl
-
-    text = dict.fromkeys(("method", "item", "sequence"), pl.String)
-    written = pl.read_csv(per_image, schema_overrides=text)
-    found: dict[str, ImageErrors] = {}
-    for (method, metric, unit), table in written.group_by(
-        "method", "metric", "unit", maintain_order=True
-    ):
-        errors = ImageErrors(
-            method=str(method),
-            metric=str(metric),
-            unit=str(unit),
-            items=tuple(table["item"]),
-            sequences=tuple(table["sequence"]),
-            values=table["error"].cast(pl.Float64).fill_null(np.nan).to_numpy(),
-        )
-        found.setdefault(errors.metric, errors)
-    return list(found.values())
 
 
 def _file_name(value: Value) -> str:
@@ -215,8 +191,9 @@ def _provenance(config: SweepConfig) -> dict[str, object]:
     }
 
 
-def _writers(sweep: Sweep, *, with_plot: bool) -> dict[str, Writer]:
+def _writers(sweep: Sweep, judged: Sequence[ImageErrors], *, with_plot: bool) -> dict[str, Writer]:
     writers: dict[str, Writer] = {
+        "per_image.csv": lambda path: write_per_image(path, judged, of="value"),
         "sweep.csv": lambda path: write_csv(path, sweep),
         "sweep.json": lambda path: path.write_text(sweep_json(sweep), encoding="utf-8"),
         "sweep.md": lambda path: path.write_text(markdown(sweep), encoding="utf-8"),

@@ -2,9 +2,11 @@
 
 import csv
 import json
+import shutil
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ from shapefit.pipelines.sweep import run
 PEOPLE = Path(__file__).resolve().parents[2] / "sample_data"
 TRUTH = PEOPLE / "people_test.h5"
 LEARNING = {"shapes": str(PEOPLE / "people_train.h5"), "k": 8, "iterations": 1, "every": 10}
-REPORT = {"sweep.csv", "sweep.json", "sweep.md", "work"}
+REPORT = {"per_image.csv", "sweep.csv", "sweep.json", "sweep.md", "work"}
 
 
 @pytest.fixture
@@ -144,6 +146,17 @@ def test_methods_are_told_apart(sweep, tmp_path):
     assert names == REPORT | {"sweep.png", "sweep.svg"}
 
 
+def test_every_image_has_a_row_for_each_value(sweep, tmp_path):
+    _, rows = sweep({"fit.lambda": [0.1, 1.5]})
+    with (tmp_path / "out/per_image.csv").open(newline="", encoding="utf-8") as file:
+        images = list(csv.DictReader(file))
+    assert list(images[0]) == ["value", "sequence", "item", "metric", "error", "unit"]
+    for row in rows:
+        errors = [float(image["error"]) for image in images if image["value"] == row["value"]]
+        assert len(errors) == int(row["images"])
+        assert np.mean(errors) == pytest.approx(float(row["mean"]))
+
+
 def test_groups_have_rows_of_their_own(sweep):
     groups = {"Walking": "walk*", "All": "*"}
     _, rows = sweep({"fit.lambda": [0.1, 0.2]}, groups=groups)
@@ -229,6 +242,19 @@ class TestCorruptedCars:
         ]  # fmt: skip
         similarity, camera, rotation = means(rows[:3])
         assert similarity < camera < rotation < 20
+
+    def test_the_images_to_warm_up_with_may_all_be_of_unknown_models(self, cars, tmp_path):
+        views = tmp_path / "views.h5"
+        shutil.copy(PEOPLE / "cars_views.h5", views)
+        with h5py.File(views, "r+") as file:
+            assert 40 < len(file["true_model"])
+            file["true_model"][:40] = "stranger"
+        outcomes, rows = cars({"fit.lambda": [1]}, landmarks=str(views))
+        failed = [failure for outcome in outcomes for failure in outcome.failures]
+        assert len(failed) == 20
+        assert int(rows[0]["images"]) > 20
+        told = [warning for outcome in outcomes for warning in outcome.warnings]
+        assert [warning for warning in told if "stranger" in warning]
 
     def test_a_search_survives_what_the_plain_fit_does_not(self, cars, tmp_path):
         shares = {"corrupt.share": [0, 0.4]}
