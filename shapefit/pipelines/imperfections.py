@@ -65,16 +65,19 @@ def displace(landmarks: Floats, share: float, size: float, rng: np.random.Genera
 
 
 def corrupt(
-    landmarks: Floats, share: float, margin: float, rng: np.random.Generator
+    landmarks: Floats,
+    visible: NDArray[np.bool_],
+    share: float,
+    margin: float,
+    rng: np.random.Generator,
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Replace a random `share` of the visible landmarks (n, 2, p) of each image, n <= BLOCK.
+    """Replace a random `share` of the landmarks (n, 2, p) that are visible (n, p), n <= BLOCK.
 
     The points are uniform over the bounding box of the visible landmarks grown on each side by
-    `margin` times its size; the number is rounded as in `hide`. Returns the landmarks, and which
-    were replaced (n, p): more of them, at the same points, for a larger share.
+    `margin` times its size; the number in an image is rounded as in `hide`. Returns the landmarks,
+    and which were replaced (n, p): more of them, at the same points, for a larger share.
     """
     n, _, p = landmarks.shape
-    visible = np.asarray(np.isfinite(landmarks).all(axis=1))
     chosen = _choose(visible, share, p, rng)
     place = rng.random((BLOCK, 2, p))[:n]
     seen = visible[:, None]

@@ -13,6 +13,7 @@ from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, landmark_writer, open_landmarks
 from shapefit.io.extras import Extras
 from shapefit.pipelines.imperfections import BLOCK, Purpose, corrupt, stream
+from shapefit.pipelines.landmark_weights import find_seen
 
 CORRUPTED = "corrupted"
 """Dataset (n, p) of the landmarks that were replaced."""
@@ -51,7 +52,7 @@ def choose_images(
         landmark_writer(warm_up) as first_ones,
     ):
         for block, images in enumerate(source.chunks(BLOCK)):
-            visible = np.isfinite(images.landmarks).all(axis=1).sum(axis=1)
+            visible = find_seen(images).sum(axis=1)
             rows = np.flatnonzero(visible >= choice.least_visible)
             number = enough + np.arange(len(rows)) - choice.first
             enough += len(rows)
@@ -72,6 +73,7 @@ def choose_images(
 def corrupted(images: LandmarkSet, config: CorruptionConfig, block: int) -> LandmarkSet:
     """Return the images of a block with some landmarks replaced, and the dataset that says so."""
     rng = stream(config.seed, Purpose.CORRUPTION, block)
-    landmarks, wrong = corrupt(images.landmarks, config.share, config.margin, rng)
+    seen = find_seen(images)
+    landmarks, wrong = corrupt(images.landmarks, seen, config.share, config.margin, rng)
     extras = Extras.of(images.extras, len(images)) | {CORRUPTED: wrong}
     return replace(images, landmarks=landmarks, extras=extras)

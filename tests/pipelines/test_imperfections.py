@@ -111,7 +111,7 @@ class TestCorruption:
 
     @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
     def test_the_share_of_the_visible_landmarks_is_replaced_and_named(self, seen, share, rng):
-        after, wrong = corrupt(seen, share, 0.1, rng)
+        after, wrong = corrupt(seen, np.isfinite(seen[:, 0]), share, 0.1, rng)
         visible = np.isfinite(seen[:, 0])
         assert not wrong[~visible].any()
         off = wrong.sum(axis=1) - share * visible.sum(axis=1)
@@ -122,7 +122,7 @@ class TestCorruption:
 
     @pytest.mark.parametrize("margin", [0.0, 0.25])
     def test_the_points_fill_the_grown_box(self, seen, margin, rng):
-        after, wrong = corrupt(seen, 0.5, margin, rng)
+        after, wrong = corrupt(seen, np.isfinite(seen[:, 0]), 0.5, margin, rng)
         low, high = np.nanmin(seen[1:], axis=2), np.nanmax(seen[1:], axis=2)
         place = (after[1:] - low[..., None]) / (high - low)[..., None]
         place = (place.swapaxes(1, 2)[wrong[1:]] + margin) / (1 + 2 * margin)
@@ -130,9 +130,21 @@ class TestCorruption:
         assert kstest(place.ravel(), "uniform").pvalue > 1e-3
 
     def test_a_larger_share_adds_landmarks_and_moves_no_others(self, seen):
+        visible = np.isfinite(seen[:, 0])
         few, some = (
-            corrupt(seen, share, 0.1, stream(1, Purpose.CORRUPTION, 0)) for share in (0.2, 0.6)
+            corrupt(seen, visible, share, 0.1, stream(1, Purpose.CORRUPTION, 0))
+            for share in (0.2, 0.6)
         )
         assert (some[1] | ~few[1]).all()
         moved = np.broadcast_to(few[1][:, None], seen.shape)
         np.testing.assert_array_equal(few[0][moved], some[0][moved])
+
+    def test_what_is_not_visible_has_no_part_in_it(self, seen, landmarks):
+        visible = np.isfinite(seen[:, 0])
+        far = np.where(visible[:, None], landmarks, 1e6)  # would stretch the box
+        expected, after = (
+            corrupt(given, visible, 0.5, 0.1, stream(1, Purpose.CORRUPTION, 0))
+            for given in (seen, far)
+        )
+        np.testing.assert_array_equal(after[1], expected[1])
+        np.testing.assert_array_equal(after[0], np.where(visible[:, None], expected[0], 1e6))

@@ -14,6 +14,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.io import landmark_writer, open_landmarks, read_results, read_shapes, write_dictionary
 from shapefit.pipelines import fit
 from shapefit.pipelines.imperfections import corrupt
+from shapefit.pipelines.landmark_weights import find_seen
 from shapefit.pipelines.outlier_search import find_seeds
 
 METHODS = ("ransac", "truncated")
@@ -63,9 +64,7 @@ def run(tmp_path, dictionary):
 
 
 def spoil(views, share, rng):
-    landmarks, wrong = corrupt(
-        np.concatenate([views.landmarks] * (1 + 1024 // len(views)))[: len(views)], share, 0.1, rng
-    )
+    landmarks, wrong = corrupt(views.landmarks, find_seen(views), share, 0.1, rng)
     return replace(views, landmarks=landmarks), wrong
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,7 +28,7 @@ def images(rng):
 
 @pytest.fixture
 def choose(tmp_path, images):
-    def choose(least_visible=0, first=0, every=1, corruption=None, names=NAMES):
+    def choose(least_visible=0, first=0, every=1, corruption=None, names=NAMES, images=images):
         with landmark_writer(tmp_path / "all.h5") as writer:
             writer.append(images)
         chosen, warm_up = tmp_path / "chosen.h5", tmp_path / "warm_up.h5"
@@ -70,6 +72,19 @@ def test_what_is_drawn_for_an_image_does_not_depend_on_the_choice(choose, images
     assert wrong.any()
     other, _ = choose(corruption=CorruptionConfig(share=0.5, seed=3))
     assert (other.extras["corrupted"] != everything.extras["corrupted"]).any()
+
+
+def test_landmarks_without_confidence_are_hidden(choose, images):
+    seen = np.isfinite(images.landmarks[:, 0])
+    placed = np.where(seen[:, None], images.landmarks, 100.0)
+    doubtful = replace(images, landmarks=placed, confidence=0.5 * seen)
+    keys = {"least_visible": 4, "corruption": CorruptionConfig(share=0.5)}
+    expected, _ = choose(**keys)
+    found, _ = choose(images=doubtful, **keys)
+    assert found.items == expected.items
+    np.testing.assert_array_equal(found.extras["corrupted"], expected.extras["corrupted"])
+    shown = np.isfinite(expected.landmarks)
+    np.testing.assert_array_equal(found.landmarks, np.where(shown, expected.landmarks, 100.0))
 
 
 def test_the_labels_are_in_the_order_of_the_dictionary(choose):
