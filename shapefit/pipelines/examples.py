@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +17,7 @@ from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.meshes.pictures import Pose, skeleton_picture
 from shapefit.meshes.views import YAxis
+from shapefit.pipelines.chosen_items import fits, spread
 from shapefit.pipelines.judgement import Judgement, abbreviate
 from shapefit.pipelines.result_datasets import find_dataset
 
@@ -116,17 +116,15 @@ def choose(wanted: int | Sequence[str], items: Sequence[str]) -> tuple[str, ...]
         found = "no image has the truth and a shape of every method"
         raise input_error(KEY, found, "give results of the same images, or leave it out")
     if isinstance(wanted, int):
-        count = min(wanted, len(items))
-        return tuple(items[(2 * i + 1) * len(items) // (2 * count)] for i in range(count))
-    known = set(items)
+        return tuple(items[place] for place in spread(wanted, len(items)))
     chosen: dict[str, None] = {}
     for name in wanted:
-        fits = [name] if name in known else [i for i in items if fnmatchcase(i, name)]
-        if not fits:
+        fitting = [item for item in items if fits(item, name)]
+        if not fitting:
             near = get_close_matches(name, items, n=5, cutoff=0.0)
             found = f"no image with the truth and a shape of every method is called '{name}'"
             raise input_error(KEY, found, f"correct it; the nearest are {', '.join(near)}")
-        chosen |= dict.fromkeys(fits)
+        chosen |= dict.fromkeys(fitting)
     if len(chosen) > MOST_EXAMPLES:
         found = f"{len(chosen)} images fit: {abbreviate(list(chosen))}"
         raise input_error(KEY, found, f"name at most {MOST_EXAMPLES}, or say how many to choose")

@@ -18,7 +18,7 @@ from shapefit.io import ResultSet
 from shapefit.io.atomic_folder import StagedFiles
 from shapefit.io.item_files import file_stem
 from shapefit.meshes.pictures import FittedImage, Model, contact_sheet, fit_picture
-from shapefit.pipelines.chosen_items import ChosenItems
+from shapefit.pipelines.chosen_items import ChosenItems, spread
 from shapefit.pipelines.fitted_images import fitted_image
 
 if TYPE_CHECKING:
@@ -90,9 +90,3 @@ class PictureExport:
         ending = self._config.pictures.format
         name = stem.with_name(f"{stem.name}.{ending}")
         self._files.write(name, partial(save, figure, file_format=ending))
-
-
-def spread(wanted: int, count: int) -> tuple[int, ...]:
-    """Return the middle of each of as many equal parts of 0..count - 1 as wanted."""
-    parts = min(wanted, count)
-    return tuple((2 * part + 1) * count // (2 * parts) for part in range(parts))

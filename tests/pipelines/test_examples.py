@@ -121,8 +121,9 @@ def test_names_and_globs_keep_their_order_and_count_once():
     )  # fmt: skip
 
 
-def test_a_name_goes_before_a_glob():
-    assert choose(["a[1]"], ["a1", "a[1]"]) == ("a[1]",)
+def test_a_name_with_brackets_is_a_glob_too():
+    assert choose(["a[1]"], ["a1", "a[1]", "b1"]) == ("a1", "a[1]")
+    assert choose(["a[[]1]"], ["a1", "a[1]", "b1"]) == ("a[1]",)
 
 
 class TestInputErrors:

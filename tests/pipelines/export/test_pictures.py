@@ -12,7 +12,6 @@ from matplotlib.image import imread
 from shapefit.config import FitConfig
 from shapefit.io import open_landmarks
 from shapefit.pipelines.fitted_images import fitted_image
-from shapefit.pipelines.picture_export import spread
 
 
 @pytest.fixture
@@ -87,14 +86,6 @@ def test_the_sheet_is_spread_evenly_over_all(tmp_path, draw, views, sheets, chun
     assert [image.title for image in images] == [views.items[i] for i in (1, 3, 5)]
     assert model.y_axis == "down"
     assert written(tmp_path) == {"contact_sheet.png"}
-
-
-@pytest.mark.parametrize(
-    ("wanted", "count", "places"),
-    [(0, 9, ()), (1, 9, (4,)), (3, 9, (1, 4, 7)), (9, 3, (0, 1, 2)), (4, 0, ())],
-)
-def test_spread(wanted, count, places):
-    assert spread(wanted, count) == places
 
 
 def test_an_image_without_a_shape_has_its_picture(tmp_path, draw, views, sheets):
