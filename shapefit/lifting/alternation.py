@@ -11,15 +11,9 @@ from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
 from shapefit.convex.stretches import run_stretches
 from shapefit.lifting.alternation_kernels import alternate_stretch
+from shapefit.lifting.estimate import STATUS
 
 Floats = NDArray[np.float64]
-
-_STATUS = (
-    Status.CONVERGED,
-    Status.ITERATION_LIMIT,
-    Status.DEGENERATE,
-    Status.NUMERICAL_FAILURE,
-)
 
 
 @dataclass(frozen=True)
@@ -71,4 +65,4 @@ def alternate(
 
     run_stretches(n, work, threads)
     rotation[~coefficients.any(axis=1)] = np.nan
-    return Alternation(coefficients, rotation, rounds, tuple(_STATUS[code] for code in codes))
+    return Alternation(coefficients, rotation, rounds, tuple(STATUS[code] for code in codes))

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 FEWEST = 3
+BEYOND_CHANCE = FEWEST + 1
+"""Landmarks that must agree with each other to be believed: some shape fits any three."""
+
 # Landmarks lie on a line where their second singular value is this small beside the first.
 FLAT = 1e-9
 

@@ -13,6 +13,9 @@ from shapefit.convex.solution import Status
 
 Floats = NDArray[np.float64]
 
+STATUS = (Status.CONVERGED, Status.ITERATION_LIMIT, Status.DEGENERATE, Status.NUMERICAL_FAILURE)
+"""What the codes of the kernels of local methods mean."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
@@ -25,7 +28,8 @@ class Estimate:
 
     None where the method has no such thing: coefficients (n, k) and active_atoms (n,), how many
     of them are not 0; transforms M (n, k, 2, 3); relative_gap (n,); tight (n,), as in
-    Reconstruction; outliers (n, p), the landmarks that a robust loss set aside.
+    Reconstruction; outliers (n, p), the landmarks that a robust loss or a search
+    before the fit set aside.
     """
 
     shapes: Floats

@@ -11,7 +11,7 @@ from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
 from shapefit.convex.stretches import run_stretches
 from shapefit.geometry.rotations import complete_rotation
-from shapefit.lifting.estimate import Estimate, place
+from shapefit.lifting.estimate import STATUS, Estimate, place
 from shapefit.lifting.matching_pursuit_kernels import pursue_stretch
 
 Floats = NDArray[np.float64]
@@ -24,13 +24,6 @@ PIXELS = 70.0
 GOAL = 500.0 / PIXELS**2
 CHANGE = 1.0 / PIXELS**2
 MOST_ATOMS, MOST_ROUNDS = 15, 30
-
-_STATUS = (
-    Status.CONVERGED,
-    Status.ITERATION_LIMIT,
-    Status.DEGENERATE,
-    Status.NUMERICAL_FAILURE,
-)
 
 
 @dataclass(frozen=True)
@@ -95,7 +88,7 @@ def pursue(
         )  # fmt: skip
 
     run_stretches(n, work, threads)
-    status = tuple(_STATUS[code] for code in codes)
+    status = tuple(STATUS[code] for code in codes)
     return Pursuit(coefficients[:, 1:], coefficients[:, 0], camera, error, rounds, status)
 
 

@@ -23,8 +23,8 @@ def find_consensus(
     seeds: NDArray[np.uint64],
     *,
     threshold: float,
-    draws: int = 500,
-    max_rounds: int = 30,
+    draws: int,
+    max_rounds: int,
     threads: int = 0,
 ) -> NDArray[np.bool_]:
     """Landmarks (n, p) that agree with a weak perspective pose of the shape, the inliers.

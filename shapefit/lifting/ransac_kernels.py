@@ -70,7 +70,7 @@ def consensus_stretch(
                 if gain <= best_drawn:
                     continue
                 best_drawn = gain
-                gain = settle(w, h, S, s, R, T, threshold, area, most, gain, judged)
+                gain = settle(w, h, S, R, T, threshold, area, most, gain, judged)
                 if gain > best:
                     best = gain
                     inliers[image] = judged
@@ -120,8 +120,8 @@ def judge(
 
 @kernel
 def settle(
-    w: Floats, h: Floats, S: Floats, s: float, R: Floats, T: Floats, threshold: float,
-    area: float, most: int, gain: float, inliers: Flags,
+    w: Floats, h: Floats, S: Floats, R: Floats, T: Floats, threshold: float, area: float,
+    most: int, gain: float, inliers: Flags,
 ) -> float:  # fmt: skip
     """Fit the pose to its inliers and judge again, until they stay or `most` times.
 

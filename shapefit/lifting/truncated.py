@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution
 from shapefit.geometry.normalisation import spread
+from shapefit.lifting.degeneracy import BEYOND_CHANCE
 from shapefit.lifting.reconstruction import reconstruct
 
 Floats = NDArray[np.float64]
@@ -24,7 +25,6 @@ Solve = Callable[[Problem], Solution]
 
 GROWTH = 1.4  # of mu from round to round, as in the paper
 BINARY = 1e-3  # weights are binary where none is farther from both 0 and 1
-FEWEST = 4  # landmarks with a weight: three fit some shape whatever they are
 
 
 def find_untruncated(
@@ -35,7 +35,7 @@ def find_untruncated(
     *,
     lam: float,
     threshold: float,
-    max_rounds: int = 100,
+    max_rounds: int,
 ) -> Flags:
     """Landmarks (n, p) whose residual is not truncated in the end, the inliers.
 
@@ -44,12 +44,12 @@ def find_untruncated(
     landmarks normalised by their shares, at lambda times the mean share, so that the weight of the
     data beside the shape stays. Residuals count in units of the size of the shape found. An image
     ends when its shares are binary and stay, or after `max_rounds`; it has no inliers where fewer
-    than FEWEST landmarks keep a share, or no shape is found.
+    than BEYOND_CHANCE landmarks keep a share, or no shape is found.
     """
     visible = weights > 0
     share = visible.astype(np.float64)
     mu = np.full(len(landmarks), np.nan)
-    share[visible.sum(axis=1) < FEWEST] = 0.0
+    share[visible.sum(axis=1) < BEYOND_CHANCE] = 0.0
     live = np.flatnonzero(share.any(axis=1))
     for _ in range(max_rounds):
         if not len(live):
@@ -60,7 +60,7 @@ def find_untruncated(
         square = np.where(visible[live], square, 0.0)
         mu[live] = np.where(np.isnan(mu[live]), first_mu(square), GROWTH * mu[live])
         after = np.where(visible[live], share_of(square, mu[live]), 0.0)
-        lost = (after > 0).sum(axis=1) < FEWEST
+        lost = (after > 0).sum(axis=1) < BEYOND_CHANCE
         after[lost] = 0.0
         share[live] = after
         binary = (np.minimum(after, 1 - after) <= BINARY).all(axis=1)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shapefit.config.fit_outliers import OutlierSearchConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
-from shapefit.lifting.degeneracy import find_degenerate
+from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import Solve
 from shapefit.lifting.ransac import find_consensus
@@ -23,9 +23,6 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Search = Callable[[LandmarkSet, Floats, Dictionary], Flags]
 """From images, their weights Omega (n, p) and a dictionary to the inliers (n, p)."""
-
-BEYOND_CHANCE = 4
-"""Landmarks that must agree where so many are seen: some pose fits any three."""
 
 
 def choose_search(config: OutlierSearchConfig, solve: Solve, threads: int) -> Search | None:

@@ -44,7 +44,8 @@ def search(landmarks, shape, weights=None, **settings):
     n, _, p = landmarks.shape
     weights = np.ones((n, p)) if weights is None else weights
     seeds = settings.pop("seeds", np.arange(n).astype(np.uint64))
-    return find_consensus(landmarks, weights, shape, seeds, **({"threshold": THRESHOLD} | settings))
+    settings = {"threshold": THRESHOLD, "draws": 500, "max_rounds": 100} | settings
+    return find_consensus(landmarks, weights, shape, seeds, **settings)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5])

@@ -41,9 +41,8 @@ def plant(landmarks, share, rng):
 
 def search(landmarks, atoms, weights=None, solve=SOLVE, **settings):
     weights = np.ones((len(landmarks), P)) if weights is None else weights
-    return find_untruncated(
-        landmarks, weights, atoms, solve, **({"lam": 1.0, "threshold": 0.3} | settings)
-    )
+    settings = {"lam": 1.0, "threshold": 0.3, "max_rounds": 100} | settings
+    return find_untruncated(landmarks, weights, atoms, solve, **settings)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.4])
