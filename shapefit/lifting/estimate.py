@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,3 +85,22 @@ def place(problem: Problem, projected: Floats, translation: Floats | None = None
     left, whole = misfit(W - projected, T), misfit(W, centre(W))
     share_left = np.divide(left, whole, out=np.zeros_like(left), where=whole != 0)
     return Placement(T, left, np.sqrt(share_left))
+
+
+def put(some: Estimate, rows: NDArray[np.intp], whole: Estimate) -> Estimate:
+    """Whole estimate of n images, with those of the images `rows` (m,) replaced by some.
+
+    Raises ValueError where one has a field that the other lacks.
+    """
+    changes: dict[str, Any] = {}
+    for field in fields(Estimate):
+        old, new = getattr(whole, field.name), getattr(some, field.name)
+        if (old is None) != (new is None):
+            raise ValueError(f"{field.name} is in one of the estimates only")
+        if isinstance(old, np.ndarray):
+            changes[field.name] = old.copy()
+            changes[field.name][rows] = new
+    status = list(whole.status)
+    for row, word in zip(rows.tolist(), some.status, strict=True):
+        status[row] = word
+    return replace(whole, status=tuple(status), **changes)

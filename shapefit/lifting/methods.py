@@ -12,7 +12,7 @@ from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Solution, Status
 from shapefit.lifting.alternation import alternate
 from shapefit.lifting.degeneracy import find_degenerate
-from shapefit.lifting.estimate import Estimate, Estimator, place
+from shapefit.lifting.estimate import Estimate, Estimator, place, put
 from shapefit.lifting.matching_pursuit import matching_pursuit
 from shapefit.lifting.pose import find_moments, find_pose, spread_views, turn_in_plane
 from shapefit.lifting.reconstruction import is_active, reconstruct
@@ -207,13 +207,17 @@ def _alternate_or_restart(
     """
     found = _alternate(problem, settings, starts, signed=signed)
     assert found.coefficients is not None
-    if found.coefficients.any(axis=1).all():
+    lost = np.array([status is Status.DEGENERATE for status in found.status], dtype=bool)
+    empty = np.flatnonzero(~found.coefficients.any(axis=1) & ~lost)
+    if not len(empty):
         return found
+    part = problem.take(empty)
     views = spread_views(settings.views)
-    pose = find_pose(problem, settings.mean_shape, views, threads=settings.threads)
-    empty = ~np.any(found.coefficients, axis=1) & (pose.size > 0)
-    starts = np.where(empty[:, None, None, None], pose.rotation[:, None], starts)
-    return _alternate(problem, settings, starts, signed=signed)
+    pose = find_pose(part, settings.mean_shape, views, threads=settings.threads)
+    posed = pose.size > 0
+    again = _alternate(part.take(posed), settings, pose.rotation[posed, None], signed=signed)
+    rows = empty[posed]
+    return put(replace(again, iterations=found.iterations[rows] + again.iterations), rows, found)
 
 
 def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: bool) -> Estimate:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 
 import h5py
@@ -15,6 +15,8 @@ from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.geometry.rotations import rotation_about
+from shapefit.lifting import methods
+from shapefit.lifting.alternation import alternate
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import METHODS, Settings, choose_method
 from shapefit.lifting.pose import spread_views
@@ -205,6 +207,53 @@ def test_where_no_atom_fits_at_the_start_another_rotation_is_tried(scene, settin
         scene.problem(0.05), replace(settings, solve=reversed_solution)
     )
     assert found.coefficients.any(axis=1).all()
+
+
+def test_only_images_without_an_atom_begin_again(scene, settings, monkeypatch):
+    """Some transforms have the wrong sign, one image is hidden, and one lets no atom in at all."""
+    scene.weights[7] = 0.0
+    wrong = np.array([2, 11, 20])
+    lam = np.full(25, 0.05)
+    lam[4] = 1e4
+    problem = replace(scene.problem(0.05), lam=lam)
+
+    def solve(problem):
+        solution = solve_newton(problem)
+        transforms = solution.transforms.copy()
+        transforms[wrong] *= -1
+        return replace(solution, transforms=transforms)
+
+    sizes = []
+
+    def counted(problem, starts, **options):
+        found = alternate(problem, starts, **options)
+        sizes.append((len(starts), found.rounds))
+        return found
+
+    monkeypatch.setattr(methods, "alternate", counted)
+    refined = METHODS["convex+refine"](problem, replace(settings, solve=solve))
+    (first, first_rounds), (second, second_rounds) = sizes
+    assert (first, second) == (25, 4)
+
+    monkeypatch.undo()
+    plain = METHODS["convex+refine"](problem, replace(settings, solve=solve_newton))
+    kept = np.setdiff1d(np.arange(25), [*wrong, 4])
+    for field in fields(refined):
+        mine, theirs = getattr(refined, field.name), getattr(plain, field.name)
+        if isinstance(mine, np.ndarray):
+            np.testing.assert_array_equal(mine[kept], theirs[kept], err_msg=field.name)
+    assert refined.coefficients[wrong].any(axis=1).all()
+    assert not refined.coefficients[[4, 7]].any()
+    assert refined.status[7] is Status.DEGENERATE
+    assert {refined.status[i] for i in range(25) if i != 7} == {Status.CONVERGED}
+
+    alone = METHODS["alternate"](problem.take(wrong), settings)
+    np.testing.assert_allclose(refined.coefficients[wrong], alone.coefficients, atol=1e-9)
+    np.testing.assert_allclose(refined.shapes[wrong], alone.shapes, atol=1e-9)
+    np.testing.assert_allclose(refined.residual[wrong], alone.residual, rtol=1e-9)
+    rounds = first_rounds.copy()
+    rounds[[2, 4, 11, 20]] += second_rounds
+    np.testing.assert_array_equal(refined.iterations, solve_newton(problem).iterations + rounds)
 
 
 @pytest.fixture(scope="module")
