@@ -15,12 +15,15 @@ Write = Callable[[Path], object]
 
 
 class StagedFiles:
-    """Files on their way to `folder`; `count` of them are written so far."""
+    """Files on their way to `folder`."""
 
     def __init__(self, folder: Path, staging: Path) -> None:
         self.folder = folder
-        self.count = 0
         self._staging = staging
+
+    def __contains__(self, name: PurePosixPath) -> bool:
+        """Whether folder/name was written, or what the file system takes for the same name."""
+        return (self._staging / name).exists()
 
     def write(self, name: PurePosixPath, write: Write) -> None:
         """Let `write` fill the file that becomes folder/name, folders in between included.
@@ -29,13 +32,12 @@ class StagedFiles:
         two items may differ in nothing that the file system can tell.
         """
         target, path = self.folder / name, self._staging / name
-        if path.exists():
+        if name in self:
             found = "two items have this file name"
             raise input_error(target, found, "give one of them another name")
         with _writing_errors(target):
             path.parent.mkdir(parents=True, exist_ok=True)
             write(path)
-        self.count += 1
 
     def move(self) -> None:
         """Move every file to its place, over the one of an earlier run if there is one."""

@@ -69,8 +69,6 @@ def open_exports(config: FitConfig, dictionary: Dictionary, count: int) -> Itera
             files = stack.enter_context(staged_files(pictures))
             exporters.append(PictureExport(config, dictionary, files, count))
         yield Exports(exporters, tuple(dict.fromkeys(filter(None, (meshes, pictures)))))
-        for exporter in exporters:
-            exporter.finish()
 
 
 def _check_folder(folder: Path, key: str) -> None:

@@ -77,9 +77,6 @@ class MeshExport:
             part = rows[start : start + STRETCH]
             self._write(found.take(part), None if transforms is None else transforms[part])
 
-    def finish(self) -> None:
-        """Have nothing left to do: every file was written when its image came."""
-
     @property
     def note(self) -> str:
         """How many images have files."""

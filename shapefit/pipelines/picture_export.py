@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-SHEET = PurePosixPath("contact_sheet")
+SHEETS = (PurePosixPath("contact_sheet"), PurePosixPath("contact_sheet%"))
+"""Names of the contact sheet: the usual one, and what the file of an item is never called."""
 
 
 def check_pictures() -> None:
@@ -37,7 +38,7 @@ def check_pictures() -> None:
 
 
 class PictureExport:
-    """Draws the images that `pictures` chooses; keeps those of the contact sheet until `finish`."""
+    """Draws the images that `pictures` chooses; the contact sheet when all have come."""
 
     def __init__(
         self, config: FitConfig, dictionary: Dictionary, files: StagedFiles, count: int
@@ -49,13 +50,12 @@ class PictureExport:
         self._items = ChosenItems("pictures.items", config.pictures.items)
         self._places = frozenset(spread(config.pictures.sheet, count))
         self._sheet: list[FittedImage] = []
-        self._model = Model("up")
+        self._awaited = count
         self._come = self._drawn = 0
 
     def add(self, found: ResultSet, transforms: Floats | None) -> None:
         """Draw the chosen images of a chunk; transforms (n, k, 2, 3) where the method has them."""
-        faces, edges = self._dictionary.mesh_faces, self._dictionary.edges
-        self._model = Model(found.y_axis, faces, edges)
+        model = Model(found.y_axis, self._dictionary.mesh_faces, self._dictionary.edges)
         for row, item in enumerate(found.items):
             alone = item in self._items and self._drawn < self._config.pictures.most
             on_sheet = self._come + row in self._places
@@ -66,14 +66,12 @@ class PictureExport:
             if on_sheet:
                 self._sheet.append(image)
             if alone:
-                self._save(file_stem(item), fit_picture([image], self._model))
+                self._save(file_stem(item), fit_picture([image], model))
                 self._drawn += 1
         self._come += len(found)
-
-    def finish(self) -> None:
-        """Draw the contact sheet."""
-        if self._sheet:
-            self._save(SHEET, contact_sheet(self._sheet, self._model))
+        if self._sheet and self._come == self._awaited:
+            stem = next(stem for stem in SHEETS if self._named(stem) not in self._files)
+            self._save(stem, contact_sheet(self._sheet, model))
 
     @property
     def note(self) -> str:
@@ -87,6 +85,8 @@ class PictureExport:
         return self._items.warnings
 
     def _save(self, stem: PurePosixPath, figure: Figure) -> None:
-        ending = self._config.pictures.format
-        name = stem.with_name(f"{stem.name}.{ending}")
-        self._files.write(name, partial(save, figure, file_format=ending))
+        draw = partial(save, figure, file_format=self._config.pictures.format)
+        self._files.write(self._named(stem), draw)
+
+    def _named(self, stem: PurePosixPath) -> PurePosixPath:
+        return stem.with_name(f"{stem.name}.{self._config.pictures.format}")

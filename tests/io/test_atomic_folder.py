@@ -39,10 +39,13 @@ def test_files_appear_when_all_are_complete(tmp_path, exists):
         assert {name: text for name, text in content(folder).items() if "partial" not in name} == (
             before
         )
-        assert files.count == 2
+        assert PurePosixPath("sub/sub/b.txt") in files
+        assert PurePosixPath("b.txt") not in files
+        assert PurePosixPath("other.txt") not in files
         # on the file system of the folder, whose neighbours may not be writable
         (staging,) = (path for path in tmp_path.rglob("*.partial"))
         assert staging.parent == (folder if exists else tmp_path)
+        assert content(staging) == {"a.txt": "new", "sub/sub/b.txt": "b"}
     assert content(folder) == before | {"a.txt": "new", "sub/sub/b.txt": "b"}
     assert os.listdir(tmp_path) == ["out"]
     assert not [path for path in folder.iterdir() if path.name.startswith(".")]

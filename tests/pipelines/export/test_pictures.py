@@ -88,6 +88,28 @@ def test_the_sheet_is_spread_evenly_over_all(tmp_path, draw, views, sheets, chun
     assert written(tmp_path) == {"contact_sheet.png"}
 
 
+@pytest.mark.parametrize("place", [0, -1])
+def test_an_image_may_be_called_like_the_sheet(tmp_path, draw, views, sheets, place):
+    items = list(views.items)
+    items[place], items[2] = "contact_sheet", "contact_sheet%"
+    named = replace(views, items=tuple(items))
+    draw(named, items=["contact_sheet*"], sheet=3, fit_keys={"chunk": 2})
+    assert written(tmp_path) == {
+        "contact_sheet.png", "contact_sheet%25.png", "contact_sheet%.png",
+    }  # fmt: skip
+    alone, sheet = (
+        imread(tmp_path / "pictures" / f"{name}.png").shape[:2]
+        for name in ("contact_sheet", "contact_sheet%")
+    )
+    assert alone[1] / alone[0] > 3 > sheet[1] / sheet[0]
+    assert len(sheets) == 1
+
+
+def test_the_sheet_keeps_its_name_where_no_picture_has_it(tmp_path, draw, views):
+    draw(replace(views, items=("contact_sheet", *views.items[1:])), most=0, sheet=3)
+    assert written(tmp_path) == {"contact_sheet.png"}
+
+
 def test_an_image_without_a_shape_has_its_picture(tmp_path, draw, views, sheets):
     landmarks = views.landmarks.copy()
     landmarks[1][:, np.flatnonzero(np.isfinite(landmarks[1, 0]))[2:]] = np.nan
