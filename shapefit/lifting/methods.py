@@ -207,14 +207,13 @@ def _alternate_or_restart(
     """
     found = _alternate(problem, settings, starts, signed=signed)
     assert found.coefficients is not None
-    lost = np.array([status is Status.DEGENERATE for status in found.status], dtype=bool)
-    empty = np.flatnonzero(~found.coefficients.any(axis=1) & ~lost)
+    empty = np.flatnonzero(~found.coefficients.any(axis=1))
     if not len(empty):
         return found
     part = problem.take(empty)
     views = spread_views(settings.views)
     pose = find_pose(part, settings.mean_shape, views, threads=settings.threads)
-    posed = pose.size > 0
+    posed = pose.size > 0  # degenerate images have none
     again = _alternate(part.take(posed), settings, pose.rotation[posed, None], signed=signed)
     rows = empty[posed]
     return put(replace(again, iterations=found.iterations[rows] + again.iterations), rows, found)
