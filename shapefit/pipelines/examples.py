@@ -17,8 +17,9 @@ from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.meshes.pictures import Pose, skeleton_picture
 from shapefit.meshes.views import YAxis
+from shapefit.pipelines.abbreviation import abbreviate
 from shapefit.pipelines.chosen_items import fits, spread
-from shapefit.pipelines.judgement import Judgement, abbreviate
+from shapefit.pipelines.judgement import Judgement
 from shapefit.pipelines.result_datasets import find_dataset
 
 if TYPE_CHECKING:

@@ -13,13 +13,15 @@ from shapefit.config.evaluate import BEST_COMBINATION, MEAN_SHAPE, NEAREST_ATOM
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.evaluation.floors import best_combination, nearest_atom
-from shapefit.evaluation.metrics import FEWEST_LANDMARKS, similarity
+from shapefit.evaluation.metrics import similarity
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import read_dictionary
 from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
-from shapefit.pipelines.judgement import Judgement, abbreviate
+from shapefit.pipelines.abbreviation import abbreviate
+from shapefit.pipelines.common_landmarks import common_landmarks
+from shapefit.pipelines.judgement import Judgement
 from shapefit.pipelines.measurement import in_both_units
-from shapefit.pipelines.result_datasets import named_items
+from shapefit.pipelines.named_items import named_items
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +62,7 @@ def shown_in(results: ResultSet, judgement: Judgement, leave_out: str | None) ->
     """Return item -> what it shows, for the images with a truth; raises as `named_items`."""
     left_out: Sequence[str | None] = (None,) * len(results)
     if leave_out is not None:
-        left_out = named_items(judgement.file, results, KEY, leave_out)
+        left_out = named_items(results.items, results.extras, leave_out, judgement.file, KEY)
     rows = judgement.truth_rows.tolist()
     images = zip(judgement.items, judgement.sequences, rows, left_out, strict=True)
     return {item: Shown(sequence, row, out) for item, sequence, row, out in images if row >= 0}
@@ -72,7 +74,9 @@ def floor_errors(file: Path, truth: ShapeSet, images: Mapping[str, Shown]) -> li
     They are over the landmarks that dictionary and truth share. Raises InputError where these are
     fewer than three, and where the atoms of the shapes to leave out are unknown or all there are.
     """
-    dictionary, names = _shared(file, read_dictionary(file), truth)
+    dictionary = read_dictionary(file)
+    names = common_landmarks(file, dictionary.landmark_names, truth.landmark_names)
+    dictionary = _of_landmarks(dictionary, names)
     _check_left_out(file, dictionary, [shown.left_out for shown in images.values()])
     # Many images show one shape, which is measured once.
     shapes = dict.fromkeys((shown.row, shown.left_out) for shown in images.values())
@@ -102,27 +106,15 @@ def _errors(
     return errors
 
 
-def _shared(
-    file: Path, dictionary: Dictionary, truth: ShapeSet
-) -> tuple[Dictionary, tuple[str, ...]]:
-    """Return the dictionary of those of its landmarks that the truth has, and their names."""
-    own = dictionary.landmark_names
-    names = tuple(name for name in own if name in set(truth.landmark_names))
-    if len(names) < FEWEST_LANDMARKS:
-        found = f"the truth has {len(names)} of its landmarks ({abbreviate(own)})"
-        fix = (
-            f"`floors.dictionary` needs at least {FEWEST_LANDMARKS} with the names that they have "
-            f"in the truth ({abbreviate(truth.landmark_names)})"
-        )
-        raise input_error(file, found, fix)
-    columns = match_landmarks(own, names)
-    shared = replace(
+def _of_landmarks(dictionary: Dictionary, names: tuple[str, ...]) -> Dictionary:
+    """Return the dictionary of some of its landmarks."""
+    columns = match_landmarks(dictionary.landmark_names, names)
+    return replace(
         dictionary,
         atoms=dictionary.atoms[..., columns],
         mean_shape=dictionary.mean_shape[:, columns],
         landmark_names=names,
     )
-    return shared, names
 
 
 def _check_left_out(file: Path, dictionary: Dictionary, left_out: Sequence[str | None]) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 from shapefit.errors import input_error
 from shapefit.evaluation import labels
 from shapefit.evaluation.summary import ImageErrors, group_sequences
-from shapefit.pipelines.judgement import Judgement, abbreviate
+from shapefit.pipelines.abbreviation import abbreviate
+from shapefit.pipelines.judgement import Judgement
 
 
 def image_errors(name: str, judgements: Sequence[Judgement]) -> list[ImageErrors]:

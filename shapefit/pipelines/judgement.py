@@ -14,8 +14,11 @@ from shapefit.evaluation import labels
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 from shapefit.evaluation.summary import ALL
 from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
+from shapefit.pipelines.abbreviation import abbreviate
+from shapefit.pipelines.common_landmarks import common_landmarks
 from shapefit.pipelines.measurement import NEEDS, Kind, datasets_of, measure
-from shapefit.pipelines.result_datasets import find_dataset, named_items
+from shapefit.pipelines.named_items import named_items
+from shapefit.pipelines.result_datasets import find_dataset
 
 Floats = NDArray[np.float64]
 
@@ -50,9 +53,10 @@ def judge(
     """
     if not len(results):
         raise input_error(file, "holds no images", "check the run that wrote it")
-    keys = named_items(file, results, "match", match)
+    keys = named_items(results.items, results.extras, match, file, "match")
     rows = _truth_rows(file, keys, truth)
-    names, warnings = _common_landmarks(file, results, truth)
+    names = common_landmarks(file, results.landmark_names, truth.landmark_names)
+    warnings = _left_out(file, results, truth, names)
     estimate = results.shapes[:, :, match_landmarks(results.landmark_names, names)]
     true = truth.shapes[:, :, match_landmarks(truth.landmark_names, names)][rows]
     true[rows < 0] = np.nan
@@ -102,22 +106,11 @@ def _truth_rows(file: Path, keys: Sequence[str], truth: ShapeSet) -> NDArray[np.
     return rows
 
 
-def _common_landmarks(
-    file: Path, results: ResultSet, truth: ShapeSet
-) -> tuple[tuple[str, ...], list[str]]:
-    """Landmarks that both sides have, and warnings about the others."""
-    ours, theirs = results.landmark_names, truth.landmark_names
-    common = tuple(name for name in ours if name in set(theirs))
-    if len(common) < FEWEST_LANDMARKS:
-        found = f"the truth has {len(common)} of its landmarks ({abbreviate(ours)})"
-        fix = (
-            f"at least {FEWEST_LANDMARKS} must have the names that they have in the "
-            f"truth ({abbreviate(theirs)})"
-        )
-        raise input_error(file, found, fix)
-    sides = {"results": ours, "truth": theirs}
+def _left_out(file: Path, results: ResultSet, truth: ShapeSet, common: Sequence[str]) -> list[str]:
+    """Warnings about the landmarks that one side has alone."""
+    sides = {"results": results.landmark_names, "truth": truth.landmark_names}
     alone = {side: [n for n in names if n not in set(common)] for side, names in sides.items()}
-    return common, [
+    return [
         f"{file}: landmarks left out, only the {side} have them: {abbreviate(names)}"
         for side, names in alone.items()
         if names
@@ -161,8 +154,3 @@ def _failures(
     for values in certain.values():
         failed |= np.isnan(values)
     return {results.items[i]: reason(i) for i in np.flatnonzero(failed).tolist()}
-
-
-def abbreviate(names: Sequence[str]) -> str:
-    """Name the first five, and count the others."""
-    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")

@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
-from shapefit.io.extras import Extras
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.merging import Group, merge
 from shapefit.pipelines.lifter import Lifter
+from shapefit.pipelines.named_items import named_items
 
 KEY = "leave_out"
-BY_ITEM = "item"
 
 
 def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary) -> Lifter:
@@ -80,18 +79,8 @@ class Strangers:
 
 
 def find_items(images: LandmarkSet, dataset: str) -> NDArray[np.str_]:
-    """Return the item that the dataset names for each image (n,).
-
-    `item` stands for the items of the images themselves. Raises InputError where the landmarks
-    have no such dataset with one name an image.
-    """
-    per_item = Extras.of(images.extras, len(images)).per_item
-    named = {name: values for name, values in per_item.items() if values.ndim == 1}
-    named[BY_ITEM] = np.array(images.items, dtype=object)
-    if dataset not in named:
-        found = f"the landmarks have no dataset '{dataset}' with one name an image"
-        raise input_error(KEY, found, f"set `{KEY}` to one of: {', '.join(sorted(named))}")
-    return named[dataset].astype(str)
+    """Return the item that the dataset names for each image (n,); raises as `named_items`."""
+    return np.array(named_items(images.items, images.extras, dataset, KEY, KEY), dtype=str)
 
 
 def find_known(items: NDArray[np.str_], dictionary: Dictionary) -> NDArray[np.bool_]:

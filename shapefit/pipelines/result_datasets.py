@@ -11,29 +11,8 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error
 from shapefit.io.records import ResultSet
 
-BY_ITEM = "item"
-
 LABELS = ("outliers", "corrupted")
 """Datasets that say yes or no of every landmark."""
-
-
-def named_items(file: Path, results: ResultSet, key: str, dataset: str) -> tuple[str, ...]:
-    """Return the items of another file that a dataset names, one an image.
-
-    `item` stands for the items of the results themselves; `key` of the config names the dataset.
-    Raises InputError where the file has no such dataset, or not one name an image.
-    """
-    if dataset == BY_ITEM:
-        return results.items
-    named = results.extras.get(dataset)
-    if named is None:
-        others = ", ".join([BY_ITEM, *sorted(results.extras)])
-        raise input_error(file, f"has no dataset '{dataset}'", f"set `{key}` to one of: {others}")
-    if np.shape(named) != (len(results),):
-        found = f"has the shape {np.shape(named)}"
-        fix = f"`{key}` takes a dataset of {len(results)} items, one an image"
-        raise input_error(f"{file}:/{dataset}", found, fix)
-    return tuple(map(str, named))
 
 
 def find_dataset(file: Path, results: ResultSet, name: str) -> NDArray[Any] | None:

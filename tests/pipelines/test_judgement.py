@@ -236,11 +236,12 @@ class TestInputErrors:
             judged(fields, truth)
 
     def test_unknown_dataset_to_match_by(self, fields, truth):
-        with pytest.raises(InputError, match=r"no dataset 'true_model'.*item, landmarks, true_rot"):
+        fields["extras"]["model"] = np.array(truth.items, dtype=object)
+        with pytest.raises(InputError, match=r"'true_model' .*`match` to one of: item, model$"):
             judged(fields, truth, "true_model")
 
     def test_dataset_to_match_by_is_not_one_name_an_image(self, fields, truth):
-        with pytest.raises(InputError, match=r"convex.h5:/true_rotation: has the shape"):
+        with pytest.raises(InputError, match=r"convex.h5: .*'true_rotation' with one name an"):
             judged(fields, truth, "true_rotation")
 
     @pytest.mark.parametrize("name", ["true_rotation", "landmarks", "bounding_box"])

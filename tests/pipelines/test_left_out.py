@@ -220,7 +220,7 @@ class TestRefusals:
 
     def test_a_misspelt_dataset(self, run, tmp_path):
         assert self.refused(run, tmp_path, leave_out="true_modle") == (
-            "leave_out: the landmarks have no dataset 'true_modle' with one name an image; "
+            "leave_out: there is no dataset 'true_modle' with one name an image; "
             "set `leave_out` to one of: item, true_model"
         )
 

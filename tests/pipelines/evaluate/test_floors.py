@@ -126,7 +126,7 @@ class TestInputErrors:
         assert not desk.config.output.exists()
 
     def test_no_dataset_of_that_name(self, desk, floors):
-        match = r"convex\.h5: has no dataset 'model'.*`floors.leave_out` to one of: item, .*own"
+        match = r"convex\.h5: .* no dataset 'model'.*`floors.leave_out` to one of: item, .*own"
         self.stops(desk, match, **floors, leave_out="model")
 
     def test_atoms_without_items(self, desk, floors, dictionary):
