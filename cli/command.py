@@ -11,6 +11,7 @@ import click
 
 from .progress import Progress
 from .report import Report
+from .streams import tell
 
 
 def run_command(
@@ -45,5 +46,5 @@ def run_command(
     if note_is_result:
         click.echo(report.note)
     for line in report.lines(with_note=not note_is_result):
-        click.echo(line, err=True)
+        tell(line)
     return report.exit_code

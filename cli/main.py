@@ -20,6 +20,7 @@ from .learn_dict import learn_dict
 from .options import TRACEBACK_VARIABLE
 from .project import project
 from .simulate import simulate
+from .streams import occupy_closed_streams, output_fault, tell
 from .sweep import sweep
 
 INPUT_ERROR = 2
@@ -61,10 +62,25 @@ for command in (learn_dict, project, fit, evaluate, simulate, sweep):
 
 def run(arguments: Sequence[str]) -> int:
     """Run the command line `arguments`; return the exit code."""
+    code, error = INTERNAL_ERROR, None
+    try:
+        code = _run(arguments)
+    except Exception as raised:
+        error = raised
+    fault = output_fault(error)
+    if isinstance(fault, BrokenPipeError):
+        return PIPE_CLOSED
+    if fault is not None and code != INPUT_ERROR:
+        tell(f"Error: standard output: cannot be written: {fault.strerror}; free some space")
+        return INPUT_ERROR
+    return code if error is None else _internal_error(error)
+
+
+def _run(arguments: Sequence[str]) -> int:
+    """Run the command line; what a user can cause becomes an exit code, all else is raised."""
     try:
         with commands.make_context("shapefit", list(arguments)) as context:
-            code = commands.invoke(context)
-        sys.stdout.flush()
+            return int(commands.invoke(context))
     except click.exceptions.Exit as exit_:
         return exit_.exit_code
     except click.ClickException as error:
@@ -72,22 +88,11 @@ def run(arguments: Sequence[str]) -> int:
         return INPUT_ERROR
     except InputError as error:
         for problem in error.problems:
-            click.echo(f"Error: {problem}", err=True)
+            tell(f"Error: {problem}")
         return INPUT_ERROR
     except KeyboardInterrupt:
-        click.echo("Interrupted; no file is left half written.", err=True)
+        tell("Interrupted; no file is left half written.")
         return INTERRUPTED
-    except BrokenPipeError:
-        _drop_standard_output()
-        return PIPE_CLOSED
-    except Exception as error:
-        return _internal_error(error)
-    return int(code)
-
-
-def _drop_standard_output() -> None:
-    """Let nothing more be written to a pipe that its reader closed, not even at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _internal_error(error: Exception) -> int:
@@ -99,7 +104,7 @@ def _internal_error(error: Exception) -> int:
     else:
         hint = f"this is a bug in shapefit; --traceback or {TRACEBACK_VARIABLE}=1 shows where"
     text = " ".join(str(error).split())
-    click.echo(f"Internal error: {type(error).__name__}: {text} ({hint})", err=True)
+    tell(f"Internal error: {type(error).__name__}: {text} ({hint})")
     return INTERNAL_ERROR
 
 
@@ -109,5 +114,6 @@ def _terminate(signal_number: int, _frame: FrameType | None) -> NoReturn:
 
 def main() -> NoReturn:
     """Run the command line of this process; a SIGTERM unwinds, so that no half file is left."""
+    occupy_closed_streams()
     signal.signal(signal.SIGTERM, _terminate)
     sys.exit(run(sys.argv[1:]))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from types import TracebackType
 from typing import Any, Self
+
+from .streams import tells_progress
 
 
 class Progress:
@@ -16,7 +17,7 @@ class Progress:
         self._bar: Any = None
 
     def __enter__(self) -> Self:
-        if sys.stderr.isatty():
+        if tells_progress():
             from tqdm import tqdm
 
             self._bar = tqdm(desc=self._command, unit=f" {self._unit}", dynamic_ncols=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from shapefit.errors import input_error
 from shapefit.io.atomic import atomic_file, storage_errors, write_all
 from shapefit.io.layout import NOTHING_APPENDED
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
@@ -52,6 +53,8 @@ class CsvWriter:
 def csv_output(target: Path) -> Iterator[CsvWriter]:
     """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
     if is_stream(target):
+        if sys.stdout is None:
+            raise input_error("standard output", "is closed", "name a file to write instead")
         with storage_errors(Path("standard output")):
             yield from _checked(CsvWriter(_write_to_stdout))
         return
