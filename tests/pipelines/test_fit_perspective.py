@@ -8,9 +8,7 @@ import pytest
 
 from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
-from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
-from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import open_landmarks, read_results, read_shapes, write_dictionary
 from shapefit.pipelines.fit import run
@@ -31,20 +29,9 @@ def views(project):
 
 
 @pytest.fixture
-def dictionary(tmp_path, cars):
-    norm = normalise(cars.shapes)
+def dictionary(tmp_path, made_cars):
     path = tmp_path / "dictionary.h5"
-    write_dictionary(
-        path,
-        Dictionary(
-            norm.points,
-            cars.landmark_names,
-            normalise(norm.points.mean(axis=0)).points,
-            atom_scale=norm.scale,
-            unit=cars.unit,
-            atom_items=cars.items,
-        ),
-    )
+    write_dictionary(path, made_cars)
     return path
 
 

@@ -125,9 +125,11 @@ def test_no_stage_of_the_fit_sees_the_model(run, models, images, rng, outliers, 
     before, _ = run(**keys)
     after, _ = run(replace(models, atoms=garbage, mean_shape=garbage[0]), **keys)
     check_same(before, after)
-    for name in ("camera_translation", "outliers"):
-        if name in before.extras:
-            np.testing.assert_array_equal(before.extras[name], after.extras[name])
+    stages = {"camera_translation"} if outliers == "none" else {"camera_translation", "outliers"}
+    for found in (before, after):
+        assert {"camera_translation", "outliers"} & set(found.extras) == stages
+    for name in stages:
+        np.testing.assert_array_equal(before.extras[name], after.extras[name])
 
 
 @pytest.mark.parametrize("method", METHODS)

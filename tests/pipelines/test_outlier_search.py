@@ -9,30 +9,14 @@ import pytest
 
 from shapefit.config import FitConfig
 from shapefit.config.fit_outliers import OutlierSearchConfig
-from shapefit.dictionary.model import Dictionary
-from shapefit.geometry.normalisation import normalise
-from shapefit.io import landmark_writer, open_landmarks, read_results, read_shapes, write_dictionary
+from shapefit.convex.newton import solve_newton
+from shapefit.io import landmark_writer, open_landmarks, read_results, write_dictionary
 from shapefit.pipelines import fit
 from shapefit.pipelines.imperfections import corrupt
 from shapefit.pipelines.landmark_weights import find_seen
-from shapefit.pipelines.outlier_search import find_seeds
+from shapefit.pipelines.outlier_search import choose_search, find_seeds
 
 METHODS = ("ransac", "truncated")
-
-
-@pytest.fixture(scope="module")
-def dictionary(project):
-    """Every made car an atom."""
-    cars = read_shapes([project / "sample_data" / "cars.h5"])
-    norm = normalise(cars.shapes)
-    return Dictionary(
-        norm.points,
-        cars.landmark_names,
-        normalise(norm.points.mean(axis=0)).points,
-        atom_scale=norm.scale,
-        unit=cars.unit,
-        atom_items=cars.items,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -44,11 +28,11 @@ def views(project):
 
 
 @pytest.fixture
-def run(tmp_path, dictionary):
+def run(tmp_path, made_cars):
     """Return the function that fits images of a record; it gives the result and the failures."""
 
     def run(images, **keys):
-        write_dictionary(tmp_path / "dict.h5", dictionary)
+        write_dictionary(tmp_path / "dict.h5", made_cars)
         with landmark_writer(tmp_path / "views.h5") as writer:
             writer.append(images)
         paths = {
@@ -101,32 +85,21 @@ def test_perspective_starts_from_the_inliers(method, run, views, rng):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_search_does_without_the_model_left_out(method, run, views, rng, dictionary):
+def test_the_search_does_without_the_model_left_out(method, run, views, rng, made_cars):
     spoilt, _ = spoil(views, 0.3, rng)
     spoilt = spoilt.take(slice(8))
     found, _ = run(spoilt, outliers={"method": method}, leave_out="true_model")
     for image, model in enumerate(spoilt.extras["true_model"]):
-        rest = dictionary.without(str(model))
-        assert not found.coefficients[image][~dictionary.atoms_without(str(model))].any()
-        alone = FitAlone(rest, method)
-        np.testing.assert_array_equal(
-            found.extras["outliers"][image].astype(bool), alone(spoilt.take([image]))
-        )
+        assert not found.coefficients[image][~made_cars.atoms_without(str(model))].any()
+        alone = labels_of(spoilt.take([image]), made_cars.without(str(model)), method)
+        np.testing.assert_array_equal(found.extras["outliers"][image].astype(bool), alone)
 
 
-class FitAlone:
+def labels_of(image, dictionary, method):
     """Labels of one image with a dictionary that never had the model."""
-
-    def __init__(self, dictionary, method):
-        from shapefit.convex.newton import solve_newton
-        from shapefit.pipelines.outlier_search import choose_search
-
-        self.dictionary = dictionary
-        self.search = choose_search(OutlierSearchConfig(method=method), solve_newton, 1)
-
-    def __call__(self, image):
-        visible = np.isfinite(image.landmarks[:, 0])
-        return (visible & ~self.search(image, visible.astype(float), self.dictionary))[0]
+    search = choose_search(OutlierSearchConfig(method=method), solve_newton, 1)
+    visible = find_seen(image)
+    return (visible & ~search(image, visible.astype(float), dictionary))[0]
 
 
 @pytest.mark.parametrize("chunk", [1, 7])

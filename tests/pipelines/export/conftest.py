@@ -9,8 +9,6 @@ import pytest
 import trimesh
 
 from shapefit.config import FitConfig
-from shapefit.dictionary.model import Dictionary
-from shapefit.geometry.normalisation import normalise
 from shapefit.io import (
     landmark_writer,
     open_landmarks,
@@ -22,25 +20,6 @@ from shapefit.io import (
 from shapefit.pipelines import fit
 
 
-def _exemplars(shapes):
-    """Return the dictionary of normalised shapes in their common frame, y up."""
-    normalised = normalise(shapes.shapes)
-    mesh = shapes.mesh_vertices
-    if mesh is not None:
-        mesh = (mesh - normalised.centroid[..., None]) / normalised.scale[:, None, None]
-    return Dictionary(
-        atoms=normalised.points,
-        landmark_names=shapes.landmark_names,
-        mean_shape=normalise(normalised.points.mean(axis=0)).points,
-        edges=shapes.edges,
-        mesh_vertices=mesh,
-        mesh_faces=shapes.mesh_faces,
-        atom_scale=normalised.scale,
-        unit=shapes.unit,
-        atom_items=shapes.items,
-    )
-
-
 def _write_landmarks(path: Path, images) -> Path:
     with landmark_writer(path) as writer:
         writer.append(images)
@@ -48,16 +27,10 @@ def _write_landmarks(path: Path, images) -> Path:
 
 
 @pytest.fixture(scope="package")
-def exemplars():
-    """Return the function that makes a dictionary of shapes, each an atom."""
-    return _exemplars
-
-
-@pytest.fixture(scope="package")
-def cars(project, tmp_path_factory):
+def cars(made_cars, tmp_path_factory):
     """Return the path of the dictionary of the sample cars: 18 atoms, 3420 mesh vertices."""
     path = tmp_path_factory.mktemp("cars") / "cars.h5"
-    write_dictionary(path, _exemplars(read_shapes([project / "sample_data/cars.h5"])))
+    write_dictionary(path, made_cars)
     return path
 
 
@@ -70,11 +43,11 @@ def views(project):
 
 
 @pytest.fixture(scope="package")
-def people(project, tmp_path_factory):
+def people(project, exemplars, tmp_path_factory):
     """Return the path of a dictionary of sample people: edges, no mesh."""
     shapes = read_shapes([project / "sample_data/people_train.h5"]).take(slice(0, None, 120))
     path = tmp_path_factory.mktemp("people") / "people.h5"
-    write_dictionary(path, _exemplars(shapes))
+    write_dictionary(path, exemplars(shapes))
     return path
 
 
