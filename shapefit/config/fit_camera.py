@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from shapefit.config.expectation import Expected
 from shapefit.config.model import ConfigModel, FromLists
@@ -50,6 +50,15 @@ class ViewingConfig(ConfigModel):
     max_rounds: int = Field(
         default=1000, ge=1, description="perspective: most rounds for one image."
     )
+
+    @field_validator("principal_point", "ridge", "softness", "max_rounds")
+    @classmethod
+    def _belongs_to_perspective(cls, value: object, info: ValidationInfo) -> object:
+        key = str(info.field_name)
+        default = cls.model_fields[key].default
+        if value != default and info.data.get("model", value) == "weak-perspective":
+            raise ValueError(f"`{key}` belongs to `model: perspective`; leave it out")
+        return value
 
     @model_validator(mode="after")
     def _knows_the_focal_length(self) -> Self:

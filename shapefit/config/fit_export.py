@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
 
 from shapefit.config.model import ConfigModel, FromLists
 from shapefit.config.paths import Folder
@@ -15,7 +15,21 @@ MOST_ON_A_SHEET = 200
 """More would be too small to see, or too large to open."""
 
 
-class ExportConfig(ConfigModel):
+class _FilesConfig(ConfigModel):
+    """Files of a fit, written where there is a folder for them."""
+
+    folder: Folder = None
+
+    @field_validator("*")
+    @classmethod
+    def _has_an_effect(cls, value: Any, info: ValidationInfo) -> Any:
+        key = str(info.field_name)
+        if value != cls.model_fields[key].default and info.data.get("folder", value) is None:
+            raise ValueError(f"`{key}` does nothing without `folder`; give one, or leave {key} out")
+        return value
+
+
+class ExportConfig(_FilesConfig):
     """Mesh files of the fitted shapes, one an image."""
 
     folder: Folder = Field(
@@ -50,7 +64,7 @@ class ExportConfig(ConfigModel):
     items: Items = Field(default=("*",), description="Items to write: names or globs.")
 
 
-class PicturesConfig(ConfigModel):
+class PicturesConfig(_FilesConfig):
     """Pictures of landmarks, fitted model and novel views."""
 
     folder: Folder = Field(

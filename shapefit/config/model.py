@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from shapefit.config.paths import Folder
+from shapefit.config.paths import STANDARD_STREAM, Folder
 
 
 def _tuples(value: Any) -> Any:
@@ -39,6 +42,31 @@ class CommandConfig(ConfigModel):
         description="Folder that `{data}` stands for at the beginning of any other path.",
     )
 
+    @model_validator(mode="after")
+    def _keeps_its_inputs(self) -> Self:
+        """Refuse an output that would take the place of an input."""
+        output = getattr(self, "output", STANDARD_STREAM)
+        values = (
+            getattr(self, name)
+            for name in type(self).model_fields
+            if name not in ("output", "data")
+        )
+        for path in _paths(values):
+            if path != STANDARD_STREAM and os.path.realpath(path) == os.path.realpath(output):
+                raise ValueError(f"`output` would replace an input, {path}; name another file")
+        return self
+
     def as_json(self) -> str:
         """Return the config as one line of JSON, with every default."""
         return self.model_dump_json()
+
+
+def _paths(values: Iterable[Any]) -> Iterator[Path]:
+    """Yield the paths in values, tuples and mappings of them."""
+    for value in values:
+        if isinstance(value, Path):
+            yield value
+        elif isinstance(value, tuple):
+            yield from _paths(value)
+        elif isinstance(value, Mapping):
+            yield from _paths(value.values())

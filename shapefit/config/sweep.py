@@ -96,7 +96,8 @@ class SweepConfig(CommandConfig):
         description="Which observed landmarks to make wrong before the fit.",
     )
     fit: Annotated[FitSection, _words("fit")] = Field(
-        description="How to lift; files that the sweep makes can be left out, or are passed over."
+        description="How to lift; files that the sweep makes can be left out, or are passed over. "
+        "Meshes and pictures are not written."
     )
     truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
     match: str = Field(
@@ -201,6 +202,10 @@ class SweepConfig(CommandConfig):
         if name not in SECTIONS or not dot:
             raise ValueError(
                 f"expected a key of {', '.join(SECTIONS)}, such as fit.lambda, found {path!r}"
+            )
+        if name == "fit" and key.partition(".")[0] in ("export", "pictures"):
+            raise ValueError(
+                f"a sweep writes no meshes and pictures, so that {path} changes nothing"
             )
         if key.partition(".")[0] in path_keys(SECTIONS[name]):
             raise ValueError(f"{path} is a path; only settings can vary")

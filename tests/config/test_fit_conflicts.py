@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from shapefit.config import load_config
+from shapefit.config import dump_config, load_config
 from shapefit.errors import InputError
 
 
@@ -53,6 +53,15 @@ def problem(addition: str, *options: str) -> str:
             "5:9",
             "`camera: {model: perspective}` does not go with the method pmp",
         ),
+        (
+            "camera: {ridge: 1, model: weak-perspective}",
+            "4:17",
+            "`ridge` belongs to `model: perspective`",
+        ),
+        ("camera: {principal_point: [1, 2]}", "4:27", "`principal_point` belongs to"),
+        ("export: {format: obj}", "4:18", "`format` does nothing without `folder`"),
+        ("export: {items: [a, b]}", "4:17", "`items` does nothing without `folder`"),
+        ("pictures: {sheet: 4, folder: null}", "4:19", "`sheet` does nothing without `folder`"),
         ("camera: {model: perspective}", "4:17", "`model: perspective` and a focal length"),
         ("camera: {focal: 2}", "4:17", "`model: perspective` and a focal length"),
         (
@@ -76,3 +85,14 @@ def test_keys_that_do_not_go_together_and_are_said_by_options():
     assert told.startswith("c.yaml:4:7: `loss: l1` and")
     told = problem("", "lambda=auto")
     assert told.startswith("--set lambda=auto: `lambda: auto` needs `noise`")
+
+
+def test_defaults_are_no_conflict():
+    text = (
+        "landmarks: a.h5\ndictionary: a.h5\noutput: r.h5\n"
+        "export: {format: ply}\ncamera: {ridge: 0.3}\npictures: {folder: p, sheet: 4}\n"
+    )
+    Path("c.yaml").write_text(text, encoding="utf-8")
+    first = load_config("fit", Path("c.yaml"))
+    Path("c.yaml").write_text(dump_config(first), encoding="utf-8")
+    assert load_config("fit", Path("c.yaml")) == first

@@ -214,3 +214,25 @@ def test_a_printed_config_with_landmark_names_loads_again(folder):
 def test_a_printed_config_of_either_method_loads_again(folder, keys):
     config = LearnDictConfig(shapes="a.h5", output="d.h5", **keys)
     assert load_config("learn-dict", write(folder, dump_config(config))) == config
+
+
+@pytest.mark.parametrize(
+    ("command", "text"),
+    [
+        ("fit", "landmarks: a.h5\ndictionary: b.h5\noutput: a.h5\n"),
+        ("fit", "landmarks: ['*.h5']\ndictionary: b.h5\noutput: sub/../b.h5\n"),
+        ("fit", "landmarks: a.h5\ndictionary: b.h5\noutput: link.h5\n"),
+        ("learn-dict", "shapes: [b.h5, a.h5]\noutput: a.h5\n"),
+        ("project", "shapes: a.h5\noutput: a.h5\n"),
+    ],
+)
+def test_an_output_cannot_replace_an_input(tmp_path, monkeypatch, command, text):
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.h5", "b.h5"):
+        (tmp_path / name).touch()
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "link.h5").symlink_to("a.h5")
+    (tmp_path / "c.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"c\.yaml:\d:9: `output` would replace an input, .*h5"):
+        load_config(command, Path("c.yaml"))
+    load_config(command, Path("c.yaml"), arguments={"output": "new.h5"})

@@ -108,6 +108,7 @@ def test_the_printed_config_loads_again(folder):
         ("[0.1, 0.2]", "[1, 1]", "8:7", "expected different values of fit.lambda, found [1, 1]"),
         ("fit.lambda:", "lambda:", "8:7", "expected a key of learn_dict, project, fit, corrupt"),
         ("fit.lambda:", "fit.lamda:", "8:7", "fit.lamda=0.1: unknown key 'lamda'"),
+        ("fit.lambda:", "fit.export.unit:", "8:7", "a sweep writes no meshes and pictures, so"),
         ("fit.lambda:", "fit.dictionary:", "8:7", "fit.dictionary is a path; only settings can"),
         ("0.2]}", "0.2], project.noise: [0]}", "8:7", "expected one key with its values, found 2"),
     ],
