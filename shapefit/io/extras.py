@@ -13,6 +13,9 @@ Array = NDArray[Any]
 # Datasets that belong to the file when they have so many axes, however many items there are.
 OF_THE_FILE = {"camera_matrix": 2, "mirror_index": 1}
 
+LABELS = ("outliers", "corrupted")
+"""Datasets (n, p) that say yes or no of every landmark."""
+
 
 def is_per_item(name: str, shape: tuple[int, ...], count: int) -> bool:
     """Whether a dataset of this shape has a row for each of `count` items."""

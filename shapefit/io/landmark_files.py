@@ -136,7 +136,7 @@ class LandmarkSource:
             sequences=() if sequences else None,
             unit=agreed("unit", units, UNKNOWN_UNIT),
             y_axis=agreed("y_axis", [(file.name, file.y_axis) for file in files], "up"),
-            extras=first.extras,
+            extras=first.arrange(tuple(names)).extras,
         )
 
     def _conform(self, part: LandmarkSet, place: str) -> LandmarkSet:

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.io.extras import Extras
+from shapefit.io.extras import LABELS, Extras
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Dataset, Format
 from shapefit.io.problems import input_problems
 
@@ -81,20 +81,33 @@ class LandmarkSet:
     def arrange(self, names: Sequence[str], place: str = "landmark_names") -> LandmarkSet:
         """Return the same images with the landmarks `names`, in that order.
 
-        Landmarks that this set lacks are unseen (NaN, confidence 0); extras stay as they are.
-        Raises InputError at `place` where this set has a landmark that `names` lacks.
+        Landmarks that this set lacks are unseen (NaN, confidence 0) and have no label; extras but
+        `LABELS` stay as they are. Raises InputError at `place` where this set has a landmark that
+        `names` lacks.
         """
         names = tuple(names)
         if names == self.landmark_names:
             return self
         columns = match_landmarks(names, self.landmark_names, place)
-        landmarks = np.full((len(self), 2, len(names)), np.nan)
-        landmarks[..., columns] = self.landmarks
-        confidence = None
-        if self.confidence is not None:
-            confidence = np.zeros((len(self), len(names)))
-            confidence[:, columns] = self.confidence
-        return replace(self, landmarks=landmarks, confidence=confidence, landmark_names=names)
+
+        def arranged(values: NDArray[Any], absent: float) -> NDArray[Any]:
+            every = np.full((*values.shape[:-1], len(names)), absent, values.dtype)
+            every[..., columns] = values
+            return every
+
+        extras = Extras.of(self.extras, len(self))
+        labels = {
+            name: arranged(values, 0)
+            for name, values in extras.per_item.items()
+            if name in LABELS and values.shape == (len(self), len(self.landmark_names))
+        }
+        return replace(
+            self,
+            landmarks=arranged(self.landmarks, np.nan),
+            confidence=None if self.confidence is None else arranged(self.confidence, 0),
+            landmark_names=names,
+            extras=extras | labels,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

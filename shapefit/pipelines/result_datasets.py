@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
+from shapefit.io.extras import LABELS
 from shapefit.io.records import ResultSet
-
-LABELS = ("outliers", "corrupted")
-"""Datasets that say yes or no of every landmark."""
 
 
 def find_dataset(file: Path, results: ResultSet, name: str) -> NDArray[Any] | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -86,6 +88,21 @@ def test_arrange_matches_by_name_and_hides_what_is_not_there(landmarks):
     np.testing.assert_array_equal(arranged.confidence[:, [2, 4, 3, 0]], landmarks.confidence)
     assert np.isnan(arranged.landmarks[..., 1]).all()
     assert (arranged.confidence[:, 1] == 0).all()
+
+
+@pytest.mark.parametrize("kind", [bool, np.int8])
+def test_arrange_moves_labels_with_their_landmarks(landmarks, rng, kind):
+    labels = (rng.random((5, 4)) < 0.5).astype(kind)
+    square = np.arange(20.0).reshape(5, 4)  # has the shape of labels, by chance
+    extras = {"corrupted": labels, "outliers": labels[:, :3], "bounding_box": square}
+    names = ("foot", "tail", "head", "right hand", "left hand")
+    arranged = replace(landmarks, extras=extras).arrange(names)
+    moved = arranged.extras["corrupted"]
+    assert moved.dtype == kind
+    np.testing.assert_array_equal(moved[:, [2, 4, 3, 0]], labels)
+    assert not moved[:, 1].any()
+    np.testing.assert_array_equal(arranged.extras["bounding_box"], square)
+    np.testing.assert_array_equal(arranged.extras["outliers"], labels[:, :3])  # of something else
 
 
 def test_arrange_refuses_to_drop_a_landmark(landmarks, problems):

@@ -140,10 +140,12 @@ class TestShapes:
             landmarks=images.landmarks[:, :, order],
             landmark_names=tuple(NAMES[j] for j in order),
             items=images.items,
+            extras={"corrupted": np.eye(8, 10, dtype=bool)[:, order]},
         )
         a, _ = fit(tmp_path, dictionary, images)
         b, _ = fit(tmp_path, dictionary, permuted)
         np.testing.assert_array_equal(a.shapes, b.shapes)
+        np.testing.assert_array_equal(b.extras["corrupted"].astype(bool), np.eye(8, 10))
         assert b.landmark_names == NAMES
 
     @pytest.mark.parametrize("factor", [2.0**-30, 2.0**53])
