@@ -48,7 +48,7 @@ def common_options(command: Command) -> Command:
             "config_path",
             metavar="CONFIG",
             type=click.Path(path_type=Path),
-            help="YAML config. Its keys are described in docs/config.md.",
+            help="YAML config, - is stdin. Its keys are described in docs/config.md.",
         ),
     ):
         command = option(command)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from shapefit.config.paths import PathKeys, anchored, change_paths, with_data
+from shapefit.config.paths import STANDARD_STREAM, PathKeys, anchored, change_paths, with_data
 from shapefit.config.yaml12 import Location, Place, read_yaml
 from shapefit.errors import input_error
 
-COMMAND_LINE = "command line"
+COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"
 
 
 @dataclass
@@ -30,12 +31,16 @@ class Settings:
     )
 
     def read_file(self, path: Path) -> None:
-        """Take the values of a YAML file; its paths are relative to its folder."""
-        document = read_yaml(_text(path), lambda line, column: f"{path}:{line}:{column}")
+        """Take the values of a YAML file, or of standard input for `-`.
+
+        Its paths are relative to its folder, those of standard input to the working folder.
+        """
+        name = STANDARD_INPUT if path == STANDARD_STREAM else str(path)
+        document = read_yaml(_text(path), lambda line, column: f"{name}:{line}:{column}")
         self.problems += document.problems
         self._places |= document.places
         if document.value is None:
-            self._places[()] = Place(f"{path}:1:1", f"{path}:1:1")
+            self._places[()] = Place(f"{name}:1:1", f"{name}:1:1")
         elif isinstance(document.value, dict):
             self.values = document.value
         else:
@@ -47,13 +52,14 @@ class Settings:
         self.values = change_paths(self.values, self.path_keys, partial(anchored, folder=folder))
 
     def set_option(self, option: str) -> None:
-        """Take `a.b=value`, the argument of a --set option; the value is YAML."""
+        """Take `a.b=value`, the argument of a --set option; the value is YAML, or a bare `-`."""
         place = f"--set {option}"
         path, equals, text = option.partition("=")
         keys = path.strip().split(".")
         if not equals or not all(keys):
             self.problems.append(f"{place}: expected key=value or key.key=value")
             return
+        text = "'-'" if text.strip() == "-" else text  # in YAML a list with nothing in it
         document = read_yaml(text, lambda _line, _column: place)
         self.problems += document.problems
         if not document.problems:
@@ -118,9 +124,13 @@ def found(value: Any) -> str:
 
 
 def _text(path: Path) -> str:
+    stream = path == STANDARD_STREAM
+    name = STANDARD_INPUT if stream else path
+    if stream and sys.stdin is None:
+        raise input_error(name, "is closed", "send a config there, or name a file")
     try:
-        return path.read_bytes().decode("utf-8-sig")
+        return (sys.stdin.buffer.read() if stream else path.read_bytes()).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise input_error(path, "not a text in UTF-8", "save it as UTF-8") from None
+        raise input_error(name, "not a text in UTF-8", "save it as UTF-8") from None
     except OSError as error:
-        raise input_error(path, error.strerror or "cannot be read", "check the path") from None
+        raise input_error(name, error.strerror or "cannot be read", "check the path") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -236,3 +237,22 @@ def test_an_output_cannot_replace_an_input(tmp_path, monkeypatch, command, text)
     with pytest.raises(InputError, match=r"c\.yaml:\d:9: `output` would replace an input, .*h5"):
         load_config(command, Path("c.yaml"))
     load_config(command, Path("c.yaml"), arguments={"output": "new.h5"})
+
+
+def test_a_config_can_come_from_standard_input(folder, monkeypatch):
+    text = b"landmarks: a.h5\ndictionary: b.h5\noutput: r.h5\nlambda: 0.3\n"
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text)))
+    config = load_config("fit", Path("-"))
+    assert (config.lam, config.output) == (0.3, folder / "r.h5")
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text + b"threads: -1\n")))
+    with pytest.raises(InputError, match="standard input:5:10: expected a whole number >= 0"):
+        load_config("fit", Path("-"))
+    monkeypatch.setattr("sys.stdin", None)
+    with pytest.raises(InputError, match="standard input: is closed"):
+        load_config("fit", Path("-"))
+
+
+def test_a_bare_dash_is_a_stream(folder):
+    options = ["landmarks=-", "dictionary=b.h5", "output= - "]
+    config = load_config("fit", None, options)
+    assert (config.landmarks, config.output) == ((Path("-"),), Path("-"))
