@@ -13,23 +13,31 @@ landmarks, each with the refinement under perspective from the labelled pose:
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.config import FitConfig, load_config
 from shapefit.evaluation import metrics
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import open_landmarks, read_shapes
-from shapefit.lifting.perspective import Camera, mean_coefficients, project, refine_perspective
+from shapefit.lifting.perspective import (
+    Camera,
+    Options,
+    mean_coefficients,
+    project,
+    refine_perspective,
+)
+from shapefit.pipelines.lifting_chain import choose_options
 
 Floats = NDArray[np.float64]
 
 LEAST_VISIBLE = 20
-RIDGE, SOFTNESS = 0.3, 0.1
-"""As in configs/cars/fit.yaml."""
+CONFIG = Path(__file__).parents[1] / "configs" / "cars" / "fit.yaml"
+"""Says how the poses are refined."""
 WRONG_LABEL = 20.0
 """Degrees between the label and the pose of the true model from which the label must be wrong."""
 
@@ -58,16 +66,19 @@ class Fits:
 
 def main() -> None:
     cars = read(Path(sys.argv[1]))
-    true = fit(cars, cars.landmarks, cars.rotation, ridge=1.0, own=True)
+    config = load_config("fit", CONFIG)
+    assert isinstance(config, FitConfig)
+    options = choose_options(config)
+    true = fit(cars, cars.landmarks, cars.rotation, options, own=True)
     report("true model", cars, cars.rotation, true)
-    others = fit(cars, cars.landmarks, cars.rotation, ridge=RIDGE)
+    others = fit(cars, cars.landmarks, cars.rotation, options)
     report("other models", cars, cars.rotation, others)
     fine = rotation_angle(true.rotation, cars.rotation) < WRONG_LABEL
     print(f"{(~fine).sum()} labels are more than {WRONG_LABEL:g} degrees off; without them:")
     report("true model", cars, cars.rotation, true, fine)
     report("other models", cars, cars.rotation, others, fine)
     for ridge in (0.003, 0.01, 0.03, 0.1):
-        clean = fit(cars, true.projected, true.rotation, ridge)
+        clean = fit(cars, true.projected, true.rotation, replace(options, ridge=ridge))
         report(f"other models, exact landmarks, ridge {ridge:g}", cars, true.rotation, clean, fine)
 
 
@@ -87,27 +98,28 @@ def read(folder: Path) -> Cars:
     )
 
 
-def fit(cars: Cars, landmarks: Floats, start: Floats, ridge: float, *, own: bool = False) -> Fits:
+def fit(
+    cars: Cars, landmarks: Floats, start: Floats, options: Options, *, own: bool = False
+) -> Fits:
     """Fit each car with the models of the others, or with its own one alone."""
     seen = np.asarray(np.isfinite(cars.landmarks).all(axis=1))
     norm = normalise(landmarks, seen)
-    size = norm.scale[:, None]
-    camera = Camera(np.repeat(1 / size, 2, axis=1), -norm.centroid / size, 1.0)
+    unit = Camera(np.ones_like(norm.centroid), np.zeros_like(norm.centroid), 1.0)
+    camera = unit.normalised_as(norm)
     shapes, projected = np.empty((len(seen), 3, seen.shape[1])), np.empty_like(landmarks)
     rotation = np.empty_like(start)
     for model in np.unique(cars.models):
         rows = np.flatnonzero(cars.models == model)
         atoms = cars.shapes[[model]] if own else np.delete(cars.shapes, model, axis=0)
-        part = Camera(camera.focal[rows], camera.centre[rows], camera.sign)
+        part = camera.take(rows)
         found = refine_perspective(
             norm.points[rows], seen[rows].astype(float), atoms, part, start[rows],
-            mean_coefficients(atoms, normalise(atoms.mean(axis=0)).points),
-            ridge=ridge, softness=SOFTNESS,
+            mean_coefficients(atoms, normalise(atoms.mean(axis=0)).points), options,
         )  # fmt: skip
         rotation[rows] = found.rotation
         shapes[rows] = found.rotation @ np.tensordot(found.coefficients, atoms, axes=1)
         flat = project(part, shapes[rows] + found.translation[..., None])
-        projected[rows] = size[rows, :, None] * flat + norm.centroid[rows, :, None]
+        projected[rows] = norm.scale[rows, None, None] * flat + norm.centroid[rows, :, None]
     return Fits(shapes, rotation, projected)
 
 

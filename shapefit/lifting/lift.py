@@ -14,6 +14,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import Estimate, Estimator
 from shapefit.lifting.noise_level import lambda_for_noise
+from shapefit.lifting.perspective import Camera
 
 Floats = NDArray[np.float64]
 
@@ -35,16 +36,14 @@ class Program:
 
 @dataclass(frozen=True)
 class PerspectiveView:
-    """u = centre + focal X_xy / (sign X_z) with X = R sum_i c_i B_i + translation, for n images.
+    """The camera sees X = R sum_i c_i B_i + translation, in n images.
 
     translation (n, 3), of the object's origin in the frame of the camera, in normalised units of
-    the dictionary, nan where an image has no shape; focal and centre (n, 2) in the unit of the
-    landmarks.
+    the dictionary, nan where an image has no shape; the camera in the unit of the landmarks.
     """
 
     translation: Floats
-    focal: Floats
-    centre: Floats
+    camera: Camera
 
 
 @dataclass(frozen=True)

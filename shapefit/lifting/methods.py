@@ -31,8 +31,9 @@ class Settings:
     edges            pmp: (e, 2), the limbs whose lengths it keeps
     orthogonal       convex: each M_i / c_i is replaced by the nearest orthonormal rows
     signed           alternate, alternate+: coefficients of either sign
-    views            alternate, mean-shape: the pose of the mean shape is sought from as many
-                     views, spread evenly; 1 is the view along the z axis of the dictionary
+    views            where the pose of the mean shape is sought, by alternate and mean-shape, and
+                     by convex+refine and alternate+ in images where no atom fits at first: from
+                     as many views, spread evenly; 1 is along the z axis of the dictionary
     multi_start      alternate: also starts from each of these views, and keeps the best
     tolerance        alternation stops when a round lowers the objective by at most this share
     max_rounds       and after this many rounds

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,15 @@ from scipy.optimize import nnls
 
 from shapefit.convex.solution import Status
 from shapefit.convex.stretches import run_stretches
+from shapefit.geometry.normalisation import Normalised
+from shapefit.lifting.estimate import STATUS
 from shapefit.lifting.perspective_kernels import perspective_stretch
 
 Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
 
-STATUS = (Status.CONVERGED, Status.ITERATION_LIMIT, Status.NUMERICAL_FAILURE)
+FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
+"""How a refinement without a result ends."""
 
 
 @dataclass(frozen=True)
@@ -29,13 +34,33 @@ class Camera:
     centre: Floats
     sign: float
 
+    def take(self, images: Rows) -> Camera:
+        """Keep some of the images."""
+        return Camera(self.focal[images], self.centre[images], self.sign)
+
+    def normalised_as(self, landmarks: Normalised) -> Camera:
+        """Return the camera that sees the same as normalised landmarks."""
+        size = landmarks.scale[:, None]
+        return Camera(self.focal / size, (self.centre - landmarks.centroid) / size, self.sign)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What `refine_perspective` can be told."""
+
+    ridge: float
+    softness: float
+    max_rounds: int
+    threads: int = 0
+
 
 @dataclass(frozen=True)
 class Refined:
     """Stationary points for n images: X = R sum_i c_i B_i + t.
 
     rotation R (n, 3, 3); translation t (n, 3); coefficients c (n, k) >= 0; objective (n,);
-    rounds (n,); status, a Status an image. nan where it is NUMERICAL_FAILURE.
+    rounds (n,); status, a Status an image. nan where it is DEGENERATE, which means that a landmark
+    begins behind the camera, or NUMERICAL_FAILURE.
     """
 
     rotation: Floats
@@ -53,14 +78,11 @@ def refine_perspective(
     camera: Camera,
     rotation: Floats,
     prior: Floats,
-    *,
-    ridge: float = 0.3,
-    softness: float = 0.1,
-    max_rounds: int = 100,
-    threads: int = 0,
+    options: Options,
 ) -> Refined:
     """min over R, t, c >= 0 of sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c - prior|^2.
 
+    s is the softness of the options, with ridge and the most rounds for an image.
     r_j = Omega_j (w_j - projection of column j of R sum_i c_i B_i + t), in normalised units:
     landmarks w (n, 2, p), weights Omega (n, p), atoms B (k, 3, p), camera in the unit of w. It
     starts from the rotations R (n, 3, 3), c = prior (k,), and t where weak perspective puts it.
@@ -78,21 +100,30 @@ def refine_perspective(
 
     def work(part: slice) -> None:
         perspective_stretch(
-            W[part], omega[part], B, c0, focal[part], centre[part], camera.sign, ridge, softness,
-            max_rounds, R[part], t[part], c[part], objective[part], rounds[part], codes[part],
+            W[part], omega[part], B, c0, focal[part], centre[part], camera.sign, options.ridge,
+            options.softness, options.max_rounds, R[part], t[part], c[part], objective[part],
+            rounds[part], codes[part],
         )  # fmt: skip
 
-    run_stretches(n, work, threads)
-    status = tuple(STATUS[code] for code in codes)
-    failed = codes == STATUS.index(Status.NUMERICAL_FAILURE)
+    run_stretches(n, work, options.threads)
+    failed = np.isin(codes, [STATUS.index(status) for status in FAILED])
     R[failed], t[failed], c[failed] = np.nan, np.nan, np.nan
-    return Refined(R, t, c, objective, rounds, status)
+    return Refined(R, t, c, objective, rounds, tuple(STATUS[code] for code in codes))
 
 
 def project(camera: Camera, points: Floats) -> Floats:
-    """u = centre + focal X_xy / (sign X_z): points (n, 3, p) in the camera's frame -> (n, 2, p)."""
+    """u = centre + focal X_xy / (sign X_z): points (n, 3, p) in the camera's frame -> (n, 2, p).
+
+    nan for a point that is not in front of the camera.
+    """
     depth = camera.sign * points[:, 2:]
+    depth = np.where(depth > 0, depth, np.nan)
     return camera.centre[..., None] + camera.focal[..., None] * points[:, :2] / depth
+
+
+def depth_sign(y_axis: Literal["up", "down"]) -> float:
+    """+1 where z, the cross product of x and y, points away from the camera, else -1."""
+    return 1.0 if y_axis == "down" else -1.0
 
 
 def place_in_depth(

@@ -21,7 +21,7 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
 EASE, HARDEN = 0.2, 5.0  # factors of the damping after a step that was kept, and one that was not
 SETTLED = 1e-10  # relative fall of the objective at which the last softness is done,
 FLEETING = 1e-2  # and at which the softer ones before it are
-CONVERGED, ITERATION_LIMIT, NUMERICAL_FAILURE = 0, 1, 2
+CONVERGED, LIMIT, DEGENERATE, FAILED = 0, 1, 2, 3
 
 
 @kernel
@@ -51,7 +51,8 @@ def refine_image(
     """Refine one image with all landmarks seen; returns objective, rounds and code.
 
     w (2, q), omega (q,), B (k, 3, q). The softness halves from 1 to its last value, so that many
-    landmarks pull while the pose is still coarse.
+    landmarks pull while the pose is still coarse. DEGENERATE where a landmark begins behind the
+    camera: no step is taken from there.
     """
     k, q = len(c), w.shape[1]
     turned, X, r = np.empty((3, q)), np.empty((3, q)), np.empty((2, q))
@@ -61,8 +62,8 @@ def refine_image(
     soft, damping, count = max(1.0, softness), FIRST_DAMPING, 0
     project(w, omega, B, focal, centre, sign, R, t, c, turned, X, r)
     F = evaluate(r, soft, c, prior, ridge)
-    if np.isnan(F) or np.inf <= F:
-        return np.nan, 0, NUMERICAL_FAILURE
+    if not np.inf > F:  # nan too; a kernel folds isfinite away
+        return np.nan, 0, DEGENERATE if np.any(r == np.inf) else FAILED
     while count < max_rounds:
         count += 1
         linearise(omega, B, focal, sign, R, turned, X, r, soft, J)
@@ -85,7 +86,7 @@ def refine_image(
             soft, damping = max(0.5 * soft, softness), FIRST_DAMPING
         project(w, omega, B, focal, centre, sign, R, t, c, turned, X, r)
         F = evaluate(r, soft, c, prior, ridge)
-    return evaluate(r, softness, c, prior, ridge), count, ITERATION_LIMIT
+    return evaluate(r, softness, c, prior, ridge), count, LIMIT
 
 
 @kernel

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,11 @@ from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
-from shapefit.lifting.estimate import Estimate
+from shapefit.lifting.estimate import Estimate, place
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.perspective import (
     Camera,
+    Options,
     mean_coefficients,
     project,
     refine_perspective,
@@ -26,76 +27,77 @@ from shapefit.lifting.reconstruction import is_active
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-VIEWS = 24
-"""Views from which the mean shape is posed where the first estimate has no rotation."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """What `refine_perspective` can be told."""
-
-    ridge: float
-    softness: float
-    max_rounds: int
-    threads: int = 0
+REASONS = {
+    Status.DEGENERATE: "landmarks begin behind the camera: with so short a focal length it would "
+    "stand inside the object; give `camera.focal` or `camera.intrinsics` in the unit of the "
+    "landmarks",
+    Status.NUMERICAL_FAILURE: "numerical failure in the refinement under perspective",
+}
+"""Why a refinement has no result."""
 
 
 def refine_view(
-    lifting: Lifting, landmarks: Floats, camera: Camera, dictionary: Dictionary, options: Options
+    lifting: Lifting,
+    landmarks: Floats,
+    camera: Camera,
+    dictionary: Dictionary,
+    options: Options,
+    *,
+    views: int,
 ) -> Lifting:
     """Refine rotation, translation and coefficients of n images under the full projection.
 
-    landmarks (n, 2, p) and camera in the unit of the images; landmarks of weight 0 in the problem
-    stay left out, images without a shape stay without. It starts from the rotation of the
-    estimate. Shapes keep the unit of the landmarks, at the size that the object's origin has in
+    landmarks (n, 2, p) and camera in the unit of the images. Landmarks of weight 0 in the problem
+    stay left out; what a robust loss labelled is seen, for labels are at their worst where the
+    pose is off, and the softness forgives them. Images without a shape stay without. It starts
+    from the rotation of the estimate, or where that has none from the mean shape, posed from so
+    many views. Shapes keep the unit of the landmarks, at the size that the object's origin has in
     the image: scale = focal / depth there, the geometric mean of both axes.
     """
     rows = np.flatnonzero(np.isfinite(lifting.scale))
-    weights = lifting.problem.weights[rows]
-    norm = normalise(landmarks[rows], weights > 0)
-    size = norm.scale[:, None]
-    seen = Camera(
-        camera.focal[rows] / size, (camera.centre[rows] - norm.centroid) / size, camera.sign
-    )
+    old, whole = lifting.estimate, lifting.problem
+    norm = normalise(landmarks[rows], whole.weights[rows] > 0)
+    part = Problem(norm.points, whole.weights[rows], dictionary.atoms, whole.lam[rows])
+    seen = camera.take(rows)
+    nearby = seen.normalised_as(norm)
     found = refine_perspective(
-        norm.points,
-        weights,
-        dictionary.atoms,
-        seen,
-        find_rotations(lifting, dictionary.mean_shape, rows, options.threads),
+        part.landmarks,
+        part.weights,
+        part.atoms,
+        nearby,
+        find_rotations(old.rotation[rows], part, dictionary.mean_shape, views, options.threads),
         mean_coefficients(dictionary.atoms, dictionary.mean_shape),
-        ridge=options.ridge,
-        softness=options.softness,
-        max_rounds=options.max_rounds,
-        threads=options.threads,
+        options,
     )
     n = len(landmarks)
     c, R, t = found.coefficients, found.rotation, found.translation
     S = R @ np.tensordot(c, dictionary.atoms, axes=1)
     depth = camera.sign * t[:, 2]
-    scale = np.sqrt(camera.focal[rows].prod(axis=1)) / depth
-    origin = camera.centre[rows] + camera.focal[rows] * t[:, :2] / depth[:, None]
+    scale = np.sqrt(seen.focal.prod(axis=1)) / depth
+    origin = seen.centre + seen.focal * t[:, :2] / depth[:, None]
     shapes = scale[:, None, None] * S
     shapes[:, :2] += origin[..., None]
-    projected = project(seen, S + t[..., None])
-    pixels = size[..., None] * projected + norm.centroid[..., None]
+    projected = project(nearby, S + t[..., None])
+    pixels = norm.scale[:, None, None] * projected + norm.centroid[..., None]
+    # what is hidden may lie behind the camera, and counts for nothing
+    shown = np.where(part.weights[:, None] > 0, projected, 0.0)
+    residual = place(part, shown, np.zeros((len(rows), 2))).residual
 
     def spread(values: Floats, rest: float = np.nan) -> Floats:
         """Put values of the refined images in their rows."""
-        whole = np.full((n, *values.shape[1:]), rest)
-        whole[rows] = values
-        return whole
+        every = np.full((n, *values.shape[1:]), rest)
+        every[rows] = values
+        return every
 
-    old = lifting.estimate
     iterations = old.iterations.copy()
     iterations[rows] += found.rounds
     estimate = replace(
         old,
         shapes=spread(S),
-        translation=spread((origin - norm.centroid) / size),
+        translation=spread((origin - norm.centroid) / norm.scale[:, None]),
         rotation=spread(R),
         objective=spread(found.objective),
-        residual=spread(relative_residual(norm.points, weights, projected)),
+        residual=spread(residual),
         iterations=iterations,
         status=merge_status(old, found.status, rows),
         coefficients=spread(c, 0.0),
@@ -104,42 +106,35 @@ def refine_view(
         relative_gap=None,
         tight=None,
     )
-    failures = dict(lifting.failures)
-    for row, status in zip(rows.tolist(), found.status, strict=True):
-        if status is Status.NUMERICAL_FAILURE:
-            failures[row] = "numerical failure in the refinement under perspective"
+    reasons = {
+        row: REASONS[status]
+        for row, status in zip(rows.tolist(), found.status, strict=True)
+        if status in REASONS
+    }
     return Lifting(
         shapes=spread(shapes),
         landmarks_fitted=spread(pixels),
         translation=spread(origin),
         scale=spread(scale),
-        problem=lifting.problem,
+        problem=whole,
         estimate=estimate,
-        failures=failures,
-        perspective=PerspectiveView(spread(t), camera.focal, camera.centre),
+        failures={**lifting.failures, **reasons},
+        perspective=PerspectiveView(spread(t), camera),
     )
 
 
-def find_rotations(lifting: Lifting, mean_shape: Floats, rows: Rows, threads: int) -> Floats:
-    """Rotation (r, 3, 3) of the estimate; where it has none, that of the posed mean shape."""
-    R = lifting.estimate.rotation[rows]
-    unknown = np.flatnonzero(~np.isfinite(R).all(axis=(1, 2)))
-    if len(unknown):
-        images = rows[unknown]
-        problem = lifting.problem
-        part = Problem(
-            problem.landmarks[images], problem.weights[images], problem.atoms, problem.lam[images]
-        )
-        pose = find_pose(part, mean_shape, spread_views(VIEWS), threads=threads)
-        known = np.all(np.isfinite(pose.rotation), axis=(1, 2), keepdims=True)
-        R[unknown] = np.where(known, pose.rotation, np.eye(3))
+def find_rotations(
+    known: Floats, problem: Problem, mean_shape: Floats, views: int, threads: int
+) -> Floats:
+    """Rotations (m, 3, 3) as known; where they are nan, those of the posed mean shape (3, p)."""
+    unknown = np.flatnonzero(~np.isfinite(known).all(axis=(1, 2)))
+    if not len(unknown):
+        return known
+    pose = find_pose(problem.take(unknown), mean_shape, spread_views(views), threads=threads)
+    posed = pose.size > 0
+    R = known.copy()
+    R[unknown] = np.where(posed[:, None, None], pose.rotation, np.eye(3))
     return R
-
-
-def relative_residual(landmarks: Floats, weights: Floats, projected: Floats) -> Floats:
-    """||Omega o (W - projected)||_F / ||Omega o W||_F for centred landmarks W (n, 2, p) -> (n,)."""
-    left = np.linalg.norm(weights[:, None] * (landmarks - projected), axis=(1, 2))
-    return left / np.linalg.norm(weights[:, None] * landmarks, axis=(1, 2))
 
 
 def merge_status(old: Estimate, refined: Sequence[Status], rows: Rows) -> tuple[Status, ...]:

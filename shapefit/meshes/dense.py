@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.geometry.normalisation import Normalised
+from shapefit.lifting.perspective import Camera, project
 from shapefit.lifting.reconstruction import complete_transforms, orthogonal_transforms
 
 Floats = NDArray[np.float64]
@@ -80,18 +81,17 @@ def camera_frame_sheared(
     return _place(turned @ atoms.reshape(3 * k, -1), scale, translation)
 
 
-def seen_in_perspective(points: Floats, focal: Floats, principal_point: Floats) -> Floats:
-    """(principal point + f X_xy / |X_z|, f (X_z - Z) / |Z|): where a camera sees points.
+def seen_in_perspective(points: Floats, camera: Camera) -> Floats:
+    """(u, f (X_z - Z) / |Z|): where a camera sees points, u as `project` has it.
 
-    points X (n, 3, q) in the frame of the camera, all before it; f (n, 2) for x and y, principal
-    point (n, 2). Z is the mean of X_z, and the third row is for drawing: depths on the scale of
-    the two others.
+    points X (n, 3, q) in the frame of the camera. Z is the mean of X_z, f that of the two focal
+    lengths, and the third row is for drawing: depths on the scale of the two others. u is nan for
+    points behind the camera.
     """
     depth = points[:, 2:]
     middle = depth.mean(axis=2, keepdims=True)
-    flat = principal_point[:, :, None] + focal[:, :, None] * points[:, :2] / np.abs(depth)
-    scale = focal.mean(axis=1)[:, None, None] / np.abs(middle)
-    return np.concatenate([flat, scale * (depth - middle)], axis=1)
+    scale = camera.focal.mean(axis=1)[:, None, None] / np.abs(middle)
+    return np.concatenate([project(camera, points), scale * (depth - middle)], axis=1)
 
 
 def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:

@@ -94,7 +94,7 @@ def perspective_datasets(
         position = unit[:, None] * view.translation
     return {
         "camera_translation": view.translation,
-        "focal": view.focal,
-        "principal_point": view.centre,
+        "focal": view.camera.focal,
+        "principal_point": view.camera.centre,
         "position": position,
     }

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import ResultSet
+from shapefit.lifting.perspective import Camera, depth_sign
 from shapefit.meshes.dense import camera_frame, camera_frame_sheared, seen_in_perspective
 from shapefit.meshes.pictures import FittedImage
 from shapefit.pipelines.carried_mesh import find_meshes, find_obstacle
@@ -76,4 +77,5 @@ def _in_perspective(points: Floats, found: ResultSet) -> Floats:
         np.asarray(found.extras[name], dtype=float)
         for name in ("camera_translation", "focal", "principal_point")
     )
-    return seen_in_perspective(normalised + t[:, :, None], focal, centre)
+    camera = Camera(focal, centre, depth_sign(found.y_axis))
+    return seen_in_perspective(normalised + t[:, :, None], camera)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from shapefit.config.fit_camera import ViewingConfig
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
-from shapefit.lifting.perspective import Camera
+from shapefit.lifting.perspective import Camera, depth_sign
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ def find_camera(images: LandmarkSet, config: ViewingConfig) -> Camera:
         focal, centre = read_intrinsics(images, config.intrinsics)
     if config.principal_point is not None:
         centre = np.tile(np.array(config.principal_point), (n, 1))
-    return Camera(focal, centre, 1.0 if images.y_axis == "down" else -1.0)
+    return Camera(focal, centre, depth_sign(images.y_axis))
 
 
 def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:

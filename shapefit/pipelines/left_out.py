@@ -30,16 +30,16 @@ def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary) -> Lifter:
         found = f"every atom of the dictionary is the item '{dictionary.atom_items[0]}'"
         raise input_error(KEY, found, "learn the dictionary from more models")
 
-    def lift_without(images: LandmarkSet, dictionary: Dictionary) -> Lifting:
+    def lift_without(images: LandmarkSet, whole: Dictionary) -> Lifting:
         items = find_items(images, dataset)
-        items[~find_known(items, dictionary)] = ""
+        items[~find_known(items, whole)] = ""
         groups = []
         for item in dict.fromkeys(items.tolist()):
             rows = np.flatnonzero(items == item)
-            rest = dictionary.without(item) if item else dictionary
+            rest = whole.without(item) if item else whole
             lifting = lifter(images.take(rows), rest)
-            groups.append(Group(lifting, rows, np.flatnonzero(dictionary.atoms_without(item))))
-        return merge(groups, dictionary.atoms) if groups else lifter(images, dictionary)
+            groups.append(Group(lifting, rows, np.flatnonzero(whole.atoms_without(item))))
+        return merge(groups, whole.atoms) if groups else lifter(images, whole)
 
     return lift_without
 

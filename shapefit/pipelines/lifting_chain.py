@@ -18,7 +18,8 @@ from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.methods import Settings, Solve, choose_method
 from shapefit.lifting.path import WarmSolve
-from shapefit.lifting.perspective_view import Options, refine_view
+from shapefit.lifting.perspective import Options
+from shapefit.lifting.perspective_view import refine_view
 from shapefit.lifting.temporal import Sequencing, refine_sequences
 from shapefit.pipelines.intrinsics import find_camera
 from shapefit.pipelines.landmark_weights import find_weights
@@ -36,47 +37,54 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
 
     Raises InputError where the dictionary lacks what the config asks for.
     """
-    choose_settings(config, dictionary)
+    check_limbs(config, dictionary)
     refinement = choose_refinement(config, dictionary)
     program = choose_program(config)
     search = choose_search(config.outliers, choose_solver(config), config.threads)
     view = choose_view(config)
 
-    def lift_with(images: LandmarkSet, dictionary: Dictionary) -> Lifting:
-        estimator = choose_method(config.method, choose_settings(config, dictionary))
+    def lift_with(images: LandmarkSet, part: Dictionary) -> Lifting:
+        estimator = choose_method(config.method, choose_settings(config, part))
 
         def lift_weighted(weights: Floats) -> Lifting:
-            return lift(images.landmarks, weights, dictionary.atoms, program, estimator)
+            return lift(images.landmarks, weights, part.atoms, program, estimator)
 
         weights = find_weights(images)
         if search is None:
             lifting = lift_weighted(weights)
         else:
-            lifting = lift_inliers(search, images, weights, dictionary, lift_weighted)
-        return view(lifting, images, dictionary)
+            lifting = lift_inliers(search, images, weights, part, lift_weighted)
+        return view(lifting, images, part)
 
     lifter: Lifter = lift_with
     if config.leave_out is not None:
         lifter = leaving_out(lift_with, config.leave_out, dictionary)
-    return lambda images, dictionary: refinement(lifter(images, dictionary), images)
+    return lambda images, whole: refinement(lifter(images, whole), images)
 
 
 def choose_view(config: FitConfig) -> View:
     """Return what follows weak perspective: nothing, or refinement under the full projection."""
     if config.camera.model == "weak-perspective":
         return lambda lifting, images, dictionary: lifting
-    options = Options(
+    options = choose_options(config)
+
+    def view(lifting: Lifting, images: LandmarkSet, dictionary: Dictionary) -> Lifting:
+        camera = find_camera(images, config.camera)
+        return refine_view(
+            lifting, images.landmarks, camera, dictionary, options, views=config.alternation.views
+        )
+
+    return view
+
+
+def choose_options(config: FitConfig) -> Options:
+    """Return how the config wants shapes refined under perspective."""
+    return Options(
         ridge=config.camera.ridge,
         softness=config.camera.softness,
         max_rounds=config.camera.max_rounds,
         threads=config.threads,
     )
-
-    def view(lifting: Lifting, images: LandmarkSet, dictionary: Dictionary) -> Lifting:
-        camera = find_camera(images, config.camera)
-        return refine_view(lifting, images.landmarks, camera, dictionary, options)
-
-    return view
 
 
 def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:
@@ -126,14 +134,18 @@ def choose_program(config: FitConfig) -> Program:
     )
 
 
-def choose_settings(config: FitConfig, dictionary: Dictionary) -> Settings:
-    """Return what the methods need besides the problem."""
+def check_limbs(config: FitConfig, dictionary: Dictionary) -> None:
+    """Raise InputError where the method keeps limbs, and the dictionary does not know them."""
     if config.method == "pmp" and dictionary.edges is None:
         raise input_error(
             config.dictionary,
             "no `edges`, the limbs whose lengths pmp keeps",
             "learn it with `method: pca-bases` from shapes with edges",
         )
+
+
+def choose_settings(config: FitConfig, dictionary: Dictionary) -> Settings:
+    """Return what the methods need besides the problem."""
     options = config.alternation
     return Settings(
         solve=choose_solver(config),

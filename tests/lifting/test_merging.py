@@ -12,6 +12,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.lifting.lift import PerspectiveView, Program, lift
 from shapefit.lifting.merging import Group, merge
 from shapefit.lifting.methods import Settings, choose_method
+from shapefit.lifting.perspective import Camera
 
 PROGRAM = Program(lam=0.1)
 ORDER = np.array([3, 0, 6, 1, 5, 2, 4])
@@ -69,7 +70,8 @@ def test_images_lifted_one_by_one_are_those_lifted_alone(run, atoms, method):
 
 def test_every_field_comes_back_in_the_order_of_the_images(run, atoms):
     whole = run()
-    view = PerspectiveView(np.arange(21.0).reshape(7, 3), np.arange(7.0), np.zeros((7, 2)))
+    camera = Camera(np.arange(14.0).reshape(7, 2), np.arange(14.0, 28.0).reshape(7, 2), -1.0)
+    view = PerspectiveView(np.arange(21.0).reshape(7, 3), camera)
     whole = replace(whole, perspective=view)
 
     def part(images):
@@ -92,7 +94,7 @@ def test_every_field_comes_back_in_the_order_of_the_images(run, atoms):
             problem=problem.take(images),
             estimate=replace(found, status=tuple(found.status[i] for i in images), **arrays),
             failures={number[i]: why for i, why in whole.failures.items() if i in number},
-            perspective=PerspectiveView(*(take(getattr(view, f.name)) for f in fields(view))),
+            perspective=PerspectiveView(take(view.translation), camera.take(images)),
         )
 
     groups = [Group(part(ORDER[p]), ORDER[p], np.arange(5)) for p in PARTS]

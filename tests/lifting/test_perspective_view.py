@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from shapefit.convex.newton import solve_newton
+from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective import Camera, project
-from shapefit.lifting.perspective_view import Options, refine_view
+from shapefit.lifting.perspective import Camera, Options, project
+from shapefit.lifting.perspective_view import refine_view
 
 N, K, P = 6, 5, 14
 OPTIONS = Options(ridge=1e-3, softness=0.1, max_rounds=500)
@@ -48,7 +49,7 @@ def view(landmarks, weights, dictionary, camera, method="convex+refine", options
     settings = Settings(solve=solve_newton, mean_shape=dictionary.mean_shape)
     estimator = choose_method(method, settings)
     first = lift(landmarks, weights, dictionary.atoms, Program(lam=0.3), estimator)
-    return first, refine_view(first, landmarks, camera, dictionary, options)
+    return first, refine_view(first, landmarks, camera, dictionary, options, views=6)
 
 
 @pytest.mark.parametrize("method", ["convex", "convex+refine", "alternate", "mean-shape"])
@@ -58,8 +59,11 @@ def test_every_method_can_be_refined(method, landmarks, dictionary, camera, rota
     assert (found.estimate.residual < 0.5 * first.estimate.residual).all()
 
 
-def test_the_fields_belong_together(landmarks, dictionary, camera):
-    _, found = view(landmarks, np.ones((N, P)), dictionary, camera)
+def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
+    weights = rng.uniform(0.3, 1.5, (N, P))
+    weights[1, :4] = 0.0
+    landmarks = landmarks + 5.0 * rng.standard_normal(landmarks.shape)
+    _, found = view(landmarks, weights, dictionary, camera)
     e, seen = found.estimate, found.perspective
     S = e.rotation @ np.tensordot(e.coefficients, dictionary.atoms, axes=1)
     np.testing.assert_allclose(e.shapes, S)
@@ -74,9 +78,34 @@ def test_the_fields_belong_together(landmarks, dictionary, camera):
     np.testing.assert_allclose(
         e.transforms, e.coefficients[..., None, None] * e.rotation[:, None, :2]
     )
-    centred = landmarks - landmarks.mean(axis=2, keepdims=True)
-    misfit = np.linalg.norm(landmarks - found.landmarks_fitted, axis=(1, 2))
-    np.testing.assert_allclose(e.residual, misfit / np.linalg.norm(centred, axis=(1, 2)))
+    w = weights[:, None]
+    centred = landmarks - (w**2 * landmarks).sum(2, keepdims=True) / (w**2).sum(2, keepdims=True)
+    misfit = np.linalg.norm(w * (landmarks - found.landmarks_fitted), axis=(1, 2))
+    np.testing.assert_allclose(e.residual, misfit / np.linalg.norm(w * centred, axis=(1, 2)))
+    np.testing.assert_array_equal(seen.camera.focal, camera.focal)
+
+
+def test_a_camera_inside_the_object_is_the_users_to_mend(landmarks, dictionary, camera):
+    """A focal length in another unit than the landmarks puts some of them behind the camera."""
+    focal = camera.focal.copy()
+    focal[3] = 20.0
+    near = Camera(focal, camera.centre, camera.sign)
+    first, found = view(landmarks, np.ones((N, P)), dictionary, near)
+    assert list(found.failures) == [3]
+    assert "begin behind the camera" in found.failures[3]
+    assert "`camera.focal` or `camera.intrinsics`" in found.failures[3]
+    e = found.estimate
+    assert e.status[3] is Status.DEGENERATE
+    for values in (
+        found.shapes, found.landmarks_fitted, found.translation, found.scale, e.shapes, e.rotation,
+        e.objective, e.residual, e.coefficients, found.perspective.translation,
+    ):  # fmt: skip
+        assert np.isnan(values[3]).all()
+        assert np.isfinite(np.delete(values, 3, axis=0)).all()
+    assert e.iterations[3] == first.estimate.iterations[3]
+    others = np.arange(N) != 3
+    _, clean = view(landmarks, np.ones((N, P)), dictionary, camera)
+    np.testing.assert_array_equal(found.shapes[others], clean.shapes[others])
 
 
 def test_an_image_without_a_shape_stays_without(landmarks, dictionary, camera):
@@ -107,7 +136,7 @@ def test_a_rotation_that_nobody_knows_is_sought(landmarks, dictionary, camera, r
     estimator = choose_method("convex+refine", settings)
     first = lift(landmarks, np.ones((N, P)), dictionary.atoms, Program(lam=1e3), estimator)
     assert np.isnan(first.estimate.rotation).all()
-    found = refine_view(first, landmarks, camera, dictionary, OPTIONS)
+    found = refine_view(first, landmarks, camera, dictionary, OPTIONS, views=6)
     assert rotation_angle(found.estimate.rotation, rotations).max() < 1.0
 
 

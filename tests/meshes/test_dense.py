@@ -7,6 +7,7 @@ from shapefit.dictionary.learning import learn
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.geometry.rotations import random_rotations
+from shapefit.lifting.perspective import Camera
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.meshes.dense import (
     camera_frame,
@@ -125,15 +126,20 @@ def test_a_translation_of_three_sets_the_depth(rng):
 def test_a_camera_sees_points_where_pinholes_show_them(sign, rng):
     X = rng.normal(size=(2, 3, 6)) + np.array([1.0, 2, 30 * sign])[:, None]
     focal, centre = np.array([[500.0, 510], [80, 80]]), np.array([[320.0, 240], [0, 0]])
-    seen = seen_in_perspective(X, focal, centre)
+    seen = seen_in_perspective(X, Camera(focal, centre, sign))
     for j in range(2):
         for x, y, z in zip(*X[j], strict=True):
             expected = centre[j] + focal[j] * np.array([x, y]) / (sign * z)
             assert np.abs(seen[j, :2].T - expected).sum(axis=1).min() < 1e-9
+    behind = X.copy()
+    behind[:, 2, 3] *= -1
+    hidden = np.isnan(seen_in_perspective(behind, Camera(focal, centre, sign))[:, :2])
+    np.testing.assert_array_equal(hidden, np.tile(np.arange(6) == 3, (2, 2, 1)))
     # near comes before far, and one unit is as long in depth as it is across
     np.testing.assert_array_equal(np.argsort(seen[:, 2]), np.argsort(X[:, 2]))
     far = 1e6 * np.array([0, 0, sign])[:, None]
-    seen = seen_in_perspective(X + far, focal[:, :1].repeat(2, 1), np.zeros((2, 2)))
+    square = Camera(focal[:, :1].repeat(2, 1), np.zeros((2, 2)), sign)
+    seen = seen_in_perspective(X + far, square)
     flat = seen - seen.mean(axis=2, keepdims=True)
     solid = X - X.mean(axis=2, keepdims=True)
     ratio = np.linalg.norm(flat, axis=2) / np.linalg.norm(solid, axis=2)
