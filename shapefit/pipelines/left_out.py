@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.convex.stretches import STRETCH
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
@@ -16,12 +20,13 @@ from shapefit.pipelines.named_items import named_items
 KEY = "leave_out"
 
 
-def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary) -> Lifter:
+def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary, threads: int) -> Lifter:
     """Return what lifts each image with the dictionary without the item that `dataset` names.
 
     Images of an item that the dictionary does not have are lifted with all atoms. The lifting has
-    the columns of the whole dictionary, 0 for atoms left out. Raises InputError where the atoms
-    have no items, or but one; and, when it lifts, where the images lack the dataset.
+    the columns of the whole dictionary, 0 for atoms left out. `threads` = 0 means one per core.
+    Raises InputError where the atoms have no items, or but one; and, when it lifts, where the
+    images lack the dataset.
     """
     if dictionary.atom_items is None:
         found = "the atoms of the dictionary have no items"
@@ -33,12 +38,17 @@ def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary) -> Lifter:
     def lift_without(images: LandmarkSet, whole: Dictionary) -> Lifting:
         items = find_items(images, dataset)
         items[~find_known(items, whole)] = ""
-        groups = []
-        for item in dict.fromkeys(items.tolist()):
-            rows = np.flatnonzero(items == item)
-            rest = whole.without(item) if item else whole
-            lifting = lifter(images.take(rows), rest)
-            groups.append(Group(lifting, rows, np.flatnonzero(whole.atoms_without(item))))
+
+        def lift_group(rows: NDArray[np.intp]) -> Group:
+            item = str(items[rows[0]])
+            lifting = lifter(images.take(rows), whole.without(item) if item else whole)
+            return Group(lifting, rows, np.flatnonzero(whole.atoms_without(item)))
+
+        parts = [np.flatnonzero(items == item) for item in dict.fromkeys(items.tolist())]
+        # A lifter has work for several threads where there is more than a stretch of images.
+        groups = [lift_group(rows) for rows in parts if len(rows) > STRETCH]
+        with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+            groups += pool.map(lift_group, (rows for rows in parts if len(rows) <= STRETCH))
         return merge(groups, whole.atoms) if groups else lifter(images, whole)
 
     return lift_without

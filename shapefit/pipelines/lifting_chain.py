@@ -58,7 +58,7 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
 
     lifter: Lifter = lift_with
     if config.leave_out is not None:
-        lifter = leaving_out(lift_with, config.leave_out, dictionary)
+        lifter = leaving_out(lift_with, config.leave_out, dictionary, config.threads)
     return lambda images, whole: refinement(lifter(images, whole), images)
 
 

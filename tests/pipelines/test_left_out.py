@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +24,7 @@ from shapefit.io import (
     write_dictionary,
     write_shapes,
 )
-from shapefit.pipelines import fit, learn_dict
+from shapefit.pipelines import fit, learn_dict, lifting_chain
 
 NAMES = tuple(f"point{j}" for j in range(10))
 MODELS = ("golf", "jetta", "passat", "polo", "up")
@@ -175,6 +177,47 @@ def test_chunks_make_no_difference_but_to_starts(run):
     parts, outcomes = run(method="mean-shape", chunk=2)
     assert sum(outcome.done for outcome in outcomes) == 9
     check_same(whole, parts)
+
+
+@pytest.fixture
+def crowd(images):
+    """Seventy images of polo, more than a stretch, and those of the others."""
+    many = images.take([0] * 70 + [i for i in range(9) if SHOWN[i] != "polo"])
+    return replace(many, items=tuple(f"image{i}" for i in range(len(many))))
+
+
+@pytest.mark.parametrize("keys", [
+    {"method": "convex+refine"},
+    {"method": "mean-shape", "outliers": {"method": "ransac"}},
+    {"method": "convex", "outliers": {"method": "truncated"}},
+])  # fmt: skip
+def test_threads_make_no_difference(run, crowd, keys):
+    one, _ = run(views=crowd, threads=1, **keys)
+    several, _ = run(views=crowd, threads=4, **keys)
+    check_same(one, several)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_small_groups_share_the_threads_and_large_ones_have_them_all(
+    run, crowd, threads, monkeypatch
+):
+    lifted = []
+    working = Counter()
+    lift = lifting_chain.lift
+
+    def slow_lift(landmarks, *arguments):
+        working["now"] += 1
+        time.sleep(0.1)
+        lifted.append((len(landmarks), working["now"]))
+        found = lift(landmarks, *arguments)
+        working["now"] -= 1
+        return found
+
+    monkeypatch.setattr(lifting_chain, "lift", slow_lift)
+    run(views=crowd, method="mean-shape", threads=threads)
+    assert lifted[0] == (70, 1)
+    assert sorted(size for size, _ in lifted[1:]) == [1, 1, 2, 2]
+    assert max(together for _, together in lifted[1:]) == threads
 
 
 def test_models_that_the_dictionary_lacks_are_fitted_with_all_atoms(run, images):
