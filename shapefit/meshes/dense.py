@@ -81,6 +81,17 @@ def camera_frame_sheared(
     return _place(turned @ atoms.reshape(3 * k, -1), scale, translation)
 
 
+def around_centroid(points: Floats, scale: Floats, translation: Floats) -> Floats:
+    """(X - T) / s: what `camera_frame` placed, back in normalised units around the centroid.
+
+    points X (n, 3, q) in the frame and unit of the landmarks, scale s (n,), translation T (n, 2),
+    as a result holds them -> (n, 3, q).
+    """
+    centred = points.copy()
+    centred[:, :2] -= translation[:, :, None]
+    return centred / scale[:, None, None]
+
+
 def seen_in_perspective(points: Floats, camera: Camera) -> Floats:
     """(u, f (X_z - Z) / |Z|): where a camera sees points, u as `project` has it.
 

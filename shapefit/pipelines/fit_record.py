@@ -30,7 +30,7 @@ def as_result(
     found = lifting.estimate
     failed = np.isnan(lifting.scale)
 
-    def known(values: Floats | None) -> Floats | None:
+    def where_fitted(values: Floats | None) -> Floats | None:
         if values is None:
             return None
         shape = (-1,) + (1,) * (values.ndim - 1)
@@ -39,18 +39,18 @@ def as_result(
     return ResultSet(
         shapes=lifting.shapes,
         landmarks_fitted=lifting.landmarks_fitted,
-        coefficients=known(found.coefficients),
-        rotation=known(found.rotation),
+        coefficients=where_fitted(found.coefficients),
+        rotation=where_fitted(found.rotation),
         translation=lifting.translation,
         scale=lifting.scale,
-        objective=known(found.objective),
-        relative_gap=known(found.relative_gap),
+        objective=where_fitted(found.objective),
+        relative_gap=where_fitted(found.relative_gap),
         iterations=found.iterations,
         status=np.array([status.value for status in found.status], dtype=object),
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
-        transforms=known(found.transforms) if config.transforms else None,
+        transforms=where_fitted(found.transforms) if config.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
         extras=further_datasets(images, lifting, path, dictionary),
@@ -79,9 +79,9 @@ def further_datasets(
         own["path_active_atoms"] = path.active_atoms
     if lifting.perspective is not None:
         own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
-    known = {name: values for name, values in own.items() if values is not None}
+    present = {name: values for name, values in own.items() if values is not None}
     carried = Extras.of(images.extras, len(images))
-    return carried | known
+    return carried | present
 
 
 def perspective_datasets(

@@ -9,11 +9,16 @@ from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import ResultSet
 from shapefit.lifting.perspective import Camera, depth_sign
-from shapefit.meshes.dense import camera_frame, camera_frame_sheared, seen_in_perspective
+from shapefit.meshes.dense import (
+    around_centroid,
+    camera_frame,
+    camera_frame_sheared,
+    seen_in_perspective,
+)
 from shapefit.meshes.pictures import FittedImage
 from shapefit.pipelines.carried_mesh import find_meshes, find_obstacle
 from shapefit.pipelines.mesh_export import has_shape
-from shapefit.pipelines.model_placement import known
+from shapefit.pipelines.model_placement import required
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +48,7 @@ def fitted_image(
         seen_mesh = None if mesh is None else _in_perspective(mesh, found)
     elif config.method == "convex" and carried is not None:
         seen_mesh = camera_frame_sheared(
-            carried, known(transforms), *_place(found), orthogonal=config.orthogonal
+            carried, required(transforms), *_place(found), orthogonal=config.orthogonal
         )
     return FittedImage(
         title=title,
@@ -51,31 +56,27 @@ def fitted_image(
         shape=found.shapes[0],
         mesh_vertices=None if mesh is None else mesh[0],
         outliers=outliers,
-        rotation=known(found.rotation)[0],
+        rotation=required(found.rotation)[0],
         seen_shape=seen_shape[0],
         seen_mesh=None if seen_mesh is None else seen_mesh[0],
     )
 
 
 def _place(found: ResultSet) -> tuple[Floats, Floats]:
-    return known(found.scale), known(found.translation)
+    return required(found.scale), required(found.translation)
 
 
 def _shared(atoms: Floats, found: ResultSet) -> Floats:
     """Turn mixed atoms by one rotation, in the frame and unit of the fitted shapes."""
-    c, R = known(found.coefficients), known(found.rotation)
+    c, R = required(found.coefficients), required(found.rotation)
     return camera_frame(atoms, c, R, *_place(found))
 
 
 def _in_perspective(points: Floats, found: ResultSet) -> Floats:
     """Project points (n, 3, q), given in the frame and unit of the fitted shapes."""
-    scale, translation = _place(found)
-    centred = points.copy()
-    centred[:, :2] -= translation[:, :, None]
-    normalised = centred / scale[:, None, None]
     t, focal, centre = (
         np.asarray(found.extras[name], dtype=float)
         for name in ("camera_translation", "focal", "principal_point")
     )
     camera = Camera(focal, centre, depth_sign(found.y_axis))
-    return seen_in_perspective(normalised + t[:, :, None], camera)
+    return seen_in_perspective(around_centroid(points, *_place(found)) + t[:, :, None], camera)

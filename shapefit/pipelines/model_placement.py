@@ -10,12 +10,17 @@ from numpy.typing import NDArray
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import ResultSet
-from shapefit.meshes.dense import camera_frame, camera_frame_sheared, metric_scale
+from shapefit.meshes.dense import (
+    around_centroid,
+    camera_frame,
+    camera_frame_sheared,
+    metric_scale,
+)
 
 Floats = NDArray[np.float64]
 
 
-def known(values: Floats | None) -> Floats:
+def required(values: Floats | None) -> Floats:
     """Return what a record may lack and the fit at hand has."""
     assert values is not None
     return values
@@ -36,9 +41,8 @@ class ModelPlacement:
 
     def landmarks(self) -> Floats:
         """Return the fitted landmarks (n, 3, p)."""
-        centred = self.found.shapes.copy()
-        centred[:, :2] -= known(self.found.translation)[:, :, None]
-        return self._place(centred / known(self.found.scale)[:, None, None])
+        s, T = required(self.found.scale), required(self.found.translation)
+        return self._place(around_centroid(self.found.shapes, s, T))
 
     def carry(self, atoms: Floats) -> Floats:
         """Return points (n, 3, q) of the atoms (k, 3, q), mixed and turned as the landmarks were.
@@ -47,22 +51,22 @@ class ModelPlacement:
         """
         one, none = np.ones(len(self.found)), np.zeros((len(self.found), 2))
         if self.config.export.rotation == "per-atom":
-            M, orthogonal = known(self.transforms), self.config.orthogonal
+            M, orthogonal = required(self.transforms), self.config.orthogonal
             return self._place(camera_frame_sheared(atoms, M, one, none, orthogonal=orthogonal))
-        c, R = known(self.found.coefficients), known(self.found.rotation)
+        c, R = required(self.found.coefficients), required(self.found.rotation)
         return self._place(camera_frame(atoms, c, R, one, none))
 
     def _place(self, points: Floats) -> Floats:
         size = self._size()[:, None, None]
         if self.config.export.frame == "object":
-            return size * (known(self.found.rotation).swapaxes(1, 2) @ points)
+            return size * (required(self.found.rotation).swapaxes(1, 2) @ points)
         return size * points + self._origin()[:, :, None]
 
     def _size(self) -> Floats:
         """Length (n,) of a normalised unit, in the unit of the landmarks or of the dictionary."""
         if self.config.export.unit == "landmarks":
-            return known(self.found.scale)
-        c, s = known(self.found.coefficients), known(self.dictionary.atom_scale)
+            return required(self.found.scale)
+        c, s = required(self.found.coefficients), required(self.dictionary.atom_scale)
         return metric_scale(self.dictionary.atoms, c, s)
 
     def _origin(self) -> Floats:
@@ -73,7 +77,7 @@ class ModelPlacement:
         """
         origin = np.zeros((len(self.found), 3))
         if self.config.export.unit == "landmarks":
-            origin[:, :2] = known(self.found.translation)
+            origin[:, :2] = required(self.found.translation)
         elif self.config.camera.model == "perspective":
-            origin = self._size()[:, None] * self.found.extras["camera_translation"]
+            origin = np.asarray(self.found.extras["position"], dtype=float)
         return origin

@@ -10,6 +10,7 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.perspective import Camera
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.meshes.dense import (
+    around_centroid,
     camera_frame,
     camera_frame_sheared,
     carry_mesh,
@@ -120,6 +121,15 @@ def test_a_translation_of_three_sets_the_depth(rng):
     deep = camera_frame(B, c, R, s, T)
     np.testing.assert_array_equal(deep[:, :2], flat[:, :2])
     np.testing.assert_allclose(deep[:, 2], flat[:, 2] + T[:, 2:])
+
+
+def test_what_was_placed_comes_back_around_its_centroid(rng):
+    B, c, R = rng.normal(size=(4, 3, 6)), rng.uniform(size=(2, 4)), random_rotations(2, rng)
+    s, T = np.array([3.0, 0.5]), rng.normal(size=(2, 2))
+    placed = camera_frame(B, c, R, s, T)
+    before = placed.copy()
+    np.testing.assert_allclose(around_centroid(placed, s, T), R @ object_frame(B, c), atol=1e-12)
+    np.testing.assert_array_equal(placed, before)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
