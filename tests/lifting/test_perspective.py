@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
+from shapefit.lifting import perspective_kernels
 from shapefit.lifting.perspective import (
     Camera,
     Options,
@@ -94,6 +95,26 @@ def objective(scene, image, atoms, prior, R, t, c, ridge, softness):
     r = scene.weights[image] * (flat - scene.landmarks[image])
     loss = softness**2 * np.log1p((r**2).sum(axis=0) / softness**2).sum()
     return 0.5 * (loss + ridge * ((c - prior) ** 2).sum())
+
+
+def test_the_kernel_projects_as_project_does(noisy, atoms, rng):
+    """One landmark is behind the camera: nan for the one, infinite for the other."""
+    turned, X, r = np.empty((3, P)), np.empty((3, P)), np.empty((2, P))
+    for image, sign in enumerate((1.0, -1.0)):
+        seen = replace(noisy.camera.take([image]), sign=sign)
+        R, c = noisy.rotation[image], noisy.coefficients[image]
+        t = np.array([0.3, -0.2, sign * 0.5])
+        omega, w = noisy.weights[image], noisy.landmarks[image]
+        perspective_kernels.project(
+            w, omega, atoms, seen.focal[0], seen.centre[0], sign, R, t, c, turned, X, r
+        )
+        points = R @ np.tensordot(c, atoms, axes=1) + t[:, None]
+        u = project(seen, points[None])[0]
+        np.testing.assert_allclose(X, points, atol=1e-12)
+        behind = np.isnan(u).all(axis=0)
+        assert 0 < behind.sum() < P
+        np.testing.assert_array_equal(np.isinf(r), np.stack([behind, behind]))
+        np.testing.assert_allclose(r[:, ~behind], (omega * (u - w))[:, ~behind], rtol=1e-9)
 
 
 def test_planted_shapes_and_poses_are_found(planted, atoms, prior):
