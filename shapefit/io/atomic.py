@@ -7,7 +7,7 @@ import hashlib
 import os
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
@@ -16,6 +16,24 @@ from shapefit.errors import input_error
 from shapefit.io.sources import is_stream, require_file
 
 NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+
+FIXES = {
+    **dict.fromkeys(NO_ROOM, "free some space or choose another disk (nothing was replaced)"),
+    **dict.fromkeys(
+        (errno.EACCES, errno.EPERM, errno.EROFS),
+        "choose another folder, or change its permissions",
+    ),
+    **dict.fromkeys(
+        (errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENOTEMPTY),
+        "choose another name, or move away what is there",
+    ),
+    errno.ENOENT: "choose a folder that exists and stays",
+    errno.ENAMETOOLONG: "choose a shorter name",
+}
+"""What a user can mend when a file cannot be put in its place: number of the error -> how."""
+
+MOST_BYTES = 100
+"""Of the name of an output, in the name of its temporary."""
 
 
 def check_output(target: Path) -> Path:
@@ -28,6 +46,8 @@ def check_output(target: Path) -> Path:
         return target
     resolved = Path(os.path.realpath(target))
     folder = resolved.parent
+    if _is_too_long(resolved):
+        raise input_error(target, "its name is too long", "give a shorter one")
     if not os.path.isdir(folder):
         found = f"its folder {folder} does not exist"
         raise input_error(target, found, f"create the folder (mkdir -p '{folder}')")
@@ -36,24 +56,38 @@ def check_output(target: Path) -> Path:
     if os.path.exists(resolved) and not os.path.isfile(resolved):
         found = "it is not a regular file"
         raise input_error(target, found, "give the name of a file, or - for CSV to standard output")
-    effective = os.access in os.supports_effective_ids
-    if not os.access(folder, os.W_OK | os.X_OK, effective_ids=effective):
+    if not is_writable(folder):
         found = f"its folder {folder} is not writable"
         raise input_error(target, found, "choose another folder, or change its permissions")
     return resolved
 
 
+def is_writable(folder: Path) -> bool:
+    """Whether this process may make files in the folder."""
+    effective = os.access in os.supports_effective_ids
+    return os.access(folder, os.W_OK | os.X_OK, effective_ids=effective)
+
+
+def find_fix(error: OSError) -> str:
+    """Return what helps where a file could not be written."""
+    return FIXES.get(error.errno or 0, "choose another folder")
+
+
+def shortened(name: str) -> str:
+    """Return as much of the name of a file as the name of a temporary has room for."""
+    return os.fsencode(name)[:MOST_BYTES].decode(errors="ignore")
+
+
 @contextmanager
-def storage_errors(target: Path) -> Iterator[None]:
-    """Turn a full disk, quota or size limit into an InputError that names `target`."""
+def storage_errors(target: Path, numbers: Container[int] = NO_ROOM) -> Iterator[None]:
+    """Turn errors of these numbers, by default of a full disk, into InputErrors at `target`."""
     try:
         yield
     except OSError as error:
-        if error.errno not in NO_ROOM:
+        if error.errno not in numbers:
             raise
-        found = f"cannot be written: {os.strerror(error.errno)}"
-        fix = "free some space or choose another disk (nothing was replaced)"
-        raise input_error(target, found, fix) from error
+        found = f"cannot be written: {error.strerror}"
+        raise input_error(target, found, find_fix(error)) from error
 
 
 @contextmanager
@@ -75,6 +109,7 @@ def atomic_path(target: Path) -> Iterator[Path]:
             yield temporary
             with temporary.open("rb") as written:
                 os.fsync(written.fileno())
+        with storage_errors(target, FIXES):
             temporary.replace(resolved)
     except BaseException:
         temporary.unlink(missing_ok=True)
@@ -98,7 +133,8 @@ def atomic_file(target: Path) -> Iterator[FileIO]:
     with FileIO(descriptor, "r+") as file, storage_errors(target):
         yield file
         os.fsync(descriptor)
-        _name_file(descriptor, resolved)
+        with storage_errors(target, FIXES):
+            _name_file(descriptor, resolved)
 
 
 def write_all(file: FileIO, data: bytes | memoryview) -> None:
@@ -124,13 +160,23 @@ def _creation_errors(target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        found = f"cannot be created: {error.strerror}"
-        raise input_error(target, found, "choose another file or folder") from error
+        raise input_error(
+            target, f"cannot be created: {error.strerror}", find_fix(error)
+        ) from error
 
 
 def _temporary_name(target: Path) -> Path:
     """Return a new hidden name beside `target`, with its suffix."""
-    return target.with_name(f".{target.stem}-{secrets.token_hex(4)}.partial{target.suffix}")
+    stem, suffix = shortened(target.stem), shortened(target.suffix)
+    return target.with_name(f".{stem}-{secrets.token_hex(4)}.partial{suffix}")
+
+
+def _is_too_long(path: Path) -> bool:
+    try:
+        path.lstat()
+    except OSError as error:
+        return error.errno == errno.ENAMETOOLONG
+    return False
 
 
 def _copy_mode(target: Path, descriptor: int) -> None:
@@ -160,10 +206,9 @@ def _name_file(descriptor: int, target: Path) -> None:
     try:
         # With a folder descriptor os.link calls linkat, which follows /proc/self/fd to the file.
         os.link(f"/proc/self/fd/{descriptor}", name, src_dir_fd=folder, follow_symlinks=True)
-    finally:
-        os.close(folder)
-    try:
         name.replace(target)
     except BaseException:
         name.unlink(missing_ok=True)
         raise
+    finally:
+        os.close(folder)

@@ -182,3 +182,48 @@ def test_digest(tmp_path, problems):
     assert digest(path) == hashlib.sha256(b"content").hexdigest()
     assert digest(Path("-")) == "stream"
     assert "no such file" in problems(digest, tmp_path / "none")[0]
+
+
+@pytest.mark.parametrize(
+    ("number", "fix"),
+    [
+        (errno.EISDIR, "choose another name, or move away what is there"),
+        (errno.EACCES, "choose another folder, or change its permissions"),
+        (errno.EROFS, "choose another folder, or change its permissions"),
+        (errno.ENAMETOOLONG, "choose a shorter name"),
+        (errno.ENOSPC, "free some space or choose another disk"),
+    ],
+)
+def test_what_a_user_can_mend_when_the_file_gets_its_name(
+    tmp_path, writer, problems, monkeypatch, number, fix
+):
+    def fail(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(Path, "replace", fail)
+    target = tmp_path / "out.bin"
+    for write in (writer, by_path):
+        (line,) = problems(write, target)
+        assert line.startswith(f"{target}: cannot be written: {os.strerror(number)}; {fix}")
+        assert os.listdir(tmp_path) == []
+
+
+def test_the_same_errors_while_the_content_is_made_are_not_those_of_the_output(tmp_path, writer):
+    with pytest.raises(PermissionError):
+        writer(tmp_path / "out.bin", error=PermissionError(errno.EACCES, "elsewhere"))
+
+
+@pytest.mark.parametrize("name", ["n" * 255, "n" * 251 + ".bin", "ü" * 127, "a." + "n" * 253])
+def test_long_names(tmp_path, writer, problems, name):
+    for write in (writer, by_path):
+        write(tmp_path / name)
+        assert os.listdir(tmp_path) == [name]
+        (line,) = problems(write, tmp_path / f"{name}nn")
+        assert line.endswith("its name is too long; give a shorter one")
+
+
+def test_a_folder_that_comes_to_stand_in_the_place_of_the_file(tmp_path, writer):
+    target = tmp_path / "out.bin"
+    with pytest.raises(InputError, match="cannot be written: Is a directory"), atomic_file(target):
+        target.mkdir()
+    assert os.listdir(tmp_path) == ["out.bin"]
