@@ -62,3 +62,24 @@ def test_long_names_are_cut_and_stay_apart():
         assert all(len(part.encode()) <= 200 for part in stem.parts)
     assert stems[0].name.startswith("ü" * 90 + "%-")
     assert stems[-1].name == "y"
+
+
+@pytest.mark.parametrize(
+    ("item", "whole"),
+    [
+        ("/".join(["ü" * 200] * 25), 2),  # of 180 bytes and 18 of the digest each
+        ("/".join("a" * 3000), 31),
+        ("/".join(["b" * 18] * 31 + ["c" * 20]), 22),  # 609 bytes
+        ("/".join(["b" * 18] * 31 + ["c" * 11]), 32),  # 600 bytes
+        ("/".join("d" * 33), 31),
+        ("/".join("d" * 32), 32),
+    ],
+)
+def test_long_paths_are_cut_and_stay_apart(item, whole):
+    stem = file_stem(item)
+    assert len(bytes(stem)) <= 600
+    assert len(stem.parts) <= 32
+    kept = [file_stem(part).name for part in item.split("/")]
+    assert list(stem.parts[:whole]) == kept[:whole]
+    assert len(stem.parts) == whole + (whole < len(kept))
+    assert len({stem, file_stem(f"{item}/e"), file_stem(f"{item}e")}) == 3
