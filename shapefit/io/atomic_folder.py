@@ -6,67 +6,184 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
 from shapefit.errors import input_error
+from shapefit.io.atomic import find_fix, is_writable, shortened
+from shapefit.io.held_signals import held_signals
+from shapefit.io.staged_names import StagedNames
 
 Write = Callable[[Path], object]
 
 
 class StagedFiles:
-    """Files on their way to `folder`."""
+    """Files on their way to `folder`; `stuck` if those they replaced cannot be put back."""
 
-    def __init__(self, folder: Path, staging: Path) -> None:
+    def __init__(self, folder: Path, staging: Path, hold: ExitStack) -> None:
+        """Take a folder to write to, and what will hold back signals once files move."""
         self.folder = folder
-        self._staging = staging
+        self._new, self._old = staging / "new", staging / "replaced"
+        self._new.mkdir()
+        self._names = StagedNames(staging / "names")
+        self._hold = hold
+        self._made: list[Path] = []
+        self._published = False
+        self.stuck = False
+
+    @property
+    def empty(self) -> bool:
+        """Whether no file was written."""
+        return self._names.empty
 
     def __contains__(self, name: PurePosixPath) -> bool:
         """Whether folder/name was written, or what the file system takes for the same name."""
-        return (self._staging / name).exists()
+        return (self._new / name).exists()
 
-    def write(self, name: PurePosixPath, write: Write) -> None:
-        """Let `write` fill the file that becomes folder/name, folders in between included.
+    def write(self, name: PurePosixPath, write: Write, item: str) -> None:
+        """Let `write` fill the file of an item that becomes folder/name, its folders included.
 
-        Raises InputError where it cannot be written, and where it was written before: the names of
-        two items may differ in nothing that the file system can tell.
+        Raises InputError where it cannot be written, where something in the folder is in the way,
+        and where a file of another item is: the names of two items may differ in nothing that the
+        file system can tell.
         """
-        target, path = self.folder / name, self._staging / name
-        if name in self:
-            found = "two items have this file name"
-            raise input_error(target, found, "give one of them another name")
+        target, path = self.folder / name, self._new / name
+        self._check_clash(path, item)
+        check_replaceable(target)
         with _writing_errors(target):
             path.parent.mkdir(parents=True, exist_ok=True)
             write(path)
+            self._names.add(str(name), item)
 
-    def move(self) -> None:
-        """Move every file to its place, over the one of an earlier run if there is one."""
-        for path in _files(self._staging):
-            target = self.folder / path.relative_to(self._staging)
+    def publish(self) -> None:
+        """Move every file to its place, over the one of an earlier run if there is one.
+
+        What is replaced is kept until the end of `staged_files`, which puts it back on any error.
+        So something else can be completed together with the files: publish them, complete it,
+        leave. Signals wait until then. Raises InputError, before anything moves, where something
+        is in the way.
+        """
+        if self._published or self.empty:
+            return
+        with _writing_errors(self.folder):
+            for name, _ in self._names:
+                check_replaceable(self.folder / name)
+        self._hold.enter_context(held_signals())
+        self._published = True
+        for name, _ in self._names:
+            target = self.folder / name
             with _writing_errors(target):
-                target.parent.mkdir(parents=True, exist_ok=True)
-                path.replace(target)
+                self._make(target.parent)
+                _keep(target, self._old / name)
+                (self._new / name).replace(target)
+
+    def withdraw(self) -> None:
+        """Leave the folder as it was before `publish`.
+
+        Raises InputError where that is not possible; earlier files then stay in `replaced`.
+        """
+        if not self._published:
+            return
+        stuck: OSError | None = None
+        for name, _ in self._names:
+            try:
+                self._put_back(name)
+            except OSError as error:
+                stuck = error
+        for made in reversed(self._made):
+            with suppress(OSError):  # another run may have come to use it
+                made.rmdir()
+        if stuck is not None:
+            self.stuck = True
+            found = f"the earlier files in it cannot be put back: {stuck.strerror}"
+            raise input_error(self._old, found, f"move them to {self.folder}") from stuck
+
+    def _put_back(self, name: str) -> None:
+        target, old = self.folder / name, self._old / name
+        if os.path.lexists(old):
+            old.replace(target)
+        elif not os.path.lexists(self._new / name):
+            target.unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Let go of the list of files."""
+        self._names.close()
+
+    def _make(self, folder: Path) -> None:
+        """Make a folder and those around it, and remember which were new."""
+        missing = []
+        while not folder.exists():
+            missing.append(folder)
+            folder = folder.parent
+        for new in reversed(missing):
+            new.mkdir(exist_ok=True)
+            self._made.append(new)
+
+    def _check_clash(self, path: Path, item: str) -> None:
+        """Raise InputError where a file of this run has the place of another, or of its folder."""
+        occupied = next(place for place in (path, *path.parents) if place.exists())
+        if occupied != path and occupied.is_dir():
+            return
+        other = next(item for name, item in self._names if self._lies_at(name, occupied))
+        if occupied.is_dir():
+            found = f"is a file of the item '{item}' and a folder of the item '{other}'"
+        elif occupied != path:
+            found = f"is a file of the item '{other}' and a folder of the item '{item}'"
+        else:
+            found = f"is a file of two items, '{other}' and '{item}'"
+        place = self.folder / occupied.relative_to(self._new)
+        raise input_error(place, found, "rename one of them, or choose another format")
+
+    def _lies_at(self, name: str, place: Path) -> bool:
+        """Whether `place` is that file, or a folder around it, to the file system."""
+        around = PurePosixPath(name)
+        return any((self._new / part).samefile(place) for part in (around, *around.parents))
+
+
+def check_replaceable(target: Path) -> None:
+    """Raise InputError where no file can be put at `target` although its folders may be made."""
+    if target.is_dir():
+        fix = "remove or rename it, or choose another folder"
+        raise input_error(target, "it is a folder, and a file goes there", fix)
+    around = next(folder for folder in target.parents if os.path.lexists(folder))
+    if not around.is_dir():
+        fix = "remove or rename it, or choose another folder"
+        raise input_error(around, "it is not a folder, and files go into it", fix)
+    if not is_writable(around):
+        fix = "change its permissions, or choose another folder"
+        raise input_error(around, "it is not writable, and files go into it", fix)
 
 
 @contextmanager
 def staged_files(folder: Path) -> Iterator[StagedFiles]:
-    """Give files that move into `folder` on a clean exit, and are gone on any error.
+    """Give files that move into `folder` on `publish` or a clean exit, and are gone on any error.
 
     They lie in a hidden folder: in `folder` itself, or beside it as long as it does not exist. What
-    else the folder holds stays. The files are not synced one by one, which would take most of the
-    time: a power failure, unlike a killed process, may leave empty ones.
+    else the folder holds stays; without files it is not made. The files are not synced one by one,
+    which would take most of the time: a power failure, unlike a killed process, may leave empty
+    ones. Raises InputError as `StagedFiles` does.
     """
     around = folder if folder.is_dir() else folder.parent
     with _writing_errors(folder):
-        staging = Path(tempfile.mkdtemp(".partial", f".{folder.name}-", around))
-    try:
-        files = StagedFiles(folder, staging)
-        yield files
-        with _writing_errors(folder):
-            folder.mkdir(exist_ok=True)
-        files.move()
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        prefix = f".{shortened(folder.name)}-"
+        staging = Path(tempfile.mkdtemp(".partial", prefix, around))
+    # Signals that were held back act when the staging folder is gone.
+    with ExitStack() as hold:
+        files = None
+        try:
+            with _writing_errors(folder):
+                files = StagedFiles(folder, staging, hold)
+            yield files
+            files.publish()
+        except BaseException:
+            if files is not None:
+                files.withdraw()
+            raise
+        finally:
+            if files is not None:
+                files.close()
+            if files is None or not files.stuck:
+                shutil.rmtree(staging, ignore_errors=True)
 
 
 @contextmanager
@@ -74,16 +191,17 @@ def _writing_errors(target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        found = f"cannot be written: {error.strerror}"
-        fix = "choose another folder, or free some space if there is none"
-        raise input_error(target, found, fix) from error
+        raise input_error(
+            target, f"cannot be written: {error.strerror}", find_fix(error)
+        ) from error
 
 
-def _files(folder: Path) -> Iterator[Path]:
-    """Yield the files under a folder one by one, however many there are."""
-    with os.scandir(folder) as entries:
-        for entry in entries:
-            if entry.is_dir(follow_symlinks=False):
-                yield from _files(Path(entry.path))
-            else:
-                yield Path(entry.path)
+def _keep(target: Path, aside: Path) -> None:
+    """Give the file at `target`, if there is one, a second name: it stays until it is replaced."""
+    if not os.path.lexists(target):
+        return
+    aside.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        os.link(target, aside, follow_symlinks=False)
+    except OSError:  # a file system without links
+        target.replace(aside)

@@ -37,8 +37,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     solve_seconds, done = 0.0, 0
     with (
         open_landmarks(config.landmarks) as source,
-        result_writer(config.output) as writer,
         open_exports(config, dictionary, source.count) as exports,
+        result_writer(config.output) as writer,
     ):
         for chunk in find_chunks(source, config):
             images = chunk.arrange(dictionary.landmark_names, source_names(config))
@@ -69,6 +69,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             solve_seconds=solve_seconds,
             images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,
         )
+        # Taken back where the result cannot be completed, which happens on leaving this block.
+        exports.publish()
     yield Outcome(
         total=source.count,
         warnings=left_in + exports.warnings,

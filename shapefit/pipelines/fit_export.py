@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
-from shapefit.io.atomic_folder import staged_files
+from shapefit.io.atomic_folder import StagedFiles, staged_files
 from shapefit.io.sources import is_stream
 from shapefit.pipelines.mesh_export import MeshExport, check_mesh_export
 from shapefit.pipelines.picture_export import PictureExport, check_pictures
@@ -28,12 +29,22 @@ class Exports:
     """Takes the results of a fit, chunk by chunk, to the exporters that the config asks for."""
 
     exporters: Sequence[MeshExport | PictureExport]
-    folders: tuple[Path, ...]
+    staged: Sequence[StagedFiles]
 
     def add(self, found: ResultSet, transforms: Floats | None) -> None:
         """Export a chunk; transforms (n, k, 2, 3) where the method has them."""
         for exporter in self.exporters:
             exporter.add(found, transforms)
+
+    def publish(self) -> None:
+        """Move all files to their folders; an error before `open_exports` ends takes them back."""
+        for files in self.staged:
+            files.publish()
+
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """The folders that get files."""
+        return tuple(files.folder for files in self.staged if not files.empty)
 
     @property
     def note(self) -> str:
@@ -48,30 +59,43 @@ class Exports:
 
 @contextmanager
 def open_exports(config: FitConfig, dictionary: Dictionary, count: int) -> Iterator[Exports]:
-    """Give what exports the results of `count` images; the files appear on a clean exit.
+    """Give what exports the results of `count` images; `publish` makes the files appear.
 
     Raises InputError for everything that can be known to be wrong beforehand: folders, the
     dictionary, the method, matplotlib.
     """
     meshes, pictures = config.export.folder, config.pictures.folder
     if meshes is not None:
-        _check_folder(meshes, "export.folder")
+        _check_folder(meshes, "export.folder", config.output)
         check_mesh_export(config, dictionary)
     if pictures is not None:
-        _check_folder(pictures, "pictures.folder")
+        _check_folder(pictures, "pictures.folder", config.output)
         check_pictures()
     exporters: list[MeshExport | PictureExport] = []
+    staged: dict[str, StagedFiles] = {}
     with ExitStack() as stack:
+
+        def stage(folder: Path) -> StagedFiles:
+            """Have one folder staged once, so that its files do not clash unseen."""
+            place = os.path.realpath(folder)
+            if place not in staged:
+                staged[place] = stack.enter_context(staged_files(folder))
+            return staged[place]
+
         if meshes is not None:
-            files = stack.enter_context(staged_files(meshes))
-            exporters.append(MeshExport(config, dictionary, files))
+            exporters.append(MeshExport(config, dictionary, stage(meshes)))
         if pictures is not None:
-            files = stack.enter_context(staged_files(pictures))
-            exporters.append(PictureExport(config, dictionary, files, count))
-        yield Exports(exporters, tuple(dict.fromkeys(filter(None, (meshes, pictures)))))
+            exporters.append(PictureExport(config, dictionary, stage(pictures), count))
+        yield Exports(exporters, tuple(staged.values()))
 
 
-def _check_folder(folder: Path, key: str) -> None:
+def _check_folder(folder: Path, key: str, output: Path) -> None:
     if is_stream(folder):
         raise input_error(key, "- is standard output", "give the name of a folder")
+    if os.path.realpath(folder) == os.path.realpath(output):
+        found = f"{folder} is also the output"
+        raise input_error(key, found, "give the folder a name of its own")
+    if os.path.islink(folder) and not os.path.exists(folder):
+        found = f"it is a link to {os.path.realpath(folder)}, which does not exist"
+        raise input_error(folder, found, "create that folder, or remove the link")
     check_folder(folder)

@@ -96,7 +96,7 @@ class MeshExport:
             stem = file_stem(item)
             for suffix, content in self._encode(shape, marks).items():
                 name = stem.with_name(stem.name + suffix)
-                self._files.write(name, partial(Path.write_bytes, data=content))
+                self._files.write(name, partial(Path.write_bytes, data=content), item)
             self._written += 1
 
     def _points(self, placement: ModelPlacement) -> tuple[Floats, Iterable[Floats | None]]:

@@ -66,12 +66,12 @@ class PictureExport:
             if on_sheet:
                 self._sheet.append(image)
             if alone:
-                self._save(file_stem(item), fit_picture([image], model))
+                self._save(file_stem(item), fit_picture([image], model), item)
                 self._drawn += 1
         self._come += len(found)
         if self._sheet and self._come == self._awaited:
             stem = next(stem for stem in SHEETS if self._named(stem) not in self._files)
-            self._save(stem, contact_sheet(self._sheet, model))
+            self._save(stem, contact_sheet(self._sheet, model), "contact sheet")
 
     @property
     def note(self) -> str:
@@ -84,9 +84,9 @@ class PictureExport:
         """What was asked for and is not there."""
         return self._items.warnings
 
-    def _save(self, stem: PurePosixPath, figure: Figure) -> None:
+    def _save(self, stem: PurePosixPath, figure: Figure, item: str) -> None:
         draw = partial(save, figure, file_format=self._config.pictures.format)
-        self._files.write(self._named(stem), draw)
+        self._files.write(self._named(stem), draw, item)
 
     def _named(self, stem: PurePosixPath) -> PurePosixPath:
         return stem.with_name(f"{stem.name}.{self._config.pictures.format}")

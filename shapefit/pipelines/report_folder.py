@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
@@ -16,9 +17,9 @@ def check_folder(folder: Path) -> None:
     """Raise InputError unless the folder can be made or written to; change nothing."""
     if is_stream(folder):
         raise input_error("output", "a report is several files", "give the name of a folder")
-    if folder.exists() and not folder.is_dir():
+    if os.path.exists(folder) and not os.path.isdir(folder):
         raise input_error(folder, "it is not a folder", "give the name of a folder")
-    check_output(folder / "report" if folder.is_dir() else folder)
+    check_output(folder / "report" if os.path.isdir(folder) else folder)
 
 
 def write_folder(folder: Path, writers: Mapping[str, Writer]) -> Iterator[Path]:

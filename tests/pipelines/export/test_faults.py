@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import subprocess
 import sys
 from dataclasses import replace
 
@@ -11,7 +13,7 @@ import pytest
 from pydantic import ValidationError
 
 from shapefit.errors import InputError
-from shapefit.io import LandmarkSet, write_dictionary
+from shapefit.io import LandmarkSet, atomic, landmark_writer, write_dictionary
 
 
 @pytest.fixture
@@ -81,10 +83,15 @@ class TestRefused:
             ("-", "standard output; give the name of a folder"),
             ("views.h5", "it is not a folder"),
             ("nowhere/meshes", "does not exist; create the folder"),
+            ("result.h5", "result.h5 is also the output; give the folder a name of its own"),
+            ("../{here}/result.h5", "is also the output; give the folder a name of its own"),
+            ("n" * 256, "its name is too long; give a shorter one"),
+            ("link", "link: it is a link to .*nowhere, which does not exist; create that folder"),
         ],
     )
     def test_a_folder_that_cannot_be(self, tmp_path, run, section, folder, message):
-        name = folder if folder == "-" else str(tmp_path / folder)
+        (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+        name = folder if folder == "-" else str(tmp_path / folder.format(here=tmp_path.name))
         with pytest.raises(InputError, match=message):
             run(**{section: {"folder": name}})
 
@@ -139,12 +146,128 @@ def test_other_files_of_the_folder_stay(tmp_path, export):
     assert (tmp_path / "meshes/notes.txt").read_text() == "mine"
 
 
-def test_two_items_of_one_file_name_are_refused(tmp_path, export, views):
-    # the landmarks of the first are the mesh of the second
-    items = ("car", "car-landmarks", "c", "d", "e", "f")
-    with pytest.raises(InputError, match=r"car-landmarks\.ply: two items have this file name"):
-        export(replace(views, items=items), landmarks=True)
-    assert not (tmp_path / "meshes").exists()
+@pytest.mark.parametrize(
+    ("items", "keys", "message"),
+    [
+        # the landmarks of the first are the mesh of the second
+        (
+            ("car", "car-landmarks"),
+            {"landmarks": True},
+            r"meshes/car-landmarks\.ply: is a file of two items, 'car' and 'car-landmarks'",
+        ),
+        (
+            ("car", "car.ply/1"),
+            {},
+            r"meshes/car\.ply: is a file of the item 'car' and a folder of the item 'car\.ply/1'",
+        ),
+    ],
+)
+def test_two_items_that_clash_are_named(tmp_path, export, views, items, keys, message):
+    clashing = replace(views, items=(*items, "c", "d", "e", "f"))
+    with pytest.raises(InputError, match=f"{message}; rename one of them, or .* another format"):
+        export(clashing, **keys)
+    assert sorted(os.listdir(tmp_path)) == ["views.h5"]
+    export(clashing, format="obj", **keys)
+    assert len(list((tmp_path / "meshes").rglob("*.obj"))) == 6
+
+
+def test_a_mesh_and_a_picture_that_clash_are_named(tmp_path, run, views):
+    both = {"folder": str(tmp_path / "both")}
+    clashing = replace(views, items=("car", "car.png/1", "c", "d", "e", "f"))
+    with pytest.raises(InputError, match=r"'car' and a folder of the item 'car\.png/1'"):
+        run(clashing, export=both, pictures=both)
+    assert sorted(os.listdir(tmp_path)) == ["views.h5"]
+
+
+@pytest.fixture
+def earlier(tmp_path, export, views):
+    """Export to meshes and pictures; return what all files hold, and the same images moved."""
+    export(fit_keys={"pictures": {"folder": str(tmp_path / "pictures"), "most": 1}})
+    moved = replace(views, landmarks=2 * views.landmarks)
+    return everything(tmp_path), moved
+
+
+def everything(folder):
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and path.name != "views.h5"
+    }
+
+
+def test_a_folder_where_a_mesh_goes_leaves_everything_as_it_was(tmp_path, export, earlier):
+    _, images = earlier
+    target = tmp_path / "meshes" / f"{images.items[-1]}.ply"
+    target.unlink()
+    target.mkdir()
+    before = everything(tmp_path)
+    with pytest.raises(InputError, match=f"{target}: it is a folder, and a file goes there"):
+        export(images)
+    assert everything(tmp_path) == before
+
+
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="this system has no unnamed files")
+@pytest.mark.parametrize(
+    ("error", "raised"),
+    [
+        (OSError(errno.EACCES, "Permission denied"), InputError),
+        (OSError(errno.EIO, "Input/output error"), OSError),
+        (KeyboardInterrupt(), KeyboardInterrupt),
+    ],
+)
+def test_folders_stay_as_they_were_where_the_result_cannot_be_completed(
+    tmp_path, export, earlier, monkeypatch, error, raised
+):
+    before, images = earlier
+    mesh = f"meshes/{images.items[0]}.ply"
+    name_file = atomic._name_file
+
+    def fail(descriptor, target):
+        if target.name != "result.h5":
+            return name_file(descriptor, target)
+        assert everything(tmp_path)[mesh] != before[mesh]
+        raise error
+
+    monkeypatch.setattr(atomic, "_name_file", fail)
+    pictures = {"folder": str(tmp_path / "pictures"), "sheet": 2}
+    with pytest.raises(raised):
+        export(images, fit_keys={"pictures": pictures})
+    assert everything(tmp_path) == before
+
+
+INTERRUPTED = """
+import os, signal, sys
+from pathlib import Path
+from shapefit_cli import main
+replace = Path.replace
+def interrupt(path, target):
+    if "new" in path.parts:
+        os.kill(os.getpid(), signal.{signal})
+    return replace(path, target)
+Path.replace = interrupt
+main.main()
+"""
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGINT", 130)])
+def test_a_signal_while_files_move_ends_the_run_when_all_are_there(
+    tmp_path, earlier, cars, name, code
+):
+    before, images = earlier
+    with landmark_writer(tmp_path / "views.h5") as writer:
+        writer.append(images)
+    done = subprocess.run(
+        [
+            sys.executable, "-c", INTERRUPTED.format(signal=name), "fit", "views.h5", "-d", cars,
+            "-o", "result.h5", "--set", "export.folder=meshes", "--set", "pictures.folder=pictures",
+            "--set", "pictures.most=1",
+        ],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == code, done.stderr
+    after = everything(tmp_path)
+    assert after.keys() == before.keys()
+    assert not [name for name in after if after[name] == before[name]]
 
 
 def test_zero_images_give_no_files(tmp_path, export, views):
@@ -155,4 +278,5 @@ def test_zero_images_give_no_files(tmp_path, export, views):
     found, outcomes = export(nothing, fit_keys={"method": "convex", "pictures": pictures})
     assert len(found) == 0
     assert outcomes[-1].note == "0 meshes, 0 pictures"
-    assert list((tmp_path / "pictures").iterdir()) == []
+    assert outcomes[-1].written == (tmp_path / "result.h5",)
+    assert sorted(os.listdir(tmp_path)) == ["result.h5", "views.h5"]
