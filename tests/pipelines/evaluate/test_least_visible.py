@@ -33,6 +33,15 @@ def test_images_with_at_least_so_many_are_judged(desk, partly_seen, least, judge
     assert (out in last.note) == (judged < 7)
 
 
+def test_an_image_that_could_not_be_lifted_counts_by_what_it_shows(desk, partly_seen):
+    shapes = partly_seen.shapes.copy()
+    shapes[[0, 2]] = np.nan  # five landmarks, on one line perhaps, and three
+    desk.write("convex.h5", replace(partly_seen, shapes=shapes))
+    outcome, _ = desk.run(least_visible=4)
+    assert [failure.item for failure in outcome.failures] == ["item0"]
+    assert outcome.done == 5
+
+
 def test_errors_are_those_of_the_images_that_are_left(desk, partly_seen):
     desk.run()
     whole = desk.errors(metric="similarity", unit="m")
