@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -116,7 +117,9 @@ def save(figure: Figure, path: Path, file_format: str) -> None:
     import matplotlib
 
     metadata = {"Date": None} if file_format == "svg" else {"Software": None}
-    with matplotlib.rc_context({"svg.hashsalt": "shapefit"}):
+    with matplotlib.rc_context({"svg.hashsalt": "shapefit"}), warnings.catch_warnings():
+        # A letter that the font lacks, as some names have, is drawn as a box.
+        warnings.filterwarnings("ignore", "Glyph .* missing from ")
         figure.savefig(path, format=file_format, dpi=150, metadata=metadata)
 
 

@@ -28,6 +28,10 @@ BODY = (0.68, 0.80, 0.97)
 """Colour of a mesh."""
 NEAR, FAR = (0.10, 0.22, 0.40), (0.72, 0.78, 0.86)
 """Colours of the nearest and of the furthest edge."""
+SEEN_MARK, HIDDEN_MARK, OUTLIER_MARK, RESIDUAL = (
+    "seen", "hidden, from the model", "judged outlier", "to the model",
+)  # fmt: skip
+"""What is explained in the legend of a figure in which it is drawn."""
 CROWD = 80
 """Landmarks beyond this number get smaller marks."""
 MARGIN = 0.06
@@ -38,26 +42,33 @@ def draw_landmarks(axes: Axes, landmarks: Floats, outliers: Booleans | None, siz
     """Mark landmarks (2, p), nan = hidden: those judged outliers (p,) with crosses."""
     if outliers is None:
         outliers = np.zeros(landmarks.shape[1], dtype=bool)
-    draw_points(axes, landmarks[:, ~outliers], size)
-    axes.plot(
-        *landmarks[:, outliers], "X", color=OUTLIER, markersize=1.7 * _small(size, landmarks),
-        markeredgewidth=0.4, markeredgecolor="white", zorder=6,
-    )  # fmt: skip
+    visible = np.isfinite(landmarks).all(axis=0)
+    if np.any(visible & ~outliers):
+        draw_points(axes, landmarks[:, ~outliers], size, SEEN_MARK)
+    if np.any(visible & outliers):
+        axes.plot(
+            *landmarks[:, outliers], "X", color=OUTLIER, markersize=1.7 * _small(size, landmarks),
+            markeredgewidth=0.4, markeredgecolor="white", zorder=6, label=OUTLIER_MARK,
+        )  # fmt: skip
 
 
-def draw_points(axes: Axes, points: Floats, size: float) -> None:
-    """Draw points (2 or 3, p) as dots."""
+def draw_points(axes: Axes, points: Floats, size: float, label: str | None = None) -> None:
+    """Draw points (2 or 3, p) as dots, with or without a word for the legend."""
     size = _small(size, points)
-    axes.plot(*points[:2], "o", color=SEEN, markersize=size, markeredgewidth=0, zorder=5)
+    axes.plot(
+        *points[:2], "o", color=SEEN, markersize=size, markeredgewidth=0, zorder=5, label=label
+    )
 
 
 def draw_hidden(axes: Axes, fitted: Floats, landmarks: Floats, size: float) -> None:
     """Mark the fitted landmarks (2, p) that the image does not show with rings."""
     hidden = ~np.isfinite(landmarks).all(axis=0)
+    if not hidden.any():
+        return
     size = _small(size, landmarks)
     axes.plot(
         *fitted[:, hidden], "o", color=HIDDEN, markersize=size, markerfacecolor="white",
-        markeredgewidth=0.25 * size, zorder=4,
+        markeredgewidth=0.25 * size, zorder=4, label=HIDDEN_MARK,
     )  # fmt: skip
 
 
@@ -66,10 +77,12 @@ def draw_residuals(axes: Axes, fitted: Floats, landmarks: Floats, size: float) -
     from matplotlib.collections import LineCollection
 
     lines = np.stack([landmarks.T, fitted.T], axis=1)
+    lines = lines[np.isfinite(lines).all(axis=(1, 2))]
+    if not len(lines):
+        return
     axes.add_collection(
         LineCollection(
-            list(lines[np.isfinite(lines).all(axis=(1, 2))]),
-            colors=INK, linewidths=0.25 * size, zorder=4,
+            list(lines), colors=INK, linewidths=0.25 * size, zorder=4, label=RESIDUAL
         )
     )  # fmt: skip
 
@@ -142,22 +155,23 @@ def frame(axes: Axes, shape: float, *points: Floats) -> None:
     axes.set_ylim(y - reach / shape, y + reach / shape)
 
 
-def add_legend(figure: Figure, *, outliers: bool) -> None:
-    """Explain the marks below the panels, with or without that of outliers."""
+def add_legend(figure: Figure) -> None:
+    """Explain the marks that are drawn, below the panels."""
     from matplotlib.lines import Line2D
 
-    def mark(symbol: str, colour: str, label: str, **style: Any) -> Line2D:
+    def mark(label: str, symbol: str, colour: str, **style: Any) -> Line2D:
         return Line2D([], [], linestyle="", marker=symbol, color=colour, label=label, **style)
 
     marks = [
-        mark("o", SEEN, "seen", markersize=4, markeredgewidth=0),
-        mark("o", HIDDEN, "hidden, from the model", markersize=4, markerfacecolor="white"),
+        mark(SEEN_MARK, "o", SEEN, markersize=4, markeredgewidth=0),
+        mark(HIDDEN_MARK, "o", HIDDEN, markersize=4, markerfacecolor="white"),
+        mark(OUTLIER_MARK, "X", OUTLIER, markersize=6, markeredgecolor="white"),
+        Line2D([], [], color=INK, linewidth=0.9, label=RESIDUAL),
     ]
-    if outliers:
-        marks.append(mark("X", OUTLIER, "judged outlier", markersize=6, markeredgecolor="white"))
+    drawn = {artist.get_label() for axes in figure.axes for artist in axes.get_children()}
     figure.legend(
-        handles=marks, loc="lower center", ncols=3, frameon=False, fontsize=8,
-        labelcolor=INK,
+        handles=[mark for mark in marks if mark.get_label() in drawn],
+        loc="lower center", ncols=len(marks), frameon=False, fontsize=8, labelcolor=INK,
     )  # fmt: skip
 
 

@@ -38,7 +38,7 @@ BORDER, GAP = 0.3, 0.12
 """Inches around all panels, and between rows."""
 MARK, SMALL_MARK = 3.2, 1.7
 """Diameter in points of the mark of a landmark."""
-ROW_LETTERS, SHEET_LETTERS = 32, 60
+ROW_LETTERS, SHEET_LETTERS = 32, 40
 """Letters of a title that fit beside a row, and above an image of a contact sheet."""
 SHEET_COLUMNS = 4
 UNDER_LANDMARKS = 0.72
@@ -107,12 +107,15 @@ def fit_picture(
     figure, grid = _grid(len(images), len(heads), WIDE, HEIGHT)
     for row, image in zip(grid, images, strict=True):
         _draw_input(row[0], image, model)
-        _draw_overlay(row[1], image, model)
+        if image.fitted:
+            _draw_overlay(row[1], image, model)
+        else:
+            _say_no_shape(row[1])
         for axes, view in zip(row[2:], views, strict=True):
             _draw_in_3d(axes, image, model, view)
     _name_rows(grid, [image.title for image in images])
     _name_columns(grid, heads)
-    panels.add_legend(figure, outliers=any(image.outliers is not None for image in images))
+    panels.add_legend(figure)
     return figure
 
 
@@ -129,9 +132,9 @@ def contact_sheet(
     for (flat, solid), image in zip(pairs, images, strict=False):
         _draw_overlay(flat, image, model, size=SMALL_MARK, as_pixels=True)
         _draw_in_3d(solid, image, model, view, as_pixels=True)
-        title = _shortened(image.title, SHEET_LETTERS)
-        flat.set_title(title, fontsize=4.5, color=panels.INK, loc="left", pad=0, parse_math=False)
-    panels.add_legend(figure, outliers=any(image.outliers is not None for image in images))
+        title = _shown(image.title, SHEET_LETTERS)
+        flat.set_title(title, fontsize=7, color=panels.INK, loc="left", pad=0, parse_math=False)
+    panels.add_legend(figure)
     return figure
 
 
@@ -184,13 +187,20 @@ def _draw_in_3d(
     axes: Axes, image: FittedImage, model: Model, view: View, *, as_pixels: bool = False
 ) -> None:
     if not image.fitted:
-        axes.text(0.5, 0.5, "no shape", ha="center", va="center", transform=axes.transAxes)
+        _say_no_shape(axes)
         return
     rotation = view.rotation()
     if image.rotation is not None:
         rotation = rotation @ level(upright(image.rotation, model.y_axis)[:, 1])
     drawn = _draw_model(axes, image, model, rotation, as_pixels=as_pixels)
     panels.frame(axes, WIDE, drawn)
+
+
+def _say_no_shape(axes: Axes) -> None:
+    axes.text(
+        0.5, 0.5, "no shape", ha="center", va="center", fontsize=7, color=panels.INK,
+        transform=axes.transAxes,
+    )  # fmt: skip
 
 
 def _draw_model(
@@ -235,7 +245,7 @@ def _grid(rows: int, columns: int, shape: float, height: float) -> tuple[Figure,
 def _name_rows(grid: Grid, titles: Sequence[str]) -> None:
     for axes, title in zip(grid[:, 0], titles, strict=True):
         axes.annotate(
-            _shortened(title, ROW_LETTERS), (0, 0.5), xytext=(-2, 0), xycoords="axes fraction",
+            _shown(title, ROW_LETTERS), (0, 0.5), xytext=(-2, 0), xycoords="axes fraction",
             textcoords="offset points", rotation=90, ha="right", va="center", fontsize=6.5,
             color=panels.INK, parse_math=False,
         )  # fmt: skip
@@ -246,6 +256,16 @@ def _name_columns(grid: Grid, heads: Sequence[str]) -> None:
         axes.set_title(head, fontsize=9, color=panels.INK, pad=4, parse_math=False)
 
 
-def _shortened(title: str, letters: int) -> str:
-    """Return at most that many letters, the last ones: they tell images of a sequence apart."""
-    return title if len(title) <= letters else "…" + title[1 - letters :]
+def _shown(title: str, letters: int) -> str:
+    """Return a title in one line of at most that many letters, most of them from its end.
+
+    Images of a sequence differ at the end. What cannot be printed is written as in Python.
+    """
+    line = "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+        for letter in title
+    )
+    if len(line) <= letters:
+        return line
+    head = letters // 3
+    return f"{line[:head]}…{line[head + 1 - letters :]}"

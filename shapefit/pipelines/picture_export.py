@@ -20,6 +20,7 @@ from shapefit.io.item_files import file_stem
 from shapefit.meshes.pictures import FittedImage, Model, contact_sheet, fit_picture
 from shapefit.pipelines.chosen_items import ChosenItems, spread
 from shapefit.pipelines.fitted_images import fitted_image
+from shapefit.pipelines.mesh_export import has_shape
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,13 +52,20 @@ class PictureExport:
         self._places = frozenset(spread(config.pictures.sheet, count))
         self._sheet: list[FittedImage] = []
         self._awaited = count
-        self._come = self._drawn = 0
+        self._come = self._drawn = self._missing = 0
 
     def add(self, found: ResultSet, transforms: Floats | None) -> None:
-        """Draw the chosen images of a chunk; transforms (n, k, 2, 3) where the method has them."""
+        """Draw the chosen images of a chunk; transforms (n, k, 2, 3) where the method has them.
+
+        Images without a shape are drawn alone only if an item is called so: a glob means others.
+        """
         model = Model(found.y_axis, self._dictionary.mesh_faces, self._dictionary.edges)
+        fitted = has_shape(found)
         for row, item in enumerate(found.items):
             alone = item in self._items and self._drawn < self._config.pictures.most
+            if alone and not fitted[row] and item not in self._config.pictures.items:
+                self._missing += 1
+                alone = False
             on_sheet = self._come + row in self._places
             if not (alone or on_sheet):
                 continue
@@ -82,7 +90,9 @@ class PictureExport:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was asked for and is not there."""
-        return self._items.warnings
+        found = f"images without a shape (failed, or all coefficients 0): {self._missing}"
+        fix = "they have no picture unless `pictures.items` names them"
+        return ((f"{found}; {fix}",) if self._missing else ()) + self._items.warnings
 
     def _save(self, stem: PurePosixPath, figure: Figure, item: str) -> None:
         draw = partial(save, figure, file_format=self._config.pictures.format)

@@ -218,9 +218,13 @@ def test_an_image_whose_fit_failed_says_so(image, box_faces):
     model = Model("down", box_faces)
     for figure in (fit_picture([failed, image], model), contact_sheet([failed, image], model)):
         FigureCanvasAgg(figure).draw()
-        said = [text.get_text() for axes in figure.axes for text in axes.texts]
-        assert "no shape" in said
+        said = [[text.get_text() for text in axes.texts] for axes in figure.axes]
         assert any(axes.lines for axes in figure.axes)
+        if len(figure.axes) == 8:  # rows: landmarks, fitted model, two views
+            assert said[:4] == [["box"], ["no shape"], ["no shape"], ["no shape"]]
+            assert said[4:] == [["box"], [], [], []]
+        else:
+            assert said == [[], ["no shape"], [], []]
 
 
 def test_the_contact_sheet_has_every_image_and_no_more(image, box_faces):
@@ -233,23 +237,59 @@ def test_the_contact_sheet_has_every_image_and_no_more(image, box_faces):
     assert len(figure.axes) == 16
 
 
-def test_titles_are_taken_literally_and_the_end_of_long_ones(image, box_faces):
-    images = [replace(image, title="a$b_{$"), replace(image, title=f"{'x' * 80}/0007")]
+def test_titles_are_taken_literally_and_long_ones_without_their_middle(image, box_faces):
+    titles = ["a$b_{$", f"walk{'x' * 80}/0007", "two\nlines\x00 \udc80", "été/日本🚗 x"]
+    images = [replace(image, title=title) for title in titles]
     rows, sheet = (draw(images, Model("up", box_faces)) for draw in (fit_picture, contact_sheet))
     names = [text.get_text() for axes in rows.axes for text in axes.texts]
     heads = [axes.get_title(loc="left") for axes in sheet.axes]
-    for found, letters in ((names, 32), ([head for head in heads if head], 60)):
+    for found, letters in ((names, 32), ([head for head in heads if head], 40)):
         assert found[0] == "a$b_{$"
         assert len(found[1]) == letters
+        assert found[1].startswith("walkxx")
+        assert "xx…xx" in found[1]
         assert found[1].endswith("xx/0007")
-    FigureCanvasAgg(rows).draw()
-    FigureCanvasAgg(sheet).draw()
+        assert found[2] == r"two\nlines\x00 \udc80"
+        assert found[3] == "été/日本🚗 x"
 
 
-def test_outliers_are_in_the_legend_where_they_are_looked_for(image, box_faces):
-    for outliers, count in ((image.outliers, 3), (None, 2)):
-        figure = fit_picture([replace(image, outliers=outliers)], Model("up", box_faces))
-        assert len(figure.legends[0].get_texts()) == count
+def test_titles_of_a_contact_sheet_keep_to_their_image(image, box_faces):
+    images = [replace(image, title="Sedan_of_somebody-else/" * 4 + f"{i}") for i in range(4)]
+    figure = contact_sheet(images, Model("up", box_faces))
+    FigureCanvasAgg(figure).draw()
+    ends = [
+        (axes.get_window_extent().x0, axes._left_title.get_window_extent().x1)
+        for axes in figure.axes[::2]
+    ]
+    starts = [start for start, _ in ends]
+    assert len(starts) == 4
+    for (_, end), start in zip(ends, [*starts[1:], figure.bbox.x1], strict=False):
+        assert end < start
+
+
+def legend(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_the_legend_explains_what_is_drawn_and_no_more(image, box, box_faces):
+    seen, hidden = "seen", "hidden, from the model"
+    outlier, line = "judged outlier", "to the model"
+    whole = box(4, 3, 2)[:2] + np.array([[10.0], [20]])
+    nothing = np.full((3, 8), np.nan)
+    cases = [
+        ([image], [seen, hidden, outlier, line]),
+        ([replace(image, outliers=None)], [seen, hidden, line]),
+        ([replace(image, outliers=np.zeros(8, dtype=bool))], [seen, hidden, line]),
+        ([replace(image, outliers=None, landmarks=whole)], [seen, line]),
+        ([replace(image, outliers=np.ones(8, dtype=bool))], [hidden, outlier, line]),
+        ([replace(image, outliers=None, shape=nothing)], [seen]),
+        ([replace(image, outliers=None, landmarks=np.full((2, 8), np.nan))], [hidden]),
+        ([replace(image, landmarks=whole, outliers=None), image], [seen, hidden, outlier, line]),
+    ]
+    for images, expected in cases:
+        for draw in (fit_picture, contact_sheet):
+            for faces, edges in ((box_faces, None), (None, EDGES), (None, None)):
+                assert legend(draw(images, Model("up", faces, edges))) == expected
 
 
 def test_skeletons_are_seen_from_the_same_side(image, box):
@@ -290,6 +330,14 @@ def test_pictures_of_real_cars_are_files_that_open(cars, tmp_path):
         embedded = tree.findall(".//{http://www.w3.org/2000/svg}image")
         assert bool(embedded) == (name == "sheet")
         assert svg.stat().st_size < 2_000_000
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("file_format", ["png", "svg"])
+def test_letters_that_the_font_lacks_give_no_warning(tmp_path, image, box_faces, file_format):
+    odd = replace(image, title="été/日本🚗 x")
+    save(fit_picture([odd], Model("up", box_faces)), tmp_path / "picture", file_format)
+    assert (tmp_path / "picture").stat().st_size > 1000
 
 
 def test_pictures_need_no_screen_and_no_pyplot():

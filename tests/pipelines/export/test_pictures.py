@@ -123,6 +123,18 @@ def test_an_image_without_a_shape_has_its_picture(tmp_path, draw, views, sheets)
     assert outcomes[-1].note == "1 picture, contact sheet of 6"
 
 
+def test_images_without_a_shape_that_nobody_names_make_room_for_others(tmp_path, draw, views):
+    landmarks = views.landmarks.copy()
+    for failing in (0, 1):
+        landmarks[failing][:, np.flatnonzero(np.isfinite(landmarks[failing, 0]))[2:]] = np.nan
+    _, outcomes = draw(replace(views, landmarks=landmarks), most=3, fit_keys={"chunk": 2})
+    assert written(tmp_path) == {f"{item}.png" for item in views.items[2:5]}
+    assert outcomes[-1].warnings == (
+        "images without a shape (failed, or all coefficients 0): 2; they have no picture unless "
+        "`pictures.items` names them",
+    )
+
+
 def test_meshes_and_pictures_may_share_a_folder(tmp_path, run, views):
     both = {"folder": str(tmp_path / "pictures"), "items": [views.items[0]]}
     _, outcomes = run(export=both, pictures=both)
