@@ -32,13 +32,17 @@ def centroid(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats
 
 
 def spread(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
-    """Mean over coordinates of the population standard deviation of the visible points."""
+    """Mean over coordinates of the population standard deviation of the visible points.
+
+    Infinite where points are too far apart for their squares.
+    """
     centred = points - centroid(points, visible)[..., None]
-    if visible is None:
-        return np.sqrt((centred**2).mean(axis=-1)).mean(axis=-1)
-    count = np.maximum(visible.sum(axis=-1), 1)[..., None]
-    squares = np.where(visible[..., None, :], centred, 0.0) ** 2
-    return np.sqrt(squares.sum(axis=-1) / count).mean(axis=-1)
+    with np.errstate(over="ignore"):
+        if visible is None:
+            return np.sqrt((centred**2).mean(axis=-1)).mean(axis=-1)
+        count = np.maximum(visible.sum(axis=-1), 1)[..., None]
+        squares = np.where(visible[..., None, :], centred, 0.0) ** 2
+        return np.sqrt(squares.sum(axis=-1) / count).mean(axis=-1)
 
 
 def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Normalised:

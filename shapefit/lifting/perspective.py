@@ -147,7 +147,8 @@ def place_in_depth(
     least = 0.1 * np.sqrt(
         spread * np.einsum("nap,nap,np->n", *(2 * (rays - ray[..., None],)), share)
     )
-    depth = spread / np.maximum(overlap, least)
+    with np.errstate(divide="ignore"):  # the camera cannot tell the landmarks apart
+        depth = spread / np.maximum(overlap, least)
     t = np.empty((len(W), 3))
     t[:, :2] = ray * depth[:, None] - middle[:, :2]
     t[:, 2] = camera.sign * depth - middle[:, 2]

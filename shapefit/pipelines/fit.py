@@ -22,6 +22,7 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.path import follow_path
 from shapefit.pipelines.fit_export import open_exports
 from shapefit.pipelines.fit_record import as_result
+from shapefit.pipelines.intrinsics import all_aside
 from shapefit.pipelines.left_out import Strangers
 from shapefit.pipelines.lifting_chain import choose_lifter, choose_newton
 from shapefit.pipelines.outcome import Failure, Outcome
@@ -56,7 +57,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 done=len(images),
                 total=source.count,
                 failures=find_failures(images, lifting, config),
-                warnings=find_warnings(lifting, config),
+                warnings=find_warnings(images, lifting, config),
             )
         left_in = strangers.warnings if strangers else ()
         writer.attributes.update(
@@ -109,18 +110,24 @@ def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
     return tuple(Failure(images.items[image], reasons[image]) for image in sorted(reasons))
 
 
-def find_warnings(lifting: Lifting, config: FitConfig) -> tuple[str, ...]:
-    """Say how many images stopped at the iteration limit."""
+def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[str, ...]:
+    """Say how many images stopped at the iteration limit, and that the camera looks wrong."""
+    told = []
     limited = [
         image
         for image, status in enumerate(lifting.estimate.status)
         if status is Status.ITERATION_LIMIT
     ]
-    if config.strict or not limited:
-        return ()
-    gap = lifting.estimate.relative_gap
-    worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
-    return (f"{len(limited)} images not optimal, the worst: {describe(lifting, worst)}",)
+    if limited and not config.strict:
+        gap = lifting.estimate.relative_gap
+        worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
+        told.append(f"{len(limited)} images not optimal, the worst: {describe(lifting, worst)}")
+    if lifting.perspective and all_aside(images.landmarks, lifting.perspective.camera):
+        told.append(
+            "all landmarks lie far to one side of the optical axis; is `camera.principal_point` "
+            "right?"
+        )
+    return tuple(told)
 
 
 def describe(lifting: Lifting, image: int) -> str:

@@ -62,18 +62,19 @@ def judge(
     true[rows < 0] = np.nan
 
     errors: dict[Kind, Floats] = {}
+    unmeasured: list[str] = []
     for metric in metrics:
         data = {name: find_dataset(file, results, name) for name in datasets_of(metric)}
         lacking = [name for name in NEEDS[metric] if data[name] is None]
         if lacking:
-            warnings.append(
-                f"{file}: no {metric} error, the file has no {' and no '.join(lacking)}"
-            )
+            datasets = " and ".join(f"`{name}`" for name in lacking)
+            unmeasured.append(f"no {metric} without the dataset {datasets}")
             continue
         errors |= measure(metric, estimate, true, data, (truth.unit, results.unit))
     if not errors:
-        found = f"none of the metrics {', '.join(metrics)} can be measured"
-        raise input_error(file, found, "add `similarity`, which needs nothing but shapes")
+        found = "; ".join(unmeasured)
+        raise input_error(file, found, "add the metric `similarity`, which needs only shapes")
+    warnings += [f"{file}: {metric}" for metric in unmeasured]
 
     judged = visible_in_both(estimate, true)
     for values in errors.values():

@@ -231,6 +231,15 @@ def test_the_start_in_depth_is_exact_where_the_object_is_far(atoms, prior, rng):
     np.testing.assert_allclose(found, t, rtol=1e-3)
 
 
+def test_landmarks_that_the_camera_cannot_tell_apart_are_infinitely_far(planted, atoms, prior):
+    shape = np.tensordot(prior, atoms, axes=1)
+    camera = Camera(planted.camera.focal, planted.camera.centre + 640.0, planted.camera.sign)
+    found = place_in_depth(
+        1e-28 * planted.landmarks, planted.weights, shape, camera, planted.rotation
+    )
+    assert not np.isfinite(found).any()
+
+
 def test_too_few_rounds_are_said(noisy, atoms, prior):
     found = refine(noisy, atoms, prior, max_rounds=2)
     assert set(found.status) == {Status.ITERATION_LIMIT}

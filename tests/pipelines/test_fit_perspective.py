@@ -53,6 +53,20 @@ def fit(project, dictionary, tmp_path):
     return fit
 
 
+def test_a_wrong_principal_point_is_told(project, dictionary, tmp_path):
+    def told(point):
+        config = FitConfig(
+            landmarks=[str(project / "sample_data" / "cars_views.h5")],
+            dictionary=str(dictionary),
+            output=str(tmp_path / "result.h5"),
+            camera={**PERSPECTIVE, "principal_point": point},
+        )
+        return [warning for outcome in run(config) for warning in outcome.warnings]
+
+    assert [word for word in told((-800.0, -800.0)) if "camera.principal_point" in word]
+    assert not told((640.0, 480.0))
+
+
 def test_perspective_finds_cars_better_than_weak_perspective(fit, views):
     truth = np.asarray(views.extras["true_rotation"], float)
     weak, full = fit(), fit(**PERSPECTIVE)

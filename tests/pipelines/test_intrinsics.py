@@ -8,7 +8,8 @@ import pytest
 from shapefit.config.fit_camera import ViewingConfig
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet
-from shapefit.pipelines.intrinsics import find_camera
+from shapefit.lifting.perspective import Camera
+from shapefit.pipelines.intrinsics import all_aside, find_camera
 
 N = 4
 MATRIX = np.array([[800.0, 0, 320], [0, 810, 240], [0, 0, 1]])
@@ -77,10 +78,14 @@ SKEWED = MATRIX + np.array([[0, 3.0, 0], [0, 0, 0], [0, 0, 0]])
         (None, ["no such dataset", "true_model"]),
         (np.zeros((N, 2)), ["shape (4, 2)", "4 of them"]),
         (np.array(["a"] * N), ["does not hold numbers"]),
-        (SKEWED, ["is not a camera matrix", "fx 0 cx"]),
-        (-MATRIX + np.diag([0, 0, 2]), ["not a number > 0"]),
-        (np.array([1.0, 0.0, 1.0, 1.0]), ["not a number > 0"]),
-        (np.array([1.0, np.nan, 1.0, 1.0]), ["not a number > 0"]),
+        (SKEWED, ["800 3 320, 0 810 240, 0 0 1", "fx 0 cx"]),
+        (MATRIX.T, ["800 0 0, 0 810 0, 320 240 1", "fx 0 cx"]),
+        (2 * MATRIX, ["0 0 2", "fx 0 cx"]),
+        (-MATRIX + np.diag([0, 0, 2]), ["the focal length -810", "> 0"]),
+        (np.array([1.0, 0.0, 1.0, 1.0]), ["the focal length 0", "> 0"]),
+        (np.array([1.0, np.nan, 1.0, 1.0]), ["not real and finite"]),
+        (MATRIX * np.array([[1, 1, np.inf]] * 3), ["not real and finite"]),
+        (MATRIX + 0j, ["not real and finite"]),
     ],
 )
 def test_what_is_no_camera_is_refused(values, words):
@@ -89,6 +94,31 @@ def test_what_is_no_camera_is_refused(values, words):
         camera(images(**extras), intrinsics="camera")
     for word in ["camera.intrinsics: camera", *words]:
         assert word in str(error.value)
+
+
+def test_landmarks_without_datasets_want_a_focal_length():
+    with pytest.raises(InputError, match=r"give `camera\.focal`, or landmarks in HDF5"):
+        camera(images(), intrinsics="camera")
+
+
+@pytest.mark.parametrize(
+    ("shift", "expected"),
+    [
+        ([640, 480], True),  # the middle of a picture, counted from its corner
+        ([-640, 480], True),
+        ([640, 0], False),  # to the right of the middle, as a car at the kerb may be
+        ([0, 0], False),
+        ([150, 150], False),  # near the axis
+    ],
+)
+def test_landmarks_all_far_to_one_side_look_wrong(shift, expected, rng):
+    landmarks = rng.uniform(-100, 100, (N, 2, 5)) + np.array(shift)[:, None]
+    landmarks[0, :, 0] = np.nan
+    found = Camera(np.full((N, 2), 1600.0), np.zeros((N, 2)), 1.0)
+    assert all_aside(landmarks, found) is expected
+    landmarks[1, :, 2] = -np.array(shift)
+    assert not all_aside(landmarks, found)
+    assert not all_aside(np.full((N, 2, 5), np.nan), found)
 
 
 @pytest.mark.parametrize(

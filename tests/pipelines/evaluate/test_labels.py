@@ -71,7 +71,14 @@ def test_are_left_out_where_nobody_knows_what_was_corrupted(desk, labelled):
     desk.write("convex.h5", replace(labelled, extras=extras))
     judged, _ = desk.run(metrics=METRICS)
     assert len(judged.warnings) == 2
-    assert "no precision error, the file has no corrupted" in judged.warnings[0]
+    assert "no precision without the dataset `corrupted`" in judged.warnings[0]
+
+
+def test_alone_need_what_was_corrupted(desk, labelled):
+    extras = {name: data for name, data in labelled.extras.items() if name != "corrupted"}
+    desk.write("convex.h5", replace(labelled, extras=extras))
+    with pytest.raises(InputError, match="no recall without the dataset `corrupted`; add the"):
+        desk.run(metrics=["recall"])
 
 
 def test_nothing_to_judge_at_all_is_an_error(desk, labelled):
