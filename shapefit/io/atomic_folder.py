@@ -203,5 +203,5 @@ def _keep(target: Path, aside: Path) -> None:
     aside.parent.mkdir(parents=True, exist_ok=True)
     try:
         os.link(target, aside, follow_symlinks=False)
-    except OSError:  # a file system without links
+    except (OSError, NotImplementedError):  # a system or file system without such links
         target.replace(aside)

@@ -67,9 +67,11 @@ def open_exports(config: FitConfig, dictionary: Dictionary, count: int) -> Itera
     meshes, pictures = config.export.folder, config.pictures.folder
     if meshes is not None:
         _check_folder(meshes, "export.folder", config.output)
+        _check_output(config.output, meshes, config.export.format.removesuffix("-ascii"))
         check_mesh_export(config, dictionary)
     if pictures is not None:
         _check_folder(pictures, "pictures.folder", config.output)
+        _check_output(config.output, pictures, config.pictures.format)
         check_pictures()
     exporters: list[MeshExport | PictureExport] = []
     staged: dict[str, StagedFiles] = {}
@@ -99,3 +101,14 @@ def _check_folder(folder: Path, key: str, output: Path) -> None:
         found = f"it is a link to {os.path.realpath(folder)}, which does not exist"
         raise input_error(folder, found, "create that folder, or remove the link")
     check_folder(folder)
+
+
+def _check_output(output: Path, folder: Path, suffix: str) -> None:
+    """Raise InputError where the result could replace a file that is exported."""
+    resolved = Path(os.path.realpath(output))
+    if (
+        resolved.is_relative_to(os.path.realpath(folder))
+        and resolved.suffix.lower() == f".{suffix}"
+    ):
+        found = f"is named like the .{suffix} files that go into {folder}"
+        raise input_error(output, found, "name it .h5 or .csv")

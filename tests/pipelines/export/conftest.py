@@ -55,12 +55,12 @@ def people(project, exemplars, tmp_path_factory):
 def run(tmp_path, cars, views):
     """Return the function that fits with sections of the config; gives record and outcomes."""
 
-    def run_fit(images=views, dictionary=cars, **keys):
+    def run_fit(images=views, dictionary=cars, output=tmp_path / "result.h5", **keys):
         settings = {"method": "convex+refine", "transforms": True} | keys
         config = FitConfig(
             landmarks=[str(_write_landmarks(tmp_path / "views.h5", images))],
             dictionary=str(dictionary),
-            output=str(tmp_path / "result.h5"),
+            output=str(output),
             **settings,
         )
         outcomes = list(fit.run(config))

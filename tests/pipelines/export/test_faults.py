@@ -109,6 +109,22 @@ class TestRefused:
         with pytest.raises(InputError, match="locked is not writable"):
             run(**{section: {"folder": str(tmp_path / "locked")}})
 
+    @pytest.mark.parametrize(
+        ("section", "file_format"),
+        [("export", "ply-ascii"), ("export", "glb"), ("pictures", "png")],
+    )
+    def test_a_result_that_is_named_like_what_is_exported(
+        self, tmp_path, run, section, file_format
+    ):
+        (tmp_path / "both/sub").mkdir(parents=True)
+        suffix = file_format.split("-")[0]
+        output = tmp_path / f"both/sub/result.{suffix}"
+        with pytest.raises(InputError, match=rf"is named like the \.{suffix} files that go into"):
+            run(
+                output=output,
+                **{section: {"folder": str(tmp_path / "both"), "format": file_format}},
+            )
+
     def test_pictures_without_matplotlib(self, tmp_path, run, monkeypatch):
         monkeypatch.setitem(sys.modules, "matplotlib", None)
         with pytest.raises(InputError, match=r"pictures: matplotlib is not.*shapefit\[plots\]"):
@@ -137,6 +153,16 @@ def test_files_of_an_earlier_run_survive_a_run_that_fails(tmp_path, export, view
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
     assert (tmp_path / "result.h5").read_bytes() == result
     assert sorted(path.name for path in tmp_path.iterdir()) == ["meshes", "result.h5", "views.h5"]
+
+
+def test_the_result_may_lie_among_the_meshes(tmp_path, run):
+    (tmp_path / "both").mkdir()
+    found, outcomes = run(
+        output=tmp_path / "both/result.h5", export={"folder": str(tmp_path / "both")}
+    )
+    assert len(found) == 6
+    assert len(list((tmp_path / "both").rglob("*.ply"))) == 6
+    assert outcomes[-1].written == (tmp_path / "both/result.h5", tmp_path / "both")
 
 
 def test_other_files_of_the_folder_stay(tmp_path, export):
