@@ -16,6 +16,7 @@ class CorruptionConfig(ConfigModel):
     margin: float = Field(
         default=0.1,
         ge=0,
+        le=1000,
         description="The points are drawn uniformly from the bounding box of the visible "
         "landmarks, grown on each side by this share of its size.",
     )

@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.errors import input_error
 from shapefit.io.extras import LABELS, Extras
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Dataset, Format
 from shapefit.io.problems import input_problems
@@ -169,6 +170,11 @@ def match_landmarks(
     """
     index = {name: number for number, name in enumerate(have)}
     strange = [name for name in want if name not in index]
+    if len(strange) == len(want) > 1:
+        found = (
+            f"none of the {len(want)} landmarks ({_some(want)}) is known; known are {_some(have)}"
+        )
+        raise input_error(place, found, "give files that belong together")
     if strange:
         raise input_problems([_strange_landmark(place, name, have) for name in strange])
     return np.array([index[name] for name in want], dtype=np.intp)
@@ -201,9 +207,12 @@ def _strange_landmark(place: str, name: str, known: Sequence[str]) -> str:
     if nearest:
         fix = "did you mean " + " or ".join(f"'{near}'" for near in nearest) + "?"
     else:
-        names = ", ".join(known[:10]) + (", ..." if len(known) > 10 else "")
-        fix = f"use one of: {names}"
+        fix = f"use one of: {_some(known)}"
     return f"{place}: there is no landmark '{name}'; {fix}"
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:10]) + (", ..." if len(names) > 10 else "")
 
 
 def _take(records: Record, indices: Rows) -> Record:

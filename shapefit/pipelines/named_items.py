@@ -33,6 +33,7 @@ def named_items(
     named = {name: values for name, values in per_item.items() if values.ndim == 1}
     if dataset not in named:
         found = f"there is no dataset '{dataset}' with one name an image"
-        others = ", ".join([BY_ITEM, *sorted(named)])
+        texts = (name for name, values in named.items() if values.dtype.kind in "OSU")
+        others = ", ".join([BY_ITEM, *sorted(texts)])
         raise input_error(place, found, f"set `{key}` to one of: {others}")
     return tuple(map(str, named[dataset]))

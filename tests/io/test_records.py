@@ -30,9 +30,17 @@ def test_match_landmarks_lists_the_nearest_names(problems):
 
 
 def test_match_landmarks_tells_ten_strange_names_and_counts_the_rest(problems):
-    lines = problems(match_landmarks, ["head"], [f"x{i}" for i in range(13)])
+    lines = problems(match_landmarks, ["head"], ["head", *(f"x{i}" for i in range(13))])
     assert len(lines) == 11
     assert lines[-1] == "... and 3 more"
+
+
+def test_match_landmarks_says_at_once_that_nothing_is_known(problems):
+    lines = problems(match_landmarks, ["head", "foot"], ["door", "roof"], "views.h5")
+    assert lines == (
+        "views.h5: none of the 2 landmarks (door, roof) is known; known are head, foot; "
+        "give files that belong together",
+    )
 
 
 @pytest.mark.parametrize("rows", [[3, 0], np.array([False, True, True, False, False]), slice(1, 4)])
