@@ -39,7 +39,7 @@ def test_match_landmarks_says_at_once_that_nothing_is_known(problems):
     lines = problems(match_landmarks, ["head", "foot"], ["door", "roof"], "views.h5")
     assert lines == (
         "views.h5: none of the 2 landmarks (door, roof) is known; known are head, foot; "
-        "give files that belong together",
+        "give files that fit together",
     )
 
 
