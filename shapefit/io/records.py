@@ -174,7 +174,7 @@ def match_landmarks(
         found = (
             f"none of the {len(want)} landmarks ({_some(want)}) is known; known are {_some(have)}"
         )
-        raise input_error(place, found, "give files that belong together")
+        raise input_error(place, found, "give files that fit together")
     if strange:
         raise input_problems([_strange_landmark(place, name, have) for name in strange])
     return np.array([index[name] for name in want], dtype=np.intp)
