@@ -48,9 +48,9 @@ class StagedFiles:
         file system can tell.
         """
         target, path = self.folder / name, self._new / name
-        self._check_clash(path, item)
-        check_replaceable(target)
         with _writing_errors(target):
+            self._check_clash(path, item)
+            check_replaceable(target)
             path.parent.mkdir(parents=True, exist_ok=True)
             write(path)
             self._names.add(str(name), item)
@@ -126,11 +126,11 @@ class StagedFiles:
             return
         other = next(item for name, item in self._names if self._lies_at(name, occupied))
         if occupied.is_dir():
-            found = f"is a file of the item '{item}' and a folder of the item '{other}'"
+            found = f"is a file of the item {item!r} and a folder of the item {other!r}"
         elif occupied != path:
-            found = f"is a file of the item '{other}' and a folder of the item '{item}'"
+            found = f"is a file of the item {other!r} and a folder of the item {item!r}"
         else:
-            found = f"is a file of two items, '{other}' and '{item}'"
+            found = f"is a file of two items, {other!r} and {item!r}"
         place = self.folder / occupied.relative_to(self._new)
         raise input_error(place, found, "rename one of them, or choose another format")
 
