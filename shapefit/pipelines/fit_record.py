@@ -65,6 +65,7 @@ def further_datasets(
     seen = find_seen(images)[:, None, :]
     own: dict[str, NDArray[Any] | None] = {
         "landmarks": np.where(seen, images.landmarks, np.nan).swapaxes(1, 2),
+        "confidence": images.confidence,
         "lambda": lifting.problem.lam,
         "residual": found.residual,
         "active_atoms": found.active_atoms,

@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 BLOCK = 1024
 LEAST_VISIBLE = 3
 
+CORRUPTED = "corrupted"
+"""Dataset (n, p) of the landmarks that were put in a wrong place."""
+
 
 class Purpose(IntEnum):
     """What a stream of random numbers is for; the values are part of what a seed means."""
@@ -51,17 +54,20 @@ def hide(landmarks: Floats, share: float, rng: np.random.Generator) -> Floats:
     return np.where(hidden[:, None], np.nan, landmarks)
 
 
-def displace(landmarks: Floats, share: float, size: float, rng: np.random.Generator) -> Floats:
+def displace(
+    landmarks: Floats, share: float, size: float, rng: np.random.Generator
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Move a random `share` of the visible landmarks (n, 2, p) of each image, n <= BLOCK.
 
     The displacement is uniform over the disc of radius `size`; the number is rounded as in `hide`.
+    Returns the landmarks, and which were moved (n, p).
     """
     n, _, p = landmarks.shape
     chosen = _choose(np.isfinite(landmarks[:, 0]), share, p, rng)
     radius = size * np.sqrt(rng.random((BLOCK, p))[:n])
     angle = 2 * np.pi * rng.random((BLOCK, p))[:n]
     moved = landmarks + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    return np.where(chosen[:, None], moved, landmarks)
+    return np.where(chosen[:, None], moved, landmarks), chosen
 
 
 def corrupt(

@@ -18,6 +18,7 @@ from shapefit.io import LandmarkSet, ShapeSet, check_output, digest, landmark_wr
 from shapefit.io.extras import Extras
 from shapefit.pipelines.imperfections import (
     BLOCK,
+    CORRUPTED,
     Purpose,
     add_noise,
     displace,
@@ -37,7 +38,8 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
     """Look at every shape with the camera of the config; yields an Outcome a block of images.
 
     The images have the items, sequences and further datasets of the shapes and `true_rotation`
-    (n, 3, 3), object to camera frame; y points up. An orthographic camera keeps the unit of the
+    (n, 3, 3), object to camera frame, and where there are outliers `corrupted` (n, p), which tells
+    them; y points up. An orthographic camera keeps the unit of the
     shapes, a weak-perspective one gives px. Raises InputError for files that cannot be read or
     written.
     """
@@ -114,10 +116,12 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, block: i
         landmarks = add_noise(landmarks, config.noise * scale, rng)
     if config.hidden > 0:
         landmarks = hide(landmarks, config.hidden, stream(config.seed, Purpose.HIDDEN, block))
+    extras = Extras.of(shapes.extras, len(shapes)) | {TRUE_ROTATION: rotations}
     if config.outliers.share > 0:
         rng = stream(config.seed, Purpose.OUTLIERS, block)
-        landmarks = displace(landmarks, config.outliers.share, config.outliers.size, rng)
-    extras = Extras.of(shapes.extras, len(shapes))
+        share, size = config.outliers.share, config.outliers.size
+        landmarks, moved = displace(landmarks, share, size, rng)
+        extras |= {CORRUPTED: moved}
     return LandmarkSet(
         landmarks=landmarks,
         landmark_names=shapes.landmark_names,
@@ -125,5 +129,5 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, block: i
         sequences=shapes.sequences,
         unit=shapes.unit if config.camera.model == "orthographic" else PIXELS,
         y_axis="up",
-        extras=extras | {TRUE_ROTATION: rotations},
+        extras=extras,
     )

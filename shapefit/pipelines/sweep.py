@@ -22,6 +22,7 @@ from shapefit.evaluation.tables import write_per_image
 from shapefit.io import ShapeSet, digest, read_dictionary, read_results, read_shapes
 from shapefit.pipelines import fit, learn_dict, project
 from shapefit.pipelines.image_errors import find_grouping, image_errors
+from shapefit.pipelines.imperfections import CORRUPTED
 from shapefit.pipelines.judgement import judge
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
@@ -160,9 +161,10 @@ def _judge(
     A metric with several units has them in the first. Precision and recall of outlier labels follow
     where any image leaves them defined. The items in `failed` have been reported already.
     """
-    labelled = config.corrupts and config.steps(value).fit.labels_outliers
+    results = read_results(result)
+    labelled = config.steps(value).fit.labels_outliers and CORRUPTED in results.extras
     metrics = config.metrics + (get_args(LabelMetric) if labelled else ())
-    judgement = judge(result, read_results(result), truth, config.match, metrics)
+    judgement = judge(result, results, truth, config.match, metrics)
     failures = (Failure(i, why) for i, why in judgement.failures.items() if i not in failed)
     yield Outcome(failures=_named(failures, f"{config.key}={value}"), warnings=judgement.warnings)
     found: dict[str, ImageErrors] = {}

@@ -12,11 +12,8 @@ from shapefit.config.corruption import CorruptionConfig
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, landmark_writer, open_landmarks
 from shapefit.io.extras import Extras
-from shapefit.pipelines.imperfections import BLOCK, Purpose, corrupt, stream
+from shapefit.pipelines.imperfections import BLOCK, CORRUPTED, Purpose, corrupt, stream
 from shapefit.pipelines.landmark_weights import find_seen
-
-CORRUPTED = "corrupted"
-"""Dataset (n, p) of the landmarks that were replaced."""
 
 WARM_UP = 8
 """Images of the file to warm up with."""
@@ -75,5 +72,7 @@ def corrupted(images: LandmarkSet, config: CorruptionConfig, block: int) -> Land
     rng = stream(config.seed, Purpose.CORRUPTION, block)
     seen = find_seen(images)
     landmarks, wrong = corrupt(images.landmarks, seen, config.share, config.margin, rng)
-    extras = Extras.of(images.extras, len(images)) | {CORRUPTED: wrong}
+    extras = Extras.of(images.extras, len(images))
+    before = extras.get(CORRUPTED)
+    extras |= {CORRUPTED: wrong if before is None else wrong | np.asarray(before, bool)}
     return replace(images, landmarks=landmarks, extras=extras)

@@ -141,6 +141,8 @@ def test_shares_of_hidden_landmarks_and_outliers_hold(tmp_path, many):
     assert visible.mean() == pytest.approx(0.7, abs=0.01)
     distance = np.linalg.norm(images.landmarks - exact, axis=1)[visible]
     assert (distance > 1e-9).mean() == pytest.approx(0.2, abs=0.01)
+    np.testing.assert_array_equal(images.extras["corrupted"][visible], distance > 1e-9)
+    assert not images.extras["corrupted"][~visible].any()
     assert 8.5 < distance.max() <= 9
 
 

@@ -87,6 +87,17 @@ def test_landmarks_without_confidence_are_hidden(choose, images):
     np.testing.assert_array_equal(found.landmarks, np.where(shown, expected.landmarks, 100.0))
 
 
+def test_landmarks_that_were_wrong_before_stay_so(choose, images):
+    before = np.zeros(images.landmarks[:, 0].shape, bool)
+    before[:, 0] = True
+    keys = {"corruption": CorruptionConfig(share=0.5)}
+    new = choose(**keys)[0].extras["corrupted"].astype(bool)
+    extras = {**images.extras, "corrupted": before}
+    found, _ = choose(images=replace(images, extras=extras), **keys)
+    assert not new[:, 0].all()
+    np.testing.assert_array_equal(found.extras["corrupted"].astype(bool), new | before)
+
+
 def test_the_labels_are_in_the_order_of_the_dictionary(choose):
     corruption = CorruptionConfig(share=0.5)
     chosen, _ = choose(corruption=corruption, names=("z", *NAMES[::-1]))
