@@ -21,8 +21,9 @@ def principal_components(
     """
     X = (shapes - shapes.mean(axis=0)).reshape(len(shapes), -1)
     _, s, directions = np.linalg.svd(X, full_matrices=False)
-    rounding = max(X.shape) * np.finfo(np.float64).eps
-    rank = int((s > rounding * max(s[0], np.abs(shapes).max())).sum())
+    # Shapes come from files in single precision, and what aligns them rounds them differently.
+    rounding = np.finfo(np.float32).eps * np.sqrt(X.size) * np.abs(shapes).max(initial=0.0)
+    rank = int((s > rounding).sum())
     if components is None:
         held = np.cumsum(s[:rank] ** 2)
         components = int((held < energy * held[-1]).sum()) + 1 if rank else 0

@@ -20,6 +20,7 @@ from shapefit.io import (
 )
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.path import follow_path
+from shapefit.pipelines.dictionary_kind import mismatch
 from shapefit.pipelines.fit_export import open_exports
 from shapefit.pipelines.fit_record import as_result
 from shapefit.pipelines.intrinsics import all_aside
@@ -74,7 +75,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         exports.publish()
     yield Outcome(
         total=source.count,
-        warnings=left_in + exports.warnings,
+        warnings=mismatch(config, dictionary) + left_in + exports.warnings,
         note=exports.note,
         written=(config.output, *exports.folders),
     )

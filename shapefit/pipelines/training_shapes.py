@@ -53,7 +53,10 @@ def find_training_shapes(config: LearnDictConfig) -> TrainingShapes:
     kept = kept.take(every_nth(sequences, config.every))
     usable, failures = separate(kept)
     if not len(usable):
-        raise input_error("shapes", "there are 0 shapes to learn from", "give more shapes")
+        found = "there are 0 shapes to learn from"
+        if failures:
+            found += f"; {failures[0].item}, for one: {failures[0].reason}"
+        raise input_error("shapes", found, "give more shapes")
     shapes = apply_symmetry(usable, config)
     if config.method == "sparse-coding" and config.k > len(shapes):
         found = f"{config.k} atoms are more than the {len(shapes)} shapes to learn from"

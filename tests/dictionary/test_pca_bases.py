@@ -99,3 +99,11 @@ def test_shapes_that_are_alike_have_none(shapes, count):
     alike = np.repeat(shapes[:1], count, axis=0)
     assert principal_components(alike).shape == (0, 3, 6)
     assert principal_components(alike, components=3).shape == (0, 3, 6)
+
+
+def test_rounding_of_single_precision_is_no_motion(shapes, rng):
+    still = np.repeat(10 * shapes[:1], 40, axis=0)
+    rounded = still * (1 + np.finfo(np.float32).eps * rng.uniform(-0.5, 0.5, still.shape))
+    assert len(principal_components(rounded)) == 0
+    moving = rounded + 1e-4 * np.sin(np.arange(40))[:, None, None] * shapes[1]
+    assert len(principal_components(moving)) == 1

@@ -239,6 +239,13 @@ class TestPcaBases:
         with pytest.raises(InputError, match=r"shapes: .* all alike; give sequences that move"):
             list(learn_dict.run(config(method="pca-bases")))
 
+    def test_need_motion_beyond_rounding(self, config, shapes, tmp_path):
+        of_sequence = np.array([shapes.sequences.index(name) for name in shapes.sequences])
+        still = shapes.shapes[of_sequence].astype(np.float32).astype(np.float64)
+        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=still))
+        with pytest.raises(InputError, match=r"shapes: .* all alike; give sequences that move"):
+            list(learn_dict.run(config(method="pca-bases")))
+
     def test_need_shapes(self, config, shapes, tmp_path):
         write_shapes(tmp_path / "train.h5", shapes.take([]))
         with pytest.raises(InputError, match="0 shapes"):
@@ -294,6 +301,12 @@ class TestRefusals:
     def test_no_shapes(self, config, shapes, tmp_path):
         write_shapes(tmp_path / "train.h5", shapes.take([]))
         with pytest.raises(InputError, match="0 shapes"):
+            list(learn_dict.run(config(k=1)))
+
+    def test_no_shape_that_can_be_used(self, config, shapes, tmp_path):
+        points = np.repeat(shapes.shapes[:, :, :1], shapes.shapes.shape[2], axis=2)
+        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
+        with pytest.raises(InputError, match="0 shapes.*; item0, for one: all its landmarks lie"):
             list(learn_dict.run(config(k=1)))
 
     def test_a_missing_output_folder_is_seen_before_any_work(self, config, tmp_path):
