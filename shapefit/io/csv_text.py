@@ -11,7 +11,7 @@ from pathlib import Path
 
 import polars as pl
 
-from shapefit.errors import input_error
+from shapefit.errors import InputError, input_error
 from shapefit.io.problems import Problems
 from shapefit.io.sources import read_text_bytes, source_name
 
@@ -21,15 +21,18 @@ BYTE_ORDER_MARK = "\ufeff"
 class CsvText:
     """The rows of a CSV file as text cells; empty rows are dropped.
 
-    `required` columns must be there, `optional` ones may, in any order. Raises InputError for
+    `required` columns must be there, `optional` ones may, in any order. Where the header has
+    spaces around its names, so have the cells, and they are taken away. Raises InputError for
     text that is not UTF-8, other columns, and rows with too few or too many cells.
     """
 
     def __init__(self, path: Path, required: Sequence[str], optional: Sequence[str]) -> None:
         self.name = source_name(path)
-        self._data = read_text_bytes(path)
+        self._data = _with_newlines(read_text_bytes(path))
         self._check_encoding()
-        self.columns = self._read_header(required, optional)
+        header = self._split_header()
+        self._spaced = any(column != column.strip() for column in header)
+        self.columns = self._check_header([column.strip() for column in header], required, optional)
         self.cells = self._read_cells()
 
     def line(self, row: int) -> int:
@@ -46,7 +49,7 @@ class CsvText:
 
     def _records(self) -> Iterator[tuple[int, list[str]]]:
         """Read line number and cells of all rows that are not empty, below the header."""
-        reader = csv.reader(StringIO(self._data.decode("utf-8"), newline=""))
+        reader = csv.reader(StringIO(self._data.decode("utf-8"), newline="\n"))
         line = 1
         try:
             for cells in reader:
@@ -54,8 +57,14 @@ class CsvText:
                     yield line, cells
                 line = reader.line_num + 1
         except csv.Error as error:
-            fix = "check the quotes around it"
-            raise input_error(f"{self.name}:{line}", f"a bad cell ({error})", fix) from error
+            raise self._bad_line(line, error) from error
+
+    def _bad_line(self, line: int, error: csv.Error) -> InputError:
+        if "new-line" in str(error):
+            found, fix = "a line ends in CR alone, others in LF", "end all lines in the same way"
+        else:
+            found, fix = f"a bad cell ({error})", "check the quotes around it"
+        return input_error(f"{self.name}:{line}", found, fix)
 
     def _check_encoding(self) -> None:
         fix = "save it as CSV in UTF-8"
@@ -68,16 +77,26 @@ class CsvText:
             line = self._data.count(b"\n", 0, self._data.index(b"\0")) + 1
             raise input_error(f"{self.name}:{line}", "is not text (a zero byte)", fix)
 
-    def _read_header(self, required: Sequence[str], optional: Sequence[str]) -> list[str]:
-        first = BytesIO(self._data).readline().decode("utf-8").removeprefix(BYTE_ORDER_MARK)
-        header = next(csv.reader([first.rstrip("\r\n")]), [])
-        columns = [column.strip() for column in header]
+    def _split_header(self) -> list[str]:
+        try:
+            return next(csv.reader([self._first_line]), [])
+        except csv.Error as error:
+            raise self._bad_line(1, error) from error
+
+    @cached_property
+    def _first_line(self) -> str:
+        line = BytesIO(self._data).readline().decode("utf-8").removeprefix(BYTE_ORDER_MARK)
+        return line.rstrip("\r\n")
+
+    def _check_header(
+        self, columns: list[str], required: Sequence[str], optional: Sequence[str]
+    ) -> list[str]:
         wanted = ",".join(required) + "".join(f"[,{column}]" for column in optional)
         known = {*required, *optional}
         place = f"{self.name}:1"
         if not known & set(columns):
             fix = f"write the header {wanted}, with commas"
-            raise input_error(place, f"the header is '{first.strip()[:80]}'", fix)
+            raise input_error(place, f"the header is '{self._first_line.strip()[:80]}'", fix)
         problems = Problems()
         for column in columns:
             if column not in known:
@@ -106,7 +125,7 @@ class CsvText:
         commas = self._data.count(b",")
         if b'"' in self._data or commas != (len(self.columns) - 1) * (len(cells) + 1):
             self._check_widths()
-        return cells
+        return cells.with_columns(pl.all().str.strip_chars()) if self._spaced else cells
 
     def _quoted(self) -> str:
         """Name the first line with a quote inside a cell: what else could polars refuse?"""
@@ -123,3 +142,8 @@ class CsvText:
                 fix = "write one cell a column"
                 problems.tell(f"{self.name}:{line}: {found}; {fix}", number)
         problems.raise_if_any()
+
+
+def _with_newlines(data: bytes) -> bytes:
+    """Return text whose lines end in CR alone, as on old Macs, with the line ends of today."""
+    return data if b"\n" in data else data.replace(b"\r", b"\n")

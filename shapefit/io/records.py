@@ -170,6 +170,10 @@ def match_landmarks(
     """
     index = {name: number for number, name in enumerate(have)}
     strange = [name for name in want if name not in index]
+    stripped = {name.strip() for name in have}
+    if spaced := [repr(name) for name in strange if name.strip() in stripped]:
+        found = f"names of landmarks differ from the known ones in spaces ({_some(spaced)})"
+        raise input_error(place, found, "take away the spaces around names")
     if len(strange) == len(want) > 1:
         found = (
             f"none of the {len(want)} landmarks ({_some(want)}) is known; known are {_some(have)}"

@@ -77,16 +77,24 @@ def test_landmarks(csv):
     ("name", "text"),
     [
         ("windows line ends", VIEWS.replace("\n", "\r\n")),
+        ("old line ends", VIEWS.replace("\n", "\r")),
         ("byte order mark", "\ufeff" + VIEWS),
         ("no last line end", VIEWS.rstrip("\n")),
         ("empty lines", VIEWS.replace("\n", "\n\n") + ",,,,,\n"),
         ("spaces", VIEWS.replace("x,y", " x , y").replace(",2,", ", 2 ,")),
+        ("spaces after all commas", VIEWS.replace(",", ", ")),
+        ("spaces before all commas", VIEWS.replace(",", "\t,")),
         ("quotes", VIEWS.replace("head", '"head"').replace("3.5", '"3.5"')),
         ("another suffix", VIEWS),
     ],
 )
 def test_ways_to_write_the_same_table(csv, name, text):
     check_views(read_views(csv(text, "table.txt" if name == "another suffix" else "table.csv")))
+
+
+def test_spaces_in_names_stay_where_the_header_has_none(csv):
+    views = read_views(csv("item,landmark,x,y\n a,head ,1,2\n"))
+    assert (views.items, views.landmark_names) == ((" a",), ("head ",))
 
 
 def test_columns_in_any_order(csv):
@@ -335,6 +343,32 @@ def test_quotes_that_do_not_match(csv, problems):
     assert line.endswith(
         "; put cells with commas or quotes in double quotes, and double the quotes in them"
     )
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("item,landmark,x,y\ra,head,1,2\nb,head,1,2\n", 1),
+        ("item,landmark,x,y\na,head,1,2\nb,head,1,2\rc,head,1,2\n", 3),
+    ],
+)
+def test_line_ends_of_two_kinds(csv, problems, text, line):
+    path = csv(text)
+    assert problems(read_views, path) == (
+        f"{path}:{line}: a line ends in CR alone, others in LF; end all lines in the same way",
+    )
+
+
+@pytest.mark.parametrize("text", ["{}item,landmark,x,y\n", "item,landmark,x,y\n{},head,1\n"])
+def test_a_cell_too_long_for_a_name(csv, problems, text):
+    path = csv(text.format("x" * 200_000))
+    (line,) = problems(read_views, path)
+    assert line.startswith(f"{path}:{text.index('{}') // 18 + 1}: a bad cell (")
+
+
+def test_lines_of_a_file_with_old_line_ends_are_counted(csv, problems):
+    path = csv("item,landmark,x,y\ra,head,1,2\rb,head,?,2\r")
+    assert problems(read_views, path)[0].startswith(f"{path}:3: x is '?'; ")
 
 
 def test_text_that_is_not_utf8(csv, problems):

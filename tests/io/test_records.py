@@ -43,6 +43,21 @@ def test_match_landmarks_says_at_once_that_nothing_is_known(problems):
     )
 
 
+@pytest.mark.parametrize(
+    ("have", "want", "named"),
+    [
+        (["head", "foot"], [" head", " foot"], "' head', ' foot'"),
+        (["head", "foot"], ["head", "foot "], "'foot '"),
+        (["head ", "foot"], ["head", "foot"], "'head'"),
+    ],
+)
+def test_match_landmarks_shows_spaces(problems, have, want, named):
+    assert problems(match_landmarks, have, want, "views.csv") == (
+        f"views.csv: names of landmarks differ from the known ones in spaces ({named}); "
+        "take away the spaces around names",
+    )
+
+
 @pytest.mark.parametrize("rows", [[3, 0], np.array([False, True, True, False, False]), slice(1, 4)])
 @pytest.mark.parametrize("kind", ["shapes", "landmarks", "results"])
 def test_take(request, kind, rows):
