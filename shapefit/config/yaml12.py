@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,7 +14,16 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 Location = tuple[str | int, ...]
 """The keys and list positions that lead to a value."""
 
-_SCALAR_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float")}
+_NUMBER_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("int", "float")}
+_SCALAR_TAGS = _NUMBER_TAGS | {f"tag:yaml.org,2002:{name}" for name in ("null", "bool")}
+
+# The core schema, section 10.3.2: ruamel.yaml also takes 1_000, 0b1 and signs before 0x.
+_NUMBER = re.compile(
+    r"[-+]?[0-9]+ | 0o[0-7]+ | 0x[0-9a-fA-F]+"
+    r"| [-+]?(\.[0-9]+ | [0-9]+(\.[0-9]*)?) ([eE][-+]?[0-9]+)?"
+    r"| [-+]?\.(inf|Inf|INF) | \.(nan|NaN|NAN)",
+    re.VERBOSE,
+)
 
 
 @dataclass(frozen=True)
@@ -43,15 +53,16 @@ def read_yaml(text: str, place: Callable[[int, int], str]) -> Document:
     yaml = YAML(typ="safe", pure=True)
     try:
         root = yaml.compose(text)
+        if root is not None:
+            _Reader(yaml, place, document).read(root)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = place(mark.line + 1, mark.column + 1) if mark else place(1, 1)
         document.problems.append(f"{where}: not valid YAML: {error.problem or error.context}")
     except YAMLError as error:
         document.problems.append(f"{place(1, 1)}: not valid YAML: {str(error).splitlines()[0]}")
-    else:
-        if root is not None:
-            _Reader(yaml, place, document).read(root)
+    except RecursionError:
+        document.problems.append(f"{place(1, 1)}: lists or mappings lie too deep in each other")
     return document
 
 
@@ -64,6 +75,7 @@ class _Reader:
         self._construct = yaml.constructor.construct_object
         self._place = place
         self._document = document
+        self._around: list[Node] = []
 
     def read(self, root: Node) -> None:
         self._document.value = self._value(root, ())
@@ -73,11 +85,21 @@ class _Reader:
         return self._place(node.start_mark.line + 1, node.start_mark.column + 1)
 
     def _value(self, node: Node, location: Location) -> Any:
+        if node in self._around:
+            self._document.problems.append(
+                f"{self._at(node)}: an alias stands for what it stands in; write it out"
+            )
+            return None
+        self._around.append(node)
+        value: Any
         if isinstance(node, MappingNode):
-            return self._mapping(node, location)
-        if isinstance(node, SequenceNode):
-            return self._sequence(node, location)
-        return self._scalar(node)
+            value = self._mapping(node, location)
+        elif isinstance(node, SequenceNode):
+            value = self._sequence(node, location)
+        else:
+            value = self._scalar(node)
+        self._around.pop()
+        return value
 
     def _mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
         values: dict[str, Any] = {}
@@ -111,9 +133,11 @@ class _Reader:
         if node.tag not in _SCALAR_TAGS:
             return node.value
         try:
-            return self._construct(node)
+            value = self._construct(node)
         except ValueError:
             self._document.problems.append(
                 f"{self._at(node)}: {node.value!r} is not what its tag says"
             )
             return None
+        is_text = node.tag in _NUMBER_TAGS and not _NUMBER.fullmatch(node.value)
+        return node.value if is_text else value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from shapefit.config import EvalConfig, FitConfig, LearnDictConfig, dump_config, load_config
+from shapefit.config.yaml12 import read_yaml
 from shapefit.errors import InputError
 
 PRINTABLE = st.text(st.characters(exclude_categories=["C", "Zl", "Zp"]), min_size=1)
@@ -49,6 +51,24 @@ def test_yaml_is_1_2(folder):
     assert config.lam == 1e-3
     assert config.threads == 10
     assert config.output == folder / "configs" / "no"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        *(("1", 1), ("+1", 1), ("-12", -12), ("08", 8), ("0o17", 15), ("0x1F", 31)),
+        *((".5", 0.5), ("1.", 1.0), ("-1.5e3", -1500.0), ("1E+2", 100.0), ("-.inf", -math.inf)),
+        *((text, text) for text in ("1_0", "1_0.5", "0b1", "0x_1", "-0o7", "1:30", ".e3", "e3")),
+    ],
+)
+def test_numbers_are_those_of_the_core_schema(text, value):
+    read = read_yaml(f"- {text}\n", lambda _line, _column: "here").value
+    assert [(type(found), found) for found in read] == [(type(value), value)]
+
+
+def test_an_alias_stands_for_what_it_names():
+    read = read_yaml("- &one [1]\n- [*one, *one]\n", lambda _line, _column: "here")
+    assert (read.value, read.problems) == ([[1], [[1], [1]]], [])
 
 
 def test_a_date_is_a_text(folder):

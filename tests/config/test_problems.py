@@ -61,6 +61,10 @@ def test_every_problem_is_told_at_once():
         ("fit", "lambda: .inf", "c.yaml:4:9: expected a number > 0 or auto, found inf"),
         ("fit", "lambda: true", "c.yaml:4:9: expected a number > 0 or auto, found true"),
         ("fit", "lambda:", "c.yaml:4:1: expected a number > 0 or auto, found nothing"),
+        ("fit", "lambda: 1_0", "c.yaml:4:9: expected a number > 0 or auto, found '1_0'"),
+        ("fit", "lambda: 0b1", "c.yaml:4:9: expected a number > 0 or auto, found '0b1'"),
+        ("fit", "lambda: +0x1", "c.yaml:4:9: expected a number > 0 or auto, found '+0x1'"),
+        ("fit", "chunk: 1_0", "c.yaml:4:8: expected a whole number >= 1, found '1_0'"),
         ("fit", "lambda: [1]", "c.yaml:4:9: expected a number > 0 or auto, found a list"),
         ("fit", "strict: no", "c.yaml:4:9: expected true or false, found 'no'"),
         ("fit", "chunk: 2.5", "c.yaml:4:8: expected a whole number >= 1, found 2.5"),
@@ -279,6 +283,12 @@ def test_a_wrong_argument_is_named():
         ("? [a]\n: 1\n", "c.yaml:1:3: a key must be a text"),
         ("lambda: !!int x\n", "c.yaml:1:9: 'x' is not what its tag says"),
         ("a: \x00\n", "c.yaml:1:1: not valid YAML: "),
+        (
+            "lambda: 1\ngroups: &x [*x]\n",
+            "c.yaml:2:9: an alias stands for what it stands in; write it out",
+        ),
+        ("&x {fit: {lambda: *x}}\n", "c.yaml:1:1: an alias stands for what it stands in"),
+        ("[" * 3000 + "]" * 3000, "c.yaml:1:1: lists or mappings lie too deep in each other"),
     ],
 )
 def test_broken_yaml_has_a_place(text, expected):
