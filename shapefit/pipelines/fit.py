@@ -18,6 +18,7 @@ from shapefit.io import (
     read_dictionary,
     result_writer,
 )
+from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.path import follow_path
 from shapefit.pipelines.dictionary_kind import mismatch
@@ -32,6 +33,7 @@ from shapefit.pipelines.whole_sequences import whole_sequences
 
 def run(config: FitConfig) -> Iterator[Outcome]:
     """Lift every image of the landmark files; yields an Outcome a chunk."""
+    check_holds_all(config)
     dictionary = read_dictionary(config.dictionary)
     lifter = choose_lifter(config, dictionary)
     newton = choose_newton(config)
@@ -79,6 +81,14 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         note=exports.note,
         written=(config.output, *exports.folders),
     )
+
+
+def check_holds_all(config: FitConfig) -> None:
+    """Raise InputError where the config asks for more than the output can hold."""
+    for key in ("path", "transforms"):
+        if getattr(config, key) and is_csv_target(config.output):
+            found = f"asks for what {config.output} cannot hold: CSV is for points only"
+            raise input_error(key, found, "name an HDF5 output, or leave it out")
 
 
 def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkSet]:

@@ -306,7 +306,7 @@ class TestRefusals:
     def test_no_shape_that_can_be_used(self, config, shapes, tmp_path):
         points = np.repeat(shapes.shapes[:, :, :1], shapes.shapes.shape[2], axis=2)
         write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
-        with pytest.raises(InputError, match="0 shapes.*; item0, for one: all its landmarks lie"):
+        with pytest.raises(InputError, match=r"0 shapes.*; item0, for one: all its landmarks lie"):
             list(learn_dict.run(config(k=1)))
 
     def test_a_missing_output_folder_is_seen_before_any_work(self, config, tmp_path):

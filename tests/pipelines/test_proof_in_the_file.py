@@ -8,6 +8,7 @@ import pytest
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import LandmarkSet, landmark_writer, write_dictionary
 from shapefit.pipelines.fit import run
@@ -68,7 +69,18 @@ def test_objective_and_gap_follow_from_the_datasets(files):
         nuclear = np.linalg.svd((residual * weights) @ at.transpose(0, 2, 1), compute_uv=False)
         Y = residual * min(1.0, lam / nuclear.sum(axis=1).max())
         dual = (Y * weights * w).sum() - 0.5 * (Y**2).sum()
-        assert (
-            -1e-12 <= primal - dual <= 1e-5 * primal
-        )  # a plainer Y than fit has
+        assert -1e-12 <= primal - dual <= 1e-5 * primal  # a plainer Y than fit has
         assert data["relative_gap"][i] <= 1e-9
+
+
+@pytest.mark.parametrize("key", ["path", "transforms"])
+def test_no_file_of_points_is_asked_to_hold_more(files, tmp_path, key):
+    config = FitConfig(
+        landmarks=[str(tmp_path / "landmarks.h5")],
+        dictionary=str(tmp_path / "dictionary.h5"),
+        output=str(tmp_path / "result.csv"),
+        **{key: {"path": (1.0, 0.1), "transforms": True}[key]},
+    )
+    with pytest.raises(InputError, match=f"{key}: asks for what .*csv cannot hold"):
+        list(run(config))
+    assert not config.output.exists()
