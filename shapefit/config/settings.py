@@ -30,6 +30,19 @@ class Settings:
         default_factory=lambda: {(): Place(COMMAND_LINE, COMMAND_LINE)}
     )
 
+    def take_section(self, name: str, values: dict[str, Any]) -> None:
+        """Take the values of a section; the place of each is its path, such as `fit.lambda`."""
+        self.values = values
+        self._places[()] = Place(name, name)
+        self._place_section(values, (), name)
+
+    def _place_section(self, values: dict[str, Any], location: Location, name: str) -> None:
+        for key, value in values.items():
+            inner, path = (*location, key), f"{name}.{key}"
+            self._places[inner] = Place(path, path)
+            if isinstance(value, dict):
+                self._place_section(value, inner, path)
+
     def read_file(self, path: Path) -> None:
         """Take the values of a YAML file, or of standard input for `-`.
 

@@ -161,7 +161,7 @@ class SweepConfig(CommandConfig):
         """Return the settings of each step where the key that varies has this value."""
         steps = Steps(self.learn_dict, self.project, self.corrupt, self.fit)
         name, _, key = self.key.partition(".")
-        return steps._replace(**{name: _changed(getattr(self, name), key, value)})
+        return steps._replace(**{name: _changed(getattr(self, name), name, key, value)})
 
     @field_validator(*COMMANDS, mode="before")
     @classmethod
@@ -223,17 +223,26 @@ def _check_values(section: Section | None, name: str, key: str, values: tuple[Va
     problems = []
     for value in values:
         try:
-            _changed(section, key, value)
+            _changed(section, name, key, value)
         except InputError as error:
-            problems += [f"{name}.{line.removeprefix('--set ')}" for line in error.problems]
+            problems += [_of_value(name, key, value, line) for line in error.problems]
     if problems:
         raise ValueError("; ".join(problems))
 
 
-def _changed(section: Section, key: str, value: Value) -> Section:
+def _of_value(name: str, key: str, value: Value, line: str) -> str:
+    """Say of a problem that it arises at this value: its own, or that of another key."""
+    own = f"--set {key}="
+    if line.startswith(own):
+        return f"{name}.{key}={line.removeprefix(own)}"
+    return f"with {name}.{key}={_as_yaml(value)}, {line}"
+
+
+def _changed(section: Section, name: str, key: str, value: Value) -> Section:
     """Return the section with another value of a key; raises InputError if it does not fit."""
     model = type(section)
-    settings = Settings(path_keys(model), section.model_dump(mode="json"))
+    settings = Settings(path_keys(model))
+    settings.take_section(name, section.model_dump(mode="json"))
     settings.set_option(f"{key}={_as_yaml(value)}")
     return check(model, settings)
 

@@ -120,6 +120,27 @@ def test_a_problem_has_its_place(folder, old, new, line, expected):
 
 
 @pytest.mark.parametrize(
+    ("vary", "expected"),
+    [
+        (
+            "learn_dict.method: [exemplars]",
+            'with learn_dict.method="exemplars", learn_dict.k: '
+            "`k` belongs to `method: sparse-coding`; leave it out",
+        ),
+        (
+            "fit.solver.name: [newton]",
+            'with fit.solver.name="newton", fit.solver.stop: '
+            "`stop: change` belongs to the solver admm; use `gap` or name: admm",
+        ),
+    ],
+)
+def test_a_key_that_does_not_go_with_a_value_has_its_path(folder, vary, expected):
+    edit(folder, "lambda: 0.1", "solver: {name: admm, stop: change}")
+    (problem,) = problems(folder, f"vary={{{vary}}}")
+    assert problem == f"--set vary={{{vary}}}: {expected}"
+
+
+@pytest.mark.parametrize(
     ("step", "expected"),
     [
         ("project: {shapes: test.h5}\n", "missing key 'landmarks'; name a file, or give `project`"),
