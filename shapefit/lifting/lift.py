@@ -78,9 +78,9 @@ def lift(
     fine[list(failures)] = False
 
     visible = weights > 0
-    norm = normalise(landmarks, visible)
+    norm = normalise(landmarks, visible & fine[:, None])
     problem = build_problem(
-        np.where(fine[:, None, None], norm.points, 0.0),
+        norm.points,
         atoms,
         choose_lambda(program, atoms, np.where(fine, norm.scale, 1.0), visible.mean(axis=1)),
         weights=np.where(fine[:, None], weights, 0.0),

@@ -13,6 +13,8 @@ DRAWS, SEED = 512, 1504_01507
 # Where the landmarks are all but exact the rule stops here; smaller lambdas change little and
 # take longer.
 LEAST = 1e-3
+# Every shape is empty long before, and what is larger could overflow.
+MOST = 1e30
 
 
 def noise_dual_norm(atoms: Floats) -> float:
@@ -36,4 +38,6 @@ def lambda_for_noise(atoms: Floats, noise: float, scale: Floats, visible_share: 
     expectation for the landmarks that no noise reaches.
     """
     unit = noise_dual_norm(atoms)
-    return np.maximum(noise / scale * unit * np.sqrt(visible_share), LEAST)
+    with np.errstate(over="ignore"):
+        level = noise / scale * unit * np.sqrt(visible_share)
+    return np.clip(level, LEAST, MOST)

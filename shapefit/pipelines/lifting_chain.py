@@ -21,6 +21,7 @@ from shapefit.lifting.path import WarmSolve
 from shapefit.lifting.perspective import Options
 from shapefit.lifting.perspective_view import refine_view
 from shapefit.lifting.temporal import Sequencing, refine_sequences
+from shapefit.lifting.withholding import withhold_broken
 from shapefit.pipelines.intrinsics import find_camera
 from shapefit.pipelines.landmark_weights import find_weights
 from shapefit.pipelines.left_out import leaving_out
@@ -59,7 +60,7 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
     lifter: Lifter = lift_with
     if config.leave_out is not None:
         lifter = leaving_out(lift_with, config.leave_out, dictionary, config.threads)
-    return lambda images, whole: refinement(lifter(images, whole), images)
+    return lambda images, whole: withhold_broken(refinement(lifter(images, whole), images))
 
 
 def choose_view(config: FitConfig) -> View:

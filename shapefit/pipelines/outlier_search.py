@@ -78,7 +78,8 @@ def lift_inliers(
     seen = visible.sum(axis=1)
     searched = seen >= BEYOND_CHANCE
     searched[list(find_degenerate(images.landmarks, weights))] = False
-    inliers = np.where(searched[:, None], search(images, weights, dictionary), True) & visible
+    inliers = search(images, np.where(searched[:, None], weights, 0.0), dictionary)
+    inliers = np.where(searched[:, None], inliers, True) & visible
     agree = inliers.sum(axis=1)
     found = np.where((agree < BEYOND_CHANCE)[:, None], 0.0, inliers)
     lost = np.zeros(len(seen), dtype=bool)

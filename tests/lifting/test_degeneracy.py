@@ -47,3 +47,20 @@ def test_what_is_hidden_does_not_matter(rng):
     line = np.array([[0.0, 1.0, 2.0, 3.0], [1.0, 3.0, 5.0, np.nan]])
     line[:, 3] = rng.standard_normal(2)
     assert find_degenerate(line[None], np.array([[1.0, 1.0, 1.0, 0.0]])) != {}
+
+
+def test_coordinates_that_cannot_be_squared_are_found():
+    images = np.stack([1e200 * TRIANGLE, TRIANGLE, 1e-200 * TRIANGLE, 1e-318 * TRIANGLE])
+    images = np.concatenate([images, [1.7e308 * (2 * TRIANGLE - 1)]])
+    with np.errstate(all="raise", under="ignore"):
+        found = find_degenerate(images, np.ones((5, 4)))
+    assert list(found) == [0, 2, 3, 4]
+    assert found[0] == "coordinates too large, up to 1e+200: use a larger unit"
+    assert found[2].startswith("landmarks too close together, within 7e-201: use a smaller unit")
+    assert "too close together" in found[3]
+    assert "too large" in found[4]
+
+
+def test_what_is_hidden_may_be_too_large():
+    landmarks = np.concatenate([TRIANGLE, np.full((2, 1), 1e200)], axis=1)
+    assert find_degenerate(landmarks[None], np.array([[1.0, 1.0, 1.0, 1.0, 0.0]])) == {}

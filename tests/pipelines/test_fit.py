@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.io import LandmarkSet, landmark_writer, read_results, write_dictionary
+from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit import run
 
 NAMES = tuple(f"point{j}" for j in range(10))
@@ -186,10 +189,13 @@ class TestShapes:
         inputs = {Path(name).name for name in json.loads(found.attributes["inputs"])}
         assert inputs == {"views.h5", "dictionary.h5"}
 
-    def test_zero_images_give_zero_results(self, tmp_path, dictionary):
+    @pytest.mark.parametrize("method", METHODS)
+    def test_zero_images_give_zero_results(self, tmp_path, dictionary, atoms, method):
+        edges = np.array([[0, 1], [1, 2]])
+        write_dictionary(dictionary, Dictionary(atoms, NAMES, atoms[0], edges=edges))
         empty = LandmarkSet(landmarks=np.empty((0, 2, 10)), landmark_names=NAMES, items=())
-        found, outcomes = fit(tmp_path, dictionary, empty)
-        assert len(found) == 0
+        found, outcomes = fit(tmp_path, dictionary, empty, method=method)
+        assert found.shapes.shape == (0, 3, 10)
         assert failures(outcomes) == {}
 
     @pytest.mark.parametrize("method", ["convex+refine", "alternate", "alternate+", "mean-shape"])
@@ -279,6 +285,37 @@ class TestItemsThatFail:
         np.testing.assert_array_equal(
             found.extras["landmarks"][1], np.where(hidden, np.nan, observed)
         )
+
+    @pytest.mark.parametrize(
+        ("factor", "reason"),
+        [
+            (1e200, "coordinates too large"),
+            (1e305, "coordinates too large"),
+            (1e-200, "landmarks too close together"),
+            (1e-318, "landmarks too close together"),
+        ],
+    )
+    @pytest.mark.parametrize(
+        "keys",
+        [{}, {"lambda": "auto", "noise": 1e305}]
+        + [{"outliers": {"method": m, "threshold": 10.0}} for m in ("ransac", "truncated")],
+    )
+    def test_coordinates_beyond_arithmetic_fail_without_a_murmur(
+        self, tmp_path, dictionary, images, factor, reason, keys
+    ):
+        landmarks = images.landmarks.copy()
+        landmarks[3] *= factor
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found, outcomes = fit(
+                tmp_path, dictionary, replace(images, landmarks=landmarks), **keys
+            )
+        assert failures(outcomes).pop("image3").startswith(reason)
+        assert found.status[3] == Status.DEGENERATE.value
+        # ransac also fails others: their atoms are far from the mean shape
+        whole = np.isfinite(found.shapes).all(axis=(1, 2))
+        assert [item in failures(outcomes) for item in images.items] == (~whole).tolist()
+        assert whole.sum() == 7 or keys.get("outliers", {}).get("method") == "ransac"
 
     def test_strict_counts_what_is_not_optimal(self, tmp_path, dictionary, images):
         keys = {"solver": {"max_iterations": 1, "tolerance": 1e-9}}
