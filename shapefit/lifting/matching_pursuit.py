@@ -11,6 +11,7 @@ from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
 from shapefit.convex.stretches import run_stretches
 from shapefit.geometry.rotations import complete_rotation
+from shapefit.lifting.combination import combine
 from shapefit.lifting.estimate import STATUS, Estimate, place
 from shapefit.lifting.matching_pursuit_kernels import pursue_stretch
 
@@ -120,9 +121,7 @@ def matching_pursuit(
     rotation = complete_rotation(M)
     scale = np.linalg.svd(M, compute_uv=False).mean(axis=1)
     c = scale[:, None] * found.coefficients
-    n, k = c.shape
-    S = (c @ problem.atoms.reshape(k, -1)).reshape(n, 3, -1)
-    S += (scale * found.mean_coefficient)[:, None, None] * mean_shape
+    S = combine(c, problem.atoms) + (scale * found.mean_coefficient)[:, None, None] * mean_shape
     shapes = rotation @ S
     placed = place(problem, shapes[:, :2])
     return Estimate(

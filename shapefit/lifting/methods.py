@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Solution, Status
 from shapefit.lifting.alternation import alternate
+from shapefit.lifting.combination import combine
 from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import Estimate, Estimator, place, put
 from shapefit.lifting.matching_pursuit import matching_pursuit
@@ -232,7 +233,7 @@ def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: 
     )
     c = found.coefficients
     R = np.where(np.isfinite(found.rotation), found.rotation, 0.0)
-    shapes = R @ np.tensordot(c, problem.atoms, axes=1)
+    shapes = R @ combine(c, problem.atoms)
     placed = place(problem, shapes[:, :2])
     return Estimate(
         shapes=shapes,

@@ -12,6 +12,7 @@ from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
+from shapefit.lifting.combination import combine
 from shapefit.lifting.estimate import Estimate, place
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.perspective import (
@@ -71,7 +72,7 @@ def refine_view(
     )
     n = len(landmarks)
     c, R, t = found.coefficients, found.rotation, found.translation
-    S = R @ np.tensordot(c, dictionary.atoms, axes=1)
+    S = R @ combine(c, dictionary.atoms)
     depth = camera.sign * t[:, 2]
     scale = np.sqrt(seen.focal.prod(axis=1)) / depth
     origin = seen.centre + seen.focal * t[:, :2] / depth[:, None]

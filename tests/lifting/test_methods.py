@@ -55,6 +55,15 @@ def test_every_method_fits_hidden_weighted_moved_and_scaled_landmarks(name, scen
     np.testing.assert_allclose(moved.landmarks_fitted, 20 * base.landmarks_fitted - 7, atol=0.02)
 
 
+@pytest.mark.parametrize("name", METHODS)
+def test_every_method_takes_no_images(name, scene, settings):
+    none = scene.problem(0.1).take(np.arange(0))
+    edges = np.array([[0, 1], [1, 2]])
+    found = choose_method(name, replace(settings, edges=edges))(none)
+    assert found.shapes.shape == (0, 3, 12)
+    assert found.status == ()
+
+
 @pytest.mark.parametrize("name", RIGID)
 @pytest.mark.parametrize("signed", [False, True])
 def test_an_estimate_of_one_rotation_agrees_with_itself(name, signed, scene, settings):
