@@ -13,9 +13,12 @@ from shapefit.config.evaluate import EvalConfig
 from shapefit.config.fit import FitConfig
 from shapefit.config.learn_dict import LearnDictConfig
 from shapefit.config.model import CommandConfig
+from shapefit.config.paths import STANDARD_STREAM
 from shapefit.config.project import ProjectConfig
+from shapefit.config.settings import STANDARD_INPUT
 from shapefit.config.simulate import SimulateConfig
 from shapefit.config.sweep import SweepConfig
+from shapefit.errors import input_error
 
 CONFIGS: Mapping[str, type[CommandConfig]] = {
     "learn-dict": LearnDictConfig,
@@ -38,9 +41,16 @@ def load_config(
     `overrides` (each `a.b=value`) go over what the YAML file at `path` says, and `arguments`
     (key -> value; None and empty ones do not count) over both. Paths in the file are relative to
     the file, the others to the working directory; in the config they are absolute and globs are
-    expanded. Raises InputError with every problem at once, each with its place.
+    expanded. Raises InputError with every problem at once, each with its place, and where
+    standard input would be read twice.
     """
-    return load_model(CONFIGS[command], path, overrides, arguments)
+    config = load_model(CONFIGS[command], path, overrides, arguments)
+    readers = ["the config"] if path == STANDARD_STREAM else []
+    readers += [f"`{key}`" for key, file in config.inputs() if file == STANDARD_STREAM]
+    if len(readers) > 1:
+        found = f"{' and '.join(readers)} would both read it"
+        raise input_error(STANDARD_INPUT, found, "name a file for one of them")
+    return config
 
 
 def dump_config(config: CommandConfig) -> str:

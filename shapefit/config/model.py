@@ -46,15 +46,17 @@ class CommandConfig(ConfigModel):
     def _keeps_its_inputs(self) -> Self:
         """Refuse an output that would take the place of an input."""
         output = getattr(self, "output", STANDARD_STREAM)
-        values = (
-            getattr(self, name)
-            for name in type(self).model_fields
-            if name not in ("output", "data")
-        )
-        for path in _paths(values):
+        for _, path in self.inputs():
             if path != STANDARD_STREAM and os.path.realpath(path) == os.path.realpath(output):
                 raise ValueError(f"`output` would replace an input, {path}; name another file")
         return self
+
+    def inputs(self) -> Iterator[tuple[str, Path]]:
+        """Yield the files to read, those in sections aside, each with its key."""
+        for key in type(self).model_fields:
+            if key not in ("output", "data"):
+                for path in _paths((getattr(self, key),)):
+                    yield key, path
 
     def as_json(self) -> str:
         """Return the config as one line of JSON, with every default."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import stat
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,6 +15,8 @@ from shapefit.config.expectation import Expected
 
 STANDARD_STREAM = Path("-")
 DATA = "{data}"
+
+_READ_AS_FILES = frozenset({stat.S_IFREG, stat.S_IFIFO, stat.S_IFCHR})
 
 PathKeys = Mapping[str, "PathKeys"]
 """Keys that hold paths -> those within them that do; none within where the value itself is one."""
@@ -84,19 +87,40 @@ def absolute_path(value: Any) -> Path:
 
 
 def expand_path(value: Any) -> tuple[Path, ...]:
-    """Return the files that a path or glob names, sorted, at least one. Raises ValueError."""
+    """Return the files that a path or glob names, sorted, at least one. Raises ValueError.
+
+    Pipes that have a name are files too (`<(...)` in a shell makes them), but not for a glob.
+    """
     path = absolute_path(value)
-    if path == STANDARD_STREAM or path.is_file():
+    kind = None if path == STANDARD_STREAM else _kind(path)
+    if path == STANDARD_STREAM or kind in _READ_AS_FILES:
         return (path,)
-    if path.is_dir():
+    if kind == stat.S_IFDIR:
         raise ValueError(f"{path} is a folder; name its files, such as {path / '*.h5'}")
+    if kind is not None:
+        raise ValueError(f"{path} is neither a file nor a pipe; name one, or use - for stdin")
     if not glob.has_magic(str(path)):
         raise ValueError(f"no file {path}; check the spelling")
     matches = sorted(Path(match) for match in glob.glob(str(path), recursive=True))
-    files = tuple(match for match in matches if match.is_file())
+    files = tuple(match for match in matches if os.path.isfile(match))
     if not files:
         raise ValueError(f"no file matches {path}; check the pattern")
     return files
+
+
+def _kind(path: Path) -> int | None:
+    """Return what stands at the path, as `stat.S_IFMT` names it; None for nothing.
+
+    Raises ValueError where that cannot be found out.
+    """
+    try:
+        return stat.S_IFMT(os.stat(path).st_mode)
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        return None
+    except OSError as error:
+        if glob.has_magic(str(path)):
+            return None
+        raise ValueError(f"{path} cannot be read: {error.strerror}; check the path") from None
 
 
 def _one_file(value: Any) -> Path:

@@ -44,6 +44,10 @@ def check_output(target: Path) -> Path:
     """
     if is_stream(target):
         return target
+    if os.path.exists(target) and not os.path.isfile(target) and not os.path.isdir(target):
+        # Before links are followed: those of /dev/stdout and the like can lead to no path at all.
+        found = "it is not a regular file"
+        raise input_error(target, found, "give the name of a file, or - for CSV to standard output")
     resolved = Path(os.path.realpath(target))
     folder = resolved.parent
     if _is_too_long(resolved):
@@ -53,9 +57,6 @@ def check_output(target: Path) -> Path:
         raise input_error(target, found, f"create the folder (mkdir -p '{folder}')")
     if os.path.isdir(resolved):
         raise input_error(target, "it is a folder", "give the name of a file in it")
-    if os.path.exists(resolved) and not os.path.isfile(resolved):
-        found = "it is not a regular file"
-        raise input_error(target, found, "give the name of a file, or - for CSV to standard output")
     if not is_writable(folder):
         found = f"its folder {folder} is not writable"
         raise input_error(target, found, "choose another folder, or change its permissions")

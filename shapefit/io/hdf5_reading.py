@@ -25,7 +25,7 @@ from shapefit.io.layout import (
     plain_name,
 )
 from shapefit.io.problems import input_problems
-from shapefit.io.sources import is_hdf5
+from shapefit.io.sources import is_hdf5, source_name
 
 BLOCK = 16384
 
@@ -42,7 +42,8 @@ class Hdf5Reader:
         self.path = path
         self.form = form
         if not is_hdf5(path):
-            raise input_error(path, "is not an HDF5 file", f"give a {form.name} file")
+            found = "is not an HDF5 file" if path.is_file() else "is not a file on a disk"
+            raise input_error(source_name(path), found, f"give a {form.name} file")
         with self._damage():
             self._file = h5py.File(path, "r")
         try:
@@ -185,6 +186,8 @@ class Hdf5Reader:
         if version != VERSION:
             said = "has no root attribute version" if version is None else f"has version {version}"
             fix = f"this program reads version {VERSION}"
+            if isinstance(version, str):
+                said, fix = f"has the version '{version}' as text", f"store the number {VERSION}"
             raise input_error(self.path, said, fix)
 
     def _check_datasets(self) -> None:

@@ -56,12 +56,15 @@ def is_hdf5(path: Path) -> bool:
 
 
 def read_text_bytes(path: Path) -> bytes:
-    """Return all bytes of standard input or of a text file."""
+    """Return all bytes of standard input, a pipe or a text file."""
     if is_stream(path) and sys.stdin is None:
         raise input_error(source_name(path), "is closed", "send something there, or name a file")
     data = sys.stdin.buffer.read() if is_stream(path) else path.read_bytes()
     if not data:
         raise input_error(source_name(path), "is empty (0 bytes)", "write a CSV with a header line")
+    if data.startswith(HDF5_SIGNATURE):
+        fix = "name the file itself, or send CSV"
+        raise input_error(source_name(path), "is HDF5, which cannot come through a pipe", fix)
     return data
 
 

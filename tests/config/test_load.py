@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import os
 from pathlib import Path
 
 import pytest
@@ -130,6 +131,14 @@ def test_a_file_with_a_glob_character_in_its_name_is_that_file(folder):
     (folder / "x1.h5").touch()
     config = load_config("learn-dict", None, [], {"shapes": "x[1].h5", "output": "d.h5"})
     assert config.shapes == (folder / "x[1].h5",)
+
+
+def test_a_pipe_is_a_file_but_not_for_a_glob(folder):
+    os.mkfifo(folder / "pipe.csv")
+    config = load_config("learn-dict", None, [], {"shapes": "pipe.csv", "output": "d.h5"})
+    assert config.shapes == (folder / "pipe.csv",)
+    config = load_config("learn-dict", None, [], {"shapes": "*.csv", "output": "d.h5"})
+    assert config.shapes == (folder / "c.csv",)
 
 
 def test_data_stands_for_a_folder(folder):
@@ -270,6 +279,24 @@ def test_a_config_can_come_from_standard_input(folder, monkeypatch):
     monkeypatch.setattr("sys.stdin", None)
     with pytest.raises(InputError, match="standard input: is closed"):
         load_config("fit", Path("-"))
+
+
+@pytest.mark.parametrize(
+    ("command", "path", "arguments", "readers"),
+    [
+        ("fit", "-", {"landmarks": "-", "dictionary": "a.h5"}, "the config and `landmarks`"),
+        ("fit", None, {"landmarks": "-", "dictionary": "-"}, "`landmarks` and `dictionary`"),
+        ("eval", "-", {"results": "a.h5", "truth": ("b.h5", "-")}, "the config and `truth`"),
+        ("eval", None, {"results": {"x": "-"}, "truth": "-"}, "`results` and `truth`"),
+    ],
+)
+def test_standard_input_is_read_once(folder, monkeypatch, command, path, arguments, readers):
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"output: out\n")))
+    with pytest.raises(InputError) as caught:
+        load_config(command, path and Path(path), ["output=out"], arguments)
+    assert caught.value.problems == (
+        f"standard input: {readers} would both read it; name a file for one of them",
+    )
 
 
 def test_a_bare_dash_is_a_stream(folder):

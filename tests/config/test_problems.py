@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import socket
 from pathlib import Path
 
 import pytest
@@ -319,6 +320,11 @@ def test_a_config_that_cannot_be_read_is_named(folder):
     [
         ("x.h5", "c.yaml:1:12: no file {folder}/x.h5; check the spelling"),
         ("'*.csv'", "c.yaml:1:12: no file matches {folder}/*.csv; check the pattern"),
+        ("x" * 300, "/" + "x" * 300 + " cannot be read: File name too long; check the path"),
+        ("loop", "c.yaml:1:12: {folder}/loop cannot be read: Too many levels of symbolic links;"),
+        ("socket", "c.yaml:1:12: {folder}/socket is neither a file nor a pipe; name one, or use -"),
+        ('"a\\0b"', "; check the spelling"),
+        ("'*/" + "x" * 300 + "'", "; check the pattern"),
         ("sub", "c.yaml:1:12: {folder}/sub is a folder; name its files, such as"),
         ("3", "c.yaml:1:12: expected a path, found 3"),
         ("''", "c.yaml:1:12: "),
@@ -329,6 +335,9 @@ def test_a_config_that_cannot_be_read_is_named(folder):
     ],
 )
 def test_a_path_that_names_no_file(folder, path, expected):
+    (folder / "loop").symlink_to("loop")
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind("socket")  # relative: the path of a socket must be short
     (told,) = problems("fit", FIT.replace("a.h5", path, 1))
     assert expected.format(folder=folder, data="{data}") in told
 

@@ -106,6 +106,19 @@ def test_a_folder_or_device_as_target(tmp_path, problems):
     assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
 
 
+def test_a_pipe_as_target(problems):
+    there, here = os.pipe()
+    try:
+        (line,) = problems(check_output, Path(f"/dev/fd/{here}"))
+    finally:
+        os.close(there)
+        os.close(here)
+    assert line == (
+        f"/dev/fd/{here}: it is not a regular file; "
+        "give the name of a file, or - for CSV to standard output"
+    )
+
+
 @pytest.fixture
 def locked_folder():
     """Make a folder that the user of this test may not write to, even where that is root."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -385,6 +387,26 @@ def test_empty_standard_input(standard_input, problems):
     assert problems(read_views, Path("-")) == (
         "standard input: is empty (0 bytes); write a CSV with a header line",
     )
+
+
+def test_hdf5_does_not_come_through_a_pipe(landmark_file, tmp_path, problems):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = Thread(target=lambda: pipe.write_bytes(landmark_file.read_bytes()))
+    writer.start()
+    told = problems(read_views, pipe)
+    writer.join()
+    fix = "name the file itself, or send CSV"
+    assert told == (f"{pipe}: is HDF5, which cannot come through a pipe; {fix}",)
+
+
+def test_a_table_through_a_pipe(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = Thread(target=lambda: pipe.write_bytes(VIEWS.encode()))
+    writer.start()
+    check_views(read_views(pipe))
+    writer.join()
 
 
 def test_lines_of_standard_input_are_named(standard_input, problems):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -84,11 +86,22 @@ def test_no_format_or_another_version(shape_file, problems):
     (line,) = problems(READERS["shapes"], shape_file)
     assert line == f"{shape_file}: has version 2; this program reads version 1"
     with h5py.File(shape_file, "a") as file:
+        file.attrs["version"] = "1"
+    (line,) = problems(READERS["shapes"], shape_file)
+    assert line == f"{shape_file}: has the version '1' as text; store the number 1"
+    with h5py.File(shape_file, "a") as file:
         del file.attrs["version"]
     assert "no root attribute version" in problems(READERS["shapes"], shape_file)[0]
     with h5py.File(shape_file, "a") as file:
         del file.attrs["format"]
     assert "no root attribute format" in problems(READERS["shapes"], shape_file)[0]
+
+
+def test_a_dictionary_through_a_pipe(tmp_path, problems):
+    os.mkfifo(tmp_path / "pipe")
+    for path, name in ((tmp_path / "pipe", tmp_path / "pipe"), (Path("-"), "standard input")):
+        (line,) = problems(READERS["dictionary"], path)
+        assert line == f"{name}: is not a file on a disk; give a shapefit-dictionary file"
 
 
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.95, 0.999])
