@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 from collections.abc import Callable
@@ -185,3 +186,25 @@ def edit() -> Callable[..., Path]:
         return path
 
     return change
+
+
+@pytest.fixture
+def csv(tmp_path) -> Callable[..., Path]:
+    """Write a CSV file and return its path."""
+
+    def write(text: str | bytes, name: str = "table.csv") -> Path:
+        path = tmp_path / name
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return write
+
+
+@pytest.fixture
+def standard_input(monkeypatch) -> Callable[[str], None]:
+    """Put a text on standard input."""
+
+    def give(text: str) -> None:
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+
+    return give
