@@ -13,6 +13,7 @@ from shapefit.io.extras import Array, Extras
 
 Text = TypeVar("Text", bound=str)
 APART = "give files that agree, or run them apart"
+ALL_OR_NONE = "give it to all files (CSV cannot hold it) or to none, or run them apart"
 
 
 def agreed(what: str, stated: Sequence[tuple[str, Text | None]], default: Text) -> Text:
@@ -45,7 +46,11 @@ def check_same_extras(files: Sequence[tuple[str, Extras]]) -> None:
     """
     first_place, first = files[0]
     for place, extras in files[1:]:
-        for name in {**first, **extras}:
+        for has, names in (("has no", first.keys() - extras), ("has the", extras.keys() - first)):
+            if names:
+                found = f"{has} dataset {', '.join(sorted(names))}, unlike {first_place}"
+                raise input_error(place, found, ALL_OR_NONE)
+        for name in first:
             one, other = _comparable(first, name), _comparable(extras, name)
             _compare(f"dataset {name}", (first_place, one), (place, other))
 

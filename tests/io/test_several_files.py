@@ -99,7 +99,6 @@ def test_shapes_that_do_not_go_together(tmp_path, shapes, problems):
             replace(part, mesh_faces=part.mesh_faces[::-1]),
             f"its mesh_faces is not that of {one}",
         ),
-        (replace(part, extras={}), f"has no dataset weight, unlike {one}"),
         (
             replace(part, extras={**part.extras, "mirror_index": np.arange(4)}),
             f"its dataset mirror_index is not that of {one}",
@@ -108,15 +107,30 @@ def test_shapes_that_do_not_go_together(tmp_path, shapes, problems):
             replace(part, extras={**part.extras, "weight": np.zeros((1, 2))}),
             f"its dataset weight is not that of {one}",
         ),
-        (
-            replace(part, extras={**part.extras, "more": np.zeros(1)}),
-            f"has a dataset more, unlike {one}",
-        ),
     ):
         write_shapes(two, other)
         assert problems(read_shapes, [one, two]) == (
             f"{two}: {found}; give files that agree, or run them apart",
         )
+
+
+def test_datasets_that_only_some_files_have(tmp_path, shapes, problems):
+    one, two, three = tmp_path / "a.h5", tmp_path / "b.h5", tmp_path / "c.csv"
+    part = shapes.take([1])
+    write_shapes(one, replace(shapes.take([0]), mesh_vertices=None, mesh_faces=None))
+    write_shapes(three, part)
+    fix = "give it to all files (CSV cannot hold it) or to none, or run them apart"
+    assert problems(read_shapes, [one, three]) == (
+        f"{three}: has no dataset mirror_index, weight, unlike {one}; {fix}",
+    )
+    assert problems(read_shapes, [three, one]) == (
+        f"{one}: has the dataset mirror_index, weight, unlike {three}; {fix}",
+    )
+    more = {**part.extras, "more": np.zeros(1)}
+    write_shapes(two, replace(part, mesh_vertices=None, mesh_faces=None, extras=more))
+    assert problems(read_shapes, [one, two]) == (
+        f"{two}: has the dataset more, unlike {one}; {fix}",
+    )
 
 
 def test_files_without_sequences_units_or_shapes_go_with_others(tmp_path, shapes):
@@ -188,12 +202,19 @@ def test_landmarks_that_do_not_go_together(tmp_path, landmarks, problems):
     for other, found in (
         (replace(part, y_axis="up"), f"its y_axis is 'up', that of {one} is 'down'"),
         (replace(part, unit="m"), f"its unit is 'm', that of {one} is 'px'"),
-        (replace(part, extras={}), f"has no dataset true_model, unlike {one}"),
     ):
         two = views_file(tmp_path / "b.h5", other)
         assert problems(open_landmarks, [one, two]) == (
             f"{two}: {found}; give files that agree, or run them apart",
         )
+
+
+def test_landmarks_with_datasets_do_not_go_with_a_table(tmp_path, landmarks, problems):
+    one = views_file(tmp_path / "a.h5", landmarks.take([0]))
+    two = views_file(tmp_path / "b.csv", landmarks.take([1]))
+    names = "camera_matrix, maker, true_model, true_rotation"
+    (line,) = problems(open_landmarks, [one, two])
+    assert line.startswith(f"{two}: has no dataset {names}, unlike {one}; give it to all files")
 
 
 def test_images_in_two_files(tmp_path, landmarks, problems):
