@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,28 @@ LABELS = ("outliers", "corrupted")
 def is_per_item(name: str, shape: tuple[int, ...], count: int) -> bool:
     """Whether a dataset of this shape has a row for each of `count` items."""
     return shape[:1] == (count,) and OF_THE_FILE.get(name) != len(shape)
+
+
+def names_apart(names: Iterable[str], taken: Collection[str]) -> dict[str, str]:
+    """Return the name under which each dataset can stand in a file that has those in `taken`.
+
+    `input_` is put before a name that is taken until it is free. In HDF5 the dataset `a/b` lies in
+    the group `a`, for which there is no room where `a` is a dataset.
+    """
+    names = list(names)
+    groups = {_group(name) for name in names}
+
+    def apart(name: str) -> str:
+        free = name
+        while _group(free) in taken or (free != name and _group(free) in groups):
+            free = f"input_{free}"
+        return free
+
+    return {name: apart(name) for name in names}
+
+
+def _group(name: str) -> str:
+    return name.partition("/")[0]
 
 
 class Extras(Mapping[str, Array]):
@@ -60,6 +82,14 @@ class Extras(Mapping[str, Array]):
     def take(self, rows: NDArray[np.intp]) -> Extras:
         """Return the extras of these items."""
         return Extras({name: array[rows] for name, array in self.per_item.items()}, self.whole)
+
+    def apart_from(self, taken: Collection[str]) -> Extras:
+        """Return these extras under names that are not in `taken`, as `names_apart` gives them."""
+        names = names_apart(self, taken)
+        return Extras(
+            {names[name]: array for name, array in self.per_item.items()},
+            {names[name]: array for name, array in self.whole.items()},
+        )
 
     def __or__(self, per_item: Mapping[str, Array]) -> Extras:
         """Return these extras and more datasets per item (over those of the same name)."""

@@ -30,9 +30,9 @@ class Hdf5Writer:
     """Appends records of one format to an HDF5 file; a context manager.
 
     Datasets per item are chunked and extended along their first axis; what is not per item comes
-    from the first record. Extras that are named like a dataset of the format are stored as
-    `input_NAME`. `attributes` become root attributes on exit; records that have attributes add
-    theirs.
+    from the first record. Extras that are named like a dataset of the format are stored under
+    another name (`names_apart`). `attributes` become root attributes on exit; records that have
+    attributes add theirs.
     """
 
     def __init__(self, file: FileIO, form: Format) -> None:
@@ -87,8 +87,8 @@ class Hdf5Writer:
             value = getattr(record, dataset.attribute)
             if value is not None and not dataset.per_item:
                 self._whole(dataset.name, _in_file(dataset, value))
-        for name, value in _extras(record).whole.items():
-            self._whole(self._free_name(name), _storable(value)).attrs[PER_ITEM_FLAG] = False
+        for name, value in self._extras(record).whole.items():
+            self._whole(name, _storable(value)).attrs[PER_ITEM_FLAG] = False
 
     def _finish(self) -> None:
         if self._first is None:
@@ -113,14 +113,15 @@ class Hdf5Writer:
             for dataset in self._form.per_item
             if getattr(record, dataset.attribute) is not None
         }
-        whole = set() if self._first is None else set(_extras(self._first).whole)
-        for name, values in _extras(record).per_item.items():
+        whole = set() if self._first is None else set(self._extras(self._first).whole)
+        for name, values in self._extras(record).per_item.items():
             if name not in whole:
-                rows[self._free_name(name)] = _storable(values)
+                rows[name] = _storable(values)
         return rows
 
-    def _free_name(self, name: str) -> str:
-        return f"input_{name}" if name in self._form.names else name
+    def _extras(self, record: Any) -> Extras:
+        extras: Extras = getattr(record, "extras", None) or Extras()
+        return extras.apart_from(self._form.names)
 
     def _extendable(self, name: str, values: Array) -> Any:
         rest = values.shape[1:]
@@ -145,11 +146,6 @@ class Hdf5Writer:
         finally:
             if self._spool.error:
                 raise self._spool.error
-
-
-def _extras(record: Any) -> Extras:
-    extras: Extras = getattr(record, "extras", None) or Extras()
-    return extras
 
 
 def _in_file(dataset: Dataset, value: Any) -> Array:

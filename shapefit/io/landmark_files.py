@@ -77,6 +77,11 @@ class LandmarkSource:
         """Whether y points up or down."""
         return self._head.y_axis
 
+    @property
+    def further_datasets(self) -> tuple[str, ...]:
+        """Names of the datasets that the format does not know."""
+        return tuple(self._head.extras)
+
     def chunks(self, size: int) -> Iterator[LandmarkSet]:
         """Give out the images in order, `size` at a time (fewer in the last chunk).
 

@@ -23,7 +23,7 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.path import follow_path
 from shapefit.pipelines.dictionary_kind import mismatch
 from shapefit.pipelines.fit_export import open_exports
-from shapefit.pipelines.fit_record import as_result
+from shapefit.pipelines.fit_record import as_result, find_renamed
 from shapefit.pipelines.intrinsics import all_aside
 from shapefit.pipelines.left_out import Strangers
 from shapefit.pipelines.lifting_chain import choose_lifter, choose_newton
@@ -77,7 +77,10 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         exports.publish()
     yield Outcome(
         total=source.count,
-        warnings=mismatch(config, dictionary) + left_in + exports.warnings,
+        warnings=mismatch(config, dictionary)
+        + find_renamed(source, config)
+        + left_in
+        + exports.warnings,
         note=exports.note,
         written=(config.output, *exports.folders),
     )

@@ -9,14 +9,23 @@ from numpy.typing import NDArray
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import LandmarkSet, ResultSet
-from shapefit.io.extras import Extras
+from shapefit.io import LandmarkSet, LandmarkSource, ResultSet
+from shapefit.io.extras import Extras, names_apart
+from shapefit.io.layout import RESULTS
+from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.path import Path
 from shapefit.meshes.dense import metric_scale
 from shapefit.pipelines.landmark_weights import find_seen
 
 Floats = NDArray[np.float64]
+
+OF_A_RESULT = RESULTS.names | {
+    *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
+    *("path_lambda", "path_objective", "path_relative_gap", "path_residual", "path_active_atoms"),
+    *("camera_translation", "focal", "principal_point", "position"),
+}
+"""Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
 
 
 def as_result(
@@ -82,7 +91,16 @@ def further_datasets(
         own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
     present = {name: values for name, values in own.items() if values is not None}
     carried = Extras.of(images.extras, len(images))
-    return carried | present
+    return carried.apart_from(OF_A_RESULT) | present
+
+
+def find_renamed(source: LandmarkSource, config: FitConfig) -> tuple[str, ...]:
+    """Warn of datasets of the landmarks that a result cannot store under their names."""
+    names = names_apart(source.further_datasets, OF_A_RESULT)
+    stored = [f"{name} is stored as {new}" for name, new in names.items() if new != name]
+    if not stored or is_csv_target(config.output):
+        return ()
+    return (f"datasets of the landmarks are named like those of a result: {', '.join(stored)}",)
 
 
 def perspective_datasets(

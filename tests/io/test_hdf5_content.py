@@ -80,6 +80,29 @@ def test_a_carried_dataset_never_hides_one_of_the_format(tmp_path, results):
     assert found.extras["input_item"].tolist() == list("abcde")
 
 
+def test_a_carried_dataset_has_a_name_of_its_own(tmp_path, results):
+    path = tmp_path / "result.h5"
+    extras = {
+        "scale": np.full(5, 1.0),
+        "input_scale": np.full(5, 2.0),
+        "status/reason": np.full(5, 3.0),
+        "shapes": np.full(7, 4.0),
+        "plain/scale": np.full(5, 5.0),
+    }
+    with result_writer(path) as writer:
+        for rows in ([0, 1], [2, 3, 4]):
+            writer.append(replace(results, extras=extras).take(rows))
+    found = read_results(path)
+    np.testing.assert_array_equal(found.scale, results.scale)
+    assert {name: values[0] for name, values in found.extras.items()} == {
+        "input_input_scale": 1.0,
+        "input_scale": 2.0,
+        "input_status/reason": 3.0,
+        "input_shapes": 4.0,
+        "plain/scale": 5.0,
+    }
+
+
 def test_three_images_do_not_make_rows_of_the_camera_matrix(landmark_file, tmp_path):
     (chunk, _) = read_landmarks(landmark_file)
     assert len(chunk) == 3
