@@ -119,6 +119,11 @@ def points(
     return found
 
 
+def value_text(value: Value) -> str:
+    """Write a value as YAML has it: `false`, not `False`."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
 COLUMNS = (
     "key", "value", "group", "metric", "unit", "images", "failed", "mean", "p25", "median", "p75",
     "p90", "seconds_per_image",
@@ -130,7 +135,8 @@ def write_csv(path: Path, sweep: Sweep) -> None:
     import polars as pl
 
     rows = [
-        {"key": sweep.key, **_known(point), "value": str(point.value)} for point in sweep.points
+        {"key": sweep.key, **_known(point), "value": value_text(point.value)}
+        for point in sweep.points
     ]
     pl.DataFrame(rows, infer_schema_length=None).select(COLUMNS).write_csv(path)
 
@@ -162,7 +168,9 @@ def markdown(sweep: Sweep) -> str:
                 shares = {point.value: _share_with_shape(point) for point in found}
                 columns[f"{of_which}with a shape"] = shares
     columns["ms an image"] = {p.value: f"{1000 * p.seconds_per_image:.3g}" for p in sweep.points}
-    rows = [[str(v), *(column.get(v, ABSENT) for column in columns.values())] for v in values]
+    rows = [
+        [value_text(v), *(column.get(v, ABSENT) for column in columns.values())] for v in values
+    ]
     parts = [f"# Error against {sweep.key}", HOW_TO_READ_PAIRS]
     if any(point.metric in labels.METRICS for point in sweep.points):
         parts.append(_LABELS)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from shapefit.evaluation.plots import COLOURS, FAINT, INK, TITLES, axis_label
 from shapefit.evaluation.summary import ALL
-from shapefit.evaluation.sweep import Point, Sweep
+from shapefit.evaluation.sweep import Point, Sweep, value_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,13 +89,13 @@ def _draw_bars(axis: Axes, groups: Mapping[str, Sequence[Point]]) -> None:
         )  # fmt: skip
         low, high = [p.p25 for p in points], [p.p75 for p in points]
         axis.vlines(places, low, high, color=INK, linewidth=1, zorder=3)
-    names = [str(point.value) for point in points]
+    names = [value_text(point.value) for point in points]
     axis.set_xticks(range(len(names)), names)
 
 
 def _draw_times(axis: Axes, points: Sequence[Point]) -> None:
     times = [1000 * point.seconds_per_image for point in points]
-    names = [str(point.value) for point in points]
+    names = [value_text(point.value) for point in points]
     axis.barh(range(len(points)), times, 0.6, color=INK, zorder=2)
     axis.set_yticks(range(len(points)), names)
     axis.invert_yaxis()

@@ -16,7 +16,15 @@ from shapefit.config.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.sweep import Value
 from shapefit.evaluation import plots
 from shapefit.evaluation.summary import ImageErrors
-from shapefit.evaluation.sweep import Point, Sweep, markdown, points, sweep_json, write_csv
+from shapefit.evaluation.sweep import (
+    Point,
+    Sweep,
+    markdown,
+    points,
+    sweep_json,
+    value_text,
+    write_csv,
+)
 from shapefit.evaluation.sweep_plots import sweep_plot
 from shapefit.evaluation.tables import write_per_image
 from shapefit.io import ShapeSet, digest, read_dictionary, read_results, read_shapes
@@ -91,13 +99,15 @@ def _prepare(
     if steps.learn_dict and at:
         dictionary = at / "dictionary.h5"
         learning = steps.learn_dict.model_copy(update={"output": dictionary})
-        yield from _as_preparation(learn_dict.run(learning), f"{config.key}={value}: learn-dict")
+        yield from _as_preparation(
+            learn_dict.run(learning), f"{_setting(config, value)}: learn-dict"
+        )
     at = place("project")
     seen = before.seen if before else steps.fit.landmarks
     if steps.project and at:
         seen = (at / "all_landmarks.h5",)
         seeing = steps.project.model_copy(update={"output": seen[0]})
-        yield from _as_preparation(project.run(seeing), f"{config.key}={value}: project")
+        yield from _as_preparation(project.run(seeing), f"{_setting(config, value)}: project")
     if config.varied_section in ("project", "corrupt"):
         at = folder
     elif before:
@@ -146,9 +156,9 @@ def _fit(
         yield Outcome(
             done=outcome.done,
             total=outcome.total and outcome.total * len(config.values),
-            failures=_named(outcome.failures, f"{config.key}={value}"),
+            failures=_named(outcome.failures, _setting(config, value)),
             warnings=outcome.warnings,
-            note=f"{config.key}={value}",
+            note=_setting(config, value),
         )
     return failed
 
@@ -166,9 +176,9 @@ def _judge(
     metrics = config.metrics + (get_args(LabelMetric) if labelled else ())
     judgement = judge(result, results, truth, config.match, metrics)
     failures = (Failure(i, why) for i, why in judgement.failures.items() if i not in failed)
-    yield Outcome(failures=_named(failures, f"{config.key}={value}"), warnings=judgement.warnings)
+    yield Outcome(failures=_named(failures, _setting(config, value)), warnings=judgement.warnings)
     found: dict[str, ImageErrors] = {}
-    for errors in image_errors(str(value), [judgement]):
+    for errors in image_errors(value_text(value), [judgement]):
         found.setdefault(errors.metric, errors)
     return list(found.values())
 
@@ -177,8 +187,12 @@ def _named(failures: Iterable[Failure], name: str) -> tuple[Failure, ...]:
     return tuple(Failure(f"{name}: {failure.item}", failure.reason) for failure in failures)
 
 
+def _setting(config: SweepConfig, value: Value) -> str:
+    return f"{config.key}={value_text(value)}"
+
+
 def _file_name(value: Value) -> str:
-    return re.sub(r"[^\w.+-]", "_", str(value))
+    return re.sub(r"[^\w.+-]", "_", value_text(value))
 
 
 def _provenance(config: SweepConfig) -> dict[str, object]:

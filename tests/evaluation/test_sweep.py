@@ -1,5 +1,6 @@
 """Points of a sweep: statistics of groups, and how they are written and drawn."""
 
+import csv
 import json
 import math
 from dataclasses import replace
@@ -67,6 +68,15 @@ def test_the_table_has_values_down_and_groups_across():
     assert second == ["0.2", *first[1:]]
 
 
+def test_true_and_false_are_written_as_in_yaml(tmp_path):
+    found = sweep(False, True)
+    first, second = [cells(line) for line in markdown(found).splitlines() if line[:1] == "|"][2:]
+    assert (first[0], second[0]) == ("false", "true")
+    write_csv(tmp_path / "sweep.csv", found)
+    with (tmp_path / "sweep.csv").open() as file:
+        assert [row["value"] for row in csv.DictReader(file)] == ["false", "false", "true", "true"]
+
+
 def test_every_metric_has_a_column_and_a_panel():
     degrees = replace(ERRORS, metric="rotation", unit="deg", values=10 * ERRORS.values)
     recall = replace(ERRORS, metric="recall", unit="share", values=ERRORS.values / 2)
@@ -112,9 +122,13 @@ def test_a_wide_range_has_a_logarithmic_axis_unless_it_has_zero():
     assert sweep_plot(sweep(0, 0.01, 1)).axes[0].get_xscale() == "linear"
 
 
-@pytest.mark.parametrize("values", [("convex", "mean-shape"), (True, False)])
-def test_names_are_drawn_as_bars_beside_their_times(values):
+@pytest.mark.parametrize(
+    ("values", "names"),
+    [(("convex", "mean-shape"), ["convex", "mean-shape"]), ((True, False), ["true", "false"])],
+)
+def test_names_are_drawn_as_bars_beside_their_times(values, names):
     errors_, times = sweep_plot(sweep(*values)).axes
     assert [bar.get_height() for bar in errors_.containers[0]] == pytest.approx([0.9, 0.9])
-    assert [label.get_text() for label in times.get_yticklabels()] == list(map(str, values))
+    assert [label.get_text() for label in times.get_yticklabels()] == names
+    assert [label.get_text() for label in errors_.get_xticklabels()] == names
     assert [bar.get_width() for bar in times.containers[0]] == pytest.approx([2, 2])
