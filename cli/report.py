@@ -65,10 +65,11 @@ class Report:
         yield "; ".join(self._summary(with_note))
 
     def _summary(self, with_note: bool) -> Iterator[str]:
-        plural = "" if self.done == 1 else "s"
+        from shapefit.pipelines.counted import counted
+
         seconds = time.monotonic() - self._started
         failed = f", {self.failed} failed" if self.failed else ""
-        yield f"{self.command}: {self.done} {self.unit}{plural} in {seconds:.1f} s{failed}"
+        yield f"{self.command}: {counted(self.done, self.unit)} in {seconds:.1f} s{failed}"
         if with_note and self.note:
             yield self.note
         if self.written:

@@ -21,6 +21,7 @@ from shapefit.io import (
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.path import follow_path
+from shapefit.pipelines.counted import counted
 from shapefit.pipelines.dictionary_kind import mismatch
 from shapefit.pipelines.fit_export import open_exports
 from shapefit.pipelines.fit_record import as_result, find_renamed
@@ -135,7 +136,9 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
     if limited and not config.strict:
         gap = lifting.estimate.relative_gap
         worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
-        told.append(f"{len(limited)} images not optimal, the worst: {describe(lifting, worst)}")
+        told.append(
+            f"{counted(len(limited), 'image')} not optimal, the worst: {describe(lifting, worst)}"
+        )
     if lifting.perspective and all_aside(images.landmarks, lifting.perspective.camera):
         told.append(
             "all landmarks lie far to one side of the optical axis; is `camera.principal_point` "
@@ -147,7 +150,7 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
 def describe(lifting: Lifting, image: int) -> str:
     """Say how far an image got."""
     found = lifting.estimate
-    reached = f"{found.status[image].value} after {found.iterations[image]} iterations"
+    reached = f"{found.status[image].value} after {counted(found.iterations[image], 'iteration')}"
     if found.relative_gap is None:
         return reached
     return f"{reached}, relative gap {found.relative_gap[image]:.2g}"

@@ -19,6 +19,7 @@ from shapefit.errors import input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import check_output, digest, write_dictionary
 from shapefit.meshes.dense import mesh_of_atoms
+from shapefit.pipelines.counted import counted
 from shapefit.pipelines.outcome import Outcome
 from shapefit.pipelines.training_shapes import TrainingShapes, find_training_shapes
 
@@ -38,7 +39,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     yield Outcome(
         failures=training.failures,
         warnings=training.warnings,
-        note=f"{len(training)} shapes",
+        note=counted(len(training), "shape"),
     )
     methods = {
         "sparse-coding": _sparse_coding,
@@ -59,7 +60,7 @@ def _exemplars(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Ou
         atom_items=training.original.items,
     )
     write_dictionary(config.output, dictionary)
-    yield Outcome(note=f"{len(atoms)} atoms", written=(config.output,))
+    yield Outcome(note=counted(len(atoms), "atom"), written=(config.output,))
 
 
 def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Outcome]:

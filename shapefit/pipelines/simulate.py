@@ -17,6 +17,7 @@ from shapefit.evaluation import plots, recovery_grid
 from shapefit.evaluation.heat_maps import heat_maps
 from shapefit.evaluation.recovery import Attempt, plant, recover
 from shapefit.evaluation.recovery_grid import Cell, PublishedShares, RecoveryGrid
+from shapefit.pipelines.counted import counted
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
 
@@ -85,7 +86,7 @@ def _failure(cell: Cell, trial: int) -> Failure:
     found = cell.attempts[trial]
     return Failure(
         f"p={cell.p} z={cell.z} trial {trial}",
-        f"{found.status.value} after {found.iterations} iterations, relative gap "
+        f"{found.status.value} after {counted(found.iterations, 'iteration')}, relative gap "
         f"{found.relative_gap:.2g}, residual {found.residual:.2g}; counted as not recovered",
     )
 

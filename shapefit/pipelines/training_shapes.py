@@ -15,6 +15,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
 from shapefit.io import ShapeSet, match_landmarks, read_shapes
 from shapefit.meshes.dense import carry_mesh
+from shapefit.pipelines.counted import counted
 from shapefit.pipelines.outcome import Failure
 from shapefit.pipelines.symmetry import apply_symmetry
 
@@ -59,7 +60,7 @@ def find_training_shapes(config: LearnDictConfig) -> TrainingShapes:
         raise input_error("shapes", found, "give more shapes")
     shapes = apply_symmetry(usable, config)
     if config.method == "sparse-coding" and config.k > len(shapes):
-        found = f"{config.k} atoms are more than the {len(shapes)} shapes to learn from"
+        found = f"{config.k} atoms are more than the {counted(len(shapes), 'shape')} to learn from"
         raise input_error("k", found, "lower k or `every`, or give more shapes")
     normalised = normalise(shapes.shapes)
     alignment = align(normalised.points, shapes.landmark_names, config)

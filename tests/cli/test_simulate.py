@@ -25,5 +25,5 @@ def test_trials_that_were_not_solved_give_exit_code_1(shapefit):
     limit = ("--set", "solver.max_iterations=1", "--set", "plots=false")
     result = shapefit("simulate", "-o", "report", *SMALL, *limit)
     assert result.code == 1
-    assert "Failed: p=10 z=1 trial 0: iteration limit after 1 iterations" in result.err
+    assert "Failed: p=10 z=1 trial 0: iteration limit after 1 iteration, " in result.err
     assert "2 failed" in result.err

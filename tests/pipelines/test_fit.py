@@ -324,7 +324,7 @@ class TestItemsThatFail:
         assert any("not optimal" in w for outcome in outcomes for w in outcome.warnings)
         found, outcomes = fit(tmp_path, dictionary, images, strict=True, **keys)
         assert set(failures(outcomes)) == set(images.items)
-        assert "iteration limit after 1 iterations, relative gap" in failures(outcomes)["image0"]
+        assert "iteration limit after 1 iteration, relative gap" in failures(outcomes)["image0"]
         assert (found.relative_gap > 1e-9).all()
 
 
