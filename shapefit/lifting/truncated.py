@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution
+from shapefit.convex.stretches import run_stretches
 from shapefit.geometry.normalisation import spread
 from shapefit.lifting.degeneracy import BEYOND_CHANCE
 from shapefit.lifting.reconstruction import reconstruct
@@ -36,6 +37,7 @@ def find_untruncated(
     lam: float,
     threshold: float,
     max_rounds: int,
+    threads: int = 0,
 ) -> Flags:
     """Landmarks (n, p) whose residual is not truncated in the end, the inliers.
 
@@ -44,8 +46,31 @@ def find_untruncated(
     landmarks normalised by their shares, at lambda times the mean share, so that the weight of the
     data beside the shape stays. Residuals count in units of the size of the shape found. An image
     ends when its shares are binary and stay, or after `max_rounds`; it has no inliers where fewer
-    than BEYOND_CHANCE landmarks keep a share, or no shape is found.
+    than BEYOND_CHANCE landmarks keep a share, or no shape is found. Images that are left start
+    from one another's solutions, so each stretch of images is searched by itself: where the next
+    one begins, and how many there are, does not matter. `threads` = 0 is one per core.
     """
+    inliers = np.zeros(weights.shape, dtype=bool)
+
+    def work(part: slice) -> None:
+        inliers[part] = _search_stretch(
+            landmarks[part], weights[part], atoms, solve, lam, threshold, max_rounds
+        )
+
+    run_stretches(len(landmarks), work, threads)
+    return inliers
+
+
+def _search_stretch(
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    solve: Solve,
+    lam: float,
+    threshold: float,
+    max_rounds: int,
+) -> Flags:
+    """Search the images of one stretch."""
     visible = weights > 0
     share = visible.astype(np.float64)
     mu = np.full(len(landmarks), np.nan)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Iterator
 
 from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
+from shapefit.convex.stretches import STRETCH
 from shapefit.errors import input_error
 from shapefit.io import (
     LandmarkSet,
@@ -30,6 +32,9 @@ from shapefit.pipelines.left_out import Strangers
 from shapefit.pipelines.lifting_chain import choose_lifter, choose_newton
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.whole_sequences import whole_sequences
+
+GATHERED = 4096
+"""Images that are read before the first whole sequences of them are lifted."""
 
 
 def run(config: FitConfig) -> Iterator[Outcome]:
@@ -96,9 +101,14 @@ def check_holds_all(config: FitConfig) -> None:
 
 
 def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkSet]:
-    """Give out the images, with `temporal.depths` in chunks that divide no sequence."""
-    chunks = source.chunks(config.chunk)
-    return whole_sequences(map(with_sequences, chunks)) if config.temporal.depths else chunks
+    """Give out the images, cut where no result depends on `chunk`.
+
+    An image starts from its neighbour's solution within a stretch, so chunks hold whole stretches.
+    With `temporal.depths` they hold whole sequences, GATHERED or more images at a time.
+    """
+    if config.temporal.depths:
+        return whole_sequences(map(with_sequences, source.chunks(GATHERED)))
+    return source.chunks(math.ceil(config.chunk / STRETCH) * STRETCH)
 
 
 def with_sequences(images: LandmarkSet) -> LandmarkSet:

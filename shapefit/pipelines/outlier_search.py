@@ -38,6 +38,7 @@ def choose_search(config: OutlierSearchConfig, solve: Solve, threads: int) -> Se
             lam=config.lam,
             threshold=config.threshold,
             max_rounds=config.max_rounds,
+            threads=threads,
         )
     consensus = partial(
         find_consensus,

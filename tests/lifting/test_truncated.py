@@ -10,6 +10,7 @@ import pytest
 
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
+from shapefit.convex.stretches import STRETCH
 from shapefit.geometry.normalisation import normalise
 from shapefit.lifting.truncated import (
     find_untruncated,
@@ -130,3 +131,24 @@ def test_degenerate_images_have_no_inliers(scene):
 
 def test_where_no_shape_is_found_nothing_is_an_inlier(scene):
     assert not search(scene.landmarks, scene.atoms, lam=1e4).any()
+
+
+def test_results_depend_neither_on_how_images_are_divided_nor_on_threads(make_scene, rng):
+    """With a loose solver, whose answers depend on where it starts."""
+    scene = make_scene(n=193, k=5, p=P, active=2, noise=0.3)
+    landmarks, _ = plant(scene.landmarks, 0.4, rng)
+    together = []
+
+    def solve(problem):
+        together.append(len(problem.landmarks))
+        return solve_newton(problem, tolerance=0.1)
+
+    settings = {"solve": solve, "threshold": 0.2}
+    whole = search(landmarks, scene.atoms, threads=1, **settings)
+    np.testing.assert_array_equal(search(landmarks, scene.atoms, threads=2, **settings), whole)
+    for size in (64, 128):
+        starts = range(0, len(landmarks), size)
+        parts = [search(landmarks[at : at + size], scene.atoms, **settings) for at in starts]
+        np.testing.assert_array_equal(np.concatenate(parts), whole)
+    # the images left of several stretches would start from others than those of one
+    assert max(together) == STRETCH
