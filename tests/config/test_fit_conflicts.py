@@ -40,6 +40,7 @@ def problem(addition: str, *options: str) -> str:
         ("outliers: {threshold: 0}", "4:23", "expected a number > 0"),
         ("lambda: auto", "4:9", "`lambda: auto` needs `noise`"),
         ("path: [1, 2]", "4:7", "expected falling numbers, found [1.0, 2.0]"),
+        ("path: [2, 1, 1]", "4:7", "expected falling numbers, found [2.0, 1.0, 1.0]"),
         ("method: alternate\npath: [2, 1]", "5:7", "`path` belongs to the method convex"),
         ("leave_out: item\npath: [2, 1]", "5:7", "`path` goes with neither `leave_out`"),
         ("outliers: {method: ransac}\npath: [2, 1]", "5:7", "`path` goes with neither"),

@@ -166,6 +166,14 @@ class TestTruthScale:
             metrics.similarity(estimate, unit),
         )
 
+    def test_is_that_of_the_landmarks_on_both_sides(self, estimate, truth):
+        """What the estimate lacks is not judged, and may lie far away."""
+        truth[:, :, 2] = 50.0
+        estimate[:, :, 2] = np.nan
+        both = np.delete(truth, 2, axis=2)
+        expected = both.std(axis=2).mean(axis=1)
+        np.testing.assert_allclose(metrics.truth_scale(estimate, truth), expected)
+
     def test_true_landmarks_on_one_point_have_no_scale(self, truth):
         assert np.isnan(metrics.truth_scale(truth, np.full_like(truth, 0.1))).all()
 

@@ -70,6 +70,14 @@ def test_a_sequence_that_failed_altogether_has_no_bar():
     np.testing.assert_allclose(bars(axis)["m"], [1, NAN, 1])
 
 
+def test_a_sequence_that_a_method_has_no_image_of_has_no_bar():
+    """A bar of height 0 would say that it has no error."""
+    few, many = summaries(["a"], ["few"]), summaries(["a", "b"], ["many"])
+    (axis,) = plots.bar_plot(many + few).axes
+    np.testing.assert_allclose(bars(axis)["few"], [1, NAN, 1])
+    np.testing.assert_allclose(bars(axis)["many"], [1, 1.01, 1.005])
+
+
 @pytest.mark.parametrize(
     ("sizes", "rows"), [((42, 37), 2), ((14,), 1), ((3, 3, 3, 3, 3), 1), ((70,), 1), ((20, 25), 1)]
 )

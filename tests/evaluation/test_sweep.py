@@ -117,6 +117,15 @@ def test_numbers_are_drawn_as_lines_in_their_order():
     assert axis.get_ylim()[0] == 0
 
 
+@pytest.mark.parametrize("values", [(0.1, 0.2), ("convex", "pmp")])
+def test_the_range_around_the_mean_goes_from_quartile_to_quartile(values):
+    axis = sweep_plot(sweep(*values)).axes[0]
+    drawn = axis.collections[0]  # a band behind a line, or a stroke on each bar
+    y = np.concatenate([path.vertices[:, 1] for path in drawn.get_paths()])
+    ab, _ = points(0.1, ERRORS, GROUPING, 0.002)
+    assert (y.min(), y.max()) == pytest.approx((ab.p25, ab.p75))
+
+
 def test_a_wide_range_has_a_logarithmic_axis_unless_it_has_zero():
     assert sweep_plot(sweep(0.01, 1)).axes[0].get_xscale() == "log"
     assert sweep_plot(sweep(0, 0.01, 1)).axes[0].get_xscale() == "linear"

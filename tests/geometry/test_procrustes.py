@@ -267,6 +267,14 @@ class TestGeneralisedProcrustes:
         assert not found.still
         assert found.rounds == 1
 
+    @pytest.mark.parametrize("unit", [1e-6, 1e6])
+    def test_the_unit_changes_neither_rounds_nor_rotations(self, shapes, unit):
+        base = generalised_procrustes(shapes, tolerance=1e-4)
+        found = generalised_procrustes(unit * shapes, tolerance=1e-4)
+        assert base.rounds > 2
+        assert (found.rounds, found.still) == (base.rounds, True)
+        np.testing.assert_allclose(found.rotations, base.rotations, atol=1e-9)
+
     def test_one_shape_stays_as_it_is(self, base):
         found = generalised_procrustes(base[None])
         np.testing.assert_array_equal(found.shapes[0], base)

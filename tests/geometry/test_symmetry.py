@@ -103,3 +103,11 @@ def test_the_lateral_axis_of_the_real_cars_is_x(real_data):
 def test_the_lateral_axis_needs_pairs(rng):
     with pytest.raises(ValueError, match="its own inverse"):
         lateral_axis(rng.normal(size=(3, 4)), [1, 2, 0, 3])
+
+
+def test_the_lateral_axis_is_that_of_most_shapes_not_of_the_first():
+    """A first shape that is thin from left to right, as one whose wheels are turned, misleads."""
+    thin = np.array([[0.1, -0.1], [0.0, 0.5], [0.0, 0.0]])
+    wide = np.array([[1.0, -1.0], [0.0, 0.0], [0.0, 0.0]])
+    assert lateral_axis(thin, [1, 0]) == 1
+    assert lateral_axis(np.stack([thin, wide, wide]), [1, 0]) == 0

@@ -64,3 +64,9 @@ def test_coordinates_that_cannot_be_squared_are_found():
 def test_what_is_hidden_may_be_too_large():
     landmarks = np.concatenate([TRIANGLE, np.full((2, 1), 1e200)], axis=1)
     assert find_degenerate(landmarks[None], np.array([[1.0, 1.0, 1.0, 1.0, 0.0]])) == {}
+
+
+def test_a_point_is_no_line_though_its_mean_is_rounded():
+    point = np.full((1, 2, 6), 0.7)
+    assert (point.sum(axis=2) / 6 != 0.7).all()
+    assert find_degenerate(point, np.ones((1, 6))) == {0: "all visible landmarks lie on one point"}

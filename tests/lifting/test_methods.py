@@ -306,3 +306,40 @@ def test_on_motion_capture_every_method_beats_the_mean_shape(mocap):
 
 def test_views_of_the_settings_begin_with_the_front():
     np.testing.assert_array_equal(spread_views(Settings.views)[0], np.eye(3))
+
+
+@pytest.mark.parametrize("loss", [Loss.ABSOLUTE, Loss.SPARSE_ERROR])
+def test_outliers_are_the_landmarks_whose_weighted_residual_exceeds_beta(loss, scene, settings):
+    problem = replace(scene.problem(1.0), loss=loss, beta=0.1)
+    found = choose_method("convex", settings)(problem)
+    left = np.abs(problem.landmarks - found.shapes[:, :2] - found.translation[..., None])
+    beyond = (left * problem.weights[:, None] > 0.1).any(axis=1)
+    np.testing.assert_array_equal(found.outliers, beyond)
+    assert ((left > 0.1).any(axis=1) != beyond).any()
+    assert 0.05 < beyond.mean() < 0.95
+
+
+@pytest.mark.parametrize("loss", [Loss.SQUARED, Loss.ABSOLUTE])
+def test_a_failure_of_the_convex_solver_is_not_forgotten(loss, scene, settings):
+    def solve(problem):
+        solution = settings.solve(problem)
+        status = list(solution.status)
+        status[3], status[5] = Status.NUMERICAL_FAILURE, Status.ITERATION_LIMIT
+        return replace(solution, status=tuple(status))
+
+    problem = replace(scene.problem(0.1), loss=loss)
+    found = choose_method("convex+refine", replace(settings, solve=solve))(problem)
+    assert found.status[3] is Status.NUMERICAL_FAILURE
+    assert set(np.delete(found.status, 3)) == {Status.CONVERGED}
+
+
+def test_with_many_starts_turning_the_image_turns_the_result(scene, settings, rng):
+    """Every view is turned in the image as far as it can be, so none has an upright of its own."""
+    problem = build_problem(rng.standard_normal((80, 2, 12)), scene.atoms, 0.1)
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array([1.1]))[0]
+    turned = replace(problem, landmarks=turn[:2, :2] @ problem.landmarks)
+    alternate_many = choose_method("alternate", replace(settings, multi_start=True, views=2))
+    base, found = alternate_many(problem), alternate_many(turned)
+    np.testing.assert_allclose(found.objective, base.objective, rtol=1e-6)
+    one = choose_method("alternate", replace(settings, views=2))(problem)
+    assert (base.objective < 0.99 * one.objective).any()

@@ -249,3 +249,45 @@ def test_too_few_rounds_are_said(noisy, atoms, prior):
 def test_coefficients_of_the_mean_are_alike_for_exemplars(atoms):
     mean = atoms.mean(axis=0)
     np.testing.assert_allclose(mean_coefficients(atoms, mean), 1 / K, rtol=1e-3)
+
+
+def test_a_start_that_fits_not_at_all_is_ten_times_as_far(atoms, prior, rng):
+    """Half or a quarter of a turn in the image: least squares would put it behind, or nowhere."""
+    R = random_rotations(4, rng)
+    shape = np.tensordot(prior, atoms, axes=1)
+    t = np.stack([np.zeros(4), np.zeros(4), np.full(4, 1e5)], axis=1)
+    camera = Camera(np.full((4, 2), 1e5), np.zeros((4, 2)), 1.0)
+    landmarks = project(camera, R @ shape + t[..., None])
+    wrong = rotation_about(np.array([0.0, 0.0, 1.0]), np.array([np.pi, np.pi, np.pi / 2, np.pi]))
+    found = place_in_depth(landmarks, np.ones((4, P)), shape, camera, wrong @ R)
+    np.testing.assert_allclose(found[:, 2], 10 * t[:, 2], rtol=1e-3)
+
+
+def test_a_weight_of_root_two_places_the_start_as_a_landmark_seen_twice(noisy, atoms, prior):
+    shape, weights = np.tensordot(prior, atoms, axes=1), np.ones((len(noisy.landmarks), P))
+    weights[:, 3] = np.sqrt(2)
+    twice = [*range(P), 3]
+    found, expected = (
+        place_in_depth(w, omega, S, noisy.camera, noisy.start)
+        for w, omega, S in (
+            (noisy.landmarks, weights, shape),
+            (noisy.landmarks[..., twice], np.ones((len(weights), P + 1)), shape[:, twice]),
+        )
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_the_softness_shrinks_so_that_a_coarse_pose_finds_its_way(atoms, prior, rng):
+    """At the last softness most landmarks are too far off to pull."""
+    scene = Planted(rng, atoms, prior, n=60, noise=0.03)
+    turns = [rotation_about(axis, np.array([1.6]))[0] for axis in random_axes(rng, 60)]
+    found = refine(scene, atoms, prior, start=np.array(turns) @ scene.rotation, softness=0.02)
+    assert (rotation_angle(found.rotation, scene.rotation) > 15).sum() <= 1
+
+
+def test_the_objective_is_that_of_the_last_softness_also_where_rounds_ran_out(noisy, atoms, prior):
+    found = refine(noisy, atoms, prior, max_rounds=2)
+    for i in range(len(found.objective)):
+        R, t, c = found.rotation[i], found.translation[i], found.coefficients[i]
+        expected = objective(noisy, i, atoms, prior, R, t, c, OPTIONS.ridge, OPTIONS.softness)
+        np.testing.assert_allclose(found.objective[i], expected, rtol=1e-10)

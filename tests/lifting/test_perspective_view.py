@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import build_problem
 from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
@@ -13,7 +14,8 @@ from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.perspective import Camera, Options, project
-from shapefit.lifting.perspective_view import refine_view
+from shapefit.lifting.perspective_view import find_rotations, refine_view
+from shapefit.lifting.pose import find_pose, spread_views
 
 N, K, P = 6, 5, 14
 OPTIONS = Options(ridge=1e-3, softness=0.1, max_rounds=500)
@@ -147,3 +149,26 @@ def test_far_away_it_is_the_weak_perspective_camera(dictionary, rotations, rng):
     X = rotations @ np.tensordot(c, dictionary.atoms, axes=1) + np.array([0, 0, 1e6])[:, None]
     _, found = view(project(far, X), np.ones((N, P)), dictionary, far)
     np.testing.assert_allclose(found.shapes[:, :2], found.landmarks_fitted, rtol=1e-4, atol=1e-2)
+
+
+def test_an_unknown_rotation_is_sought_from_as_many_views_as_asked_for(dictionary, rng):
+    problem = build_problem(rng.standard_normal((30, 2, P)), dictionary.atoms, 0.1)
+    mean = dictionary.mean_shape
+    known = np.where(np.arange(30)[:, None, None] < 5, np.eye(3), np.nan)
+    one, many = (find_rotations(known, problem, mean, views, 0) for views in (1, 6))
+    np.testing.assert_array_equal(many[:5], known[:5])
+    best = find_pose(problem.take(np.arange(5, 30)), mean, spread_views(6)).rotation
+    np.testing.assert_array_equal(many[5:], best)
+    assert rotation_angle(one, many).max() > 10  # where one view ends in another minimum
+
+
+def test_the_estimate_is_in_normalised_units_and_counts_its_own_atoms(
+    landmarks, dictionary, camera
+):
+    first, found = view(landmarks, np.ones((N, P)), dictionary, camera)
+    norm, e = normalise(landmarks), found.estimate
+    placed = norm.scale[:, None] * e.translation + norm.centroid
+    np.testing.assert_allclose(placed, found.translation)
+    c = e.coefficients
+    np.testing.assert_array_equal(e.active_atoms, (c > 1e-6 * c.max(axis=1)[:, None]).sum(axis=1))
+    assert (e.active_atoms != first.estimate.active_atoms).any()

@@ -11,7 +11,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.pose import find_pose, spread_views
 from shapefit.lifting.ransac import find_consensus
-from shapefit.lifting.ransac_kernels import find_area, judge
+from shapefit.lifting.ransac_kernels import find_area, find_moments, judge
 from shapefit.lifting.triple_kernels import draw_triple, pose_triple
 
 P, N, THRESHOLD = 30, 70, 0.1
@@ -201,3 +201,26 @@ def test_half_of_the_landmarks_of_real_cars(real_data, rng):
     labelled = visible & ~inliers
     assert (labelled & wrong).sum() > 0.93 * labelled.sum()
     assert (labelled & wrong).sum() > 0.93 * wrong.sum()
+
+
+def test_hidden_landmarks_are_as_good_as_none(shape, rng):
+    """Their weights have no part in the mean that the others are measured by."""
+    landmarks = rng.uniform(0, 100, (N, 2, P))  # so that poses of few inliers compete
+    seen = np.arange(P) % 2 == 0
+    found = search(landmarks, shape, np.tile(seen.astype(float), (N, 1)), threshold=0.3)
+    np.testing.assert_array_equal(
+        found[:, seen], search(landmarks[..., seen], shape[:, seen], threshold=0.3)
+    )
+    assert not found[:, ~seen].any()
+
+
+def test_moments_are_weighted_and_know_the_inliers_only(shape, rng):
+    w, h, inliers = rng.standard_normal((2, P)), rng.uniform(0.1, 3, P), rng.random(P) < 0.6
+    P_found, D, middle, origin = np.empty((3, 3)), np.empty((2, 3)), np.empty(3), np.empty(2)
+    find_moments(w, h, shape, inliers, P_found, D, middle, origin)
+    share, S, W = h[inliers], shape[:, inliers], w[:, inliers]
+    np.testing.assert_allclose(middle, np.average(S, axis=1, weights=share))
+    np.testing.assert_allclose(origin, np.average(W, axis=1, weights=share))
+    S, W = S - middle[:, None], W - origin[:, None]
+    np.testing.assert_allclose(P_found, (share * S) @ S.T)
+    np.testing.assert_allclose(D, (share * W) @ S.T)

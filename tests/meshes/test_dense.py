@@ -156,6 +156,14 @@ def test_a_camera_sees_points_where_pinholes_show_them(sign, rng):
     np.testing.assert_allclose(ratio, np.repeat(focal[:, :1] / 1e6, 3, axis=1), rtol=1e-3)
 
 
+def test_depths_are_drawn_with_the_mean_of_both_focal_lengths(rng):
+    X = rng.normal(size=(1, 3, 6)) + np.array([0.0, 0, 30])[:, None]
+    focal = np.array([[400.0, 600.0]])
+    seen = seen_in_perspective(X, Camera(focal, np.zeros((1, 2)), 1))
+    middle = X[0, 2].mean()
+    np.testing.assert_allclose(seen[0, 2], 500 * (X[0, 2] - middle) / middle)
+
+
 def test_one_rotation_for_all_atoms_is_the_case_of_equal_rotations(rng):
     B, c, R = rng.normal(size=(4, 3, 6)), rng.uniform(size=(2, 4)), random_rotations(2, rng)
     s, T = np.array([3.0, 0.5]), np.array([[10.0, 20], [-1, 4]])

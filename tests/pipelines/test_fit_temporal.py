@@ -80,6 +80,20 @@ def test_x_and_y_are_observed_where_seen_and_fitted_where_hidden(fit):
     assert np.abs(refined.shapes[:, 2] - plain.shapes[:, 2]).max() > 0.1
 
 
+def test_what_is_set_aside_as_an_outlier_keeps_its_fitted_x_and_y(fit):
+    fit.landmarks[2, :, 4] += 150.0
+    robust = {"loss": "l1", "beta": 0.3, "lambda": 1.0}
+    plain, refined = fit(**robust), fit(temporal={"depths": True}, **robust)
+    outliers = plain.extras["outliers"].astype(bool)
+    assert outliers[2, 4]
+    inliers = np.isfinite(fit.landmarks).all(axis=1) & ~outliers
+    assert inliers.mean() > 0.8
+    for axis in range(2):
+        kept, fitted = refined.shapes[:, axis], plain.shapes[:, axis]
+        np.testing.assert_allclose(kept[outliers], fitted[outliers])
+        np.testing.assert_allclose(kept[inliers], fit.landmarks[:, axis][inliers])
+
+
 @pytest.mark.parametrize("lacks", ["edges", "sequences"])
 def test_bones_and_sequences_are_needed(fit, lacks):
     with pytest.raises(InputError, match=f"without `{lacks.removesuffix('s')}"):

@@ -90,6 +90,12 @@ def test_streams_differ_by_seed_purpose_and_block():
     assert len(draws) == 2 * len(Purpose) * 2
 
 
+def test_a_seed_means_the_same_in_every_version():
+    """Files of old runs can be made again: neither purposes nor their numbers may change."""
+    members = {name: purpose.value for name, purpose in Purpose.__members__.items()}
+    assert members == {"VIEW": 0, "NOISE": 1, "HIDDEN": 2, "OUTLIERS": 3, "CORRUPTION": 4}
+
+
 @pytest.mark.parametrize("spoil", [
     lambda W, rng: add_noise(W, 0.1, rng),
     lambda W, rng: hide(W, 0.3, rng),

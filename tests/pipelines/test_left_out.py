@@ -234,6 +234,16 @@ def test_models_that_the_dictionary_lacks_are_fitted_with_all_atoms(run, images)
     check_same(found, known, [0, 1, 2, 4, 6, 8], [0, 1, 2, 4, 6, 8])
 
 
+def test_strangers_are_fitted_with_the_mean_shape_of_the_dictionary_too(run, models, images):
+    """It need not be the mean of the atoms, which stands in where a model is left out."""
+    other = replace(models, mean_shape=models.atoms[0])
+    views = replace(images, extras={"true_model": np.array(("kadett", *SHOWN[1:]), dtype=object)})
+    found, _ = run(other, views=views, method="mean-shape")
+    whole, _ = run(other, views=views, method="mean-shape", leave_out=None)
+    check_same(found, whole, [0], [0])
+    assert np.abs(found.shapes[1] - whole.shapes[1]).max() > 1
+
+
 def test_images_may_be_named_like_their_models(run, images):
     views = replace(images.take([0, 1, 3]), items=("polo", "golf", "up"))
     by_item, _ = run(views=views, leave_out="item")

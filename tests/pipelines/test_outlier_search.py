@@ -10,8 +10,9 @@ import pytest
 from shapefit.config import FitConfig
 from shapefit.config.fit_outliers import OutlierSearchConfig
 from shapefit.convex.newton import solve_newton
+from shapefit.geometry.rotations import random_rotations
 from shapefit.io import landmark_writer, open_landmarks, read_results, write_dictionary
-from shapefit.pipelines import fit
+from shapefit.pipelines import fit, outlier_search
 from shapefit.pipelines.imperfections import corrupt
 from shapefit.pipelines.landmark_weights import find_seen
 from shapefit.pipelines.outlier_search import choose_search, find_seeds
@@ -102,6 +103,37 @@ def labels_of(image, dictionary, method):
     return (visible & ~search(image, visible.astype(float), dictionary))[0]
 
 
+def test_the_rounds_of_a_truncated_search_are_those_of_the_config(views, made_cars, rng):
+    spoilt, _ = spoil(views, 0.3, rng)
+    solved = []
+
+    def solve(problem):
+        solved.append(len(problem.landmarks))
+        return solve_newton(problem)
+
+    search = choose_search(OutlierSearchConfig(method="truncated", max_rounds=3), solve, 1)
+    search(spoilt, find_seen(spoilt).astype(float), made_cars)
+    assert len(solved) == 3
+
+
+@pytest.mark.parametrize(
+    ("method", "function", "keys"),
+    [
+        ("ransac", "find_consensus", {"threshold", "draws", "max_rounds"}),
+        ("truncated", "find_untruncated", {"lam", "threshold", "max_rounds"}),
+    ],
+)
+def test_the_search_is_told_what_the_config_says(
+    method, function, keys, views, made_cars, monkeypatch
+):
+    options = {"threshold": 0.4, "draws": 7, "lam": 2.5, "max_rounds": 3}
+    told = {}
+    monkeypatch.setattr(outlier_search, function, lambda *_, **given: told.update(given))
+    search = choose_search(OutlierSearchConfig(method=method, **options), solve_newton, 1)
+    search(views, find_seen(views).astype(float), made_cars)
+    assert {key: told[key] for key in keys} == {key: options[key] for key in keys}
+
+
 @pytest.mark.parametrize("chunk", [1, 7])
 def test_labels_of_ransac_depend_neither_on_chunks_nor_on_order(chunk, run, views, rng):
     spoilt, _ = spoil(views, 0.6, rng)
@@ -146,3 +178,18 @@ def test_images_that_cannot_be_searched_or_lifted(method, run, views, rng):
     assert labels[3].sum() == 5
     assert np.isfinite(found.shapes[0]).all()
     assert np.isnan(found.shapes[1:5]).all()
+
+
+def test_four_landmarks_are_searched_and_four_that_agree_are_enough(run, views, made_cars, rng):
+    images = views.take(slice(2)).arrange(made_cars.landmark_names)
+    R = random_rotations(1, rng)[0]
+    landmarks = np.tile(200 * (R @ made_cars.mean_shape)[:2] + 500, (2, 1, 1))
+    p = landmarks.shape[2]
+    landmarks[:, :, ~np.isin(np.arange(p), [0, p // 3, 2 * p // 3, p - 1])] = np.nan
+    landmarks[1] = np.where(np.isfinite(landmarks[1]), rng.uniform(0, 1e3, (2, p)), np.nan)
+    search = {"method": "ransac", "threshold": 0.05}
+    found, failures = run(replace(images, landmarks=landmarks), outliers=search)
+    assert list(failures) == [images.items[1]]
+    assert "of 4 visible landmarks agree" in failures[images.items[1]]
+    assert not found.extras["outliers"][0].any()
+    assert found.extras["outliers"][1].sum() == 4

@@ -146,6 +146,14 @@ def test_shares_of_hidden_landmarks_and_outliers_hold(tmp_path, many):
     assert 8.5 < distance.max() <= 9
 
 
+def test_outliers_have_the_size_given_in_the_unit_of_the_image(tmp_path, many):
+    camera = {"model": "weak-perspective", "view": "random", "scale": 20.0}
+    images, _ = view(tmp_path, many, outliers={"share": 0.2, "size": 9.0}, camera=camera)
+    exact = 20 * (images.extras["true_rotation"] @ many.shapes)[:, :2]
+    assert images.unit == "px"
+    assert 8.5 < np.linalg.norm(images.landmarks - exact, axis=1).max() <= 9
+
+
 def test_the_seed_decides(tmp_path, shapes):
     keys = {"noise": 0.1, "hidden": 0.3, "camera": {"view": "random"}}
     first, _ = view(tmp_path, shapes, seed=1, **keys)

@@ -79,6 +79,15 @@ def test_the_rows_are_what_the_commands_find_one_by_one(sweep, tmp_path):
         assert float(row["seconds_per_image"]) > 0
 
 
+def test_the_time_of_an_image_is_that_of_solving_over_the_images(sweep, tmp_path):
+    _, rows = sweep({"fit.lambda": [0.1, 0.2]})
+    for row, folder in zip(rows, ("1_0.1", "2_0.2"), strict=True):
+        found = read_results(tmp_path / "out/work" / folder / "result.h5")
+        seconds = found.attributes["solve_seconds"] / len(found)
+        assert len(found) > 1
+        assert float(row["seconds_per_image"]) == pytest.approx(seconds)
+
+
 def test_noise_and_hidden_landmarks_raise_the_error(sweep):
     _, rows = sweep({"project.noise": [0.0, 0.05, 0.2]})
     assert means(rows) == sorted(means(rows))

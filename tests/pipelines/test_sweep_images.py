@@ -111,3 +111,13 @@ def test_the_labels_are_in_the_order_of_the_dictionary(choose):
 def test_no_image_left_is_an_error_that_says_so(choose):
     with pytest.raises(InputError, match=r"2 images with 6 visible landmarks or more; lower"):
         choose(least_visible=6, first=2)
+
+
+def test_every_block_of_images_has_draws_of_its_own(choose, images, rng, monkeypatch):
+    monkeypatch.setattr("shapefit.pipelines.sweep_images.BLOCK", 10)
+    alike = replace(images, landmarks=np.tile(rng.standard_normal((10, 2, 6)), (2, 1, 1)))
+    found, _ = choose(images=alike, corruption=CorruptionConfig(share=0.5))
+    first, second = found.take(slice(10)), found.take(slice(10, 20))
+    assert (first.extras["corrupted"] != second.extras["corrupted"]).any()
+    again, _ = choose(images=alike.take(slice(10)), corruption=CorruptionConfig(share=0.5))
+    np.testing.assert_array_equal(again.landmarks, first.landmarks)

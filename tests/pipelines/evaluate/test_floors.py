@@ -62,6 +62,19 @@ def test_left_out_shapes_are_no_atoms_of_their_own_images(desk, floors, truth, a
         assert best[i] == pytest.approx(similarity(combined, shape[None])[0])
 
 
+def test_images_of_one_true_shape_may_leave_out_different_ones(desk, floors, results):
+    extras = {
+        "shown": np.array(["item0", "item0", "item1"], dtype=object),
+        "own": np.array(["item0", "item2", "item0"], dtype=object),
+    }
+    few = results.take([0, 1, 2])
+    desk.write("convex.h5", replace(few, extras=extras))
+    desk.run(match="shown", metrics=["similarity"], floors={**floors, "leave_out": "own"})
+    found = desk.errors(method=NEAREST, unit="m")
+    assert found[0] > 0.05
+    np.testing.assert_allclose(found[1:], 0, atol=1e-9)
+
+
 def test_they_stand_in_both_units_with_the_sequences_of_the_images(desk, floors, truth):
     *_, last = desk.run(floors=floors)
     rows = [row for row in desk.rows("per_image.csv") if row["method"] == MEAN]
