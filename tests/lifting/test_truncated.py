@@ -11,7 +11,8 @@ import pytest
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
 from shapefit.convex.stretches import STRETCH
-from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.normalisation import normalise, spread
+from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.truncated import (
     find_untruncated,
     first_mu,
@@ -152,3 +153,26 @@ def test_results_depend_neither_on_how_images_are_divided_nor_on_threads(make_sc
         np.testing.assert_array_equal(np.concatenate(parts), whole)
     # the images left of several stretches would start from others than those of one
     assert max(together) == STRETCH
+
+
+def test_four_landmarks_that_agree_are_enough(scene):
+    """BEYOND_CHANCE is the least number that is believed."""
+    weights = np.zeros((12, P))
+    weights[:, [3, 11, 20, 32]] = 1.0
+    found = search(scene.landmarks, scene.atoms, weights, lam=0.01)
+    np.testing.assert_array_equal(found, weights > 0)
+
+
+def test_residuals_are_those_of_weighted_least_squares_over_size_and_place(scene, rng):
+    landmarks = scene.landmarks + 0.3 * rng.standard_normal(scene.landmarks.shape)
+    weights = rng.uniform(0.1, 2, (12, P)) * (rng.random((12, P)) > 0.2)
+    problem = build_problem(landmarks, scene.atoms, 0.5, weights=weights)
+    solution = SOLVE(problem)
+    S = reconstruct(solution.transforms, scene.atoms).shapes
+    one, zero = np.ones(P), np.zeros(P)
+    for image, found in enumerate(residual_squares(problem, solution)):
+        A = np.stack([S[image, :2].ravel(), np.r_[one, zero], np.r_[zero, one]], axis=1)
+        w, omega = problem.landmarks[image].ravel(), np.tile(weights[image], 2)
+        best = np.linalg.lstsq(omega[:, None] * A, omega * w)[0]
+        left = ((w - A @ best).reshape(2, P) ** 2).sum(axis=0)
+        np.testing.assert_allclose(found, left / (best[0] * spread(S[image])) ** 2, rtol=1e-8)
