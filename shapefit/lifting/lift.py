@@ -18,6 +18,12 @@ from shapefit.lifting.perspective import Camera
 
 Floats = NDArray[np.float64]
 
+REASONS = {
+    Status.DEGENERATE: "no pose of the mean shape fits the visible landmarks",
+    Status.NUMERICAL_FAILURE: "numerical failure in the solver",
+}
+"""Why a method has no shape for landmarks that look fine."""
+
 
 @dataclass(frozen=True)
 class Program:
@@ -89,8 +95,8 @@ def lift(
     )
     found = estimator(problem)
     for image, status in enumerate(found.status):
-        if status is Status.NUMERICAL_FAILURE:
-            failures[image] = "numerical failure in the solver"
+        if status in REASONS and fine[image]:
+            failures[image] = REASONS[status]
             fine[image] = False
 
     scale = np.where(fine, norm.scale, np.nan)

@@ -7,6 +7,8 @@ import math
 import time
 from collections.abc import Iterator
 
+import numpy as np
+
 from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
@@ -149,12 +151,25 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
         told.append(
             f"{counted(len(limited), 'image')} not optimal, the worst: {describe(lifting, worst)}"
         )
+    empty = find_empty(lifting)
+    if empty:
+        told.append(
+            f"{counted(len(empty), 'image')} with an empty shape, all landmarks on one point: "
+            "lambda is above lambda_max there, or near it; lower `lambda`"
+        )
     if lifting.perspective and all_aside(images.landmarks, lifting.perspective.camera):
         told.append(
             "all landmarks lie far to one side of the optical axis; is `camera.principal_point` "
             "right?"
         )
     return tuple(told)
+
+
+def find_empty(lifting: Lifting) -> list[int]:
+    """List the images whose fitted shape is zero, and so has no rotation."""
+    shapes = lifting.estimate.shapes
+    zero = ~shapes.any(axis=(1, 2)) & np.isfinite(lifting.scale)
+    return [image for image in np.flatnonzero(zero).tolist() if image not in lifting.failures]
 
 
 def describe(lifting: Lifting, image: int) -> str:

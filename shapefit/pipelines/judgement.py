@@ -13,6 +13,7 @@ from shapefit.errors import input_error
 from shapefit.evaluation import labels
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 from shapefit.evaluation.summary import ALL
+from shapefit.geometry.procrustes import coincide
 from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
 from shapefit.pipelines.abbreviation import abbreviate
 from shapefit.pipelines.common_landmarks import common_landmarks
@@ -147,9 +148,13 @@ def _failures(
             return f"the results hold no shape{status}"
         if judged[i].sum() < FEWEST_LANDMARKS:
             return f"only {judged[i].sum()} landmarks are known on both sides"
-        kinds = [f"{kind[0]} ({kind[1]})" for kind, v in certain.items() if np.isnan(v[i])]
+        lost = [kind for kind, values in certain.items() if np.isnan(values[i])]
+        if empty[i] and all(metric == "rotation" for metric, _ in lost):
+            return "no rotation (deg): the shape is empty, all its landmarks on one point"
+        kinds = [f"{metric} ({unit})" for metric, unit in lost]
         return f"what {', '.join(kinds)} needs is nan, or true landmarks are all on one point"
 
+    empty = coincide(results.shapes) & np.isfinite(results.shapes).all(axis=(1, 2))
     certain = {kind: v for kind, v in errors.items() if kind[0] not in labels.METRICS}
     failed = ~judged.any(axis=-1)
     for values in certain.values():

@@ -11,7 +11,7 @@ from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
 from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.rotations import random_rotations, rotation_angle
+from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
 from shapefit.lifting.estimate import Estimate, place
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
@@ -86,11 +86,18 @@ def test_failing_images_are_named_and_leave_the_others_alone(make_scene):
         )
 
 
-def test_a_numerical_failure_is_a_failure(make_scene):
-    scene = make_scene(n=2)
-    status = Status.NUMERICAL_FAILURE
+@pytest.mark.parametrize(
+    ("status", "reason"),
+    [
+        (Status.NUMERICAL_FAILURE, "numerical failure in the solver"),
+        (Status.DEGENERATE, "no pose of the mean shape fits the visible landmarks"),
+    ],
+)
+def test_a_method_without_a_shape_is_a_failure(make_scene, status, reason):
+    scene = make_scene(n=3)
+    scene.weights[2] = 0.0
     found = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, Flat(status))
-    assert found.failures == dict.fromkeys((0, 1), "numerical failure in the solver")
+    assert found.failures == {0: reason, 1: reason, 2: "all landmarks are hidden"}
     assert np.isnan(found.shapes).all()
 
 
@@ -193,6 +200,27 @@ def test_permuted_landmarks_and_turned_atoms_give_the_same_shapes(make_scene, co
     )
     np.testing.assert_allclose(other.shapes, base.shapes[..., order], atol=1e-3)
     np.testing.assert_allclose(other.estimate.rotation @ Q, base.estimate.rotation, atol=1e-3)
+
+
+@pytest.mark.parametrize("angle", [0.4, np.pi / 4, 2.0])
+def test_turning_the_image_acts_as_another_lambda_or_not_at_all_if_exact(make_scene, convex, angle):
+    scene = make_scene(n=1, noise=0.2)
+    scene.landmarks[:, 1] *= 0.4
+    Q = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(angle))
+    turned = Q[:2, :2] @ scene.landmarks
+    (ratio,) = normalise(turned).scale / normalise(scene.landmarks).scale
+    assert abs(ratio - 1) > 0.05
+
+    def shapes(landmarks, program):
+        return lift(landmarks, scene.weights, scene.atoms, program, convex).shapes
+
+    after = shapes(turned, Program(lam=0.3))
+    np.testing.assert_allclose(
+        after, Q @ shapes(scene.landmarks, Program(lam=0.3 * ratio)), atol=1e-4
+    )
+    assert np.abs(after - Q @ shapes(scene.landmarks, Program(lam=0.3))).max() > 1e-3
+    exact = Program(lam=None, loss=Loss.EXACT)
+    np.testing.assert_allclose(shapes(turned, exact), Q @ shapes(scene.landmarks, exact), atol=1e-4)
 
 
 def test_the_mean_depth_is_0(make_scene, convex):

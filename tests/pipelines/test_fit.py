@@ -13,6 +13,7 @@ import pytest
 
 from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
+from shapefit.convex.spectral_norm import nuclear_norm
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
@@ -349,6 +350,41 @@ class TestItemsThatFail:
         assert set(failures(outcomes)) == set(images.items)
         assert "iteration limit after 1 iteration, relative gap" in failures(outcomes)["image0"]
         assert (found.relative_gap > 1e-9).all()
+
+
+class TestEmptyShapes:
+    @pytest.mark.parametrize(
+        "keys", [{}, {"method": "alternate"}, {"loss": "l1"}, {"method": "convex+refine"}], ids=str
+    )
+    def test_are_told_of_and_have_no_rotation(self, tmp_path, dictionary, images, keys):
+        for lam, count in ((1e3, 7), (1e-3, 0)):
+            landmarks = images.landmarks.copy()
+            landmarks[2] = 0.0  # fails, and is not told of a second time
+            some = replace(images, landmarks=landmarks)
+            found, outcomes = fit(tmp_path, dictionary, some, **keys, **{"lambda": lam})
+            assert list(failures(outcomes)) == ["image2"]
+            empty = ~(np.ptp(found.shapes, axis=2) > 0).any(axis=1) & (np.arange(8) != 2)
+            told = [w for outcome in outcomes for w in outcome.warnings if "empty" in w]
+            if not count:
+                assert not empty.any()
+                assert told == []
+            else:
+                assert empty.sum() == count
+                (warning,) = told
+                assert warning.startswith("7 images with an empty shape")
+                assert "lambda_max" in warning
+                assert np.isnan(found.rotation).all()
+                if "loss" not in keys:  # l1 places it at the median
+                    middle = found.landmarks_fitted[empty].mean(axis=2)
+                    np.testing.assert_allclose(middle, images.landmarks[empty].mean(axis=2))
+
+    def test_lambda_max_is_the_border(self, tmp_path, dictionary, images, atoms):
+        one = images.take([1])
+        largest = nuclear_norm(normalise(one.landmarks).points @ atoms.swapaxes(1, 2)).max()
+        for factor, count in ((1.01, 1), (0.99, 0)):
+            _, outcomes = fit(tmp_path, dictionary, one, **{"lambda": factor * largest})
+            told = [w for outcome in outcomes for w in outcome.warnings]
+            assert len(told) == count
 
 
 class TestInputsThatAreRefused:

@@ -161,6 +161,31 @@ class TestFailures:
         assert "rotation (deg)" in judgement.failures["item3"]
         assert np.isfinite(judgement.errors["similarity", "m"]).all()
 
+    def test_an_empty_shape_lacks_its_rotation_alone_and_is_listed_with_that(self, fields, truth):
+        fields["shapes"][3] = [[320.0], [240.0], [0.0]]
+        fields["landmarks_fitted"][3] = [[320.0], [240.0]]
+        fields["rotation"][3] = np.nan
+        judgement = judged(fields, truth)
+        reason = "no rotation (deg): the shape is empty, all its landmarks on one point"
+        assert judgement.failures == {"item3": reason}
+        for (metric, _), values in judgement.errors.items():
+            lost = [3] if metric == "rotation" else []
+            assert np.flatnonzero(np.isnan(values)).tolist() == lost
+        # what is left of a shape without extent is the extent of the truth
+        centred = truth.shapes[3] - truth.shapes[3].mean(axis=-1, keepdims=True)
+        expected = np.linalg.norm(centred, axis=0).mean()
+        for metric in ("similarity", "camera"):
+            assert judgement.errors[metric, "m"][3] == pytest.approx(expected)
+
+    def test_an_empty_shape_is_not_to_blame_for_what_the_truth_lacks(self, fields, truth):
+        fields["shapes"][3] = 1.0
+        fields["rotation"][3] = np.nan
+        fields["extras"]["true_rotation"][3] = np.nan
+        (reason,) = judged(fields, truth).failures.values()
+        assert reason.startswith(
+            "what camera (normalised), camera (m), rotation (deg) needs is nan"
+        )
+
     @pytest.mark.parametrize("sides", [(0.0, 0.0), (np.nan, 4.0)])
     def test_an_item_with_no_box_to_measure_by_is_listed(self, fields, truth, sides):
         boxes = np.tile([0.0, 0, 3, 4], (N, 1))
