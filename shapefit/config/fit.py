@@ -191,7 +191,13 @@ class FitConfig(CommandConfig):
         default_factory=PicturesConfig, description="Pictures of the fitted shapes."
     )
     threads: int = Field(default=0, ge=0, description="Threads to solve with; 0 is one per core.")
-    chunk: int = Field(default=4096, ge=1, description="Images held in memory at a time.")
+    chunk: int = Field(
+        default=4096,
+        ge=1,
+        description="Images held in memory at a time, rounded up to a multiple of 64; no result "
+        "depends on it, except with `leave_out`, within the tolerance of the solver. With "
+        "`temporal.depths` whole sequences are held instead.",
+    )
     strict: bool = Field(
         default=False, description="Count an image whose tolerance was not reached as failed."
     )
