@@ -55,12 +55,13 @@ def test_a_signal_acts_after_an_error_too(came):
     assert came == [signal.SIGTERM]
 
 
+@pytest.mark.usefixtures("came")  # which puts the handler of the process back
 def test_what_a_handler_raises_comes_through():
     def run():
         with held_signals():
             signal.raise_signal(signal.SIGINT)
 
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with pytest.raises(KeyboardInterrupt):
         run()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
