@@ -95,7 +95,13 @@ def test_a_signal_unwinds_the_pipeline(folder, number, code):
     finally:
         print("unwound", flush=True)
     """
-    process = subprocess.Popen(driver(folder, body), stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        driver(folder, body),
+        stdout=subprocess.PIPE,
+        text=True,
+        # where the tests run in the background, SIGINT is ignored, and by their children too
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
+    )
     assert process.stdout.readline() == "ready\n"
     process.send_signal(number)
     assert process.stdout.read() == "unwound\n"
