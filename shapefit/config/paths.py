@@ -54,7 +54,7 @@ def anchored(value: Any, folder: Path) -> Any:
         return {key: anchored(item, folder) for key, item in value.items()}
     if not isinstance(value, str) or value == "-" or value.startswith(DATA):
         return value
-    return str(folder / Path(value).expanduser())
+    return str(folder / os.path.expanduser(value))
 
 
 def with_data(value: Any, data: Path) -> Any:
@@ -83,7 +83,7 @@ def absolute_path(value: Any) -> Path:
             )
         raise ValueError(f"{text!r} has {DATA} inside; it can only stand at the beginning")
     path = Path(text)
-    return path if path == STANDARD_STREAM else Path(os.path.abspath(path.expanduser()))
+    return path if path == STANDARD_STREAM else Path(os.path.abspath(os.path.expanduser(path)))
 
 
 def expand_path(value: Any) -> tuple[Path, ...]:

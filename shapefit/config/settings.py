@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -105,7 +106,7 @@ class Settings:
         data = self.values.get("data")
         if not isinstance(data, str):
             return self.values
-        folder = Path.cwd() / Path(data).expanduser()
+        folder = Path.cwd() / os.path.expanduser(data)
         return change_paths(self.values, self.path_keys, partial(with_data, data=folder))
 
     def said(self, location: Location) -> bool:

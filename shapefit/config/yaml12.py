@@ -134,7 +134,7 @@ class _Reader:
             return node.value
         try:
             value = self._construct(node)
-        except ValueError:
+        except (ValueError, KeyError, IndexError):  # of !!int x, !!bool x, !!int ""
             self._document.problems.append(
                 f"{self._at(node)}: {node.value!r} is not what its tag says"
             )

@@ -175,7 +175,12 @@ class Hdf5Reader:
 
     def _check_format(self) -> None:
         with self._damage():
-            self._root = {name: _plain(value) for name, value in self._file.attrs.items()}
+            stored = {name: _plain(value) for name, value in self._file.attrs.items()}
+        self._root = {name: value for name, value in stored.items() if value is not None}
+        for name, value in self._root.items():
+            if isinstance(value, str) and not _is_unicode(value):
+                place, fix = f"{self.path}: root attribute {name}", "write it as UTF-8"
+                raise input_error(place, "is not UTF-8 text", fix)
         found = self._root.get("format")
         if found is None:
             fix = f"set it to {self.form.name} if the file is laid out so"
@@ -272,7 +277,19 @@ def _wanted(dataset: Dataset) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return an attribute as Python's own str, int or float."""
+    """Return an attribute as Python's own str, int or float; as a list where it is an array.
+
+    None for one that is empty.
+    """
+    if isinstance(value, h5py.Empty):
+        return None
+    if isinstance(value, np.ndarray):
+        return _plain(value.flat[0]) if value.size == 1 else value.tolist()
     if isinstance(value, bytes):
         return value.decode("utf-8", "replace")
     return value.item() if isinstance(value, np.generic) else value
+
+
+def _is_unicode(text: str) -> bool:
+    # h5py gives bytes that are not UTF-8 as lone surrogates, which no file can hold.
+    return not any("\ud800" <= letter <= "\udfff" for letter in text)

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from shapefit.errors import input_error
 from shapefit.io.agreement import agreed, check_same_array, check_same_extras
 from shapefit.io.duplicates import ItemList, check_unique_items
-from shapefit.io.extras import Extras
+from shapefit.io.extras import Array, Extras
 from shapefit.io.layout import SHAPES, UNKNOWN_UNIT
 from shapefit.io.records import ShapeSet, concatenate, match_landmarks
 from shapefit.io.sources import is_hdf5, source_name
@@ -78,7 +79,8 @@ def _arranged(shapes: ShapeSet, names: tuple[str, ...], place: str) -> ShapeSet:
     extras = Extras.of(shapes.extras, len(shapes))
     whole = dict(extras.whole)
     if "mirror_index" in whole:
-        whole["mirror_index"] = position[whole["mirror_index"][columns]]
+        index = _mirror_index(whole["mirror_index"], names, place)
+        whole["mirror_index"] = position[index[columns]]
     return replace(
         shapes,
         shapes=shapes.shapes[..., columns],
@@ -86,6 +88,16 @@ def _arranged(shapes: ShapeSet, names: tuple[str, ...], place: str) -> ShapeSet:
         edges=None if shapes.edges is None else position[shapes.edges],
         extras=Extras(extras.per_item, whole),
     )
+
+
+def _mirror_index(index: Array, names: tuple[str, ...], place: str) -> Array:
+    """Return the index of each landmark's mirror image; InputError where it is none."""
+    whole_numbers = index.dtype.kind in "iu" and index.shape == (len(names),)
+    if not whole_numbers or ((index < 0) | (index >= len(names))).any():
+        found = "does not pair the landmarks"
+        fix = "store the index of each landmark's mirror image, or remove it"
+        raise input_error(f"{place}:/mirror_index", found, fix)
+    return index
 
 
 def _completed(files: Sequence[tuple[str, ShapeSet]]) -> list[ShapeSet]:

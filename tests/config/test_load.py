@@ -133,6 +133,17 @@ def test_a_file_with_a_glob_character_in_its_name_is_that_file(folder):
     assert config.shapes == (folder / "x[1].h5",)
 
 
+def test_a_home_that_does_not_exist_is_a_name(folder):
+    home = folder / "configs" / "~nobody.here"
+    home.mkdir()
+    (home / "x.h5").touch()
+    text = "data: ~nobody.here\nshapes: [~nobody.here/x.h5, '{data}/x.h5']\noutput: d.h5\n"
+    assert load_config("learn-dict", write(folder, text)).shapes == (home / "x.h5",)
+    given = {"shapes": "configs/~nobody.here/x.h5", "output": "~nobody.here/d.h5"}
+    config = load_config("learn-dict", None, [], given)
+    assert config.output == folder / "~nobody.here/d.h5"
+
+
 def test_a_pipe_is_a_file_but_not_for_a_glob(folder):
     os.mkfifo(folder / "pipe.csv")
     config = load_config("learn-dict", None, [], {"shapes": "pipe.csv", "output": "d.h5"})

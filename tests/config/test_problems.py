@@ -283,6 +283,8 @@ def test_a_wrong_argument_is_named():
         ("--- {}\n--- {}\n", "c.yaml:2:1: not valid YAML: "),
         ("? [a]\n: 1\n", "c.yaml:1:3: a key must be a text"),
         ("lambda: !!int x\n", "c.yaml:1:9: 'x' is not what its tag says"),
+        ("lambda: !!bool x\n", "c.yaml:1:9: 'x' is not what its tag says"),
+        ("lambda: !!float ''\n", "c.yaml:1:9: '' is not what its tag says"),
         ("a: \x00\n", "c.yaml:1:1: not valid YAML: "),
         (
             "lambda: 1\ngroups: &x [*x]\n",

@@ -104,6 +104,40 @@ def test_a_dictionary_through_a_pipe(tmp_path, problems):
         assert line == f"{name}: is not a file on a disk; give a shapefit-dictionary file"
 
 
+@pytest.mark.parametrize("name", ["format", "version", "y_axis"])
+@pytest.mark.parametrize("value", [[1, 2], [], ["up", "down"], h5py.Empty("f")])
+def test_a_root_attribute_of_another_kind(landmark_file, problems, name, value):
+    with h5py.File(landmark_file, "a") as file:
+        file.attrs[name] = value
+    if name == "y_axis" and isinstance(value, h5py.Empty):
+        assert read_landmarks(landmark_file)[0].y_axis == "up"
+        return
+    (line,) = problems(read_landmarks, landmark_file)
+    assert line.startswith(f"{landmark_file}: ")
+    assert line.endswith(
+        {
+            "format": "shapefit-landmarks file" if value != h5py.Empty("f") else "laid out so",
+            "version": "this program reads version 1",
+            "y_axis": "set it to up or down",
+        }[name]
+    )
+
+
+def test_a_root_attribute_in_an_array_of_one(landmark_file):
+    with h5py.File(landmark_file, "a") as file:
+        file.attrs["version"] = np.array([1])
+        file.attrs["unit"] = np.array(["mm"], dtype=h5py.string_dtype())
+    assert read_landmarks(landmark_file)[0].unit == "mm"
+
+
+def test_a_root_attribute_that_is_not_utf8(landmark_file, problems):
+    with h5py.File(landmark_file, "a") as file:
+        file.attrs.create("unit", b"\xff", dtype=h5py.string_dtype())
+    assert problems(read_landmarks, landmark_file) == (
+        f"{landmark_file}: root attribute unit: is not UTF-8 text; write it as UTF-8",
+    )
+
+
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.95, 0.999])
 def test_a_truncated_file(landmark_file, problems, share):
     data = landmark_file.read_bytes()

@@ -59,6 +59,19 @@ def test_edges_and_mirror_follow_their_landmarks(tmp_path, shapes):
     np.testing.assert_array_equal(found.extras["mirror_index"], shapes.extras["mirror_index"])
 
 
+@pytest.mark.parametrize(
+    "index", [np.arange(3), np.arange(4.0), np.array([0, 1, 2, 4]), np.array([-1, 1, 2, 3])]
+)
+def test_a_mirror_index_that_is_none_cannot_be_permuted(tmp_path, shapes, problems, edit, index):
+    write_shapes(tmp_path / "a.h5", shapes.take([0]))
+    write_shapes(tmp_path / "b.h5", permuted_shapes(shapes.take([1]), ORDER))
+    wrong = edit(tmp_path / "b.h5", mirror_index=index)
+    assert problems(read_shapes, [tmp_path / "a.h5", wrong]) == (
+        f"{wrong}:/mirror_index: does not pair the landmarks; "
+        "store the index of each landmark's mirror image, or remove it",
+    )
+
+
 def test_other_landmarks(tmp_path, shapes, problems):
     one, two = tmp_path / "a.h5", tmp_path / "b.h5"
     write_shapes(one, shapes.take([0]))
