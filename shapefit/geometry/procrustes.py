@@ -46,7 +46,9 @@ class Alignment:
 
 
 def coincide(points: Floats) -> NDArray[np.bool_]:
-    """Tell where all points of (..., d, p) are one point, up to rounding; shape (...)."""
+    """Tell where all points of (..., d, p) are one point, up to rounding, or none; shape (...)."""
+    if points.shape[-1] == 0:
+        return np.ones(points.shape[:-2], dtype=np.bool_)
     extent = np.ptp(points, axis=-1).max(axis=-1)
     size = np.abs(points).max(axis=(-2, -1))
     return extent <= 4 * np.finfo(np.float64).eps * size

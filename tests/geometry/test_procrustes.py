@@ -35,6 +35,10 @@ class TestCoincide:
         assert coincide(third)
         assert coincide(np.zeros((2, 3, 4))).tolist() == [True, True]
 
+    def test_no_points_coincide_too(self):
+        assert coincide(np.zeros((2, 3, 0))).tolist() == [True, True]
+        assert coincide(np.zeros((0, 3, 0))).tolist() == []
+
     def test_does_not_take_a_small_shape_far_away_for_one_point(self):
         points = np.full((3, 4), 1e6)
         points[1, 2] += 1e-6
