@@ -278,3 +278,11 @@ class TestInputErrors:
     def test_no_images(self, fields, truth):
         with pytest.raises(InputError, match="holds no images"):
             judge(FILE, ResultSet(**fields).take([]), truth, "item", METRICS)
+
+
+def test_a_truth_without_shapes(truth, fields):
+    with pytest.raises(InputError) as caught:
+        judge(FILE, ResultSet(**fields), truth.take([]), "item", METRICS)
+    assert caught.value.problems == (
+        f"truth: holds no shapes; give the truth of the images of {FILE}",
+    )
