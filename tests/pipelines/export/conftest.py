@@ -52,8 +52,12 @@ def people(project, exemplars, tmp_path_factory):
 
 
 @pytest.fixture
-def run(tmp_path, cars, views):
-    """Return the function that fits with sections of the config; gives record and outcomes."""
+def run(tmp_path, cars, views, monkeypatch):
+    """Return the function that fits with sections of the config; gives record and outcomes.
+
+    Chunks are as small as `chunk` says, not whole stretches, so that a few images fill several.
+    """
+    monkeypatch.setattr("shapefit.pipelines.fit.STRETCH", 1)
 
     def run_fit(images=views, dictionary=cars, output=tmp_path / "result.h5", **keys):
         settings = {"method": "convex+refine", "transforms": True} | keys
