@@ -19,6 +19,7 @@ from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
 from shapefit.io import LandmarkSet, landmark_writer, read_results, write_dictionary
+from shapefit.lifting.lift import lift
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit import run
 
@@ -340,6 +341,22 @@ class TestItemsThatFail:
         whole = np.isfinite(found.shapes).all(axis=(1, 2))
         assert [item in failures(outcomes) for item in images.items] == (~whole).tolist()
         assert whole.sum() == 7 or keys.get("outliers", {}).get("method") == "ransac"
+
+    def test_no_image_is_fitted_without_a_finite_shape(
+        self, tmp_path, dictionary, images, monkeypatch
+    ):
+        def lift_badly(*args):
+            lifting = lift(*args)
+            lifting.shapes[5, 2, 0] = np.inf
+            return lifting
+
+        monkeypatch.setattr("shapefit.pipelines.lifting_chain.lift", lift_badly)
+        found, outcomes = fit(tmp_path, dictionary, images)
+        assert failures(outcomes) == {"image5": "the shape found is not finite"}
+        assert found.status[5] == Status.NUMERICAL_FAILURE.value
+        for values in (found.shapes, found.coefficients, found.rotation, found.objective):
+            lost = np.isnan(values.reshape(8, -1)).all(axis=1)
+            np.testing.assert_array_equal(lost, np.arange(8) == 5)
 
     def test_strict_counts_what_is_not_optimal(self, tmp_path, dictionary, images):
         keys = {"solver": {"max_iterations": 1, "tolerance": 1e-9}}
