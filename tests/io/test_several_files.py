@@ -286,3 +286,17 @@ def test_many_duplicates_are_counted(problems):
     lines = problems(check_unique_items, [ItemList(lambda: [items], str)])
     assert len(lines) == 11
     assert lines[-1] == "... and 190 more"
+
+
+def test_datasets_of_files_that_are_nan_in_the_same_places_agree(tmp_path, landmarks):
+    """nan is what a calibration leaves where it knows nothing; it differs from itself."""
+    matrix = np.diag([500.0, np.nan, 1.0])
+    parts = [landmarks.take([0]), landmarks.take([1])]
+    files = [
+        views_file(tmp_path / f"{i}.h5", replace(part, extras={"camera_matrix": matrix}))
+        for i, part in enumerate(parts)
+    ]
+    with open_landmarks(files) as source:
+        (found,) = source.chunks(9)
+    assert found.items == landmarks.items[:2]
+    np.testing.assert_array_equal(found.extras["camera_matrix"], matrix)

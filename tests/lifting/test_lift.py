@@ -15,6 +15,7 @@ from shapefit.geometry.rotations import random_rotations, rotation_about, rotati
 from shapefit.lifting.estimate import Estimate, place
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
+from shapefit.lifting.noise_level import noise_dual_norm
 
 PROGRAM = Program(lam=0.1)
 
@@ -261,3 +262,13 @@ class TestPlace:
         for values in (found.translation, found.misfit, found.residual):
             assert np.isfinite(values[0]).all()
             assert np.isnan(values[1]).all()
+
+
+def test_each_image_has_the_lambda_of_its_own_size_and_landmarks(make_scene):
+    scene, flat = make_scene(n=3, p=16), Flat()
+    landmarks = scene.landmarks * np.array([1.0, 9.0, 1.0])[:, None, None]
+    weights = np.ones((3, 16))
+    weights[2, 4:] = 0.0
+    found = lift(landmarks, weights, scene.atoms, Program(lam=None, noise=0.2), flat)
+    expected = 0.2 / found.scale * noise_dual_norm(scene.atoms) * np.array([1, 1, 0.5])
+    np.testing.assert_allclose(flat.problem.lam, expected)

@@ -199,6 +199,14 @@ class TestFailures:
         truth.shapes[5] = 0.1
         assert list(judged(fields, truth).failures) == ["item5"]
 
+    def test_an_image_without_any_landmark_is_no_partial_one(self, fields, truth):
+        fields["shapes"][1, :, 0] = np.nan
+        fields["shapes"][4] = np.nan
+        judgement = judged(fields, truth, metrics=["similarity"])
+        (warning,) = judgement.warnings
+        assert "1 images lack some of the 5 landmarks" in warning
+        assert list(judgement.failures) == ["item4"]
+
     def test_partial_shapes_are_judged_on_the_rest_with_a_warning(self, fields, truth):
         fields["shapes"][1, :, 0] = np.nan
         judgement = judged(fields, truth, metrics=["similarity"])

@@ -1,0 +1,98 @@
+"""Planted images of six atoms, and what fits them from files to files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.rotations import random_rotations, rotation_about
+from shapefit.io import LandmarkSet, landmark_writer, read_results, write_dictionary
+from shapefit.pipelines.fit import run
+
+NAMES = tuple(f"point{j}" for j in range(10))
+
+
+@pytest.fixture
+def atoms(rng):
+    return normalise(rng.standard_normal((6, 3, 10))).points / 5
+
+
+@pytest.fixture
+def dictionary(tmp_path, atoms):
+    path = tmp_path / "dictionary.h5"
+    write_dictionary(path, Dictionary(atoms, NAMES, normalise(atoms.mean(0)).points))
+    return path
+
+
+@pytest.fixture
+def rotations(rng):
+    return random_rotations(8, rng)
+
+
+@pytest.fixture
+def images(atoms, rotations):
+    """One atom each, turned, 20 px large, at (100, 50)."""
+    shapes = 20 * rotations @ atoms[np.arange(8) % 6]
+    return LandmarkSet(
+        landmarks=shapes[:, :2] + np.array([100.0, 50.0])[:, None],
+        landmark_names=NAMES,
+        items=tuple(f"image{i}" for i in range(8)),
+        sequences=("a",) * 4 + ("b",) * 4,
+        unit="px",
+        y_axis="down",
+        extras={"true_rotation": rotations, "camera_matrix": np.eye(3)},
+    )
+
+
+@pytest.fixture
+def views(atoms, rng):
+    """Neighbours that are alike, for warm starts; the last one alone in its stretch of 64."""
+    n = 193
+    turns = rotation_about(np.array([0.0, 1.0, 0.0]), np.linspace(0, 6, n))
+    mixed = np.einsum("nk,kap->nap", rng.random((n, 6)) * (rng.random((n, 6)) < 0.5), atoms)
+    landmarks = 20 * (turns @ mixed)[:, :2] + 0.5 * rng.standard_normal((n, 2, 10))
+    return LandmarkSet(
+        landmarks=landmarks, landmark_names=NAMES, items=tuple(f"view{i}" for i in range(n))
+    )
+
+
+def write_landmarks(path: Path, images: LandmarkSet) -> Path:
+    with landmark_writer(path) as writer:
+        writer.append(images)
+    return path
+
+
+@pytest.fixture
+def write():
+    """Return what writes landmarks to a path, and returns it."""
+    return write_landmarks
+
+
+@pytest.fixture
+def fit():
+    """Return what fits landmarks given as records, text or a path: (result, outcomes)."""
+
+    def fit(folder, dictionary, images, **keys):
+        path = images
+        if isinstance(images, LandmarkSet):
+            path = write_landmarks(folder / "views.h5", images)
+        elif isinstance(images, str):
+            path = folder / "views.csv"
+            path.write_text(images)
+        output = str(folder / "result.h5")
+        config = FitConfig(landmarks=[str(path)], dictionary=str(dictionary), output=output, **keys)
+        outcomes = list(run(config))
+        return read_results(config.output), outcomes
+
+    return fit
+
+
+@pytest.fixture
+def failures():
+    """Return what collects the reasons of the items that failed."""
+    return lambda outcomes: {f.item: f.reason for outcome in outcomes for f in outcome.failures}
