@@ -31,6 +31,9 @@ Floats = NDArray[np.float64]
 
 TRUE_ROTATION = "true_rotation"
 TRUE_ITEM = "true_item"
+OF_THE_VIEW = (TRUE_ROTATION, TRUE_ITEM, CORRUPTED)
+"""Datasets that belong to the images: what came with the shapes gets another name."""
+
 PIXELS = "px"
 
 
@@ -39,9 +42,8 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
 
     The images have the items, sequences and further datasets of the shapes and `true_rotation`
     (n, 3, 3), object to camera frame, and where there are outliers `corrupted` (n, p), which tells
-    them; y points up. An orthographic camera keeps the unit of the
-    shapes, a weak-perspective one gives px. Raises InputError for files that cannot be read or
-    written.
+    them; y points up. An orthographic camera keeps the unit of the shapes, a weak-perspective one
+    gives px. Raises InputError for files that cannot be read or written.
     """
     check_output(config.output)
     shapes = read_shapes(config.shapes)
@@ -116,7 +118,8 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, block: i
         landmarks = add_noise(landmarks, config.noise * scale, rng)
     if config.hidden > 0:
         landmarks = hide(landmarks, config.hidden, stream(config.seed, Purpose.HIDDEN, block))
-    extras = Extras.of(shapes.extras, len(shapes)) | {TRUE_ROTATION: rotations}
+    extras = Extras.of(shapes.extras, len(shapes)).apart_from(OF_THE_VIEW)
+    extras |= {TRUE_ROTATION: rotations}
     if config.outliers.share > 0:
         rng = stream(config.seed, Purpose.OUTLIERS, block)
         share, size = config.outliers.share, config.outliers.size

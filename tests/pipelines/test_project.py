@@ -235,3 +235,15 @@ def test_later_passes_have_other_views_and_names(tmp_path, shapes):
     later = images.extras["true_rotation"][n:] @ shapes.take(list(range(n)) * 2).shapes
     noise = images.landmarks[n:] - later[:, :2]
     assert 0.05 < noise.std() < 0.15
+
+
+def test_what_came_with_the_shapes_is_no_truth_of_the_view(tmp_path, shapes):
+    before = np.tile(2 * np.eye(3), (len(shapes), 1, 1))
+    marks = np.arange(len(shapes))
+    known = replace(shapes, extras={"true_rotation": before, "corrupted": marks, "mass": marks})
+    images, _ = view(tmp_path, known, camera={"view": "random"})
+    np.testing.assert_allclose(np.linalg.det(images.extras["true_rotation"]), 1)
+    np.testing.assert_array_equal(images.extras["input_true_rotation"], before)
+    np.testing.assert_array_equal(images.extras["input_corrupted"], marks)
+    np.testing.assert_array_equal(images.extras["mass"], marks)
+    assert "corrupted" not in images.extras
