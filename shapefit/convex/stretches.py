@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Part = TypeVar("Part")
+Done = TypeVar("Done")
 
 # The convex program is solved from one image to the next within a stretch; its length is fixed, so
 # that results do not depend on the number of threads.
@@ -17,10 +21,13 @@ def run_stretches(count: int, work: Callable[[slice], None], threads: int) -> No
     `work` must release the GIL to gain from threads, and write to its own slice only.
     """
     parts = [slice(start, min(start + STRETCH, count)) for start in range(0, count, STRETCH)]
+    on_threads(parts, work, threads)
+
+
+def on_threads(parts: Sequence[Part], work: Callable[[Part], Done], threads: int) -> list[Done]:
+    """Return what `work` makes of each part, in their order; `threads` = 0 means one per core."""
     workers = min(threads or os.cpu_count() or 1, len(parts))
     if workers <= 1:
-        for part in parts:
-            work(part)
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(work, parts))
+        return [work(part) for part in parts]
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(work, parts))

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.convex.stretches import STRETCH
+from shapefit.convex.stretches import STRETCH, on_threads
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
@@ -47,8 +44,7 @@ def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary, threads: i
         parts = [np.flatnonzero(items == item) for item in dict.fromkeys(items.tolist())]
         # A lifter has work for several threads where there is more than a stretch of images.
         groups = [lift_group(rows) for rows in parts if len(rows) > STRETCH]
-        with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
-            groups += pool.map(lift_group, (rows for rows in parts if len(rows) <= STRETCH))
+        groups += on_threads([rows for rows in parts if len(rows) <= STRETCH], lift_group, threads)
         return merge(groups, whole.atoms) if groups else lifter(images, whole)
 
     return lift_without
