@@ -69,26 +69,26 @@ def is_writable(folder: Path) -> bool:
     return os.access(folder, os.W_OK | os.X_OK, effective_ids=effective)
 
 
-def find_fix(error: OSError) -> str:
-    """Return what helps where a file could not be written."""
-    return FIXES.get(error.errno or 0, "choose another folder")
-
-
 def shortened(name: str) -> str:
     """Return as much of the name of a file as the name of a temporary has room for."""
     return os.fsencode(name)[:MOST_BYTES].decode(errors="ignore")
 
 
 @contextmanager
-def storage_errors(target: Path, numbers: Container[int] = NO_ROOM) -> Iterator[None]:
-    """Turn errors of these numbers, by default of a full disk, into InputErrors at `target`."""
+def storage_errors(
+    target: Path, numbers: Container[int | None] | None = NO_ROOM, done: str = "written"
+) -> Iterator[None]:
+    """Turn errors of these numbers, by default of a full disk, into InputErrors at `target`.
+
+    `numbers` = None stands for all of them; `done` is what cannot be done.
+    """
     try:
         yield
     except OSError as error:
-        if error.errno not in numbers:
+        if numbers is not None and error.errno not in numbers:
             raise
-        found = f"cannot be written: {error.strerror}"
-        raise input_error(target, found, find_fix(error)) from error
+        fix = FIXES.get(error.errno or 0, "choose another folder")
+        raise input_error(target, f"cannot be {done}: {error.strerror}", fix) from error
 
 
 @contextmanager
@@ -101,7 +101,7 @@ def atomic_path(target: Path) -> Iterator[Path]:
     """
     resolved = check_output(target)
     temporary = _temporary_name(resolved)
-    with _creation_errors(target):
+    with storage_errors(target, None, "created"):
         descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
     try:
         _copy_mode(resolved, descriptor)
@@ -125,7 +125,7 @@ def atomic_file(target: Path) -> Iterator[FileIO]:
     that (Linux), so that not even a killed process leaves a part of it behind.
     """
     resolved = check_output(target)
-    with _creation_errors(target):
+    with storage_errors(target, None, "created"):
         descriptor = _unnamed_file(resolved)
     if descriptor is None:
         with atomic_path(target) as temporary, FileIO(temporary, "r+") as file:
@@ -154,16 +154,6 @@ def digest(path: Path) -> str:
         return "stream"
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-@contextmanager
-def _creation_errors(target: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise input_error(
-            target, f"cannot be created: {error.strerror}", find_fix(error)
-        ) from error
 
 
 def _temporary_name(target: Path) -> Path:

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
 from shapefit.errors import input_error
-from shapefit.io.atomic import find_fix, is_writable, shortened
+from shapefit.io.atomic import is_writable, shortened, storage_errors
 from shapefit.io.held_signals import held_signals
 from shapefit.io.staged_names import StagedNames
 
@@ -48,7 +48,7 @@ class StagedFiles:
         file system can tell.
         """
         target, path = self.folder / name, self._new / name
-        with _writing_errors(target):
+        with storage_errors(target, None):
             self._check_clash(path, item)
             check_replaceable(target)
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -65,14 +65,14 @@ class StagedFiles:
         """
         if self._published or self.empty:
             return
-        with _writing_errors(self.folder):
+        with storage_errors(self.folder, None):
             for name, _ in self._names:
                 check_replaceable(self.folder / name)
         self._hold.enter_context(held_signals())
         self._published = True
         for name, _ in self._names:
             target = self.folder / name
-            with _writing_errors(target):
+            with storage_errors(target, None):
                 self._make(target.parent)
                 _keep(target, self._old / name)
                 (self._new / name).replace(target)
@@ -164,14 +164,14 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
     ones. Raises InputError as `StagedFiles` does.
     """
     around = folder if folder.is_dir() else folder.parent
-    with _writing_errors(folder):
+    with storage_errors(folder, None):
         prefix = f".{shortened(folder.name)}-"
         staging = Path(tempfile.mkdtemp(".partial", prefix, around))
     # Signals that were held back act when the staging folder is gone.
     with ExitStack() as hold:
         files = None
         try:
-            with _writing_errors(folder):
+            with storage_errors(folder, None):
                 files = StagedFiles(folder, staging, hold)
             yield files
             files.publish()
@@ -184,16 +184,6 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
                 files.close()
             if files is None or not files.stuck:
                 shutil.rmtree(staging, ignore_errors=True)
-
-
-@contextmanager
-def _writing_errors(target: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise input_error(
-            target, f"cannot be written: {error.strerror}", find_fix(error)
-        ) from error
 
 
 def _keep(target: Path, aside: Path) -> None:
