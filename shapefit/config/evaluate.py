@@ -15,9 +15,8 @@ from shapefit.config.paths import InputPath, InputPaths, OutputPath, PathWords, 
 
 ErrorMetric = Literal["similarity", "camera", "rotation", "reprojection"]
 """Metrics of every fit."""
-LabelMetric = Literal["precision", "recall"]
-"""Metrics of the labels of outliers, which only some fits give."""
-Metric = Literal[ErrorMetric, LabelMetric]
+Metric = Literal[ErrorMetric, "precision", "recall"]
+"""Those too that judge the labels of outliers, which only some fits give."""
 
 MEAN_SHAPE = "Mean shape (oracle)"
 NEAREST_ATOM = "Nearest atom (oracle)"

@@ -32,6 +32,12 @@ def number(value: float | None, decimals: int) -> str:
     return ABSENT if value is None or math.isnan(value) else f"{value:.{decimals}f}"
 
 
+def percent(share: float, decimals: int) -> str:
+    """Say 100 % only where it is all of them: digits are cut off, not rounded up."""
+    unit = 10**decimals
+    return f"{math.floor(100 * unit * share + 1e-9) / unit:.{decimals}f} %"
+
+
 def decimals_of(values: Iterable[float]) -> int:
     """Digits after the point: three as in the paper, one from 10 on, more for tiny numbers."""
     largest = max((value for value in values if not math.isnan(value)), default=0.0)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
-from shapefit.evaluation.cells import ABSENT, HOW_TO_READ_PAIRS, decimals_of, number, pairs
+from shapefit.evaluation.cells import ABSENT, HOW_TO_READ_PAIRS, decimals_of, number, pairs, percent
 from shapefit.evaluation.markdown import markdown_table
 from shapefit.evaluation.report import PUBLISHED, Report
 from shapefit.evaluation.solving import Solving
@@ -124,7 +123,7 @@ def _solving(report: Report) -> list[str]:
             name,
             number(s.mean_objective, decimals),
             *_speed(s),
-            ABSENT if s.solved is None else _percent(s.solved),
+            ABSENT if s.solved is None else percent(s.solved, 2),
         ]
         for name, s in told
     ]
@@ -138,11 +137,6 @@ def _speed(solving: Solving) -> list[str]:
         ABSENT if solving.milliseconds is None else f"{solving.milliseconds:.3g}",
         ABSENT if rate is None else f"{rate:.0f}" if rate >= 100 else f"{rate:.3g}",
     ]
-
-
-def _percent(share: float) -> str:
-    """Say 100 % only where it is all of them: digits are cut off, not rounded up."""
-    return f"{math.floor(10000 * share + 1e-9) / 100:.2f} %"
 
 
 def _failed_items(report: Report) -> list[str]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.evaluation import labels
-from shapefit.evaluation.cells import ABSENT, HOW_TO_READ_PAIRS, pairs
+from shapefit.evaluation.cells import ABSENT, HOW_TO_READ_PAIRS, pairs, percent
 from shapefit.evaluation.markdown import markdown_table
 from shapefit.evaluation.summary import ALL, ImageErrors, summarise
 from shapefit.evaluation.tables import null_for_nan
@@ -182,7 +182,7 @@ def markdown(sweep: Sweep) -> str:
 
 def _share_with_shape(point: Point) -> str:
     images = point.images + point.failed
-    return f"{math.floor(100 * point.images / images)} %" if images else ABSENT
+    return percent(point.images / images, 0) if images else ABSENT
 
 
 def _known(point: Point) -> dict[str, Any]:

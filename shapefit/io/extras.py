@@ -13,8 +13,9 @@ Array = NDArray[Any]
 # Datasets that belong to the file when they have so many axes, however many items there are.
 OF_THE_FILE = {"camera_matrix": 2, "mirror_index": 1}
 
-LABELS = ("outliers", "corrupted")
-"""Datasets (n, p) that say yes or no of every landmark."""
+OUTLIERS, CORRUPTED = "outliers", "corrupted"
+"""Datasets (n, p) of the landmarks that a fit judged wrong, and of those that were made wrong."""
+LABELS = (OUTLIERS, CORRUPTED)
 
 
 def is_per_item(name: str, shape: tuple[int, ...], count: int) -> bool:

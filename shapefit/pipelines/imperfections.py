@@ -18,9 +18,6 @@ Floats = NDArray[np.float64]
 BLOCK = 1024
 LEAST_VISIBLE = 3
 
-CORRUPTED = "corrupted"
-"""Dataset (n, p) of the landmarks that were put in a wrong place."""
-
 
 class Purpose(IntEnum):
     """What a stream of random numbers is for; the values are part of what a seed means."""

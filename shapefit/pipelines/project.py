@@ -15,10 +15,9 @@ from shapefit.config import ProjectConfig
 from shapefit.geometry import cameras
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import LandmarkSet, ShapeSet, check_output, digest, landmark_writer, read_shapes
-from shapefit.io.extras import Extras
+from shapefit.io.extras import CORRUPTED, Extras
 from shapefit.pipelines.imperfections import (
     BLOCK,
-    CORRUPTED,
     Purpose,
     add_noise,
     displace,

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import get_args
 
 from shapefit import __version__
 from shapefit.config import SweepConfig
-from shapefit.config.evaluate import LabelMetric
 from shapefit.config.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.sweep import Value
-from shapefit.evaluation import plots
+from shapefit.evaluation import labels, plots
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.sweep import (
     Point,
@@ -27,10 +25,10 @@ from shapefit.evaluation.sweep import (
 )
 from shapefit.evaluation.sweep_plots import sweep_plot
 from shapefit.evaluation.tables import write_per_image
-from shapefit.io import ShapeSet, digest, read_dictionary, read_results, read_shapes
+from shapefit.io import ResultSet, digest, read_dictionary, read_results, read_shapes
+from shapefit.io.extras import CORRUPTED
 from shapefit.pipelines import fit, learn_dict, project
 from shapefit.pipelines.image_errors import find_grouping, image_errors
-from shapefit.pipelines.imperfections import CORRUPTED
 from shapefit.pipelines.judgement import judge
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
@@ -72,10 +70,16 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         files = yield from _prepare(config, value, files, folder, work)
         result = folder / "result.h5"
         failed = yield from _fit(config, value, files, result)
-        errors = yield from _judge(config, value, result, truth, failed)
+        results = read_results(result)
+        judgement = judge(result, results, truth, config.match, _metrics(config, value, results))
+        new = (Failure(i, why) for i, why in judgement.failures.items() if i not in failed)
+        errors = _in_first_units(image_errors(value_text(value), [judgement]))
         grouping, ungrouped = find_grouping(config.groups, errors)
-        yield Outcome(warnings=ungrouped)
-        seconds = 1 / float(read_results(result).attributes["images_per_second"])
+        yield Outcome(
+            failures=_named(new, _setting(config, value)),
+            warnings=judgement.warnings + ungrouped,
+        )
+        seconds = 1 / float(results.attributes["images_per_second"])
         judged += errors
         found += [point for e in errors for point in points(value, e, grouping, seconds)]
     sweep = Sweep(config.key, tuple(found), config.caveats, _provenance(config))
@@ -163,23 +167,17 @@ def _fit(
     return failed
 
 
-def _judge(
-    config: SweepConfig, value: Value, result: Path, truth: ShapeSet, failed: Collection[str]
-) -> Generator[Outcome, None, list[ImageErrors]]:
-    """Compare the result at one value with the truth; return its errors in each metric.
-
-    A metric with several units has them in the first. Precision and recall of outlier labels follow
-    where any image leaves them defined. The items in `failed` have been reported already.
-    """
-    results = read_results(result)
+def _metrics(config: SweepConfig, value: Value, results: ResultSet) -> Sequence[str]:
+    """Return the metrics of the config, and those of labels where the truth of labels is known."""
     labelled = config.steps(value).fit.labels_outliers and CORRUPTED in results.extras
-    metrics = config.metrics + (get_args(LabelMetric) if labelled else ())
-    judgement = judge(result, results, truth, config.match, metrics)
-    failures = (Failure(i, why) for i, why in judgement.failures.items() if i not in failed)
-    yield Outcome(failures=_named(failures, _setting(config, value)), warnings=judgement.warnings)
+    return config.metrics + (labels.METRICS if labelled else ())
+
+
+def _in_first_units(errors: Iterable[ImageErrors]) -> list[ImageErrors]:
+    """Return the errors in each metric, in its first unit where it has several."""
     found: dict[str, ImageErrors] = {}
-    for errors in image_errors(value_text(value), [judgement]):
-        found.setdefault(errors.metric, errors)
+    for each in errors:
+        found.setdefault(each.metric, each)
     return list(found.values())
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from shapefit.config.corruption import CorruptionConfig
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, landmark_writer, open_landmarks
-from shapefit.io.extras import Extras
-from shapefit.pipelines.imperfections import BLOCK, CORRUPTED, Purpose, corrupt, stream
+from shapefit.io.extras import CORRUPTED, Extras
+from shapefit.pipelines.imperfections import BLOCK, Purpose, corrupt, stream
 from shapefit.pipelines.landmark_weights import find_seen
 
 WARM_UP = 8
