@@ -14,7 +14,14 @@ import pytest
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
-from shapefit.io import landmark_writer, result_writer, write_dictionary, write_shapes
+from shapefit.io import (
+    landmark_writer,
+    open_landmarks,
+    read_shapes,
+    result_writer,
+    write_dictionary,
+    write_shapes,
+)
 from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
@@ -208,3 +215,21 @@ def standard_input(monkeypatch) -> Callable[[str], None]:
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
 
     return give
+
+
+@pytest.fixture
+def read_views():
+    """Return what reads the few images of landmark files."""
+
+    def read(*paths):
+        with open_landmarks(paths) as source:
+            (chunk,) = source.chunks(100)
+            return chunk
+
+    return read
+
+
+@pytest.fixture
+def read_one():
+    """Return what reads a file of shapes."""
+    return lambda path: read_shapes([path])

@@ -12,9 +12,7 @@ import pytest
 
 from shapefit.io import (
     landmark_writer,
-    open_landmarks,
     read_results,
-    read_shapes,
     result_writer,
     write_shapes,
 )
@@ -25,16 +23,6 @@ a,head,1,2,0.5,s
 a,foot,3.5,-4e-1,1,s
 b,foot,,nan,0,t
 """
-
-
-def read_views(*paths):
-    with open_landmarks(paths) as source:
-        (chunk,) = source.chunks(100)
-        return chunk
-
-
-def read_one(path):
-    return read_shapes([path])
 
 
 def check_views(views):
@@ -49,7 +37,7 @@ def check_views(views):
 # What is read
 
 
-def test_landmarks(csv):
+def test_landmarks(csv, read_views):
     check_views(read_views(csv(VIEWS)))
 
 
@@ -68,23 +56,23 @@ def test_landmarks(csv):
         ("another suffix", VIEWS),
     ],
 )
-def test_ways_to_write_the_same_table(csv, name, text):
+def test_ways_to_write_the_same_table(csv, name, text, read_views):
     check_views(read_views(csv(text, "table.txt" if name == "another suffix" else "table.csv")))
 
 
-def test_spaces_in_names_stay_where_the_header_has_none(csv):
+def test_spaces_in_names_stay_where_the_header_has_none(csv, read_views):
     views = read_views(csv("item,landmark,x,y\n a,head ,1,2\n"))
     assert (views.items, views.landmark_names) == ((" a",), ("head ",))
 
 
-def test_columns_in_any_order(csv):
+def test_columns_in_any_order(csv, read_views):
     rows = [line.split(",") for line in VIEWS.splitlines()]
     check_views(
         read_views(csv("\n".join(",".join(row[i] for i in (5, 3, 0, 4, 1, 2)) for row in rows)))
     )
 
 
-def test_items_keep_the_order_of_their_first_rows(csv):
+def test_items_keep_the_order_of_their_first_rows(csv, read_views):
     views = read_views(csv("item,landmark,x,y\nz,b,1,2\na,b,3,4\nz,a,5,6\n"))
     assert views.items == ("z", "a")
     assert views.landmark_names == ("b", "a")
@@ -95,12 +83,12 @@ def test_items_keep_the_order_of_their_first_rows(csv):
 
 
 @pytest.mark.parametrize("cells", ["1,", ",2", "nan,2", "1,NaN"])
-def test_a_landmark_with_half_a_position_is_unseen(csv, cells):
+def test_a_landmark_with_half_a_position_is_unseen(csv, cells, read_views):
     views = read_views(csv(f"item,landmark,x,y\na,head,{cells}\na,foot,1,2\n"))
     np.testing.assert_array_equal(views.landmarks, [[[np.nan, 1], [np.nan, 2]]])
 
 
-def test_names_are_texts_not_numbers(csv):
+def test_names_are_texts_not_numbers(csv, read_views):
     views = read_views(csv("item,landmark,x,y\n007,1.0,1,2\n7,1.0,1,2\n"))
     assert views.items == ("007", "7")
     assert views.landmark_names == ("1.0",)
@@ -112,19 +100,19 @@ def test_results_may_have_failed_items(csv):
     assert found.coefficients is found.status is found.landmarks_fitted is None
 
 
-def test_standard_input(standard_input):
+def test_standard_input(standard_input, read_views):
     standard_input(VIEWS)
     check_views(read_views(Path("-")))
 
 
 @pytest.mark.parametrize("text", ["item,landmark,x,y", "item,landmark,x,y\n\n"])
-def test_a_header_alone_is_zero_images(csv, text):
+def test_a_header_alone_is_zero_images(csv, text, read_views):
     views = read_views(csv(text))
     assert len(views) == 0
     assert views.landmarks.shape == (0, 2, 0)
 
 
-def test_a_table_through_a_pipe(tmp_path):
+def test_a_table_through_a_pipe(tmp_path, read_views):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     writer = Thread(target=lambda: pipe.write_bytes(VIEWS.encode()))
@@ -161,7 +149,7 @@ def test_standard_output(landmarks, capfdbinary):
     assert len(lines) == 5
 
 
-def test_names_with_commas_quotes_and_line_ends(tmp_path, shapes, same):
+def test_names_with_commas_quotes_and_line_ends(tmp_path, shapes, same, read_one):
     names = ('a,"b"', "new\nline", "return\r", " blank ")
     items = ("é", "\r\n", '"', "x\ny", "'")
     odd = replace(shapes, landmark_names=names, items=items, sequences=("\r",) * 5)
