@@ -1,4 +1,4 @@
-# Every target does its own set-up in .venv; it needs Python >= 3.11, make and a C compiler.
+# Every target does its own set-up in .venv; it needs Python >= 3.11, make and a C++ compiler.
 #
 #   make demo         the main job on sample_data
 #   make test         all tests
@@ -17,6 +17,8 @@ PYTEST_OPTIONS ?= -n 2
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
+TOOLS := $(VENV)/tools
+CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp */*.?pp))
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
@@ -81,7 +83,7 @@ lint: $(READY)
 	$(BIN)/ruff check .
 
 types: $(READY)
-	$(BIN)/mypy shapefit cli benchmarks
+	$(BIN)/mypy shapefit shapefit_cli benchmarks
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py
@@ -102,11 +104,17 @@ $(SHAPEFIT) eval -c configs/$(1)/eval.yaml $(SET_DATA)
 @echo "The results are in results/$(1), the report with tables and plots in results/$(1)/report."
 endef
 
-# Rebuilt when the dependencies change, not otherwise.
-$(READY): pyproject.toml constraints.txt
+# Rebuilt when the dependencies or the sources of the compiled core change, not otherwise.
+$(READY): $(TOOLS) $(CORE)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt --no-build-isolation --editable '.[dev]'
+	@touch $@
+
+# What builds the core stays installed, so that a changed source is compiled alone.
+$(TOOLS): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	    { echo "shapefit needs Python >= 3.11; say which: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	    --constraint constraints.txt --editable '.[dev]'
+	    --constraint constraints.txt cmake ninja nanobind scikit-build-core
 	@touch $@

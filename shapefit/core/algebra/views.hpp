@@ -1,0 +1,49 @@
+// Views of row-major arrays that Python owns: a pointer and the sizes, nothing else.
+//
+// Every member function is inlined wherever it is used, so that no code compiled for one
+// instruction set can be kept by the linker for another.
+#pragma once
+
+namespace shapefit {
+
+template <class T, int rank>
+struct View {
+    T* data = nullptr;
+    long size[rank] = {};
+
+    [[gnu::always_inline]] View<T, rank - 1> operator[](long i) const {
+        View<T, rank - 1> part;
+        long stride = 1;
+        for (int d = 1; d < rank; ++d) {
+            part.size[d - 1] = size[d];
+            stride *= size[d];
+        }
+        part.data = data + i * stride;
+        return part;
+    }
+};
+
+template <class T>
+struct View<T, 1> {
+    T* data = nullptr;
+    long size[1] = {};
+
+    [[gnu::always_inline]] T& operator[](long i) const { return data[i]; }
+};
+
+template <class T>
+using Vector = View<T, 1>;
+template <class T>
+using Matrix = View<T, 2>;
+template <class T>
+using Tensor = View<T, 3>;
+template <class T>
+using Blocks = View<T, 4>;
+
+// A stretch of the images of a batch: first <= image < last.
+struct Range {
+    long first = 0;
+    long last = 0;
+};
+
+}  // namespace shapefit

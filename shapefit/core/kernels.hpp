@@ -1,0 +1,32 @@
+// The table of kernels that every instruction set fills, and the one that was chosen.
+#pragma once
+
+#include "convex/data.hpp"
+#include "lifting/data.hpp"
+
+namespace shapefit {
+
+// A kernel works on a range of images of a batch; it writes their rows and no others.
+struct Kernels {
+    void (*synchronise)(const SynchronisationData&, Range);
+};
+
+// Single steps of the kernels, for the tests that judge them one at a time.
+struct Parts {
+    double (*climb)(Tensor<const double> blocks, Matrix<double> R);
+    bool (*polar_rotation)(Matrix<const double> A, Matrix<double> R);
+};
+
+struct Level {
+    const char* name;
+    Kernels kernels;
+    Parts parts;
+};
+
+// Levels that this build has and this processor can run, best first; at least one.
+int available_levels(const Level** levels, int room);
+
+// The level in use: the best one, or what the environment variable SHAPEFIT_LEVEL names.
+const Level& level();
+
+}  // namespace shapefit

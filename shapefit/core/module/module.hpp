@@ -1,0 +1,10 @@
+// The files of the extension module, one per subject.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+namespace shapefit {
+
+void bind_lifting(nanobind::module_& module, nanobind::module_& parts);
+
+}  // namespace shapefit
