@@ -8,6 +8,8 @@ namespace shapefit {
 
 // A kernel works on a range of images of a batch; it writes their rows and no others.
 struct Kernels {
+    void (*solve_convex)(const ConvexTask&, Range);
+    void (*certify)(const ConvexProgram&, const ConvexPoint&, const ConvexProof&, Range);
     void (*synchronise)(const SynchronisationData&, Range);
 };
 
