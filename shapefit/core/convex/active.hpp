@@ -39,13 +39,15 @@ class LaidAtoms {
 
 struct ActiveBlocks {
     long count = 0;
-    double norms = 0;  // sum of the spectral norms of prox
-    long room;         // of every row below
-    long* index;       // atoms
-    double *argument, *prox;   // (6, room)
-    double *v, *w, *z;         // (3, room) right frame; u1 = (cosine, sine), u2 = (-sine, cosine)
-    double *cosine, *sine;     // (room,)
-    double *weight;            // (6, room) of the directions in the order above
+    double norms = 0;         // sum of the spectral norms of prox
+    long room;                // of every row below, a multiple of PADDING
+    long* index;              // atoms
+    double *argument, *prox;  // (6, room)
+    double *v, *w, *z;        // (3, room) right frame; u1 = (cosine, sine), u2 = (-sine, cosine)
+    double *cosine, *sine;    // (room,)
+    double *first, *second;   // (room,) singular values s1, s2 of the argument
+    double* norm;             // (room,) f1
+    double* weight;           // (6, room) of the directions in the order above
 
     ActiveBlocks(Workspace& workspace, long padded_atoms);
 
@@ -55,16 +57,22 @@ struct ActiveBlocks {
     // Weights of the directions; after `find`, with the same t.
     void weigh(double t, Weighing weighing);
 
-    // Append the rows f with sum f^T f = sigma B_i^T W B_i from row 0 on, W the weights; returns
-    // their number. In the column of the right-hand side: 0, or, where `moved` (6, room) is given,
+    // Write the rows f with sum f^T f = sigma B_i^T W B_i, W the weights; returns their number. In
+    // the column of the right-hand side: 0, or, where `moved` (6, room) is given,
     // - sqrt(weight / sigma) <direction, moved>.
-    long write_rows(double sigma, LaidAtoms& atoms, const double* moved, ShiftedGram& gram) const;
+    long write_rows(double sigma, LaidAtoms& atoms, const double* moved, ShiftedGram& gram);
 
     // out = W X for X and out (6, room): the part of X in each direction, times its weight.
     void apply_weights(const double* X, double* out) const;
 
     // rows (2, q) -= sum_i prox_i B_i; rows y0, y1.
     void subtract_fit(LaidAtoms& atoms, double* y0, double* y1, long q) const;
+
+  private:
+    void decompose(long c, double t);
+    void lay_directions(double sigma, const double* moved);
+
+    double* row_;  // (7, 6, room): the six numbers of each direction, and the right-hand side
 };
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

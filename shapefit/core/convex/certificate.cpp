@@ -39,7 +39,8 @@ double subtract_shapes(Tensor<const double> M, Tensor<const double> B, Matrix<do
     double norms = 0;
     for (long i = 0; i < M.size[0]; ++i) {
         const double* m = M[i].data;
-        const Invariants block = invariants(m[0], m[1], m[2], m[3], m[4], m[5]);
+        const double q[6] = {m[0], m[1], m[2], m[3], m[4], m[5]};
+        const Invariants<double> block = invariants(q);
         if (block.trace == 0) continue;
         const double* b = B[i].data;
         for (int a = 0; a < 2; ++a) {
@@ -47,7 +48,7 @@ double subtract_shapes(Tensor<const double> M, Tensor<const double> B, Matrix<do
             for (long j = 0; j < p; ++j)
                 row[j] -= m[3 * a] * b[j] + m[3 * a + 1] * b[p + j] + m[3 * a + 2] * b[2 * p + j];
         }
-        norms += root(0.5 * (block.trace + block.spread));  // the largest eigenvalue of M M^T
+        norms += spectral_norm(block);
     }
     return norms;
 }

@@ -1,7 +1,5 @@
 #include "planes.hpp"
 
-#include "blocks.hpp"
-
 namespace shapefit::SHAPEFIT_LEVEL {
 
 Planes turn_atoms(Tensor<const double> atoms, Workspace& workspace) {
@@ -72,15 +70,6 @@ void correlate(const Planes& B, const double* y0, const double* y1, double* N) {
     for (; i + PAIR * WIDTH <= B.padded_atoms; i += PAIR * WIDTH)
         correlate_some<PAIR>(B, y0, y1, N, i);
     for (; i < B.padded_atoms; i += WIDTH) correlate_some<1>(B, y0, y1, N, i);
-}
-
-double largest_nuclear_norm(const double* N, long padded_atoms) {
-    double largest = 0;
-    for (long i = 0; i < padded_atoms; ++i) {
-        const Invariants block = invariants(N, padded_atoms, i);
-        largest = larger(largest, block.trace + 2 * block.product);
-    }
-    return root(largest);
 }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -30,7 +30,4 @@ double reduce_atoms(const Planes& all, const double* omega, const Reduction& red
 // N_i = Y B_i^T for all atoms: rows y0, y1 of Y (2, columns), N (6, padded).
 void correlate(const Planes& B, const double* y0, const double* y1, double* N);
 
-// max_i ||N_i||_* over blocks N (6, padded).
-double largest_nuclear_norm(const double* N, long padded_atoms);
-
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -11,16 +11,6 @@ namespace {
 constexpr double STEP = 1;
 constexpr long MOST_ROUNDS = 10;
 
-// s1 + s2 of every M_i + sigma N_i, in total (k,).
-void sum_singular_values(const double* M, const double* N, double sigma, double* total, long k) {
-    for (long i = 0; i < k; ++i) {
-        const auto argument = [&](int e) { return M[e * k + i] + sigma * N[e * k + i]; };
-        const Invariants block = invariants(argument(0), argument(1), argument(2), argument(3),
-                                            argument(4), argument(5));
-        total[i] = root(block.trace + 2 * block.product);
-    }
-}
-
 // The right-hand side w - y - sum P_i B_i, and the rest of it in the rows of F.
 long build_system(const ReducedProgram& program, const Iterate& iterate, double sigma, Room& room) {
     const long k = program.padded_atoms(), n = program.unknowns();
@@ -49,9 +39,12 @@ double move_transforms(const ReducedProgram& program, double sigma, const double
     active.apply_weights(room.moved, room.weighted);
     memset(iterate.M, 0, sizeof(double) * 6 * k);
     double norms = 0;
-    for (long c = 0; c < active.count; ++c) {
-        for (int e = 0; e < 6; ++e) room.weighted[e * k + c] += active.prox[e * k + c];
-        norms += spectral_norm(invariants(room.weighted, k, c));
+    for (long c = 0; c < active.count; c += WIDTH) {
+        BlockLanes M = load_blocks(room.weighted, k, c);
+        for (int e = 0; e < 6; ++e) M.q[e] += load(active.prox + e * k + c);
+        for (int e = 0; e < 6; ++e) store(room.weighted + e * k + c, M.q[e]);
+        const Lanes sizes = spectral_norm(invariants(M.q));
+        for (int lane = 0; lane < WIDTH && c + lane < active.count; ++lane) norms += sizes[lane];
     }
     for (int e = 0; e < 6; ++e)
         for (long c = 0; c < active.count; ++c)

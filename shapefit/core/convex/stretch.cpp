@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "blocks.hpp"
 #include "certificate.hpp"
 #include "lagrangian.hpp"
 #include "primal_dual.hpp"
