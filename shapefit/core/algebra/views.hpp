@@ -55,10 +55,15 @@ using Tensor = View<T, 3>;
 template <class T>
 using Blocks = View<T, 4>;
 
-// A stretch of the images of a batch: first <= image < last.
+// Images first <= image < last of a batch: whole stretches, but for the end of the batch.
 struct Range {
     long first = 0;
     long last = 0;
 };
+
+// Images of one stretch may start from one another's solutions; each stretch starts afresh. Its
+// length is fixed, so that no result depends on the number of threads, nor on how a file is cut into
+// batches of whole stretches.
+constexpr long STRETCH = 64;
 
 }  // namespace shapefit

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "blocks.hpp"
+#include "primal_dual.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
@@ -43,19 +44,19 @@ class Lagrangian {
           sigma_(START / program.lam) {}
 
     long solve(long taken) {
-        correlate(program_.planes, iterate_.y, iterate_.y + q_, room_.N);
+        const long most = program_.most_steps;
         long steps = taken;
         while (true) {
+            correlate(program_.planes, iterate_.y, iterate_.y + q_, room_.N);
             begin_outer();
             bool solved = false;
             for (long inner = 0;; ++inner, ++steps) {
                 const ProximalPoint point = find_proximal_point();
-                if (point.gap <= program_.tolerance || steps >= program_.most_steps ||
-                    !is_finite(point.gap)) {
+                if (point.gap <= program_.tolerance || steps >= most || !is_finite(point.gap)) {
                     accept();
                     return steps - taken;
                 }
-                const double t = sigma_ * program_.lam, noise = ROUNDING * t;
+                const double t = threshold(), noise = ROUNDING * t;
                 solved = point.gradient * t * t <= LOOSENESS * LOOSENESS * point.moved;
                 if (inner > 0 &&
                     (solved || point.gradient <= noise * noise || inner >= PATIENCE))
@@ -64,6 +65,11 @@ class Lagrangian {
             }
             accept();
             sigma_ *= solved ? GROWTH : 1 / GROWTH;
+            if (!Errors::robust && program_.delta > 0) {  // its proximal point may be a good start
+                const PrimalDualEnd end = solve_primal_dual(program_, iterate_, room_);
+                steps += end.steps;
+                if (end.solved) return steps - taken;
+            }
         }
     }
 

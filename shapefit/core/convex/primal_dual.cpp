@@ -9,7 +9,7 @@ namespace {
 
 // sigma lambda: the count of steps is flat from 0.3 to 4.
 constexpr double STEP = 1;
-constexpr long MOST_ROUNDS = 10;
+constexpr long MOST_ROUNDS = 8;
 
 // The right-hand side w - y - sum P_i B_i, and the rest of it in the rows of F.
 long build_system(const ReducedProgram& program, const Iterate& iterate, double sigma, Room& room) {

@@ -32,9 +32,9 @@ struct Memory {
     bool known = false;
 };
 
-class Stretch {
+class StretchSolver {
   public:
-    explicit Stretch(const ConvexTask& task)
+    explicit StretchSolver(const ConvexTask& task)
         : task_(task),
           program_(task.program),
           k_(program_.atoms.size[0]),
@@ -56,6 +56,9 @@ class Stretch {
         before_ = {numbers(6 * padded_), numbers(2 * p_)};
         for (long j = 0; j < p_; ++j) last_weights_[j] = -1, ones_[j] = 1;
     }
+
+    // Solve as if nothing came before.
+    void begin() { last_.known = before_.known = false; }
 
     void solve(long image) {
         const bool same_mask = take_weights(image);
@@ -292,8 +295,11 @@ class Stretch {
 }  // namespace
 
 void solve_convex(const ConvexTask& task, Range range) {
-    Stretch stretch(task);
-    for (long image = range.first; image < range.last; ++image) stretch.solve(image);
+    StretchSolver stretch(task);
+    for (long image = range.first; image < range.last; ++image) {
+        if (image % STRETCH == 0) stretch.begin();
+        stretch.solve(image);
+    }
 }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL
