@@ -2,12 +2,14 @@
 #pragma once
 
 #include "convex/data.hpp"
+#include "dictionary/data.hpp"
 #include "lifting/data.hpp"
 
 namespace shapefit {
 
 // A kernel works on a range of images of a batch; it writes their rows and no others.
 struct Kernels {
+    void (*code)(const CodingData&, Range);
     void (*synchronise)(const SynchronisationData&, Range);
 };
 
@@ -15,6 +17,8 @@ struct Kernels {
 struct Parts {
     double (*climb)(Tensor<const double> blocks, Matrix<double> R);
     bool (*polar_rotation)(Matrix<const double> A, Matrix<double> R);
+    void (*scaled_coefficients)(Matrix<const double> Q, Vector<const double> h,
+                                Vector<const double> a, Vector<double> x);
 };
 
 struct Level {

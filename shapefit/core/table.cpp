@@ -1,5 +1,7 @@
 // The kernels of one instruction set, gathered in its table.
 #include "kernels.hpp"
+#include "dictionary/coding.hpp"
+#include "lifting/scaled_coefficients.hpp"
 #include "lifting/synchronisation.hpp"
 
 // The two steps by which a name becomes a string.
@@ -14,12 +16,14 @@ const Level table = {
     .name = SHAPEFIT_NAME(SHAPEFIT_LEVEL),
     .kernels =
         {
+            .code = code,
             .synchronise = synchronise,
         },
     .parts =
         {
             .climb = climb,
             .polar_rotation = polar_rotation,
+            .scaled_coefficients = solve_scaled,
         },
 };
 

@@ -22,6 +22,9 @@ void bind_lifting(nb::module_& module, nb::module_& parts) {
     parts.def("climb", [](In<3> blocks, Out<2> R) -> double { return level().parts.climb(view(blocks), view(R)); });
     parts.def("polar_rotation",
               [](In<2> A, Out<2> R) -> bool { return level().parts.polar_rotation(view(A), view(R)); });
+    parts.def("scaled_coefficients", [](In<2> Q, In<1> h, In<1> a, Out<1> x) {
+        level().parts.scaled_coefficients(view(Q), view(h), view(a), view(x));
+    });
 }
 
 }  // namespace shapefit

@@ -11,5 +11,6 @@ NB_MODULE(_core, module) {
     for (int i = 0, count = shapefit::available_levels(levels, 4); i < count; ++i)
         names.append(levels[i]->name);
     module.attr("LEVELS") = nanobind::tuple(names);
+    shapefit::bind_dictionary(module);
     shapefit::bind_lifting(module, parts);
 }
