@@ -6,6 +6,6 @@ in place and release the GIL; the rooms that call them check and allocate. `part
 steps of the kernels, for the tests that judge them one at a time.
 """
 
-from shapefit.core._core import LEVEL, LEVELS, code, parts, synchronise
+from shapefit.core._core import LEVEL, LEVELS, alternate, code, find_pose, parts, synchronise
 
-__all__ = ["LEVEL", "LEVELS", "code", "parts", "synchronise"]
+__all__ = ["LEVEL", "LEVELS", "alternate", "code", "find_pose", "parts", "synchronise"]

@@ -10,6 +10,8 @@ namespace shapefit {
 // A kernel works on a range of images of a batch; it writes their rows and no others.
 struct Kernels {
     void (*code)(const CodingData&, Range);
+    void (*alternate)(const AlternationData&, Range);
+    void (*find_pose)(const PoseData&, Range);
     void (*synchronise)(const SynchronisationData&, Range);
 };
 
@@ -19,6 +21,22 @@ struct Parts {
     bool (*polar_rotation)(Matrix<const double> A, Matrix<double> R);
     void (*scaled_coefficients)(Matrix<const double> Q, Vector<const double> h,
                                 Vector<const double> a, Vector<double> x);
+    double (*sparse_coefficients)(Matrix<const double> w, Tensor<const double> atoms,
+                                  Matrix<const double> R, double lam, bool is_signed,
+                                  Vector<double> c);
+    AlternationEnd (*alternate_image)(Matrix<const double> w, Tensor<const double> atoms, double lam,
+                                      bool is_signed, double tolerance, Matrix<double> R,
+                                      Vector<double> c, Vector<double> trace);
+    Misfit (*rotation_step)(Matrix<const double> P, Matrix<const double> D, bool free_scale,
+                            Matrix<double> R);
+    double (*rotation_value)(Matrix<const double> P, Matrix<const double> D, bool free_scale,
+                             Matrix<const double> R);
+    Misfit (*rotation_model)(Matrix<const double> P, Matrix<const double> D, bool free_scale,
+                             Matrix<const double> R, Vector<double> g, Matrix<double> H);
+    TrustedStep (*truncated_cg)(Vector<const double> g, Matrix<const double> H, double radius,
+                                Vector<double> step);
+    void (*retract)(Matrix<const double> R, Vector<const double> step, Matrix<double> out);
+    void (*orthonormalise)(Matrix<double> R);
 };
 
 struct Level {

@@ -1,6 +1,9 @@
 // The kernels of one instruction set, gathered in its table.
 #include "kernels.hpp"
 #include "dictionary/coding.hpp"
+#include "lifting/alternation.hpp"
+#include "lifting/pose.hpp"
+#include "lifting/rotation_step.hpp"
 #include "lifting/scaled_coefficients.hpp"
 #include "lifting/synchronisation.hpp"
 
@@ -17,6 +20,8 @@ const Level table = {
     .kernels =
         {
             .code = code,
+            .alternate = alternate,
+            .find_pose = find_pose,
             .synchronise = synchronise,
         },
     .parts =
@@ -24,6 +29,14 @@ const Level table = {
             .climb = climb,
             .polar_rotation = polar_rotation,
             .scaled_coefficients = solve_scaled,
+            .sparse_coefficients = solve_lasso,
+            .alternate_image = alternate_once,
+            .rotation_step = take_rotation_step,
+            .rotation_value = rotation_value,
+            .rotation_model = rotation_model,
+            .truncated_cg = trusted_step,
+            .retract = retract_rotation,
+            .orthonormalise = orthonormalise_rows,
         },
 };
 

@@ -44,6 +44,18 @@ inline double largest_of(const double* x, long n) {
     return best[0];
 }
 
+inline double smallest_of(const double* x, long n) {
+    constexpr long LANES = 8;
+    double best[LANES];
+    for (long lane = 0; lane < LANES; ++lane) best[lane] = INFINITE;
+    long i = 0;
+    for (; i + LANES <= n; i += LANES)
+        for (long lane = 0; lane < LANES; ++lane) best[lane] = smaller(x[i + lane], best[lane]);
+    for (; i < n; ++i) best[0] = smaller(x[i], best[0]);
+    for (long lane = 1; lane < LANES; ++lane) best[0] = smaller(best[lane], best[0]);
+    return best[0];
+}
+
 // The first place of `value` among n numbers; n where it is not there.
 inline long place_of(double value, const double* x, long n) {
     long i = 0;
