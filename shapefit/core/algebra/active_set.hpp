@@ -34,8 +34,8 @@ struct ActiveSet {
           index(workspace.zeros<long>(room + 1)),
           x(workspace.zeros<double>(room + 1)),
           sign(workspace.zeros<double>(room + 1)),
-          goal(workspace.zeros<double>(room + 1)),
-          column(workspace.zeros<double>(room + 1)),
+          goal(workspace.zeros<double>(padded(room + 1))),
+          column(workspace.zeros<double>(padded(room + 1))),
           factor(workspace, room + 1) {}
 
     void clear() {
@@ -80,7 +80,7 @@ struct Blocked {
 inline Blocked go_along(ActiveSet& set, const double* direction, long count, double longest) {
     Blocked blocked{-1, longest};
     for (long e = 0; e < count; ++e) {
-        if (direction[e] * set.sign[e] < 0 && -set.x[e] / direction[e] < blocked.length)
+        if ((set.x[e] + blocked.length * direction[e]) * set.sign[e] < 0)
             blocked = {e, -set.x[e] / direction[e]};
     }
     for (long e = 0; e < count; ++e) {
@@ -94,12 +94,11 @@ inline Blocked go_along(ActiveSet& set, const double* direction, long count, dou
 template <class Terms>
 Blocked improve(const Terms& terms, ActiveSet& set) {
     const long m = set.count;
-    for (long e = 0; e < m; ++e) set.goal[e] = terms.pull(set.index[e], set.sign[e]);
     set.factor.solve(set.goal);
     if constexpr (Terms::scaled) {
         double excess = -1, unit = 0;
         for (long e = 0; e < m; ++e) set.column[e] = terms.size(set.index[e]);
-        set.factor.solve(set.column);
+        set.factor.solve_for(set.column);
         for (long e = 0; e < m; ++e) {
             excess += terms.size(set.index[e]) * set.goal[e];
             unit += terms.size(set.index[e]) * set.column[e];
@@ -116,13 +115,11 @@ Blocked improve(const Terms& terms, ActiveSet& set) {
 }
 
 // The vector after those of the factor depends on them: go along sum_e d_e V_e = 0 downhill.
-// `set.column` is its column u of the factor, so that d = (-U^-1 u, 1).
+// `set.column` is what the factor left: d = (-W u, 1).
 template <class Terms>
 Blocked exchange(const Terms& terms, ActiveSet& set) {
     const long last = set.factor.size();
     double* d = set.column;
-    for (long e = 0; e < last; ++e) d[e] = -d[e];
-    set.factor.solve_upper(d);
     d[last] = 1;
     double fall = 0;
     for (long e = 0; e <= last; ++e) fall += d[e] * terms.pull(set.index[e], set.sign[e]);
@@ -139,10 +136,13 @@ template <class Terms>
 bool factorise(const Terms& terms, ActiveSet& set, double dependent) {
     while (set.factor.size() < set.count) {
         const long m = set.factor.size(), i = set.index[m];
-        const double square = terms.square(i);
+        double* tail = set.column + padded(m + 1) - PADDING;
+        for (long e = 0; e < PADDING; ++e) tail[e] = 0;
         terms.overlaps(i, set.index, m, set.column);
         // Where the scale is fixed there is no way along which nothing changes: the pivot is lifted.
-        if (!set.factor.append(set.column, square, dependent, Terms::scaled)) return false;
+        if (!set.factor.append(set.column, terms.square(i), terms.pull(i, set.sign[m]), dependent,
+                               Terms::scaled))
+            return false;
     }
     return true;
 }

@@ -1,9 +1,16 @@
-// A Cholesky factor that grows and shrinks with the list of vectors in use.
+// The inverse of a Cholesky factor that grows and shrinks with the list of vectors in use.
 //
-// Q = U^T U for the Gram matrix Q of the vectors in use, with U upper triangular. A vector v joins at
-// the end: U^T u = Q_used,v gives its column u, and the square of its pivot is the part of ||v||^2
-// outside the span of the others, rest = Q_vv - ||u||^2. One that leaves takes its column with it;
-// Givens rotations of the rows below make U triangular again.
+// Q = U^T U for the Gram matrix Q of the vectors V in use, U upper triangular, and W = U^-1 is what
+// is kept: the vectors W^T V are orthonormal, as Gram and Schmidt make them. So that a solution
+// Q^-1 h = W (W^T h) takes sums over rows alone and no substitution, whose steps would wait for one
+// another.
+//
+//   A vector v joins:  u = W^T Q_used,v,  pivot^2 = Q_vv - ||u||^2, the part of ||v||^2 outside the
+//                      span of the others; the new column of W is (-W u, 1) / pivot.
+//   One leaves:        Givens rotations of the columns gather its row of W in the last column; both
+//                      go, and what is left is triangular.
+//
+// A right side h goes along as y = W^T h.
 #pragma once
 
 #include "vectors.hpp"
@@ -15,86 +22,83 @@ class Cholesky {
   public:
     // For at most `room` vectors at a time.
     Cholesky(Workspace& workspace, long room)
-        : stride_((room + 7) / 8 * 8 + 8),
-          U_(workspace.zeros<double>((room + 1) * stride_)),
-          inverse_(workspace.zeros<double>(room + 1)) {}
+        : stride_(padded(room + 1)),
+          columns_(workspace.zeros<double>(room * stride_)),
+          y_(workspace.zeros<double>(stride_)),
+          u_(workspace.zeros<double>(stride_)) {}
 
     long size() const { return size_; }
     void clear() { size_ = 0; }
 
-    // Let a vector join: `overlaps` Q_used,v (size,), overwritten by its column u; `square` Q_vv.
-    // Where rest <= dependent * square or nan, it is lifted to that if `lifted`, and else the factor
-    // stays as it was: then false is returned.
-    bool append(double* overlaps, double square, double dependent, bool lifted = false) {
+    // Let a vector join: `overlaps` Q_used,v (padded), overwritten by -W u; `square` Q_vv; `pull` h_v.
+    // Where pivot^2 <= dependent * square or nan, it is lifted to that if `lifted`, and else the
+    // factor stays as it was: then false is returned.
+    bool append(double* overlaps, double square, double pull, double dependent, bool lifted) {
+        const long width = padded(size_);
+        for (long e = 0; e < size_; ++e) u_[e] = -dot_padded(column(e), overlaps, padded(e + 1));
+        double rest = square, rest_of_pull = pull;
         for (long e = 0; e < size_; ++e) {
-            const double* row = U_ + e * stride_;
-            overlaps[e] *= inverse_[e];
-            for (long f = e + 1; f < size_; ++f) overlaps[f] -= overlaps[e] * row[f];
+            rest -= u_[e] * u_[e];
+            rest_of_pull += u_[e] * y_[e];
         }
-        double rest = square - dot(overlaps, overlaps, size_);
+        mix_rows(u_, size_, columns_, stride_, width, overlaps);
         if (!(rest > dependent * square)) {
             if (!lifted) return false;
             rest = larger(dependent * square, TINY);
         }
-        for (long e = 0; e < size_; ++e) U_[e * stride_ + size_] = overlaps[e];
-        const double pivot = root(rest);
-        U_[size_ * stride_ + size_] = pivot;
-        inverse_[size_++] = 1 / pivot;
+        const double inverse = 1 / root(rest);
+        double* added = column(size_);
+        for (long e = 0; e < PADDING; ++e) added[padded(size_ + 1) - PADDING + e] = 0;
+        for (long e = 0; e < width; ++e) added[e] = inverse * overlaps[e];
+        added[size_] = inverse;
+        y_[size_++] = inverse * rest_of_pull;
         return true;
     }
 
     // Let the vector at place `at` leave; later ones move up.
     void remove(long at) {
-        for (long e = 0; e < at; ++e) {
-            double* row = U_ + e * stride_;
-            for (long f = at; f + 1 < size_; ++f) row[f] = row[f + 1];
+        for (long e = at; e + 1 < size_; ++e) {
+            turn_columns(e, at);
+            double* one = column(e);
+            for (long f = at; f <= e; ++f) one[f] = one[f + 1];
+            one[e + 1] = 0;
         }
-        for (long e = at; e + 1 < size_; ++e) turn_rows(e);
         --size_;
     }
 
-    // x <- U^-T x.
-    void solve_transposed(double* x) const {
-        for (long e = 0; e < size_; ++e) {
-            const double* row = U_ + e * stride_;
-            x[e] *= inverse_[e];
-            for (long f = e + 1; f < size_; ++f) x[f] -= x[e] * row[f];
-        }
-    }
+    // out = Q^-1 h (padded).
+    void solve(double* out) const { mix_rows(y_, size_, columns_, stride_, padded(size_), out); }
 
-    // x <- U^-1 x.
-    void solve_upper(double* x) const {
-        for (long e = size_ - 1; e >= 0; --e) {
-            const double* row = U_ + e * stride_;
-            x[e] = (x[e] - dot(row + e + 1, x + e + 1, size_ - e - 1)) * inverse_[e];
-        }
-    }
-
-    // x <- Q^-1 x.
-    void solve(double* x) const {
-        solve_transposed(x);
-        solve_upper(x);
+    // x <- Q^-1 x (padded).
+    void solve_for(double* x) const {
+        for (long e = size_; e < padded(size_); ++e) x[e] = 0;
+        for (long e = 0; e < size_; ++e) u_[e] = dot_padded(column(e), x, padded(e + 1));
+        mix_rows(u_, size_, columns_, stride_, padded(size_), x);
     }
 
   private:
-    // Row e ends one column to the left, without the entry of row e + 1 below it.
-    void turn_rows(long e) {
-        double* __restrict upper = U_ + e * stride_;
-        double* __restrict lower = U_ + (e + 1) * stride_;
-        const double a = upper[e + 1], b = lower[e + 1];
-        const double inverse = 1 / root(a * a + b * b);
-        const double cosine = a * inverse, sine = b * inverse;
-        for (long f = e; f + 1 < size_; ++f) {
-            const double u = upper[f + 1], v = lower[f + 1];
-            upper[f] = cosine * u + sine * v;
-            lower[f + 1] = cosine * v - sine * u;
+    double* column(long e) const { return columns_ + e * stride_; }
+
+    // Turn columns e and e + 1 until row `at` of the first is 0.
+    void turn_columns(long e, long at) {
+        double* __restrict first = column(e);
+        double* __restrict second = column(e + 1);
+        const double a = first[at], b = second[at], inverse = 1 / root(a * a + b * b);
+        const double sine = a * inverse, cosine = b * inverse;
+        for (long f = 0; f < e + 2; ++f) {
+            const double x = first[f], y = second[f];
+            first[f] = sine * y - cosine * x;
+            second[f] = sine * x + cosine * y;
         }
-        inverse_[e] = inverse;
+        const double x = y_[e], y = y_[e + 1];
+        y_[e] = sine * y - cosine * x;
+        y_[e + 1] = sine * x + cosine * y;
     }
 
     long size_ = 0, stride_;
-    double* U_;        // row after row; below the diagonal and beyond `size` anything
-    double* inverse_;  // of the pivots
+    double* columns_;  // of W, one after another; column e has zeros after place e
+    double* y_;
+    double* u_;
 };
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

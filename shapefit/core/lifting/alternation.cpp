@@ -7,12 +7,13 @@ namespace {
 
 // S = sum_i c_i B_i (3, row); returns ||c||_1.
 double mix_atoms(const ReducedAtoms& atoms, const ActiveSet& set, double* shape) {
-    const long size = 3 * atoms.row;
+    const long size = 3 * padded(atoms.q);
     double penalty = 0;
     for (long j = 0; j < size; ++j) shape[j] = 0;
     for (long e = 0; e < set.count; ++e) {
         penalty += magnitude(set.x[e]);
-        add_to(shape, set.x[e], atoms.atom(set.index[e]), size);
+        const double* B = atoms.atom(set.index[e]);
+        for (long j = 0; j < size; ++j) shape[j] += set.x[e] * B[j];
     }
     return penalty;
 }
@@ -21,10 +22,10 @@ double mix_atoms(const ReducedAtoms& atoms, const ActiveSet& set, double* shape)
 void find_moments(const double* w, const double* S, long row, double* P, double* D) {
     for (int a = 0; a < 3; ++a) {
         for (int b = 0; b <= a; ++b) {
-            P[3 * a + b] = dot(S + a * row, S + b * row, row);
+            P[3 * a + b] = dot_padded(S + a * row, S + b * row, row);
             P[3 * b + a] = P[3 * a + b];
         }
-        for (int b = 0; b < 2; ++b) D[3 * b + a] = dot(w + b * row, S + a * row, row);
+        for (int b = 0; b < 2; ++b) D[3 * b + a] = dot_padded(w + b * row, S + a * row, row);
     }
 }
 
@@ -96,7 +97,7 @@ AlternationEnd alternate_image(AlternationRoom& room, double lam, bool is_signed
                       long most_rounds, double* R) {
     const long row = room.atoms.row;
     ActiveSet& set = room.coefficients.set;
-    const double energy = 0.5 * dot(room.w, room.w, 2 * row);
+    const double energy = 0.5 * dot_padded(room.w, room.w, 2 * row);
     double P[9], D[6], before = INFINITE;
     set.clear();
     room.coefficients.aim(room.w, lam, is_signed);

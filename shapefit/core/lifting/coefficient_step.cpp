@@ -6,16 +6,6 @@ namespace {
 constexpr double SLACK = 1e-9;  // by which an unused correlation may exceed lambda, as a share of it
 constexpr double DEPENDENT = 1e-11;  // share of an atom's square outside the span of the others
 
-// out = x^T rows over `columns` padded numbers, for m rows, `count` vectors from `column`.
-template <int count>
-[[gnu::always_inline]] inline void mix_rows(const double* x, long m, const double* rows,
-                                            long columns, long column, double* out) {
-    Lanes sums[count] = {};
-    for (long r = 0; r < m; ++r)
-        for (int v = 0; v < count; ++v) sums[v] += x[r] * load(rows + r * columns + column + v * WIDTH);
-    for (int v = 0; v < count; ++v) store(out + column + v * WIDTH, sums[v]);
-}
-
 }  // namespace
 
 CoefficientStep::CoefficientStep(Workspace& workspace, const ReducedAtoms& atoms, long p)
@@ -25,7 +15,8 @@ CoefficientStep::CoefficientStep(Workspace& workspace, const ReducedAtoms& atoms
       along_(workspace.zeros<double>(atoms.k)),
       residual_(workspace.zeros<double>(2 * padded(p))),
       back_(workspace.zeros<double>(3 * p)),
-      correlation_(workspace.zeros<double>(atoms.padded_atoms)) {}
+      correlation_(workspace.zeros<double>(atoms.padded_atoms)),
+      magnitudes_(workspace.zeros<double>(atoms.padded_atoms)) {}
 
 void CoefficientStep::aim(const double* w, double lam, bool is_signed) {
     w_ = w;
@@ -37,14 +28,14 @@ double CoefficientStep::minimise_at(const double* R) {
     R_ = R;
     for (long e = 0; e < set.count; ++e) project(set.index[e]);
     minimise(*this, set, DEPENDENT, 10 * atoms_.k + 100);
-    double objective = 0.5 * dot(residual_, residual_, 2 * atoms_.row);
+    double objective = 0.5 * dot_padded(residual_, residual_, 2 * atoms_.row);
     for (long e = 0; e < set.count; ++e) objective += lam_ * magnitude(set.x[e]);
     return objective;
 }
 
 void CoefficientStep::overlaps(long i, const long* used, long m, double* out) const {
     const double* V = projected(i);
-    for (long e = 0; e < m; ++e) out[e] = dot(V, projected(used[e]), 2 * atoms_.row);
+    for (long e = 0; e < m; ++e) out[e] = dot_padded(V, projected(used[e]), 2 * atoms_.row);
 }
 
 bool CoefficientStep::choose(const ActiveSet&, long& next, double& sign) {
@@ -52,19 +43,22 @@ bool CoefficientStep::choose(const ActiveSet&, long& next, double& sign) {
     correlate();
     for (long e = 0; e < set.count; ++e) correlation_[set.index[e]] = 0;
     const long k = atoms_.padded_atoms;
-    const double highest = largest_of(correlation_, k);
-    const double lowest = is_signed_ ? smallest_of(correlation_, k) : 0;
-    const double best = larger(highest, -lowest);
+    const double* score = correlation_;
+    if (is_signed_) {
+        for (long i = 0; i < k; ++i) magnitudes_[i] = magnitude(correlation_[i]);
+        score = magnitudes_;
+    }
+    const double best = largest_of(score, k);
     if (!(best > lam_ * (1 + SLACK))) return false;
-    sign = best == highest ? 1 : -1;
-    next = place_of(sign * best, correlation_, k);
+    next = place_of(best, score, k);
+    sign = correlation_[next] > 0 ? 1 : -1;
     project(next);
     return true;
 }
 
 // V_i = Rbar B_i, row after row, and <V_i, w>.
 void CoefficientStep::project(long i) {
-    const long row = atoms_.row / PADDING * PADDING;
+    const long row = padded(atoms_.q);
     const double* B = atoms_.atom(i);
     double* V = projected(i);
     for (int a = 0; a < 2; ++a) {
@@ -72,11 +66,11 @@ void CoefficientStep::project(long i) {
         for (long j = 0; j < row; ++j)
             V[a * row + j] = x * B[j] + y * B[row + j] + z * B[2 * row + j];
     }
-    along_[i] = dot(V, w_, 2 * row);
+    along_[i] = dot_padded(V, w_, 2 * row);
 }
 
 void CoefficientStep::find_residual() {
-    const long size = 2 * atoms_.row;
+    const long size = 2 * padded(atoms_.q);
     for (long j = 0; j < size; ++j) residual_[j] = w_[j];
     subtract_mixture(residual_, set.x, set.index, set.count, projected_, size, size);
 }
@@ -89,10 +83,7 @@ void CoefficientStep::correlate() {
         const double x = R_[b], y = R_[3 + b];
         for (long j = 0; j < q; ++j) back_[b * q + j] = x * u[j] + y * v[j];
     }
-    long i = 0;
-    for (; i + 4 * WIDTH <= k; i += 4 * WIDTH)
-        mix_rows<4>(back_, 3 * q, atoms_.planes, k, i, correlation_);
-    for (; i < k; i += WIDTH) mix_rows<1>(back_, 3 * q, atoms_.planes, k, i, correlation_);
+    mix_rows(back_, 3 * q, atoms_.planes, k, k, correlation_);
 }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -25,7 +25,7 @@ class CoefficientStep {
     // Take the step at R (3, 3); returns the minimum.
     double minimise_at(const double* R);
 
-    double square(long i) const { return dot(projected(i), projected(i), 2 * atoms_.row); }
+    double square(long i) const { return dot_padded(projected(i), projected(i), 2 * atoms_.row); }
     void overlaps(long i, const long* used, long m, double* out) const;
     double pull(long i, double sign) const { return along_[i] - lam_ * sign; }
     bool choose(const ActiveSet& used, long& next, double& sign);
@@ -45,7 +45,7 @@ class CoefficientStep {
     double* along_;        // h (k,), of the same
     double* residual_;     // (2 row,)
     double* back_;         // Rbar^T residual (3 q,)
-    double* correlation_;  // (padded_atoms,)
+    double *correlation_, *magnitudes_;  // (padded_atoms,)
 };
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

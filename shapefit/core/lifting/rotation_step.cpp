@@ -12,12 +12,25 @@ constexpr double LARGEST_RADIUS = 1.41421356237309504880;
 constexpr double FIRST_RADIUS = LARGEST_RADIUS / 8;
 constexpr double ACCEPT = 0.1, SHRINK = 0.25, GROW = 0.75;
 constexpr double LINEAR = 0.1;  // tCG stops where the residual is |g| min(|g|, LINEAR)
+constexpr double SHORT = 0.1;   // length of a step that needs no caution
 // Beside the size of the terms of value and gradient, s (s tr P + ||D||):
 constexpr double ROUNDING = 1e3 * 0x1p-52;  // changes of the value below this are not judged
 constexpr double STATIONARY = 1e-11;        // norm of the gradient at the end
 constexpr int MOST_STEPS = 200;
 
-double norm3(const double* x) { return root(inner3(x, x)); }
+// The step -H^-1 g, by cofactors, and the fall of the model; false where H is not positive definite
+// or the step not short enough to end where conjugate gradients would.
+bool newton_step(const double* g, const double* H, double radius, double* step, double& fall) {
+    double C[9];
+    cross(H + 3, H + 6, C);
+    cross(H + 6, H, C + 3);
+    cross(H, H + 3, C + 6);
+    const double det = inner3(H, C);
+    if (!(H[0] > 0 && C[8] > 0 && det > 0)) return false;
+    for (int a = 0; a < 3; ++a) step[a] = -inner3(C + 3 * a, g) / det;
+    fall = -0.5 * inner3(g, step);
+    return inner3(step, step) < square(smaller(radius, SHORT));
+}
 
 void mirror(double* H) {
     H[3] = H[1];
@@ -29,26 +42,30 @@ void mirror(double* H) {
 
 Misfit rotation_step(const ShapeMoments& moments, double* R) {
     const double *P = moments.P, *D = moments.D;
-    double g[3], H[9], step[3], trial[9];
+    double g[3], H[9], step[3], trial[9], trial_g[3], trial_H[9];
     const double trace = P[0] + P[4] + P[8];
     const double norm = root(inner3(D, D) + inner3(D + 3, D + 3));
     double radius = FIRST_RADIUS;
     Misfit misfit = model_at(moments, R, g, H);
     for (int count = 0; count < MOST_STEPS; ++count) {
         const double size = misfit.scale * (misfit.scale * trace + norm);
-        if (norm3(g) <= STATIONARY * size) break;
-        const TrustedStep trusted = truncated_cg(g, H, radius, step);
+        if (inner3(g, g) <= square(STATIONARY * size)) break;
+        TrustedStep trusted{false, 0};
+        if (!newton_step(g, H, radius, step, trusted.fall))
+            trusted = truncated_cg(g, H, radius, step);
         retract(R, step, trial);
+        const Misfit reached = model_at(moments, trial, trial_g, trial_H);
         const double slack = ROUNDING * size;
-        const double fall = misfit.value - value_at(moments, trial);
-        const double ratio = (fall + slack) / (trusted.fall + slack);
+        const double ratio = (misfit.value - reached.value + slack) / (trusted.fall + slack);
         if (!(ratio >= SHRINK))
             radius *= 0.25;
         else if (ratio > GROW && trusted.at_edge)
             radius = smaller(2 * radius, LARGEST_RADIUS);
         if (!(ratio > ACCEPT)) continue;
+        misfit = reached;
         for (int e = 0; e < 9; ++e) R[e] = trial[e];
-        misfit = model_at(moments, R, g, H);
+        for (int e = 0; e < 9; ++e) H[e] = trial_H[e];
+        for (int a = 0; a < 3; ++a) g[a] = trial_g[a];
     }
     return misfit;
 }
