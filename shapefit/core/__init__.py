@@ -6,6 +6,26 @@ in place and release the GIL; the rooms that call them check and allocate. `part
 steps of the kernels, for the tests that judge them one at a time.
 """
 
-from shapefit.core._core import LEVEL, LEVELS, alternate, code, find_pose, parts, synchronise
+from shapefit.core._core import (
+    LEVEL,
+    LEVELS,
+    alternate,
+    code,
+    find_objectives,
+    find_pose,
+    parts,
+    synchronise,
+    update_atoms,
+)
 
-__all__ = ["LEVEL", "LEVELS", "alternate", "code", "find_pose", "parts", "synchronise"]
+__all__ = [
+    "LEVEL",
+    "LEVELS",
+    "alternate",
+    "code",
+    "find_objectives",
+    "find_pose",
+    "parts",
+    "synchronise",
+    "update_atoms",
+]

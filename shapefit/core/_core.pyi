@@ -72,6 +72,15 @@ def code(
     unsettled: Flags,
     threads: int,
 ) -> None: ...
+def find_objectives(
+    *,
+    shapes: Floats,
+    atoms: Floats,
+    coefficients: Floats,
+    beta: float,
+    objectives: Floats,
+    threads: int,
+) -> None: ...
 def find_pose(
     *,
     shape_moments: Floats,
@@ -82,3 +91,6 @@ def find_pose(
     threads: int,
 ) -> None: ...
 def synchronise(*, transforms: Floats, rotation: Floats, threads: int) -> None: ...
+def update_atoms(
+    *, shapes: Floats, coefficients: Floats, atoms: Floats, bound: float, sweeps: int
+) -> None: ...

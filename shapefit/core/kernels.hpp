@@ -10,9 +10,11 @@ namespace shapefit {
 // A kernel works on a range of images of a batch; it writes their rows and no others.
 struct Kernels {
     void (*code)(const CodingData&, Range);
+    void (*find_objectives)(const MisfitData&, Range);
     void (*alternate)(const AlternationData&, Range);
     void (*find_pose)(const PoseData&, Range);
     void (*synchronise)(const SynchronisationData&, Range);
+    void (*update_atoms)(const AtomUpdateData&);  // all at once
 };
 
 // Single steps of the kernels, for the tests that judge them one at a time.

@@ -1,5 +1,6 @@
 // The kernels of one instruction set, gathered in its table.
 #include "kernels.hpp"
+#include "dictionary/atom_update.hpp"
 #include "dictionary/coding.hpp"
 #include "lifting/alternation.hpp"
 #include "lifting/pose.hpp"
@@ -20,9 +21,11 @@ const Level table = {
     .kernels =
         {
             .code = code,
+            .find_objectives = find_objectives,
             .alternate = alternate,
             .find_pose = find_pose,
             .synchronise = synchronise,
+            .update_atoms = update_atoms,
         },
     .parts =
         {

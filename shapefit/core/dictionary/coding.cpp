@@ -39,4 +39,27 @@ void code(const CodingData& data, Range range) {
     }
 }
 
+void find_objectives(const MisfitData& data, Range range) {
+    const long k = data.atoms.size[0], d = data.atoms.size[1];
+    Workspace workspace;
+    long* used = workspace.zeros<long>(k + 1);
+    double* x = workspace.zeros<double>(k + 1);
+    double* residual = workspace.zeros<double>(padded(d));
+    for (long shape = range.first; shape < range.last; ++shape) {
+        const double *c = data.coefficients[shape].data, *S = data.shapes[shape].data;
+        long m = 0;
+        double penalty = 0;
+        for (long i = 0; i < k; ++i) {
+            used[m] = i;
+            x[m] = c[i];
+            m += c[i] != 0;
+            penalty += c[i];
+        }
+        for (long j = 0; j < d; ++j) residual[j] = S[j];
+        subtract_mixture(residual, x, used, m, data.atoms.data, d, d);
+        data.objectives[shape] =
+            0.5 * dot_padded(residual, residual, padded(d)) + data.beta * penalty;
+    }
+}
+
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -10,4 +10,7 @@ namespace shapefit::SHAPEFIT_LEVEL {
 // The next atom is the one that a coordinate descent step would move the shape by most with.
 void code(const CodingData& data, Range range);
 
+// The objective of given coefficients, for the shapes of the range.
+void find_objectives(const MisfitData& data, Range range);
+
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -21,6 +21,27 @@ void bind_dictionary(nb::module_& module) {
         },
         nb::kw_only(), "gram"_a, "pulls"_a, "smallest_moves"_a, "coefficients"_a, "unsettled"_a,
         "threads"_a);
+
+    module.def(
+        "find_objectives",
+        [](In<2> shapes, In<2> atoms, In<2> coefficients, double beta, Out<1> objectives, int threads) {
+            const MisfitData data{view(shapes), view(atoms), view(coefficients), beta,
+                                  view(objectives)};
+            const nb::gil_scoped_release released;
+            run_stretches(data.shapes.size[0], threads,
+                          [&](Range range) { level().kernels.find_objectives(data, range); });
+        },
+        nb::kw_only(), "shapes"_a, "atoms"_a, "coefficients"_a, "beta"_a, "objectives"_a,
+        "threads"_a);
+
+    module.def(
+        "update_atoms",
+        [](In<2> shapes, In<2> coefficients, Out<2> atoms, double bound, long sweeps) {
+            const AtomUpdateData data{view(shapes), view(coefficients), view(atoms), bound, sweeps};
+            const nb::gil_scoped_release released;
+            level().kernels.update_atoms(data);
+        },
+        nb::kw_only(), "shapes"_a, "coefficients"_a, "atoms"_a, "bound"_a, "sweeps"_a);
 }
 
 }  // namespace shapefit
