@@ -9,6 +9,8 @@ namespace shapefit {
 
 // A kernel works on a range of images of a batch; it writes their rows and no others.
 struct Kernels {
+    void (*solve_convex)(const ConvexTask&, Range);
+    void (*certify)(const ConvexProgram&, const ConvexPoint&, const ConvexProof&, Range);
     void (*code)(const CodingData&, Range);
     void (*find_objectives)(const MisfitData&, Range);
     void (*alternate)(const AlternationData&, Range);

@@ -1,4 +1,6 @@
 // The kernels of one instruction set, gathered in its table.
+#include "convex/certificate.hpp"
+#include "convex/stretch.hpp"
 #include "kernels.hpp"
 #include "dictionary/atom_update.hpp"
 #include "dictionary/coding.hpp"
@@ -20,6 +22,8 @@ const Level table = {
     .name = SHAPEFIT_NAME(SHAPEFIT_LEVEL),
     .kernels =
         {
+            .solve_convex = solve_convex,
+            .certify = certify_images,
             .code = code,
             .find_objectives = find_objectives,
             .alternate = alternate,

@@ -4,6 +4,8 @@
 // instruction set can be kept by the linker for another.
 #pragma once
 
+#include <type_traits>
+
 namespace shapefit {
 
 template <class T, int rank>
@@ -21,6 +23,14 @@ struct View {
         part.data = data + i * stride;
         return part;
     }
+    [[gnu::always_inline]] operator View<const T, rank>() const
+        requires(!std::is_const_v<T>)
+    {
+        View<const T, rank> same;
+        same.data = data;
+        for (int d = 0; d < rank; ++d) same.size[d] = size[d];
+        return same;
+    }
 };
 
 template <class T>
@@ -29,6 +39,11 @@ struct View<T, 1> {
     long size[1] = {};
 
     [[gnu::always_inline]] T& operator[](long i) const { return data[i]; }
+    [[gnu::always_inline]] operator View<const T, 1>() const
+        requires(!std::is_const_v<T>)
+    {
+        return {data, {size[0]}};
+    }
 };
 
 template <class T>

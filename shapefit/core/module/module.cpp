@@ -11,6 +11,7 @@ NB_MODULE(_core, module) {
     for (int i = 0, count = shapefit::available_levels(levels, 4); i < count; ++i)
         names.append(levels[i]->name);
     module.attr("LEVELS") = nanobind::tuple(names);
+    shapefit::bind_convex(module, parts);
     shapefit::bind_dictionary(module);
     shapefit::bind_lifting(module, parts);
 }
