@@ -120,7 +120,6 @@ template <class Terms>
 Blocked exchange(const Terms& terms, ActiveSet& set) {
     const long last = set.factor.size();
     double* d = set.column;
-    d[last] = 1;
     double fall = 0;
     for (long e = 0; e <= last; ++e) fall += d[e] * terms.pull(set.index[e], set.sign[e]);
     double way = fall < 0 ? -1 : 1;

@@ -30,27 +30,27 @@ class Cholesky {
     long size() const { return size_; }
     void clear() { size_ = 0; }
 
-    // Let a vector join: `overlaps` Q_used,v (padded), overwritten by -W u; `square` Q_vv; `pull` h_v.
+    // Let a vector join: `overlaps` Q_used,v, zeros after it up to padded(size + 1), overwritten by
+    // (-W u, 1), which is orthogonal to those in use; `square` Q_vv; `pull` h_v.
     // Where pivot^2 <= dependent * square or nan, it is lifted to that if `lifted`, and else the
     // factor stays as it was: then false is returned.
     bool append(double* overlaps, double square, double pull, double dependent, bool lifted) {
-        const long width = padded(size_);
-        for (long e = 0; e < size_; ++e) u_[e] = -dot_padded(column(e), overlaps, padded(e + 1));
         double rest = square, rest_of_pull = pull;
         for (long e = 0; e < size_; ++e) {
-            rest -= u_[e] * u_[e];
-            rest_of_pull += u_[e] * y_[e];
+            const double u = dot_padded(column(e), overlaps, padded(e + 1));
+            rest -= u * u;
+            rest_of_pull -= u * y_[e];
+            u_[e] = -u;
         }
-        mix_rows(u_, size_, columns_, stride_, width, overlaps);
+        mix_rows(u_, size_, columns_, stride_, padded(size_), overlaps);
+        overlaps[size_] = 1;
         if (!(rest > dependent * square)) {
             if (!lifted) return false;
             rest = larger(dependent * square, TINY);
         }
         const double inverse = 1 / root(rest);
         double* added = column(size_);
-        for (long e = 0; e < PADDING; ++e) added[padded(size_ + 1) - PADDING + e] = 0;
-        for (long e = 0; e < width; ++e) added[e] = inverse * overlaps[e];
-        added[size_] = inverse;
+        for (long e = 0; e < padded(size_ + 1); ++e) added[e] = inverse * overlaps[e];
         y_[size_++] = inverse * rest_of_pull;
         return true;
     }

@@ -6,7 +6,7 @@ namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
 // S = sum_i c_i B_i (3, row); returns ||c||_1.
-double mix_atoms(const ReducedAtoms& atoms, const ActiveSet& set, double* shape) {
+double mix_atoms(ReducedAtoms& atoms, const ActiveSet& set, double* shape) {
     const long size = 3 * padded(atoms.q);
     double penalty = 0;
     for (long j = 0; j < size; ++j) shape[j] = 0;
@@ -64,23 +64,23 @@ void alternate_starts(const AlternationData& data, long image, AlternationRoom& 
 
 }  // namespace
 
-AlternationRoom::AlternationRoom(Workspace& workspace, long k, long p, long most_rounds)
-    : atoms(workspace, k, p),
-      coefficients(workspace, atoms, p),
-      w(workspace.zeros<double>(2 * padded(p))),
-      shape(workspace.zeros<double>(3 * padded(p))),
+AlternationRoom::AlternationRoom(Workspace& workspace, Tensor<const double> all, long most_rounds)
+    : atoms(workspace, all),
+      coefficients(workspace, atoms, all.size[2]),
+      w(workspace.zeros<double>(2 * padded(all.size[2]))),
+      shape(workspace.zeros<double>(3 * padded(all.size[2]))),
       trace(workspace.zeros<double>(2 * most_rounds)) {}
 
 void alternate(const AlternationData& data, Range range) {
-    const long k = data.atoms.size[0], p = data.atoms.size[2];
+    const long p = data.atoms.size[2];
     Workspace workspace;
     Reduction reduction(workspace, p);
-    AlternationRoom room(workspace, k, p, data.most_rounds);
+    AlternationRoom room(workspace, data.atoms, data.most_rounds);
     for (long image = range.first; image < range.last; ++image) {
         const Vector<const double> omega = data.weights[image];
         if (image == range.first || !same(omega.data, data.weights[image - 1].data, p)) {
             reduction.find(omega);
-            room.atoms.reduce(data.atoms, omega.data, reduction);
+            room.atoms.reduce(omega.data, reduction);
             for (long j = 0; j < 2 * room.atoms.row; ++j) room.w[j] = 0;
         }
         if (reduction.seen < 2) {
@@ -119,8 +119,8 @@ AlternationEnd alternate_image(AlternationRoom& room, double lam, bool is_signed
 double solve_lasso(Matrix<const double> w, Tensor<const double> atoms, Matrix<const double> R,
                    double lam, bool is_signed, Vector<double> c) {
     Workspace workspace;
-    AlternationRoom room(workspace, atoms.size[0], atoms.size[2], 0);
-    room.atoms.copy(atoms);
+    AlternationRoom room(workspace, atoms, 0);
+    room.atoms.copy();
     lay_rows(w, room.atoms.row, room.w);
     ActiveSet& set = room.coefficients.set;
     for (long i = 0; i < c.size[0]; ++i)
@@ -135,8 +135,8 @@ AlternationEnd alternate_once(Matrix<const double> w, Tensor<const double> atoms
                      double tolerance, Matrix<double> R, Vector<double> c, Vector<double> trace) {
     const long rounds = trace.size[0] / 2;
     Workspace workspace;
-    AlternationRoom room(workspace, atoms.size[0], atoms.size[2], rounds);
-    room.atoms.copy(atoms);
+    AlternationRoom room(workspace, atoms, rounds);
+    room.atoms.copy();
     lay_rows(w, room.atoms.row, room.w);
     const AlternationEnd ended = alternate_image(room, lam, is_signed, tolerance, rounds, R.data);
     for (long step = 0; step < ended.steps; ++step) trace[step] = room.trace[step];

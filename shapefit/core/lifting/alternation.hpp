@@ -11,7 +11,7 @@ void alternate(const AlternationData& data, Range range);
 
 // Room for the alternation on one image after another.
 struct AlternationRoom {
-    AlternationRoom(Workspace& workspace, long k, long p, long most_rounds);
+    AlternationRoom(Workspace& workspace, Tensor<const double> all, long most_rounds);
 
     ReducedAtoms atoms;
     CoefficientStep coefficients;

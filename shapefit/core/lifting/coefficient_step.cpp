@@ -8,7 +8,7 @@ constexpr double DEPENDENT = 1e-11;  // share of an atom's square outside the sp
 
 }  // namespace
 
-CoefficientStep::CoefficientStep(Workspace& workspace, const ReducedAtoms& atoms, long p)
+CoefficientStep::CoefficientStep(Workspace& workspace, ReducedAtoms& atoms, long p)
     : set(workspace, atoms.k),
       atoms_(atoms),
       projected_(workspace.zeros<double>(atoms.k * 2 * padded(p))),
@@ -60,11 +60,12 @@ bool CoefficientStep::choose(const ActiveSet&, long& next, double& sign) {
 void CoefficientStep::project(long i) {
     const long row = padded(atoms_.q);
     const double* B = atoms_.atom(i);
-    double* V = projected(i);
-    for (int a = 0; a < 2; ++a) {
-        const double *r = R_ + 3 * a, x = r[0], y = r[1], z = r[2];
-        for (long j = 0; j < row; ++j)
-            V[a * row + j] = x * B[j] + y * B[row + j] + z * B[2 * row + j];
+    double* __restrict V = projected(i);
+    const double *r = R_, *s = R_ + 3;
+    for (long j = 0; j < row; ++j) {
+        const double x = B[j], y = B[row + j], z = B[2 * row + j];
+        V[j] = r[0] * x + r[1] * y + r[2] * z;
+        V[row + j] = s[0] * x + s[1] * y + s[2] * z;
     }
     along_[i] = dot_padded(V, w_, 2 * row);
 }

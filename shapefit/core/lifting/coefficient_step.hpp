@@ -14,7 +14,7 @@ class CoefficientStep {
   public:
     static constexpr bool scaled = false;
 
-    CoefficientStep(Workspace& workspace, const ReducedAtoms& atoms, long p);
+    CoefficientStep(Workspace& workspace, ReducedAtoms& atoms, long p);
 
     // The coefficients; the step starts from them.
     ActiveSet set;
@@ -36,7 +36,7 @@ class CoefficientStep {
     void find_residual();
     void correlate();
 
-    const ReducedAtoms& atoms_;
+    ReducedAtoms& atoms_;
     const double* w_ = nullptr;
     const double* R_ = nullptr;
     double lam_ = 0;

@@ -1,4 +1,4 @@
-// The atoms of an image in reduced coordinates, laid out twice: by atom, and with atoms innermost.
+// The atoms of an image in reduced coordinates: with the atoms innermost, and by atom where asked.
 #pragma once
 
 #include "../algebra/lanes.hpp"
@@ -7,28 +7,38 @@
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
-struct ReducedAtoms {
-    long k;             // atoms
-    long q = 0;         // coordinates of a row; those up to `row` are zeros
+class ReducedAtoms {
+  public:
+    const long k;             // atoms
+    const long padded_atoms;  // the atoms from k on are zeros
+    long q = 0;               // coordinates of a row; those up to `row` are zeros
     long row = 0;
-    long padded_atoms;  // the atoms from k on are zeros
-    double* rows;       // B (k, 3, row)
-    double* planes;     // B (3 q, padded_atoms)
+    double* planes;  // B (3 q, padded_atoms)
 
-    // Room for k atoms of up to p coordinates.
-    ReducedAtoms(Workspace& workspace, long k, long p);
+    // Room for reductions of atoms (k, 3, p).
+    ReducedAtoms(Workspace& workspace, Tensor<const double> atoms);
 
-    const double* atom(long i) const { return rows + i * 3 * row; }
+    // Weigh the atoms with omega (p,) and take off the translation.
+    void reduce(const double* omega, const Reduction& reduction);
 
-    // Take atoms (k, 3, p) weighted and without translation.
-    void reduce(Tensor<const double> atoms, const double* omega, const Reduction& reduction);
+    // Take the atoms as they are: q = p.
+    void copy();
 
-    // Take atoms (k, 3, q) as they are.
-    void copy(Tensor<const double> atoms);
+    // B_i (3, row). Few atoms of an image are ever used, so that a row is laid when it is asked for.
+    const double* atom(long i) {
+        double* B = rows_ + i * 3 * row;
+        if (!laid_[i]) lay(i, B);
+        return B;
+    }
 
   private:
     void resize(long coordinates);
-    void lay_planes();
+    void lay(long i, double* B);
+
+    long p_;
+    double* all_;   // B (3 p, padded_atoms), before the reduction
+    double* rows_;  // B (k, 3, row)
+    bool* laid_;
 };
 
 }  // namespace shapefit::SHAPEFIT_LEVEL
