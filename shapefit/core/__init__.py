@@ -6,6 +6,30 @@ in place and release the GIL; the rooms that call them check and allocate. `part
 steps of the kernels, for the tests that judge them one at a time.
 """
 
-from shapefit.core._core import LEVEL, LEVELS, certify, parts, solve_convex, synchronise
+from shapefit.core._core import (
+    LEVEL,
+    LEVELS,
+    alternate,
+    certify,
+    code,
+    find_objectives,
+    find_pose,
+    parts,
+    solve_convex,
+    synchronise,
+    update_atoms,
+)
 
-__all__ = ["LEVEL", "LEVELS", "certify", "parts", "solve_convex", "synchronise"]
+__all__ = [
+    "LEVEL",
+    "LEVELS",
+    "alternate",
+    "certify",
+    "code",
+    "find_objectives",
+    "find_pose",
+    "parts",
+    "solve_convex",
+    "synchronise",
+    "update_atoms",
+]

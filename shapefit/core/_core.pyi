@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
 LEVEL: str
@@ -14,5 +15,82 @@ class parts:
     def climb(blocks: Floats, R: Floats) -> float: ...
     @staticmethod
     def polar_rotation(A: Floats, R: Floats) -> bool: ...
+    @staticmethod
+    def scaled_coefficients(Q: Floats, h: Floats, a: Floats, x: Floats) -> None: ...
+    @staticmethod
+    def sparse_coefficients(
+        w: Floats, atoms: Floats, R: Floats, lam: float, is_signed: bool, c: Floats
+    ) -> float: ...
+    @staticmethod
+    def alternate_image(
+        w: Floats,
+        atoms: Floats,
+        lam: float,
+        is_signed: bool,
+        tolerance: float,
+        R: Floats,
+        c: Floats,
+        trace: Floats,
+    ) -> tuple[int, bool]: ...
+    @staticmethod
+    def rotation_step(P: Floats, D: Floats, free_scale: bool, R: Floats) -> tuple[float, float]: ...
+    @staticmethod
+    def rotation_value(P: Floats, D: Floats, free_scale: bool, R: Floats) -> float: ...
+    @staticmethod
+    def rotation_model(
+        P: Floats, D: Floats, free_scale: bool, R: Floats, g: Floats, H: Floats
+    ) -> tuple[float, float]: ...
+    @staticmethod
+    def truncated_cg(g: Floats, H: Floats, radius: float, step: Floats) -> tuple[bool, float]: ...
+    @staticmethod
+    def retract(R: Floats, step: Floats, out: Floats) -> None: ...
+    @staticmethod
+    def orthonormalise(R: Floats) -> None: ...
 
+def alternate(
+    *,
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    lam: Floats,
+    starts: Floats,
+    is_signed: bool,
+    tolerance: float,
+    most_rounds: int,
+    coefficients: Floats,
+    rotation: Floats,
+    rounds: Indices,
+    status: Indices,
+    threads: int,
+) -> None: ...
+def code(
+    *,
+    gram: Floats,
+    pulls: Floats,
+    smallest_moves: Floats,
+    coefficients: Floats,
+    unsettled: Flags,
+    threads: int,
+) -> None: ...
+def find_objectives(
+    *,
+    shapes: Floats,
+    atoms: Floats,
+    coefficients: Floats,
+    beta: float,
+    objectives: Floats,
+    threads: int,
+) -> None: ...
+def find_pose(
+    *,
+    shape_moments: Floats,
+    landmarks_by_shape: Floats,
+    starts: Floats,
+    rotation: Floats,
+    size: Floats,
+    threads: int,
+) -> None: ...
 def synchronise(*, transforms: Floats, rotation: Floats, threads: int) -> None: ...
+def update_atoms(
+    *, shapes: Floats, coefficients: Floats, atoms: Floats, bound: float, sweeps: int
+) -> None: ...

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "convex/data.hpp"
+#include "dictionary/data.hpp"
 #include "lifting/data.hpp"
 
 namespace shapefit {
@@ -10,13 +11,36 @@ namespace shapefit {
 struct Kernels {
     void (*solve_convex)(const ConvexTask&, Range);
     void (*certify)(const ConvexProgram&, const ConvexPoint&, const ConvexProof&, Range);
+    void (*code)(const CodingData&, Range);
+    void (*find_objectives)(const MisfitData&, Range);
+    void (*alternate)(const AlternationData&, Range);
+    void (*find_pose)(const PoseData&, Range);
     void (*synchronise)(const SynchronisationData&, Range);
+    void (*update_atoms)(const AtomUpdateData&);  // all at once
 };
 
 // Single steps of the kernels, for the tests that judge them one at a time.
 struct Parts {
     double (*climb)(Tensor<const double> blocks, Matrix<double> R);
     bool (*polar_rotation)(Matrix<const double> A, Matrix<double> R);
+    void (*scaled_coefficients)(Matrix<const double> Q, Vector<const double> h,
+                                Vector<const double> a, Vector<double> x);
+    double (*sparse_coefficients)(Matrix<const double> w, Tensor<const double> atoms,
+                                  Matrix<const double> R, double lam, bool is_signed,
+                                  Vector<double> c);
+    AlternationEnd (*alternate_image)(Matrix<const double> w, Tensor<const double> atoms, double lam,
+                                      bool is_signed, double tolerance, Matrix<double> R,
+                                      Vector<double> c, Vector<double> trace);
+    Misfit (*rotation_step)(Matrix<const double> P, Matrix<const double> D, bool free_scale,
+                            Matrix<double> R);
+    double (*rotation_value)(Matrix<const double> P, Matrix<const double> D, bool free_scale,
+                             Matrix<const double> R);
+    Misfit (*rotation_model)(Matrix<const double> P, Matrix<const double> D, bool free_scale,
+                             Matrix<const double> R, Vector<double> g, Matrix<double> H);
+    TrustedStep (*truncated_cg)(Vector<const double> g, Matrix<const double> H, double radius,
+                                Vector<double> step);
+    void (*retract)(Matrix<const double> R, Vector<const double> step, Matrix<double> out);
+    void (*orthonormalise)(Matrix<double> R);
 };
 
 struct Level {

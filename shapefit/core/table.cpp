@@ -2,6 +2,12 @@
 #include "convex/certificate.hpp"
 #include "convex/stretch.hpp"
 #include "kernels.hpp"
+#include "dictionary/atom_update.hpp"
+#include "dictionary/coding.hpp"
+#include "lifting/alternation.hpp"
+#include "lifting/pose.hpp"
+#include "lifting/rotation_step.hpp"
+#include "lifting/scaled_coefficients.hpp"
 #include "lifting/synchronisation.hpp"
 
 // The two steps by which a name becomes a string.
@@ -18,12 +24,26 @@ const Level table = {
         {
             .solve_convex = solve_convex,
             .certify = certify_images,
+            .code = code,
+            .find_objectives = find_objectives,
+            .alternate = alternate,
+            .find_pose = find_pose,
             .synchronise = synchronise,
+            .update_atoms = update_atoms,
         },
     .parts =
         {
             .climb = climb,
             .polar_rotation = polar_rotation,
+            .scaled_coefficients = solve_scaled,
+            .sparse_coefficients = solve_lasso,
+            .alternate_image = alternate_once,
+            .rotation_step = take_rotation_step,
+            .rotation_value = rotation_value,
+            .rotation_model = rotation_model,
+            .truncated_cg = trusted_step,
+            .retract = retract_rotation,
+            .orthonormalise = orthonormalise_rows,
         },
 };
 

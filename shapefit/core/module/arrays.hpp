@@ -19,6 +19,8 @@ using Out = Array<double, rank>;
 template <int rank>
 using OutIndices = Array<int64_t, rank>;
 template <int rank>
+using OutFlags = Array<bool, rank>;
+template <int rank>
 using InIndices = Array<const int64_t, rank>;
 
 template <class T, auto... sizes>

@@ -12,5 +12,6 @@ NB_MODULE(_core, module) {
         names.append(levels[i]->name);
     module.attr("LEVELS") = nanobind::tuple(names);
     shapefit::bind_convex(module, parts);
+    shapefit::bind_dictionary(module);
     shapefit::bind_lifting(module, parts);
 }

@@ -6,6 +6,7 @@
 namespace shapefit {
 
 void bind_convex(nanobind::module_& module, nanobind::module_& parts);
+void bind_dictionary(nanobind::module_& module);
 void bind_lifting(nanobind::module_& module, nanobind::module_& parts);
 
 }  // namespace shapefit
