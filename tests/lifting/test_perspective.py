@@ -9,10 +9,10 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from shapefit import core
 from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
-from shapefit.lifting import perspective_kernels
 from shapefit.lifting.perspective import (
     Camera,
     Options,
@@ -99,15 +99,16 @@ def objective(scene, image, atoms, prior, R, t, c, ridge, softness):
 
 def test_the_kernel_projects_as_project_does(noisy, atoms, rng):
     """One landmark is behind the camera: nan for the one, infinite for the other."""
-    turned, X, r = np.empty((3, P)), np.empty((3, P)), np.empty((2, P))
+    X, r = np.empty((3, P)), np.empty((2, P))
     for image, sign in enumerate((1.0, -1.0)):
         seen = replace(noisy.camera.take([image]), sign=sign)
         R, c = noisy.rotation[image], noisy.coefficients[image]
         t = np.array([0.3, -0.2, sign * 0.5])
         omega, w = noisy.weights[image], noisy.landmarks[image]
-        perspective_kernels.project(
-            w, omega, atoms, seen.focal[0], seen.centre[0], sign, R, t, c, turned, X, r
-        )
+        core.parts.project_perspective(
+            w[None], omega[None], atoms, seen.focal, seen.centre, sign, R[None], t[None], c[None],
+            X, r,
+        )  # fmt: skip
         points = R @ np.tensordot(c, atoms, axes=1) + t[:, None]
         u = project(seen, points[None])[0]
         np.testing.assert_allclose(X, points, atol=1e-12)
