@@ -14,6 +14,7 @@ from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
 from shapefit.lifting.perspective import (
+    FAILED,
     Camera,
     Options,
     mean_coefficients,
@@ -239,6 +240,16 @@ def test_landmarks_that_the_camera_cannot_tell_apart_are_infinitely_far(planted,
         1e-28 * planted.landmarks, planted.weights, shape, camera, planted.rotation
     )
     assert not np.isfinite(found).any()
+
+
+def test_a_visible_landmark_without_a_place_fails_its_image_alone(noisy, atoms, prior):
+    landmarks = noisy.landmarks.copy()
+    landmarks[2, 0, 5] = np.nan
+    found, clean = refine(noisy, atoms, prior, landmarks=landmarks), refine(noisy, atoms, prior)
+    assert found.status[2] in FAILED
+    assert np.isnan(found.coefficients[2]).all()
+    others = np.arange(8) != 2
+    np.testing.assert_array_equal(found.coefficients[others], clean.coefficients[others])
 
 
 def test_too_few_rounds_are_said(noisy, atoms, prior):

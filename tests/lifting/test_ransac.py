@@ -89,6 +89,32 @@ def test_triples_are_different_and_equally_likely():
     assert all(len(set(drawn)) == 3 for drawn in counts)
 
 
+def test_draws_are_those_of_the_published_generator():
+    """SplitMix64 in Python, so that labels with a seed stay what they were."""
+
+    def draw(state, m):
+        state = (state + 0x9E3779B97F4A7C15) % 2**64
+        z = (state ^ (state >> 30)) * 0xBF58476D1CE4E5B9 % 2**64
+        z = (z ^ (z >> 27)) * 0x94D049BB133111EB % 2**64
+        return state, ((z ^ (z >> 31)) >> 32) * m >> 32
+
+    expected, places, candidates = 2**64 - 3, list(range(40)), np.arange(40)
+    state, triple = np.array([expected], np.uint64), np.zeros(3, np.int64)
+    for _ in range(200):
+        core.parts.draw_triple(candidates, state, triple)
+        drawn, left = [], places.copy()
+        for m in (40, 39, 38):
+            expected, at = draw(expected, m)
+            drawn.append(left.pop(at))
+        assert triple.tolist() == drawn
+    assert int(state[0]) == expected
+
+
+def test_few_draws_are_as_good_as_many_where_all_landmarks_agree(posed, shape):
+    for draws in (1, 2, 3, 9):
+        assert search(posed, shape, draws=draws).all()
+
+
 def test_the_gain_is_the_formula(shape, rng):
     R = random_rotations(1, rng)[0]
     s, T = 3.0, np.array([1.0, -2.0])
