@@ -78,24 +78,27 @@ void project(const Shapes& shapes, const Sight& sight, const Unknowns& at, Proje
     mix(shapes, at.c, seen.S);
     for (int b = 0; b < 3; ++b)  // gathered where X will be
         for (long j = 0; j < filled; ++j) seen.X[b][j] = seen.S[b * p + sight.index[j]];
-    double* __restrict X[3] = {seen.X[0], seen.X[1], seen.X[2]};
-    double* __restrict turned[3] = {seen.turned[0], seen.turned[1], seen.turned[2]};
-    double* __restrict r[2] = {seen.r[0], seen.r[1]};
-    const double *R = at.R, *t = at.t;
-    long behind = 0;
+    // Named pointers: an array of them hides from the compiler that they are apart.
+    double *__restrict x = seen.X[0], *__restrict y = seen.X[1], *__restrict z = seen.X[2];
+    double *__restrict turned_x = seen.turned[0], *__restrict turned_y = seen.turned[1];
+    double *__restrict turned_z = seen.turned[2];
+    double *__restrict r_x = seen.r[0], *__restrict r_y = seen.r[1];
+    const double *w_x = sight.w[0], *w_y = sight.w[1], *omega = sight.omega, *R = at.R, *t = at.t;
+    double behind = 0;
     for (long j = 0; j < filled; ++j) {
-        const double x = X[0][j], y = X[1][j], z = X[2][j];
-        for (int a = 0; a < 3; ++a) {
-            turned[a][j] = R[3 * a] * x + R[3 * a + 1] * y + R[3 * a + 2] * z;
-            X[a][j] = turned[a][j] + t[a];
-        }
-        const double depth = sight.sign * X[2][j];
-        const bool in_front = depth > 0;
-        behind += !in_front;
-        for (int a = 0; a < 2; ++a) {
-            const double u = sight.centre[a] + sight.focal[a] * X[a][j] / depth;
-            r[a][j] = in_front ? sight.omega[j] * (u - sight.w[a][j]) : INFINITE;
-        }
+        const double S_x = x[j], S_y = y[j], S_z = z[j];
+        turned_x[j] = R[0] * S_x + R[1] * S_y + R[2] * S_z;
+        turned_y[j] = R[3] * S_x + R[4] * S_y + R[5] * S_z;
+        turned_z[j] = R[6] * S_x + R[7] * S_y + R[8] * S_z;
+        x[j] = turned_x[j] + t[0];
+        y[j] = turned_y[j] + t[1];
+        z[j] = turned_z[j] + t[2];
+        const double depth = sight.sign * z[j], inverse = 1 / depth;
+        const double u = omega[j] * (sight.centre[0] + sight.focal[0] * x[j] * inverse - w_x[j]);
+        const double v = omega[j] * (sight.centre[1] + sight.focal[1] * y[j] * inverse - w_y[j]);
+        r_x[j] = depth > 0 ? u : INFINITE;
+        r_y[j] = depth > 0 ? v : INFINITE;
+        behind += depth > 0 ? 0.0 : 1.0;
     }
     seen.in_front = behind == 0;
 }
