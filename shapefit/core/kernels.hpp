@@ -4,6 +4,9 @@
 #include "convex/data.hpp"
 #include "dictionary/data.hpp"
 #include "lifting/data.hpp"
+#include "outliers/data.hpp"
+#include "perspective/data.hpp"
+#include "pursuit/data.hpp"
 
 namespace shapefit {
 
@@ -15,6 +18,9 @@ struct Kernels {
     void (*find_objectives)(const MisfitData&, Range);
     void (*alternate)(const AlternationData&, Range);
     void (*find_pose)(const PoseData&, Range);
+    void (*find_consensus)(const ConsensusData&, Range);
+    void (*pursue)(const PursuitData&, Range);
+    void (*refine_perspective)(const PerspectiveData&, Range);
     void (*synchronise)(const SynchronisationData&, Range);
     void (*update_atoms)(const AtomUpdateData&);  // all at once
 };
@@ -23,6 +29,21 @@ struct Kernels {
 struct Parts {
     double (*climb)(Tensor<const double> blocks, Matrix<double> R);
     bool (*polar_rotation)(Matrix<const double> A, Matrix<double> R);
+    void (*draw_triple)(Vector<const int64_t> candidates, Vector<uint64_t> state,
+                        Vector<int64_t> triple);
+    double (*find_area)(Matrix<const double> w, Vector<const int64_t> visible);
+    void (*find_moments)(const Scene& scene, Vector<const bool> inliers, Matrix<double> P,
+                         Matrix<double> D, Vector<double> middle, Vector<double> origin);
+    double (*judge)(const Scene& scene, double size, Matrix<const double> R,
+                    Vector<const double> T, double threshold, double area, bool lanes,
+                    Vector<bool> inliers);
+    void (*log_of_one_plus)(Vector<const double> x, Vector<double> logarithm);
+    double (*minimise_on_sphere)(Matrix<const double> G, Vector<const double> g, double radius,
+                                 Vector<double> y);
+    double (*pose_triple)(Matrix<const double> w, Matrix<const double> S,
+                          Vector<const int64_t> triple, Tensor<double> R);
+    void (*project_perspective)(const PerspectiveData& image, Matrix<double> X, Matrix<double> r);
+    void (*symmetric_eigen)(Matrix<double> A, Vector<double> values, Matrix<double> V);
     void (*scaled_coefficients)(Matrix<const double> Q, Vector<const double> h,
                                 Vector<const double> a, Vector<double> x);
     double (*sparse_coefficients)(Matrix<const double> w, Tensor<const double> atoms,

@@ -1,7 +1,9 @@
 // The kernels of one instruction set, gathered in its table.
+#include "kernels.hpp"
+#include "algebra/logarithm.hpp"
+#include "algebra/symmetric_eigen.hpp"
 #include "convex/certificate.hpp"
 #include "convex/stretch.hpp"
-#include "kernels.hpp"
 #include "dictionary/atom_update.hpp"
 #include "dictionary/coding.hpp"
 #include "lifting/alternation.hpp"
@@ -9,6 +11,11 @@
 #include "lifting/rotation_step.hpp"
 #include "lifting/scaled_coefficients.hpp"
 #include "lifting/synchronisation.hpp"
+#include "outliers/parts.hpp"
+#include "perspective/projection.hpp"
+#include "perspective/refinement.hpp"
+#include "pursuit/pursuit.hpp"
+#include "pursuit/sphere.hpp"
 
 // The two steps by which a name becomes a string.
 #define SHAPEFIT_QUOTE(name) #name
@@ -28,6 +35,9 @@ const Level table = {
             .find_objectives = find_objectives,
             .alternate = alternate,
             .find_pose = find_pose,
+            .find_consensus = find_consensus,
+            .pursue = pursue,
+            .refine_perspective = refine_perspective,
             .synchronise = synchronise,
             .update_atoms = update_atoms,
         },
@@ -35,6 +45,15 @@ const Level table = {
         {
             .climb = climb,
             .polar_rotation = polar_rotation,
+            .draw_triple = draw_candidates,
+            .find_area = area_of,
+            .find_moments = moments_of,
+            .judge = gain_of,
+            .log_of_one_plus = log_of_one_plus,
+            .minimise_on_sphere = minimise_on_sphere_alone,
+            .pose_triple = pose_triple,
+            .project_perspective = project_alone,
+            .symmetric_eigen = symmetric_eigen,
             .scaled_coefficients = solve_scaled,
             .sparse_coefficients = solve_lasso,
             .alternate_image = alternate_once,

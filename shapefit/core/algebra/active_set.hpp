@@ -130,9 +130,19 @@ Blocked exchange(const Terms& terms, ActiveSet& set) {
     return go_along(set, d, last + 1, INFINITE);
 }
 
+constexpr long MANY = 8;  // vectors from which on they join together
+
 // Bring all used vectors into the factor; false at the first that depends on those before it.
 template <class Terms>
 bool factorise(const Terms& terms, ActiveSet& set, double dependent) {
+    if (set.factor.size() == 0 && set.count >= MANY) {
+        for (long e = 0; e < set.count; ++e) {
+            double* row = set.factor.row(e);
+            terms.overlaps(set.index[e], set.index + e, set.count - e, row + e);
+            row[set.count] = terms.pull(set.index[e], set.sign[e]);
+        }
+        return set.factor.decompose(set.count, dependent, Terms::scaled, set.column);
+    }
     while (set.factor.size() < set.count) {
         const long m = set.factor.size(), i = set.index[m];
         double* tail = set.column + padded(m + 1) - PADDING;

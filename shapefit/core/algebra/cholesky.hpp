@@ -24,6 +24,7 @@ class Cholesky {
     Cholesky(Workspace& workspace, long room)
         : stride_(padded(room + 1)),
           columns_(workspace.zeros<double>(room * stride_)),
+          rows_(workspace.zeros<double>(room * stride_)),
           y_(workspace.zeros<double>(stride_)),
           u_(workspace.zeros<double>(stride_)) {}
 
@@ -48,10 +49,37 @@ class Cholesky {
             if (!lifted) return false;
             rest = larger(dependent * square, TINY);
         }
-        const double inverse = 1 / root(rest);
-        double* added = column(size_);
-        for (long e = 0; e < padded(size_ + 1); ++e) added[e] = inverse * overlaps[e];
-        y_[size_++] = inverse * rest_of_pull;
+        join(overlaps, 1 / root(rest), rest_of_pull);
+        return true;
+    }
+
+    // Where the Gram matrix of many vectors stands from the diagonal on, before `decompose`, with
+    // h_e in the place after the last of them.
+    double* row(long e) { return rows_ + e * stride_; }
+
+    // The first `count` vectors of all, as if they joined one after another; at the first that is
+    // refused `minus_Wu` is as `append` leaves its overlaps.
+    //
+    // U row by row, less the products of the rows above, which are summed in registers. `append`
+    // takes a sum across lanes for each of them.
+    bool decompose(long count, double dependent, bool lifted, double* minus_Wu) {
+        for (size_ = 0; size_ < count;) {
+            double* __restrict current = row(size_);
+            const double square = current[size_];
+            for (long block = size_ / PADDING * PADDING; block <= count; block += PADDING)
+                subtract_rows_above(current, block);
+            for (long e = 0; e < size_; ++e) u_[e] = -row(e)[size_];
+            mix_rows(u_, size_, columns_, stride_, padded(size_), minus_Wu);
+            double rest = current[size_];
+            if (!(rest > dependent * square)) {
+                minus_Wu[size_] = 1;
+                if (!lifted) return false;
+                rest = larger(dependent * square, TINY);
+            }
+            const double inverse = 1 / root(rest), rest_of_pull = current[count];
+            for (long f = size_ + 1; f <= count; ++f) current[f] *= inverse;
+            join(minus_Wu, inverse, rest_of_pull);
+        }
         return true;
     }
 
@@ -77,6 +105,28 @@ class Cholesky {
     }
 
   private:
+    // The vector whose column of W is (minus_Wu, 1) * inverse.
+    void join(const double* minus_Wu, double inverse, double rest_of_pull) {
+        const long width = padded(size_);
+        double* added = column(size_);
+        for (long e = 0; e < PADDING; ++e) added[padded(size_ + 1) - PADDING + e] = 0;
+        for (long e = 0; e < width; ++e) added[e] = inverse * minus_Wu[e];
+        added[size_] = inverse;
+        y_[size_++] = inverse * rest_of_pull;
+    }
+
+    // 8 columns of row `size_` of the Gram matrix, less the products of the rows of U above.
+    void subtract_rows_above(double* current, long block) {
+        Lanes rest[PADDING / WIDTH];
+        for (long l = 0; l < PADDING / WIDTH; ++l) rest[l] = load(current + block + l * WIDTH);
+        for (long e = 0; e < size_; ++e) {
+            const double factor = row(e)[size_];
+            for (long l = 0; l < PADDING / WIDTH; ++l)
+                rest[l] -= factor * load(row(e) + block + l * WIDTH);
+        }
+        for (long l = 0; l < PADDING / WIDTH; ++l) store(current + block + l * WIDTH, rest[l]);
+    }
+
     double* column(long e) const { return columns_ + e * stride_; }
 
     // Turn columns e and e + 1 until row `at` of the first is 0.
@@ -97,6 +147,7 @@ class Cholesky {
 
     long size_ = 0, stride_;
     double* columns_;  // of W, one after another; column e has zeros after place e
+    double* rows_;     // of U, where many vectors join at once
     double* y_;
     double* u_;
 };

@@ -6,6 +6,18 @@
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
+[[gnu::always_inline]] inline double dot(const double* a, const double* b, long n) {
+    double total = 0;
+    for (long i = 0; i < n; ++i) total += a[i] * b[i];
+    return total;
+}
+
+// y += factor x; x and y are disjoint.
+[[gnu::always_inline]] inline void add_to(double* __restrict y, double factor,
+                                          const double* __restrict x, long n) {
+    for (long i = 0; i < n; ++i) y[i] += factor * x[i];
+}
+
 // <a, b> of padded rows.
 [[gnu::always_inline]] inline double dot_padded(const double* a, const double* b, long n) {
     Lanes even = {}, odd = {};

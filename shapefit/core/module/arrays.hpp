@@ -21,6 +21,8 @@ using OutIndices = Array<int64_t, rank>;
 template <int rank>
 using OutFlags = Array<bool, rank>;
 template <int rank>
+using InFlags = Array<const bool, rank>;
+template <int rank>
 using InIndices = Array<const int64_t, rank>;
 
 template <class T, auto... sizes>

@@ -13,5 +13,9 @@ NB_MODULE(_core, module) {
     module.attr("LEVELS") = nanobind::tuple(names);
     shapefit::bind_convex(module, parts);
     shapefit::bind_dictionary(module);
+    shapefit::bind_algebra(parts);
     shapefit::bind_lifting(module, parts);
+    shapefit::bind_outliers(module, parts);
+    shapefit::bind_perspective(module, parts);
+    shapefit::bind_pursuit(module, parts);
 }

@@ -7,6 +7,10 @@ namespace shapefit {
 
 void bind_convex(nanobind::module_& module, nanobind::module_& parts);
 void bind_dictionary(nanobind::module_& module);
+void bind_algebra(nanobind::module_& parts);
 void bind_lifting(nanobind::module_& module, nanobind::module_& parts);
+void bind_outliers(nanobind::module_& module, nanobind::module_& parts);
+void bind_perspective(nanobind::module_& module, nanobind::module_& parts);
+void bind_pursuit(nanobind::module_& module, nanobind::module_& parts);
 
 }  // namespace shapefit
