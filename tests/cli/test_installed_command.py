@@ -16,7 +16,7 @@ import pytest
 
 COMMAND = Path(sys.executable).with_name("shapefit")
 
-HEAVY = {"numpy", "scipy", "numba", "h5py", "polars", "pydantic", "ruamel", "trimesh", "tqdm"}
+HEAVY = {"numpy", "scipy", "numba", "h5py", "orjson", "pydantic", "ruamel", "trimesh", "tqdm"}
 
 DRIVER = """
 import sys, time
