@@ -21,17 +21,19 @@ def split_columns(section: Section, width: int) -> list[list[str]] | None:
 
     None where it is not so plain; `read_rows` takes every section, and finds the same cells.
     """
-    data = section.data.replace(b"\r\n", b"\n")
+    data, text = section.data, section.text
+    if b"\r" in data:
+        data, text = data.replace(b"\r\n", b"\n"), text.replace("\r\n", "\n")
     if b'"' in data or b"\r" in data or len(data) > csv.field_size_limit():
         return None
-    data = data.removesuffix(b"\n") + b"\n"
-    letters = np.frombuffer(data, np.uint8)
-    ends = letters[(letters == COMMA) | (letters == LINE_END)] == LINE_END
-    if len(ends) % width or not ends[width - 1 :: width].all():
+    letters = np.frombuffer(data.removesuffix(b"\n") + b"\n", np.uint8)
+    ends, commas = np.flatnonzero(letters == LINE_END), np.flatnonzero(letters == COMMA)
+    if len(commas) != len(ends) * (width - 1):
         return None
-    if np.count_nonzero(ends) * width != len(ends):
+    commas = commas.reshape(len(ends), width - 1)
+    if (commas[:, -1] > ends).any() or (commas[1:, 0] < ends[:-1]).any():
         return None
-    cells = section.text.replace("\r\n", "\n").removesuffix("\n").replace("\n", ",").split(",")
+    cells = text.removesuffix("\n").replace("\n", ",").split(",")
     columns = [cells[column::width] for column in range(width)]
     return None if "" in columns[0] else columns  # there may be an empty row
 

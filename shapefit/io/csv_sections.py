@@ -61,7 +61,7 @@ def read_sections(path: Path) -> Iterator[Section]:
 def _end_of_records(data: bytes) -> int:
     """Return where the last whole record ends: after a line end with an even count of quotes."""
     end = data.rfind(b"\n") + 1
-    open_quote = data.count(b'"', 0, end) % 2
+    open_quote = data.count(b'"', 0, end) % 2 if b'"' in data else 0
     while open_quote and end:
         before = data.rfind(b"\n", 0, end - 1) + 1
         open_quote ^= data.count(b'"', before, end) % 2
