@@ -31,6 +31,7 @@ class ConfigModel(BaseModel):
         validate_by_name=True,
         validate_by_alias=True,
         serialize_by_alias=True,
+        defer_build=True,  # a section is built within its config, once
     )
 
 

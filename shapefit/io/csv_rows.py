@@ -30,8 +30,8 @@ def split_columns(section: Section, width: int) -> list[list[str]] | None:
     ends, commas = np.flatnonzero(letters == LINE_END), np.flatnonzero(letters == COMMA)
     if len(commas) != len(ends) * (width - 1):
         return None
-    commas = commas.reshape(len(ends), width - 1)
-    if (commas[:, -1] > ends).any() or (commas[1:, 0] < ends[:-1]).any():
+    between = commas.reshape(len(ends), width - 1)
+    if (between[:, -1] > ends).any() or (between[1:, 0] < ends[:-1]).any():
         return None
     cells = text.removesuffix("\n").replace("\n", ",").split(",")
     columns = [cells[column::width] for column in range(width)]
