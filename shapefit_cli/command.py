@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -31,6 +32,8 @@ def run_command(
     counts. Where `note_is_result` the last note is the result of the command, for stdout;
     otherwise notes are states of the work, for the bar. Raises InputError on a wrong config.
     """
+    # No plug-in has a say in the schema, and to look for them in all that is installed takes long.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     from shapefit.config import dump_config, load_config
 
     config = load_config(command, config_path, overrides, arguments)

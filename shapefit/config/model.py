@@ -21,7 +21,11 @@ FromLists = BeforeValidator(_tuples)
 
 
 class ConfigModel(BaseModel):
-    """A frozen mapping of known keys; nothing is converted silently ("3" is not a number)."""
+    """A frozen mapping of known keys; nothing is converted silently ("3" is not a number).
+
+    A section's default is its `model_construct`: to validate what is known to be valid would build
+    the schema of the section once more.
+    """
 
     model_config = ConfigDict(
         frozen=True,
