@@ -56,19 +56,21 @@ def test_lines_are_counted_over_blocks(csv, problems, read_views, small_blocks):
 
 
 @pytest.mark.parametrize(
-    ("text", "line"),
+    ("rows", "line", "found"),
     [
-        ("item,landmark,x,y\n\na,h,1,2\nb,h,1\nc,h,1,2,3\n", 4),
-        ("item,landmark,x,y\na,h,1,2\nb,h,1,2\rc,h,1,2\n", 3),
-        ("item,landmark,x,y\na,h,1,2\nb,\0,1,2\n", 3),
-        ('item,landmark,x,y\na,h,1,2\nb,5" nail,1,2\nc,h,1,2\n', 3),
-        ('item,landmark,x,y\na,h,1,2\nb,"h"h,1,2\nc,h,1,2\n', 3),
-        ('item,landmark,x,y\na,h,1,2\nb,h,1,"2\n', 3),
+        ("\na,h,1,2\nb,h,1\nc,h,1,2,3\n", 4, "has 3 cells for 4 columns"),
+        ("a,h,1,2\nb,h,1\nc,h,1,2,3\n", 3, "has 3 cells for 4 columns"),
+        ("a,h,1,2\nb,h,1,2,3\nc,h,1\n", 3, "has 5 cells for 4 columns"),
+        ("a,h,1,2\nb,h,1,2\rc,h,1,2\n", 3, "a line ends in CR alone, others in LF"),
+        ("a,h,1,2\nb,\0,1,2\n", 3, "is not text (a zero byte)"),
+        ('a,h,1,2\nb,5" nail,1,2\nc,h,1,2\n', 3, "cannot be read as CSV"),
+        ('a,h,1,2\nb,"h"h,1,2\nc,h,1,2\n', 3, "a bad cell"),
+        ('a,h,1,2\nb,h,1,"2\n', 3, "a quote is never closed"),
     ],
 )
-def test_faults_are_found_in_all_blocks(csv, problems, read_views, small_blocks, text, line):
-    path = csv(text)
-    assert problems(read_views, path)[0].startswith(f"{path}:{line}: ")
+def test_faults_are_found_in_all_blocks(csv, problems, read_views, small_blocks, rows, line, found):
+    path = csv("item,landmark,x,y\n" + rows)
+    assert problems(read_views, path)[0].startswith(f"{path}:{line}: {found}")
 
 
 def test_a_quote_that_is_never_closed_does_not_hold_the_whole_file(csv, problems, monkeypatch):
@@ -97,7 +99,7 @@ def test_plain_sections_are_split_as_they_are_read(rows):
     assert list(read_rows(section, "name")) == list(enumerate(rows, start=7))
 
 
-@given(st.text(st.sampled_from('a,"\r\n'), max_size=30))
+@given(st.text(st.sampled_from('aaa,,,\n\n"\r'), max_size=12))
 @settings(max_examples=300)
 def test_what_is_split_is_never_read_in_another_way(text):
     section = Section(text.encode(), text, 1)
