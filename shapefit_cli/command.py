@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 from collections.abc import Mapping, Sequence
@@ -41,6 +42,7 @@ def run_command(
         click.echo(dump_config(config), nl=False)
         return 0
     run = importlib.import_module(f"shapefit.pipelines.{pipeline}").run
+    gc.enable()
     report = Report(command, unit)
     with Progress(command, unit) as progress, closing(run(config)) as outcomes:
         for outcome in outcomes:
