@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
+import os
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -31,6 +33,8 @@ def run_command(
     counts. Where `note_is_result` the last note is the result of the command, for stdout;
     otherwise notes are states of the work, for the bar. Raises InputError on a wrong config.
     """
+    # No plug-in has a say in the schema, and to look for them in all that is installed takes long.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     from shapefit.config import dump_config, load_config
 
     config = load_config(command, config_path, overrides, arguments)
@@ -38,6 +42,7 @@ def run_command(
         click.echo(dump_config(config), nl=False)
         return 0
     run = importlib.import_module(f"shapefit.pipelines.{pipeline}").run
+    gc.enable()
     report = Report(command, unit)
     with Progress(command, unit) as progress, closing(run(config)) as outcomes:
         for outcome in outcomes:

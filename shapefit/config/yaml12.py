@@ -11,8 +11,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-Location = tuple[str | int, ...]
-"""The keys and list positions that lead to a value."""
+from shapefit.config.places import Location, Place
 
 _NUMBER_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("int", "float")}
 _SCALAR_TAGS = _NUMBER_TAGS | {f"tag:yaml.org,2002:{name}" for name in ("null", "bool")}
@@ -24,14 +23,6 @@ _NUMBER = re.compile(
     r"| [-+]?\.(inf|Inf|INF) | \.(nan|NaN|NAN)",
     re.VERBOSE,
 )
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a key and its value stand, as a message names them."""
-
-    key: str
-    value: str
 
 
 @dataclass
