@@ -10,6 +10,7 @@ States = NDArray[np.uint64]
 
 LEVEL: str
 LEVELS: tuple[str, ...]
+STRETCH: int
 
 class parts:
     @staticmethod

@@ -12,7 +12,7 @@ import numpy as np
 from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
-from shapefit.convex.stretches import STRETCH
+from shapefit.core import STRETCH
 from shapefit.errors import input_error
 from shapefit.io import (
     LandmarkSet,

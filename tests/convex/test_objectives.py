@@ -1,6 +1,6 @@
 """Objectives at a gap of 1e-10 against those of the solver that this one replaced.
 
-objectives.json holds what version 0.1.0 before the compiled core (commit 0fff6c6) reached. To make it
+objectives.json holds what commit 0fff6c6, before the compiled core, reached. To make it
 anew, run `python -m tests.convex.test_objectives FOLDER` with that version installed.
 """
 
