@@ -10,7 +10,8 @@
 #   make docs         write the generated pages of docs/
 #   make recovery     the paper's figure of exact recovery on planted instances
 #   make paper        every table and figure of the paper, with an index (DATA=FOLDER as below)
-#   make bench        images a second against the peers (DATA=FOLDER adds motion capture, CARS=FOLDER cars)
+#   make bench        speed against the release before and other solvers; fails under a floor
+#                     (DATA=FOLDER motion capture, CARS=FOLDER cars, BENCH_OPTIONS='--only CASE --quick')
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
 #   make cars         real cars: report, meshes, pictures, outliers (DATA=FOLDER as above)
 
@@ -125,7 +126,7 @@ docs: $(READY)
 	$(BIN)/python docs/generate.py
 
 bench: $(READY)
-	$(BIN)/python -m benchmarks.solver $(if $(DATA),--data '$(DATA)') $(if $(CARS),--cars '$(CARS)')
+	$(BIN)/python -m benchmarks.bench $(if $(DATA),--data '$(DATA)') $(if $(CARS),--cars '$(CARS)') $(BENCH_OPTIONS)
 
 clean:
 	rm -rf $(VENV) build dist results

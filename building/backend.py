@@ -71,7 +71,9 @@ def require_compiler() -> None:
     wanted = shlex.split(os.environ.get("CXX", ""))
     if wanted:
         if not runs(wanted[0]):
-            sys.exit(f"shapefit needs a C++ compiler, and CXX={wanted[0]} is none: mend or unset CXX.")
+            sys.exit(
+                f"shapefit needs a C++ compiler, and CXX={wanted[0]} is none: mend or unset CXX."
+            )
     elif not any(map(runs, COMPILERS)):
         how = HOW.get(sys.platform, "GCC or Clang")
         sys.exit(f"shapefit needs a C++ compiler to build its core. Install one: {how}.")
@@ -87,6 +89,6 @@ def chosen_elsewhere() -> bool:
 
 
 def runs(compiler: str) -> bool:
-    """Whether the compiler is there and starts (macOS has stubs that only offer an installation)."""
+    """Whether the compiler is there and starts (macOS has stubs that only offer to install)."""
     path = shutil.which(compiler)
     return bool(path) and not subprocess.run([path, "--version"], capture_output=True).returncode

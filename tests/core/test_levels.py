@@ -37,8 +37,9 @@ def test_the_environment_forces_a_level(level):
 def test_an_unknown_level_says_which_there_are():
     refused = at_level("x86_64_v9", ["-c", SHOW])
     assert refused.returncode == 1
-    assert f"SHAPEFIT_LEVEL is x86_64_v9; this build and processor have {', '.join(core.LEVELS)}" in (
-        refused.stderr
+    assert (
+        f"SHAPEFIT_LEVEL is x86_64_v9; this build and processor have {', '.join(core.LEVELS)}"
+        in (refused.stderr)
     )
 
 
