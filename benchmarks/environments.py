@@ -1,7 +1,8 @@
-"""Environments of this version and of the release before, each installed as a user would, in build/bench."""
+"""Environments in build/bench, installed as a user would: this version, the release before."""
 
 from __future__ import annotations
 
+import hashlib
 import subprocess
 import sys
 import tarfile
@@ -56,9 +57,30 @@ def base_environment(revision: str) -> Environment:
 
 
 def this_environment() -> Environment:
-    """Install what lies here, anew: a user's installation, without the developers' tools."""
-    environment = Environment("this version", PROJECT, FOLDER / "this")
-    install(environment)
+    """Install what lies here: a user's installation, without the developers' tools.
+
+    It is made anew where what it depends on has changed, else shapefit alone is.
+    """
+    said = b"".join((PROJECT / name).read_bytes() for name in ("pyproject.toml", "constraints.txt"))
+    folder = FOLDER / f"this-{hashlib.sha256(said).hexdigest()[:12]}"
+    environment = Environment("this version", PROJECT, folder)
+    if not environment.command.is_file():
+        install(environment)
+        return environment
+    build = ["-m", "pip", "wheel", "--quiet", "--disable-pip-version-check", "--no-deps"]
+    build += ["--no-build-isolation", "-C", "build-dir=build/{wheel_tag}", "--wheel-dir"]
+    wheels = folder / "wheels"
+    subprocess.run([sys.executable, *build, str(wheels), str(PROJECT)], check=True)
+    pip = [
+        str(environment.python),
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--disable-pip-version-check",
+    ]
+    renew = [*pip, "--no-deps", "--force-reinstall", *map(str, wheels.glob("shapefit-*.whl"))]
+    subprocess.run(renew, check=True)
     return environment
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cases import LAMBDA, Case, Floats, cars_case, hide, normalise_seen, read_cars
+from benchmarks.cases import LAMBDA, Case, cars_case, hide, normalise_seen, read_cars
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
 from shapefit.geometry.normalisation import normalise

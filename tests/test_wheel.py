@@ -1,4 +1,4 @@
-"""The wheel: complete, and at work in an environment without a compiler and without the checkout."""
+"""The wheel: complete, and at work without a compiler and without the checkout."""
 
 from __future__ import annotations
 
