@@ -120,7 +120,7 @@ lint: $(READY)
 	$(BIN)/ruff check .
 
 types: $(READY)
-	$(BIN)/mypy shapefit shapefit_cli benchmarks
+	$(BIN)/mypy shapefit shapefit_cli benchmarks building
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py

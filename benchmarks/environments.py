@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -70,6 +71,7 @@ def this_environment() -> Environment:
     build = ["-m", "pip", "wheel", "--quiet", "--disable-pip-version-check", "--no-deps"]
     build += ["--no-build-isolation", "-C", "build-dir=build/{wheel_tag}", "--wheel-dir"]
     wheels = folder / "wheels"
+    shutil.rmtree(wheels, ignore_errors=True)
     subprocess.run([sys.executable, *build, str(wheels), str(PROJECT)], check=True)
     pip = [
         str(environment.python),

@@ -91,4 +91,6 @@ def chosen_elsewhere() -> bool:
 def runs(compiler: str) -> bool:
     """Whether the compiler is there and starts (macOS has stubs that only offer to install)."""
     path = shutil.which(compiler)
-    return bool(path) and not subprocess.run([path, "--version"], capture_output=True).returncode
+    if path is None:
+        return False
+    return subprocess.run([path, "--version"], capture_output=True, check=False).returncode == 0
