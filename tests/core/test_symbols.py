@@ -57,7 +57,8 @@ def test_each_level_defines_names_of_its_own_only(compiled):
         listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
         names = [line.split()[0] for line in listed.splitlines()]
         seen += len(names)
-        foreign = [name for name in names if own not in name]
+        # DW.ref: where exceptions find the runtime's handler, the same data in every object
+        foreign = [name for name in names if own not in name and not name.startswith("DW.ref.")]
         shown = subprocess.run(["c++filt", *foreign], capture_output=True, text=True).stdout
         assert not foreign, f"{path.name} of {level} defines\n{shown}"
     assert seen >= len(compiled)
