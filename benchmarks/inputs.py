@@ -16,7 +16,8 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.io import read_shapes
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective import depth_sign, mean_coefficients
+from shapefit.lifting.perspective import Camera, depth_sign, mean_coefficients
+from shapefit.pipelines.intrinsics import read_intrinsics
 from shapefit.pipelines.training_shapes import every_nth
 
 Arrays = dict[str, Any]
@@ -44,13 +45,14 @@ def cars_in_perspective(folder: Path) -> Arrays:
     atoms, mean = arrays["atoms"], arrays["mean_shape"]
     settings = Settings(solve=partial(solve_newton, tolerance=1e-4), mean_shape=mean)
     found = choose_method("convex+refine", settings)(build_problem(arrays["landmarks"], atoms, 1.0))
-    matrices = images.extras["camera_matrix"]
+    focal, _ = read_intrinsics(images, "camera_matrix")
+    camera = Camera(focal, np.zeros_like(focal), depth_sign(images.y_axis)).normalised_as(norm)
     return arrays | {
         "rotation": found.rotation,
         "prior": mean_coefficients(atoms, mean),
-        "focal": matrices[:, [0, 1], [0, 1]] / norm.scale[:, None],
-        "centre": -norm.centroid / norm.scale[:, None],
-        "sign": np.array(depth_sign(images.y_axis)),
+        "focal": camera.focal,
+        "centre": camera.centre,
+        "sign": np.array(camera.sign),
     }
 
 
