@@ -186,4 +186,7 @@ def describe(lifting: Lifting, image: int) -> str:
     reached = f"{found.status[image].value} after {counted(found.iterations[image], 'iteration')}"
     if found.relative_gap is None:
         return reached
-    return f"{reached}, relative gap {found.relative_gap[image]:.2g}"
+    gap = found.relative_gap[image]
+    if np.isnan(gap):  # the exact loss, where nothing is proved
+        return f"{reached}, the landmarks are missed by {found.residual[image]:.2g} of their spread"
+    return f"{reached}, relative gap {gap:.2g}"
