@@ -85,7 +85,7 @@ class Hdf5Writer:
             self._datasets[name] = self._extendable(name, values)
         for dataset in self._form.datasets:
             value = getattr(record, dataset.attribute)
-            if value is not None and not dataset.per_item:
+            if value is not None and not dataset.grows:
                 self._whole(dataset.name, _in_file(dataset, value))
         for name, value in self._extras(record).whole.items():
             self._whole(name, _storable(value)).attrs[PER_ITEM_FLAG] = False
@@ -110,7 +110,7 @@ class Hdf5Writer:
         """
         rows = {
             dataset.name: _in_file(dataset, getattr(record, dataset.attribute))
-            for dataset in self._form.per_item
+            for dataset in self._form.growing
             if getattr(record, dataset.attribute) is not None
         }
         whole = set() if self._first is None else set(self._extras(self._first).whole)
@@ -151,6 +151,7 @@ class Hdf5Writer:
 def _in_file(dataset: Dataset, value: Any) -> Array:
     """Return a field of a record as it stands in the file: one point a row."""
     array = np.asarray(value, object) if dataset.kind == "text" else _storable(np.asarray(value))
+    array = array.astype(dataset.stored) if dataset.stored else array
     return array.swapaxes(-1, -2) if dataset.points else array
 
 

@@ -34,8 +34,7 @@ def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary, threads: i
         raise input_error(KEY, found, "learn the dictionary from more models")
 
     def lift_without(images: LandmarkSet, whole: Dictionary) -> Lifting:
-        items = find_items(images, dataset)
-        items[~find_known(items, whole)] = ""
+        items = find_left_out(images, dataset, whole)
 
         def lift_group(rows: NDArray[np.intp]) -> Group:
             item = str(items[rows[0]])
@@ -88,6 +87,13 @@ class Strangers:
 def find_items(images: LandmarkSet, dataset: str) -> NDArray[np.str_]:
     """Return the item that the dataset names for each image (n,); raises as `named_items`."""
     return np.array(named_items(images.items, images.extras, dataset, KEY, KEY), dtype=str)
+
+
+def find_left_out(images: LandmarkSet, dataset: str, dictionary: Dictionary) -> NDArray[np.str_]:
+    """Return the item (n,) whose atoms the fit of each image does without, '' for none."""
+    items = find_items(images, dataset)
+    items[~find_known(items, dictionary)] = ""
+    return items
 
 
 def find_known(items: NDArray[np.str_], dictionary: Dictionary) -> NDArray[np.bool_]:

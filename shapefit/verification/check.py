@@ -1,0 +1,66 @@
+"""One claim of a result about many images, and by how much they miss it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Check:
+    """How far n images are from what a claim says: `off` (n,) may be at most `allowed` (n,).
+
+    An `off` that is nan misses every claim. `made` (n,) are the images of which the claim is made.
+    """
+
+    claim: str
+    off: Floats
+    allowed: Floats
+    made: Flags
+
+    @property
+    def missed(self) -> Flags:
+        """The images (n,) that the claim is made of and does not hold for."""
+        missed: Flags = self.made & ~(self.off <= self.allowed)
+        return missed
+
+    def reason(self, image: int) -> str:
+        """Say how one image misses the claim."""
+        return (
+            f"{self.claim}: off by {self.off[image]:.2g}, rounding allows {self.allowed[image]:.1g}"
+        )
+
+    def of_images(self, rows: NDArray[np.intp], count: int) -> Check:
+        """Return the check of `count` images, of which these were the images `rows`."""
+        off, allowed = np.zeros(count), np.zeros(count)
+        made = np.zeros(count, dtype=bool)
+        off[rows], allowed[rows], made[rows] = self.off, self.allowed, self.made
+        return Check(self.claim, off, allowed, made)
+
+
+def check(claim: str, off: Floats, allowed: Floats | float, made: Flags | None = None) -> Check:
+    """Return the check of differences (n, ...), each allowed so much; the worst of an image counts.
+
+    `made` None is all images.
+    """
+    n = len(off)
+    allowed = np.broadcast_to(np.asarray(allowed, dtype=float), off.shape).reshape(n, -1)
+    off = off.reshape(n, -1)
+    if off.shape[1] > 1:
+        with np.errstate(invalid="ignore"):
+            excess = off - allowed
+        worst = np.where(np.isnan(excess), np.inf, excess).argmax(axis=1)[:, None]
+        off, allowed = (np.take_along_axis(values, worst, axis=1) for values in (off, allowed))
+    if made is None:
+        made = np.ones(n, dtype=bool)
+    return Check(claim, off[:, 0], np.array(allowed[:, 0]), made)
+
+
+def per_image(values: Floats, like: Floats) -> Floats:
+    """Return values (n,) with axes of length 1 after them, to go with an array (n, ...)."""
+    return values.reshape(-1, *(1,) * (like.ndim - 1))
