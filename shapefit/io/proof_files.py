@@ -14,6 +14,9 @@ from shapefit.io.layout import RESULTS, TRANSFORM_COUNT
 from shapefit.io.records import ResultSet
 from shapefit.io.sources import is_hdf5
 
+UNNEEDED = ("sequence", "iterations", "mesh_vertices")
+"""Datasets that nothing is claimed of."""
+
 
 class ProofFile:
     """The results of an HDF5 file, with their proofs: `chunks` gives them out in order."""
@@ -44,10 +47,11 @@ class ProofFile:
     def chunks(self, size: int) -> Iterator[ResultSet]:
         """Give out the results, `size` at a time."""
         counted = [dataset for dataset in RESULTS.datasets if dataset.counted_by]
+        unneeded = [dataset for dataset in RESULTS.datasets if dataset.name in UNNEEDED]
         begin = 0
         for start in range(0, self.count, size):
             rows = slice(start, min(start + size, self.count))
-            fields = self._reader.fields(rows, without=counted)
+            fields = self._reader.fields(rows, without=counted + unneeded)
             counts = fields[TRANSFORM_COUNT.attribute]
             if counts is not None:
                 end = begin + self._total(counts, rows)

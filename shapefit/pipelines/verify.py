@@ -33,7 +33,7 @@ from shapefit.verification.terms import Terms, lacks_proof, read_terms
 Chunk = tuple[ResultSet, LandmarkSet | None]
 """Results, with the landmarks of the same images where they are given."""
 
-CHUNK_BYTES = 1 << 20
+CHUNK_BYTES = 1 << 23
 """Of the transforms of all atoms, of the images that are checked together."""
 
 FEWEST, MOST = 64, 4096

@@ -48,19 +48,17 @@ def check(claim: str, off: Floats, allowed: Floats | float, made: Flags | None =
 
     `made` None is all images.
     """
-    n = len(off)
-    allowed = np.broadcast_to(np.asarray(allowed, dtype=float), off.shape).reshape(n, -1)
+    n, shape = len(off), off.shape
     off = off.reshape(n, -1)
-    if off.shape[1] > 1:
+    allowed = np.asarray(allowed, dtype=float)
+    if allowed.size <= max(n, 1) and off.shape[1] > 1:
+        off, allowed = off.max(axis=1), allowed.reshape(-1)  # nan where one is
+    else:
+        allowed = np.broadcast_to(allowed, (n, *shape[1:])).reshape(n, -1)
         with np.errstate(invalid="ignore"):
             excess = off - allowed
         worst = np.where(np.isnan(excess), np.inf, excess).argmax(axis=1)[:, None]
-        off, allowed = (np.take_along_axis(values, worst, axis=1) for values in (off, allowed))
+        off, allowed = (np.take_along_axis(x, worst, axis=1)[:, 0] for x in (off, allowed))
     if made is None:
         made = np.ones(n, dtype=bool)
-    return Check(claim, off[:, 0], np.array(allowed[:, 0]), made)
-
-
-def per_image(values: Floats, like: Floats) -> Floats:
-    """Return values (n,) with axes of length 1 after them, to go with an array (n, ...)."""
-    return values.reshape(-1, *(1,) * (like.ndim - 1))
+    return Check(claim, off, np.array(np.broadcast_to(allowed, n)), made)

@@ -28,7 +28,7 @@ from shapefit.verification.reconstruction import (
     check_proper,
 )
 from shapefit.verification.terms import CONVEX, Terms
-from shapefit.verification.transforms import Atoms, Transforms, combine
+from shapefit.verification.transforms import Atoms, Transforms
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -130,9 +130,9 @@ class _Claims:
         total = M.total(M.norms)
         T = self.stated("convex_translation")
         turned, doubt = M.completed(orthogonal=terms.orthogonal and terms.is_program)
-        S = combine(turned, self.atoms)
+        S = M.combine(turned, self.atoms)
         replaced = terms.orthogonal and terms.is_program
-        X = M.projections(self.atoms) if replaced else S[:, :2]
+        X = M.combine(M.blocks, self.atoms) if replaced else S[:, :2]
         r, error = residual(images, X, T, total, self.atoms)
         P = objective(images, r, error, total, terms.loss, terms.beta)
         gap, left = gap_of(P, D), relative_residual(images, r, error)
@@ -182,7 +182,7 @@ class _Claims:
             check("coefficients follow from the transforms", c, (factor * total)[:, None]),
             *check_place(images, scale, translation, Value(T, np.zeros(len(T)))),
             *check_nearest(
-                self.stated("rotation"), turned.sum(axis=2), total, factor * (total + doubt)
+                self.stated("rotation"), M.total(turned), total, factor * (total + doubt)
             ),
             *self._check_shapes(shapes, scale, translation),
         ]

@@ -72,35 +72,32 @@ class Transforms:
         return c
 
     def total(self, values: Floats) -> Floats:
-        """Sum over the transforms of each image: (n,) of values (a,)."""
-        sums = np.bincount(self.image, weights=values, minlength=self.images)
-        return sums.astype(np.float64)
+        """Sum over the transforms of each image: (n, ...) of values (a, ...)."""
+        sums = np.zeros((self.images, *values.shape[1:]))
+        counts = np.bincount(self.image, minlength=self.images)
+        some = counts > 0
+        if some.any():
+            sums[some] = np.add.reduceat(values, (np.cumsum(counts) - counts)[some], axis=0)
+        return sums
 
     def completed(self, *, orthogonal: bool) -> tuple[Floats, Floats]:
-        """c_i R_i for all atoms (n, 3, k, 3), and a bound (n,) on what `orthogonal` adds to errors.
+        """c_i R_i (a, 3, 3), and a bound (n,) on what `orthogonal` adds to their errors.
 
         The rows of M_i and their cross product over c_i; where `orthogonal` c_i times the nearest
         orthonormal rows and theirs. These are as ill determined as s1 / s2 of M_i is large: the
         bound is sum_i c_i s1 / s2, at most 2 c_i / u, which is all there is.
         """
-        rows, doubt = self.blocks, np.zeros(len(self.norms))
+        rows, doubt = self.blocks, np.zeros(self.images)
         if orthogonal:
             rows, condition = polar_rows(self.blocks, self.norms)
-            doubt = self.norms * np.minimum(condition, MOST_CONDITION)
-        turned = np.zeros((self.images, 3, self.atoms, 3))
-        turned[self.image, :2, self.atom] = rows
-        turned[self.image, 2, self.atom] = third_rows(rows, self.norms)
-        return turned, self.total(doubt)
+            doubt = self.total(self.norms * np.minimum(condition, MOST_CONDITION))
+        third = third_rows(rows, self.norms)
+        return np.concatenate([rows, third[:, None]], axis=1), doubt
 
-    def projections(self, atoms: Atoms) -> Floats:
-        """sum_i M_i B_i (n, 2, p)."""
-        dense = np.zeros((self.images, 2, self.atoms, 3))
-        dense[self.image, :, self.atom] = self.blocks
-        return combine(dense, atoms)
-
-
-def combine(turned: Floats, atoms: Atoms) -> Floats:
-    """sum_i T_i B_i (n, d, p) of transforms T (n, d, k, 3)."""
-    n, d, k, _ = turned.shape
-    shapes: Floats = turned.reshape(n * d, 3 * k) @ atoms.rows
-    return shapes.reshape(n, d, -1)
+    def combine(self, turned: Floats, atoms: Atoms) -> Floats:
+        """sum_i T_i B_i (n, d, p) of transforms T (a, d, 3) of the same atoms."""
+        d = turned.shape[1]
+        dense = np.zeros((self.images, d, self.atoms, 3))
+        dense[self.image, :, self.atom] = turned
+        shapes: Floats = dense.reshape(self.images * d, 3 * self.atoms) @ atoms.rows
+        return shapes.reshape(self.images, d, -1)
