@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,12 +50,12 @@ def check(claim: str, off: Floats, allowed: Floats | float, made: Flags | None =
     `made` None is all images.
     """
     n, shape = len(off), off.shape
-    off = off.reshape(n, -1)
+    off = off.reshape(n, math.prod(shape[1:]))
     allowed = np.asarray(allowed, dtype=float)
     if allowed.size <= max(n, 1) and off.shape[1] > 1:
         off, allowed = off.max(axis=1), allowed.reshape(-1)  # nan where one is
     else:
-        allowed = np.broadcast_to(allowed, (n, *shape[1:])).reshape(n, -1)
+        allowed = np.broadcast_to(allowed, (n, *shape[1:])).reshape(off.shape)
         with np.errstate(invalid="ignore"):
             excess = off - allowed
         worst = np.where(np.isnan(excess), np.inf, excess).argmax(axis=1)[:, None]

@@ -54,9 +54,7 @@ class Terms:
     @property
     def has_one_rotation(self) -> bool:
         """Whether the shapes are R sum_i c_i B_i with the rotation and coefficients stored."""
-        return self.method in (*REFINED, *LOCAL) or (
-            self.perspective and self.method in (CONVEX, *REFINED, *LOCAL)
-        )
+        return self.perspective or self.method in (*REFINED, *LOCAL)
 
     @property
     def bound(self) -> float:
