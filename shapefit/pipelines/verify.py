@@ -34,9 +34,9 @@ Chunk = tuple[ResultSet, LandmarkSet | None]
 """Results, with the landmarks of the same images where they are given."""
 
 CHUNK_BYTES = 1 << 23
-"""Of the transforms of all atoms, of the images that are checked together."""
+"""Of the largest arrays of the images that are checked together."""
 
-FEWEST, MOST = 64, 4096
+FEWEST, MOST = 16, 4096
 """Images that are checked together."""
 
 
@@ -60,7 +60,7 @@ def run(request: Request) -> Generator[Outcome, None, None]:
     with open_proofs(request.result) as results:
         terms = read_terms(results.attributes, request.result)
         atoms = arrange_atoms(results, dictionary, request)
-        false = false_inputs(results.attributes, request.dictionary, request.landmarks)
+        false = false_inputs(results.attributes, terms, request.dictionary, request.landmarks)
         yield Outcome(failures=tuple(Failure(*one) for one in false))
 
         def verify(result: ResultSet, images: LandmarkSet | None) -> list[Check]:
@@ -92,7 +92,8 @@ def read_chunks(
     results: ProofFile, atoms: np.ndarray, terms: Terms, request: Request
 ) -> Iterator[Chunk]:
     """Give out the results, with the landmarks of the same images where they are given."""
-    size = min(max(CHUNK_BYTES // (atoms.shape[0] * 72), FEWEST), MOST)
+    k, _, p = atoms.shape
+    size = min(max(CHUNK_BYTES // (72 * k + 96 * p), FEWEST), MOST)
     if not request.landmarks:
         for result in results.chunks(size):
             yield require_proof(result, terms, request.result), None

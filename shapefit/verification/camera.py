@@ -29,8 +29,8 @@ def check_camera(
     scale is the geometric mean of focal / depth at t, translation where t is seen.
     """
     t, focal, centre = (
-        needed(result, name, file)[rows].astype(float)
-        for name in ("camera_translation", "focal", "principal_point")
+        needed(result, name, file, size)[rows]
+        for name, size in (("camera_translation", 3), ("focal", 2), ("principal_point", 2))
     )
     sign = 1.0 if result.y_axis == "down" else -1.0
     depth = sign * t[:, 2]

@@ -16,7 +16,8 @@ Flags = NDArray[np.bool_]
 class Check:
     """How far n images are from what a claim says: `off` (n,) may be at most `allowed` (n,).
 
-    An `off` that is nan misses every claim. `made` (n,) are the images of which the claim is made.
+    An `off` that is nan misses every claim, and what cannot be bounded allows nothing. `made` (n,)
+    are the images of which the claim is made.
     """
 
     claim: str
@@ -27,8 +28,8 @@ class Check:
     @property
     def missed(self) -> Flags:
         """The images (n,) that the claim is made of and does not hold for."""
-        missed: Flags = self.made & ~(self.off <= self.allowed)
-        return missed
+        holds = (self.off <= self.allowed) & np.isfinite(self.allowed)
+        return np.asarray(self.made & ~holds)
 
     def reason(self, image: int) -> str:
         """Say how one image misses the claim."""

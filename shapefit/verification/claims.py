@@ -51,6 +51,17 @@ def verify_images(
     atoms (k, 3, p) of its dictionary, and the training shapes that they are, where they are such.
     Raises InputError where the file lacks what every result has, or contradicts itself in sizes.
     """
+    with np.errstate(all="ignore"):  # what is not finite holds for nothing
+        return _verify(result, atoms, atom_items, terms, file)
+
+
+def _verify(
+    result: ResultSet,
+    atoms: Floats,
+    atom_items: Sequence[str] | None,
+    terms: Terms,
+    file: Path,
+) -> list[Check]:
     scale = _stated(result, "scale", file)
     rows = np.flatnonzero(np.isfinite(scale))
     images = read_images(result, rows, terms, file)
@@ -115,14 +126,18 @@ class _Claims:
         assert r.transform_count is not None
         assert r.transform_atom is not None
         assert r.active_transforms is not None
-        counts = r.transform_count[self.rows]
-        if counts.sum() != len(r.transform_atom):
-            found = "transforms of an image without a shape"
-            raise input_error(self.file, found, "give a result that `shapefit fit` wrote")
         if ((r.transform_atom < 0) | (r.transform_atom >= self.atoms.count)).any():
             found = f"transforms of atoms that are not among the {self.atoms.count}"
             raise input_error(self.file, found, "give the dictionary of the fit")
-        return Transforms.of(r.active_transforms, r.transform_atom, counts, self.atoms.count)
+        fitted = np.zeros(len(r), dtype=bool)
+        fitted[self.rows] = True
+        mine = np.repeat(fitted, r.transform_count)
+        return Transforms.of(
+            r.active_transforms[mine],
+            r.transform_atom[mine],
+            r.transform_count[self.rows],
+            self.atoms.count,
+        )
 
     def _check_program(self, M: Transforms, D: Value) -> list[Check]:
         """Check objective, gap and status, and what is made of the transforms."""
@@ -229,7 +244,9 @@ class _Claims:
 
     def _check_outliers(self, r: Floats, error: Floats) -> Check:
         """Check that outliers are the landmarks with a weighted residual beyond beta."""
-        labelled = needed(self.result, "outliers", self.file)[self.rows].astype(bool)
+        labelled = needed(self.result, "outliers", self.file, self.images.weights.shape[1])[
+            self.rows
+        ].astype(bool)
         beyond = np.abs(r).max(axis=1) - self.terms.beta
         allowed = self.images.weights * error[:, None] + self.images.factor[:, None]
         off = np.where(self.images.weights > 0, np.where(labelled, -beyond, beyond), 0.0)
@@ -334,7 +351,7 @@ def _find_kept(
     if atom_items is None:
         found = f"models were left out (`leave_out: {terms.left_out}`)"
         raise input_error(file, found, "give the dictionary of the fit, whose atoms have items")
-    left_out = needed(result, HIDDEN, file)[rows].astype(str)
+    left_out = needed(result, HIDDEN, file, text=True)[rows]
     return left_out[:, None] != np.array(atom_items, dtype=str)
 
 
@@ -345,12 +362,11 @@ def _check_left_out(
     if terms.left_out == "item":
         named = np.array(result.items, dtype=str)[rows]
     else:
-        carried = result.extras.get(f"input_{terms.left_out}")
-        if carried is None:
-            carried = needed(result, terms.left_out, file)
-        named = carried[rows].astype(str)
+        renamed = f"input_{terms.left_out}"
+        name = renamed if renamed in result.extras else terms.left_out
+        named = needed(result, name, file, text=True)[rows]
     named = np.where(np.isin(named, np.array(atom_items, dtype=str)), named, "")
-    stated = needed(result, HIDDEN, file)[rows].astype(str)
+    stated = needed(result, HIDDEN, file, text=True)[rows]
     return _flagged("left_out is the item that the image shows", stated == named)
 
 
@@ -365,7 +381,9 @@ def _check_words(result: ResultSet, fitted: Flags, terms: Terms, file: Path) -> 
 
 
 def _check_absence(result: ResultSet, fitted: Flags) -> Check:
-    """Check that images without a scale have no shape, and the others do."""
+    """Check that images without a scale have no shape and no transform, and the others a shape."""
     whole = np.isfinite(result.shapes).all(axis=(1, 2))
     empty = np.isnan(result.shapes).all(axis=(1, 2))
+    if result.transform_count is not None:
+        empty &= result.transform_count == 0
     return _flagged("a shape is whole or absent", np.where(fitted, whole, empty))

@@ -55,14 +55,15 @@ def read_images(result: ResultSet, rows: NDArray[np.intp], terms: Terms, file: P
     unseen or was set aside before the fit. The points have their centroid, over visible ones, at
     0 and a mean over coordinates of 1 of the standard deviations.
     """
-    raw = needed(result, "landmarks", file)[rows].astype(float).swapaxes(1, 2)
+    p = len(result.landmark_names)
+    raw = needed(result, "landmarks", file, p, 2)[rows].swapaxes(1, 2)
     seen = np.isfinite(raw).all(axis=1)
     weights = seen.astype(float)
     if "confidence" in result.extras:
-        weights *= np.where(seen, result.extras["confidence"][rows], 0.0)
+        weights *= np.where(seen, needed(result, "confidence", file, p)[rows], 0.0)
     labelled = np.zeros(seen.shape, dtype=bool)
     if "outliers" in result.extras:
-        labelled = np.asarray(result.extras["outliers"][rows], dtype=bool)
+        labelled = needed(result, "outliers", file, p)[rows] != 0
     if terms.searched:
         weights = np.where(labelled, 0.0, weights)
     if terms.loss == "exact":
@@ -88,17 +89,25 @@ def read_images(result: ResultSet, rows: NDArray[np.intp], terms: Terms, file: P
         inliers=np.where(labelled, 0.0, weights),
         centroid=centroid,
         size=size,
-        lam=needed(result, "lambda", file)[rows].astype(float),
+        lam=needed(result, "lambda", file)[rows],
         extent=extent,
         factor=factor,
         points_error=error,
     )
 
 
-def needed(result: ResultSet, name: str, file: Path) -> NDArray[Any]:
-    """Return a dataset with a row an image that every result of a fit has."""
+def needed(
+    result: ResultSet, name: str, file: Path, *shape: int, text: bool = False
+) -> NDArray[Any]:
+    """Return a dataset (n, *shape) that every such result of a fit has, of numbers or of texts.
+
+    Raises InputError where it is absent, or otherwise.
+    """
+    fix = "give a result that `shapefit fit` wrote"
     values = result.extras.get(name)
-    if values is None or len(values) != len(result):
-        found = f"there is no dataset '{name}' with a row for each image"
-        raise input_error(file, found, "give a result that `shapefit fit` wrote")
-    return values
+    if values is None:
+        raise input_error(file, f"there is no dataset '{name}'", fix)
+    if values.shape != (len(result), *shape) or (values.dtype.kind not in "biuf") != text:
+        found = f"holds {values.dtype} of the shape {values.shape}"
+        raise input_error(f"{file}:/{name}", found, fix)
+    return values.astype(str) if text else values.astype(float)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 
 from shapefit.io import LandmarkSet, ResultSet, digest
 from shapefit.verification.check import Check, check
+from shapefit.verification.terms import Terms
 
 UNKNOWN = "stream"
 """Stands for the digest of what could not be read twice."""
@@ -24,8 +24,9 @@ def check_landmarks(result: ResultSet, images: LandmarkSet) -> list[Check]:
         seen = seen & (images.confidence > 0)
     expected = np.where(seen[..., None], images.landmarks.swapaxes(1, 2), np.nan)
     stated = np.asarray(result.extras.get("landmarks", np.full_like(expected, np.nan)))
+    with np.errstate(invalid="ignore", over="ignore"):
+        off = np.where(np.isnan(stated) & np.isnan(expected), 0.0, np.abs(stated - expected))
     same = np.array(result.items, dtype=object) == np.array(images.items, dtype=object)
-    off = np.where(np.isnan(stated) & np.isnan(expected), 0.0, np.abs(stated - expected))
     checks = [
         check("items are those of the file", np.where(same, 0.0, np.inf), 0.0),
         check("landmarks are those of the file", off, 0.0),
@@ -38,27 +39,24 @@ def check_landmarks(result: ResultSet, images: LandmarkSet) -> list[Check]:
 
 
 def false_inputs(
-    attributes: Mapping[str, Any], dictionary: Path, landmarks: Sequence[Path]
+    attributes: Mapping[str, Any], terms: Terms, dictionary: Path, landmarks: Sequence[Path]
 ) -> list[tuple[str, str]]:
     """Return each input, or the config, that is not the one the result was made from, and why.
 
     The result names its inputs with their SHA-256; without one there is nothing to compare.
     """
-    config_text = str(attributes["config"])
-    config = json.loads(config_text)
-    recorded = dict(json.loads(str(attributes.get("inputs", "{}"))))
     wrong: list[tuple[str, str]] = []
     stated = attributes.get("config_digest")
-    if stated is not None and stated != config_digest(config_text):
+    if stated is not None and stated != config_digest(str(attributes["config"])):
         wrong.append(("config", "is not the one that the digest was taken of"))
-    pairs = [(dictionary, config["dictionary"])]
+    pairs = [(dictionary, terms.dictionary)]
     if landmarks:
-        if len(landmarks) != len(config["landmarks"]):
-            found = f"the fit had {len(config['landmarks'])} files of landmarks"
+        if len(landmarks) != len(terms.landmarks):
+            found = f"the fit had {len(terms.landmarks)} files of landmarks"
             wrong.append((str(landmarks[0]), found))
-        pairs += zip(landmarks, config["landmarks"], strict=False)
+        pairs += zip(landmarks, terms.landmarks, strict=False)
     for path, name in pairs:
-        known, found = recorded.get(str(name), UNKNOWN), digest(path)
+        known, found = terms.inputs.get(name, UNKNOWN), digest(path)
         if UNKNOWN not in (known, found) and known != found:
             reason = f"is not the file of the fit, {name}: the digests differ"
             wrong.append((str(path), f"{reason} ({found[:12]}... and {known[:12]}...)"))

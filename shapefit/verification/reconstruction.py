@@ -61,7 +61,8 @@ def check_nearest(rotation: Floats, total: Floats, size: Floats, error: Floats) 
     skew = np.abs(H - H.swapaxes(1, 2))
     H = np.where(np.isfinite(H), (H + H.swapaxes(1, 2)) / 2, 0.0)
     trace = np.trace(H, axis1=1, axis2=2)
-    least = np.linalg.eigvalsh(trace[:, None, None] * np.eye(3) - H)[:, 0]
+    sums = trace[:, None, None] * np.eye(3) - H
+    least = np.linalg.eigvalsh(np.where(np.isfinite(sums), sums, 0.0))[:, 0]
     absent = np.where(np.isnan(rotation).all(axis=(1, 2)), 0.0, np.inf)
     return [
         check("rotation is absent without transforms", absent, 0.0, ~turned),

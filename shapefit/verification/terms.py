@@ -25,7 +25,8 @@ class Terms:
     method, loss, beta and tolerance as in the config; lam None where it is `auto`; orthogonal: the
     transforms were replaced by nearest rotations; left_out: the dataset that names the atoms left
     out, '' for none; searched: outliers were looked for before the fit; perspective: refined under
-    a camera; depths: refined along sequences; by_change: solved to a stop of the changes.
+    a camera; depths: refined along sequences; by_change: solved to a stop of the changes; path:
+    solved along lambdas; dictionary and landmarks: the files of the fit; inputs: their digests.
     """
 
     method: str
@@ -40,6 +41,9 @@ class Terms:
     depths: bool
     by_change: bool
     path: bool
+    dictionary: str
+    landmarks: tuple[str, ...]
+    inputs: Mapping[str, str]
 
     @property
     def has_program(self) -> bool:
@@ -89,9 +93,13 @@ def read_terms(attributes: Mapping[str, Any], file: Path) -> Terms:
             depths=bool(config["temporal"]["depths"]),
             by_change=config["solver"]["stop"] == "change",
             path=bool(config["path"]),
+            dictionary=str(config["dictionary"]),
+            landmarks=tuple(map(str, config["landmarks"])),
+            inputs=dict(json.loads(str(attributes.get("inputs", "{}")))),
         )
     except (KeyError, TypeError, ValueError) as error:
-        found = f"its attribute `config` is not that of a fit ({type(error).__name__}: {error})"
+        wrong = f"{type(error).__name__}: {error}"
+        found = f"its attributes `config` and `inputs` are not those of a fit ({wrong})"
         raise input_error(file, found, fix) from None
 
 

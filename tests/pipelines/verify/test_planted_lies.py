@@ -201,6 +201,47 @@ def test_a_changed_config_is_found(fitted, changed, verify, dictionaries):
     assert list(found.failures) == ["config"]
 
 
+CLAIMED = [
+    *("objective", "dual", "convex_translation", "active_transforms", "coefficients", "shapes"),
+    *("rotation", "translation", "scale", "landmarks", "landmarks_fitted", "lambda", "residual"),
+]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300])
+@pytest.mark.parametrize("name", CLAIMED)
+def test_numbers_that_are_none_hold_for_nothing(
+    fitted, changed, verify, dictionaries, item_of, name, value
+):
+    honest = fitted("people", loss="sparse-error")
+
+    def spoil(file):
+        first = int(file["transform_count"][:IMAGE].sum())
+        file[name][first if name == "active_transforms" else IMAGE] = value
+
+    found = verify(changed(honest, spoil), dictionaries["people"], [])
+    assert list(found.failures) == [item_of(honest, IMAGE)]
+
+
+@pytest.mark.parametrize("name", ["landmarks", "lambda", "residual", "outliers"])
+def test_a_dataset_of_another_shape_is_refused(fitted, changed, verify, dictionaries, name):
+    def reshape(file):
+        values = file[name][()]
+        del file[name]
+        file[name] = np.repeat(values[:, None], 2, axis=1)
+
+    with pytest.raises(InputError, match=rf"/{name}: holds .* of the shape"):
+        verify(changed(fitted("people", loss="l1"), reshape), dictionaries["people"])
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "no", '{"method": "convex"}'])
+def test_a_config_that_is_none_is_refused(fitted, changed, verify, dictionaries, text):
+    def spoil(file):
+        file.attrs["config"] = text
+
+    with pytest.raises(InputError, match="are not those of a fit"):
+        verify(changed(fitted("people"), spoil), dictionaries["people"])
+
+
 class TestModelsLeftOut:
     def keys(self):
         return {"lam": 1.0, "leave_out": "true_model"}
