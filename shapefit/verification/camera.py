@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.io import ResultSet
 from shapefit.verification.check import Check, check
-from shapefit.verification.images import needed
 from shapefit.verification.program import Value
+from shapefit.verification.subject import Subject
 
 Floats = NDArray[np.float64]
 
 
-def check_camera(
-    result: ResultSet,
-    rows: NDArray[np.intp],
-    S: Value,
-    factor: Floats,
-    extent: Floats,
-    file: Path,
-) -> list[Check]:
+def check_camera(subject: Subject, S: Value) -> list[Check]:
     """Check scale, translation and fitted landmarks under u = centre + focal X_xy / (sign X_z).
 
     X = S + t, for shapes S (n, 3, p) in the frame of the camera and t the camera's translation.
     scale is the geometric mean of focal / depth at t, translation where t is seen.
     """
     t, focal, centre = (
-        needed(result, name, file, size)[rows]
+        subject.stated_extra(name, size)
         for name, size in (("camera_translation", 3), ("focal", 2), ("principal_point", 2))
     )
-    sign = 1.0 if result.y_axis == "down" else -1.0
+    factor, extent = subject.images.factor, subject.images.extent
+    sign = 1.0 if subject.result.y_axis == "down" else -1.0
     depth = sign * t[:, 2]
     scale = np.sqrt(focal[:, 0] * focal[:, 1]) / depth
     origin = centre + focal * t[:, :2] / depth[:, None]
@@ -44,20 +35,19 @@ def check_camera(
     error = (S.error[:, None] + factor[:, None] * far) / np.abs(z)
     ray = focal[..., None] * (error[:, None] * (1 + np.abs(along)))
     pixel = (factor * (extent + np.abs(centre).max(axis=1)))[:, None]
-    assert result.scale is not None
-    assert result.translation is not None
-    assert result.landmarks_fitted is not None
     at_origin = focal * (1 + np.abs(t[:, :2]) / depth[:, None])
     return [
-        check("scale follows from the camera", np.abs(result.scale[rows] - scale), factor * scale),
+        check(
+            "scale follows from the camera", np.abs(subject.stated("scale") - scale), factor * scale
+        ),
         check(
             "translation follows from the camera",
-            np.abs(result.translation[rows] - origin),
+            np.abs(subject.stated("translation") - origin),
             pixel + factor[:, None] * at_origin,
         ),
         check(
             "landmarks_fitted follow from the camera",
-            np.abs(result.landmarks_fitted[rows] - fitted),
+            np.abs(subject.stated("landmarks_fitted") - fitted),
             pixel[..., None] + ray,
         ),
     ]

@@ -64,3 +64,8 @@ def check(claim: str, off: Floats, allowed: Floats | float, made: Flags | None =
     if made is None:
         made = np.ones(n, dtype=bool)
     return Check(claim, off, np.array(np.broadcast_to(allowed, n)), made)
+
+
+def flagged(claim: str, holds: Flags) -> Check:
+    """Return the check of what holds or does not, with nothing between."""
+    return check(claim, np.where(holds, 0.0, np.inf), 0.0)

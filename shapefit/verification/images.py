@@ -74,15 +74,14 @@ def read_images(result: ResultSet, rows: NDArray[np.intp], terms: Terms, file: P
     centroid = W.sum(axis=2) / count
     centred = np.where(visible[:, None], W - centroid[..., None], 0.0)
     size = np.sqrt((centred**2).sum(axis=2) / count).mean(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        points = centred / size[:, None, None]
-        counted = np.zeros(len(rows), dtype=np.int64)
-        if result.transform_count is not None:
-            counted = result.transform_count[rows]
-        factor = rounding_factor(W.shape[2], counted)
-        extent = np.abs(W).max(axis=(1, 2))
-        reach = np.abs(points).max(axis=(1, 2))
-        error = factor * (extent / size * (1 + 2 * reach) + reach)
+    points = centred / size[:, None, None]
+    counted = np.zeros(len(rows), dtype=np.int64)
+    if result.transform_count is not None:
+        counted = result.transform_count[rows]
+    factor = rounding_factor(W.shape[2], counted)
+    extent = np.abs(W).max(axis=(1, 2))
+    reach = np.abs(points).max(axis=(1, 2))
+    error = factor * (extent / size * (1 + 2 * reach) + reach)
     return Images(
         points=points,
         weights=weights,

@@ -70,12 +70,11 @@ def relative_residual(images: Images, r: Floats, error: Floats) -> Value:
     """||r||_F over that of the points about their mean, both weighted; r as in `residual`."""
     square = images.weights**2
     norm = np.sqrt(square.sum(axis=1))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = np.einsum("nap,np->na", images.points, square) / (norm**2)[:, None]
-        centred = images.weights[:, None] * (images.points - mean[..., None])
-        whole = np.sqrt((centred**2).sum(axis=(1, 2)))
-        share = np.sqrt((r**2).sum(axis=(1, 2))) / whole
-        error = norm * (error + 2 * share * images.points_error) / whole + images.factor * share
+    mean = np.einsum("nap,np->na", images.points, square) / (norm**2)[:, None]
+    centred = images.weights[:, None] * (images.points - mean[..., None])
+    whole = np.sqrt((centred**2).sum(axis=(1, 2)))
+    share = np.sqrt((r**2).sum(axis=(1, 2))) / whole
+    error = norm * (error + 2 * share * images.points_error) / whole + images.factor * share
     return Value(share, error)
 
 
@@ -95,9 +94,8 @@ def dual_bound(
         norms = np.where(kept, norms, 0.0)
     largest = norms.max(axis=1)
     magnitude = np.sqrt((weighted**2).sum(axis=1)).sum(axis=1) * atoms.reach
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slack = 2 * factor * (magnitude / lam + 1)
-        checks = [check("the dual is feasible", largest / lam - 1, slack)]
+    slack = 2 * factor * (magnitude / lam + 1)
+    checks = [check("the dual is feasible", largest / lam - 1, slack)]
     unbalanced = np.abs(weighted.sum(axis=2))
     allowed = factor[:, None] * np.abs(weighted).sum(axis=2)
     checks.append(check("the dual is balanced", unbalanced, allowed))
@@ -118,9 +116,22 @@ def dual_bound(
 
 def gap_of(P: Value, D: Value) -> Value:
     """Return (P - D) / P; 0 where both are 0."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        gap = np.where((P.value == 0) & (D.value == 0), 0.0, (P.value - D.value) / P.value)
-        share = np.abs(D.value) / P.value
-        error = (P.error * share + D.error) / P.value
-        error = np.where((P.value == 0) & (D.value == 0), 0.0, error)
+    gap = np.where((P.value == 0) & (D.value == 0), 0.0, (P.value - D.value) / P.value)
+    share = np.abs(D.value) / P.value
+    error = (P.error * share + D.error) / P.value
+    error = np.where((P.value == 0) & (D.value == 0), 0.0, error)
     return Value(gap, error)
+
+
+def equal(claim: str, stated: Floats, found: Value) -> Check:
+    """Return the check that what is stated is what is found."""
+    return check(claim, np.abs(stated - found.value), found.error)
+
+
+def at_most(claim: str, found: Value, stated: Floats, must: Flags | None = None) -> Check:
+    """Return the check that what is found is at most what is stated.
+
+    nan states nothing; where an image `must` state something it is a claim that does not hold.
+    """
+    made = ~np.isnan(stated)
+    return check(claim, found.value - stated, found.error, made if must is None else made | must)

@@ -6,46 +6,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.verification.check import Check, check
-from shapefit.verification.images import Images
 from shapefit.verification.program import Value
+from shapefit.verification.subject import Subject
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-def check_place(images: Images, scale: Floats, translation: Floats, T: Value) -> list[Check]:
+def check_place(subject: Subject, T: Value) -> list[Check]:
     """Check that scale is the size (n,), and translation size x T + centroid, T (n, 2)."""
+    images, scale = subject.images, subject.stated("scale")
     rounding = 3 * images.factor * images.extent
     far = rounding + images.factor * images.size * (np.abs(T.value).max(axis=1) + 1)
-    expected = images.size[:, None] * T.value + images.centroid
+    off = np.abs(subject.stated("translation") - images.size[:, None] * T.value - images.centroid)
     return [
         check("scale follows from the landmarks", np.abs(scale - images.size), rounding),
-        check(
-            "translation follows from the fit",
-            np.abs(translation - expected),
-            (far + images.size * T.error)[:, None],
-        ),
+        check("translation follows from the fit", off, (far + images.size * T.error)[:, None]),
     ]
 
 
-def check_points(
-    claim: str,
-    stated: Floats,
-    shapes: Value,
-    scale: Floats,
-    translation: Floats,
-    factor: Floats,
-    made: Flags | None = None,
-) -> Check:
+def check_points(claim: str, stated: Floats, shapes: Value, subject: Subject) -> Check:
     """Check points (n, d, p) for scale x shapes + translation on x and y, as they are stored.
 
     The error of the shapes (n,) is before scaling.
     """
+    scale, translation = subject.stated("scale"), subject.stated("translation")
     expected = scale[:, None, None] * shapes.value[:, : stated.shape[1]]
     expected[:, :2] += translation[..., None]
     size = scale * np.abs(shapes.value).max(axis=(1, 2)) + np.abs(translation).max(axis=1)
-    allowed = scale * shapes.error + factor * size
-    return check(claim, np.abs(stated - expected), allowed[:, None, None], made)
+    allowed = scale * shapes.error + subject.images.factor * size
+    return check(claim, np.abs(stated - expected), allowed[:, None, None])
+
+
+def check_shapes(subject: Subject, shapes: Value) -> list[Check]:
+    """Check shapes and fitted landmarks; where depths were refined, x and y of the shapes."""
+    images, fitted, stated = (
+        subject.images, subject.stated("landmarks_fitted"), subject.stated("shapes")
+    )  # fmt: skip
+    claim = "landmarks_fitted follow from the fit"
+    checks = [check_points(claim, fitted, shapes, subject)]
+    if not subject.terms.depths:
+        return [*checks, check_points("shapes follow from the fit", stated, shapes, subject)]
+    W = images.size[:, None, None] * images.points + images.centroid[..., None]
+    expected = np.where(images.inliers[:, None] > 0, W, fitted)
+    allowed = (3 * images.factor * images.extent)[:, None, None]
+    claim = "x and y of the shapes are the landmarks seen"
+    return [*checks, check(claim, np.abs(stated[:, :2] - expected), allowed)]
 
 
 def check_nearest(rotation: Floats, total: Floats, size: Floats, error: Floats) -> list[Check]:
@@ -74,7 +80,6 @@ def check_nearest(rotation: Floats, total: Floats, size: Floats, error: Floats) 
 def check_proper(rotation: Floats, factor: Floats, made: Flags) -> Check:
     """Check that R (n, 3, 3) are rotations: R^T R = I and det R = +1."""
     gram = np.abs(rotation.swapaxes(1, 2) @ rotation - np.eye(3)).reshape(len(rotation), 9)
-    with np.errstate(invalid="ignore"):
-        handed = np.abs(np.linalg.det(rotation) - 1)[:, None]
+    handed = np.abs(np.linalg.det(rotation) - 1)[:, None]
     off = np.concatenate([gram, handed], axis=1)
     return check("rotation is a rotation", off, 4 * factor[:, None], made)
