@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from shapefit.verification.check import check
 from shapefit.verification.tally import Tally
@@ -21,8 +22,10 @@ def test_the_worst_of_an_image_counts():
     assert found.allowed[:2].tolist() == [0.0, 1.0]
 
 
-def test_an_unknown_allowance_allows_nothing():
-    assert check("c", np.zeros(1), np.full(1, np.nan)).missed.all()
+@pytest.mark.parametrize("unknown", [np.nan, np.inf])
+def test_an_unknown_allowance_allows_nothing(unknown):
+    assert check("c", np.zeros(1), np.full(1, unknown)).missed.all()
+    assert check("c", np.full(1, np.inf), np.full(1, unknown)).missed.all()
 
 
 def test_only_images_that_make_a_claim_can_miss_it():
