@@ -17,7 +17,8 @@ class Dataset:
     a row in the file (..., p, 3) and one a column in memory (..., 3, p). `field` names the field
     of the record. A "label" is text or an integer code. `counted_by` names the dataset that says
     how many rows of this one belong to each item, one item after the other. `stored` is the NumPy
-    type in the file where it is smaller than that in memory.
+    type in the file where it is smaller than that in memory; `sparse` numbers are mostly 0 and are
+    compressed there.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Dataset:
     points: bool = False
     field: str = ""
     counted_by: str = ""
+    sparse: bool = False
     stored: str = ""
 
     @property
@@ -68,6 +70,11 @@ class Format:
     def growing(self) -> tuple[Dataset, ...]:
         """Datasets that get longer with more items."""
         return tuple(dataset for dataset in self.datasets if dataset.grows)
+
+    @property
+    def sparse(self) -> frozenset[str]:
+        """Names of the datasets that are mostly 0."""
+        return frozenset(dataset.name for dataset in self.datasets if dataset.sparse)
 
     @property
     def names(self) -> frozenset[str]:
@@ -149,7 +156,7 @@ RESULTS = Format(
         _ITEM,
         Dataset("shapes", ("n", "p", 3), required=True, points=True),
         Dataset("landmarks_fitted", ("n", "p", 2), points=True),
-        Dataset("coefficients", ("n", "k")),
+        Dataset("coefficients", ("n", "k"), sparse=True),
         Dataset("rotation", ("n", 3, 3)),
         Dataset("translation", ("n", 2)),
         Dataset("scale", ("n",)),
