@@ -16,7 +16,7 @@ from shapefit.io.layout import RESULTS
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.pipelines.landmark_weights import find_seen
-from shapefit.pipelines.left_out import find_left_out
+from shapefit.pipelines.left_out_items import find_left_out
 
 if TYPE_CHECKING:
     from shapefit.lifting.path import Path
