@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -127,11 +127,17 @@ class Hdf5Reader:
         """Read a dataset per item from the start to the end, some thousand items at a time."""
         return (self.read(name, slice(row, row + BLOCK)) for row in range(0, self.count, BLOCK))
 
-    def fields(self, rows: slice = slice(None)) -> dict[str, Any]:
-        """Return these rows of all datasets of the format, by field of the record."""
+    def fields(
+        self, rows: slice = slice(None), *, without: Collection[Dataset] = ()
+    ) -> dict[str, Any]:
+        """Return these rows of all datasets of the format, by field of the record.
+
+        Datasets that are counted by another one come whole. Those in `without` are not read.
+        """
         return {
             dataset.attribute: self.read(dataset.name, rows if dataset.per_item else slice(None))
             for dataset in self.form.datasets
+            if dataset not in without
         }
 
     def extras(self, rows: slice = slice(None)) -> Extras:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import time
@@ -80,6 +81,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             method=config.method,
             version=__version__,
             config=config.as_json(),
+            config_digest=hashlib.sha256(config.as_json().encode()).hexdigest(),
             inputs=json.dumps(
                 {str(path): digest(path) for path in (*config.landmarks, config.dictionary)}
             ),
