@@ -10,7 +10,7 @@ import pytest
 
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
-from shapefit.convex.stretches import STRETCH
+from shapefit.core import STRETCH
 from shapefit.geometry.normalisation import normalise, spread
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.truncated import (

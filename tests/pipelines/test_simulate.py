@@ -85,7 +85,7 @@ def test_what_is_not_solved_fails_and_is_listed(config):
     cell, last = run(hopeless)
     assert len(cell.failures) == 8
     assert cell.failures[3].item == "p=15 z=2 trial 3"
-    assert cell.failures[3].reason.startswith("iteration limit after 1 iteration, relative gap ")
+    assert cell.failures[3].reason.startswith("iteration limit after 1 iteration, residual ")
     assert "p=15 z=2: 8" in last.note
     document = json.loads((config.output / "recovery.json").read_text("utf-8"))
     assert document["cells"][0]["unsolved"] == list(range(8))
