@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import importlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -26,12 +26,14 @@ def run_command(
     print_config: bool,
     arguments: Mapping[str, object],
     note_is_result: bool = False,
+    afterwards: Callable[[Report], None] | None = None,
 ) -> int:
     """Run `shapefit.pipelines.<pipeline>` with the config of `command`; return the exit code.
 
     With `print_config` the config is printed to stdout instead. `unit` is what the progress bar
     counts. Where `note_is_result` the last note is the result of the command, for stdout;
-    otherwise notes are states of the work, for the bar. Raises InputError on a wrong config.
+    otherwise notes are states of the work, for the bar. `afterwards` is called with the report when
+    all is done. Raises InputError on a wrong config.
     """
     # No plug-in has a say in the schema, and to look for them in all that is installed takes long.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
@@ -52,4 +54,6 @@ def run_command(
         click.echo(report.note)
     for line in report.lines(with_note=not note_is_result):
         tell(line)
+    if afterwards is not None:
+        afterwards(report)
     return report.exit_code

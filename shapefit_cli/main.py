@@ -24,6 +24,7 @@ from .simulate import simulate
 from .streams import occupy_closed_streams, output_fault, tell
 from .sweep import sweep
 from .verify import verify
+from .view import view
 
 INPUT_ERROR = 2
 INTERNAL_ERROR = 3
@@ -58,7 +59,7 @@ def commands() -> None:
     """
 
 
-for command in (learn_dict, project, fit, evaluate, simulate, sweep, verify):
+for command in (learn_dict, project, fit, evaluate, simulate, sweep, verify, view):
     commands.add_command(command)
 
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from shapefit.config.project import ProjectConfig
     from shapefit.config.simulate import SimulateConfig
     from shapefit.config.sweep import SweepConfig
+    from shapefit.config.view import ViewConfig
 
 __all__ = [
     "CONFIGS",
@@ -22,6 +23,7 @@ __all__ = [
     "ProjectConfig",
     "SimulateConfig",
     "SweepConfig",
+    "ViewConfig",
     "dump_config",
     "load_config",
 ]

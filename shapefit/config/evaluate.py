@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
@@ -11,7 +10,8 @@ from pydantic_core import PydanticCustomError
 
 from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists
-from shapefit.config.paths import InputPath, InputPaths, OutputPath, PathWords, expand_path
+from shapefit.config.named_files import NamedFiles
+from shapefit.config.paths import InputPath, InputPaths, OutputPath
 
 ErrorMetric = Literal["similarity", "camera", "rotation", "reprojection"]
 """Metrics of every fit."""
@@ -27,27 +27,6 @@ MOST_EXAMPLES = 20
 """Rows of a picture that a person still looks at."""
 
 _EXAMPLES = f"expected a whole number from 0 to {MOST_EXAMPLES} or a list of item names or globs"
-_RESULTS = "a path or glob, a list of them, or a mapping name -> path(s)"
-
-
-def _named(value: Any) -> Any:
-    """Give each file of a list its stem as name; a mapping has its names already."""
-    if isinstance(value, Mapping):
-        if not value:
-            raise ValueError(f"expected {_RESULTS}, found an empty mapping")
-        return dict(value)
-    patterns = value if isinstance(value, list | tuple) else [value]
-    if not patterns:
-        raise ValueError(f"expected {_RESULTS}, found an empty list")
-    named: dict[str, Path] = {}
-    for path in dict.fromkeys(file for pattern in patterns for file in expand_path(pattern)):
-        if path.stem in named:
-            raise ValueError(
-                f"{named[path.stem]} and {path} would both be called {path.stem!r}; "
-                "name them in the config, `results: {name: path}`"
-            )
-        named[path.stem] = path
-    return named
 
 
 def _number_or_names(value: Any) -> int | tuple[str, ...]:
@@ -77,11 +56,9 @@ class FloorsConfig(ConfigModel):
 class EvalConfig(CommandConfig):
     """Compare results with the truth."""
 
-    results: Annotated[Mapping[str, InputPaths], PathWords(_RESULTS), BeforeValidator(_named)] = (
-        Field(
-            description="Result files to compare, each under the name its row will have; in a "
-            "list, a file is called by its name without folder and ending."
-        )
+    results: NamedFiles = Field(
+        description="Result files to compare, each under the name its row will have; in a "
+        "list, a file is called by its name without folder and ending."
     )
     truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
     output: OutputPath = Field(description="Folder to write the report to.")

@@ -40,6 +40,7 @@ CONFIGS = Schemas(
         "project": "shapefit.config.project.ProjectConfig",
         "simulate": "shapefit.config.simulate.SimulateConfig",
         "sweep": "shapefit.config.sweep.SweepConfig",
+        "view": "shapefit.config.view.ViewConfig",
     }
 )
 

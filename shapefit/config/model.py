@@ -50,7 +50,7 @@ class CommandConfig(ConfigModel):
     @model_validator(mode="after")
     def _keeps_its_inputs(self) -> Self:
         """Refuse an output that would take the place of an input."""
-        output = getattr(self, "output", STANDARD_STREAM)
+        output = getattr(self, "output", None) or STANDARD_STREAM
         for _, path in self.inputs():
             if path != STANDARD_STREAM and os.path.realpath(path) == os.path.realpath(output):
                 raise ValueError(f"`output` would replace an input, {path}; name another file")

@@ -147,6 +147,18 @@ Folder = Annotated[
     BeforeValidator(lambda value: None if value is None else absolute_path(value)),
 ]
 
+OptionalPath = Annotated[
+    Path | None,
+    PathWords("a path"),
+    BeforeValidator(lambda value: None if value is None else absolute_path(value)),
+]
+
+OptionalInputPath = Annotated[
+    Path | None,
+    PathWords("a path"),
+    BeforeValidator(lambda value: None if value is None else _one_file(value)),
+]
+
 OutputPath = Annotated[Path, PathWords("a path"), BeforeValidator(absolute_path)]
 
 InputPath = Annotated[Path, PathWords("a path"), BeforeValidator(_one_file)]
@@ -157,5 +169,12 @@ InputPaths = Annotated[
     tuple[Annotated[Path, PlainValidator(expand_path)], ...],
     PathWords("a path or glob, or a list of them"),
     BeforeValidator(_as_tuple),
+    AfterValidator(_flat),
+]
+
+OptionalInputPaths = Annotated[
+    tuple[Annotated[Path, PlainValidator(expand_path)], ...],
+    PathWords("a path or glob, or a list of them"),
+    BeforeValidator(lambda value: tuple(value) if isinstance(value, list | tuple) else (value,)),
     AfterValidator(_flat),
 ]

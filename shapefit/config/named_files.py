@@ -1,0 +1,37 @@
+"""Files under names, such as those of the methods that are compared."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
+
+from shapefit.config.paths import InputPaths, PathWords, expand_path
+
+_EXPECTED = "a path or glob, a list of them, or a mapping name -> path(s)"
+
+
+def _named(value: Any) -> Any:
+    """Give each file of a list its stem as name; a mapping has its names already."""
+    if isinstance(value, Mapping):
+        if not value:
+            raise ValueError(f"expected {_EXPECTED}, found an empty mapping")
+        return dict(value)
+    patterns = value if isinstance(value, list | tuple) else [value]
+    if not patterns:
+        raise ValueError(f"expected {_EXPECTED}, found an empty list")
+    named: dict[str, Path] = {}
+    for path in dict.fromkeys(file for pattern in patterns for file in expand_path(pattern)):
+        if path.stem in named:
+            raise ValueError(
+                f"{named[path.stem]} and {path} would both be called {path.stem!r}; "
+                "name them in the config, `results: {name: path}`"
+            )
+        named[path.stem] = path
+    return named
+
+
+NamedFiles = Annotated[Mapping[str, InputPaths], PathWords(_EXPECTED), BeforeValidator(_named)]
+"""Names -> files; in a list, a file is called by its name without folder and ending."""

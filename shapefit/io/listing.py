@@ -1,0 +1,145 @@
+"""What a file holds, told without its numbers: kind, items, sequences, names of landmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from shapefit.errors import input_error
+from shapefit.io.landmark_files import open_landmarks
+from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Format
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.result_files import read_results
+from shapefit.io.shape_files import read_shapes
+from shapefit.io.sources import is_hdf5, is_stream
+
+Kind = Literal["result", "shapes", "landmarks"]
+Records = ResultSet | ShapeSet | LandmarkSet
+
+FORMATS: Mapping[str, tuple[Kind, Format]] = {
+    RESULTS.name: ("result", RESULTS),
+    SHAPES.name: ("shapes", SHAPES),
+    LANDMARKS.name: ("landmarks", LANDMARKS),
+}
+
+BLOCK = 16384
+"""Items that are read at a time."""
+
+
+@dataclass(frozen=True)
+class Listing:
+    """A file of results, shapes or landmarks: n items, and the root attributes.
+
+    y_axis is None for shapes; datasets are the names of all that an HDF5 file holds.
+    """
+
+    path: Path
+    kind: Kind
+    items: tuple[str, ...]
+    sequences: tuple[str, ...] | None
+    landmark_names: tuple[str, ...]
+    unit: str = UNKNOWN_UNIT
+    y_axis: Literal["up", "down"] | None = None
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+    datasets: frozenset[str] = frozenset()
+
+
+def list_file(path: Path) -> Listing:
+    """Tell what a file holds, by its content.
+
+    A CSV file with the column z is taken for a result: shapes in the frame of a camera. Raises
+    InputError for what is wrong with the file, for other kinds, and for standard input.
+    """
+    if is_stream(path):
+        found = "standard input can be read only once"
+        raise input_error("-", found, "save it to a file and name that")
+    if not is_hdf5(path):
+        return _list_table(path)
+    from shapefit.io.hdf5_reading import Hdf5Reader
+
+    kind, form = _kind_of(path)
+    with Hdf5Reader(path, form) as reader:
+        return Listing(
+            path=path,
+            kind=kind,
+            items=reader.read("item"),
+            sequences=reader.read("sequence"),
+            landmark_names=reader.landmark_names,
+            unit=reader.unit,
+            y_axis=None if kind == "shapes" else reader.y_axis,
+            attributes=reader.attributes,
+            datasets=_datasets(path),
+        )
+
+
+def read_chunks(listing: Listing) -> Iterator[Records]:
+    """Read what was listed, in order, some thousand items at a time; shapes and CSV at once."""
+    if listing.kind == "landmarks":
+        with open_landmarks([listing.path]) as source:
+            yield from source.chunks(BLOCK)
+    elif listing.kind == "shapes":
+        yield read_shapes([listing.path])
+    elif is_hdf5(listing.path):
+        yield from _result_chunks(listing.path)
+    else:
+        yield read_results(listing.path)
+
+
+def _result_chunks(path: Path) -> Iterator[ResultSet]:
+    from shapefit.io.hdf5_reading import Hdf5Reader
+
+    with Hdf5Reader(path, RESULTS) as reader:
+        for start in range(0, max(1, reader.count), BLOCK):
+            rows = slice(start, min(start + BLOCK, reader.count))
+            yield ResultSet(
+                **reader.fields(rows),
+                extras=reader.extras(rows),
+                unit=reader.unit,
+                y_axis=reader.y_axis,
+                attributes=reader.attributes,
+            )
+
+
+def _kind_of(path: Path) -> tuple[Kind, Format]:
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            stated = file.attrs.get("format")
+    except (OSError, RuntimeError) as error:
+        found = f"cannot be read ({str(error).partition(chr(10))[0]})"
+        fix = "the file may be cut off or damaged: copy or make it again"
+        raise input_error(path, found, fix) from error
+    name = stated.decode("utf-8", "replace") if isinstance(stated, bytes | np.bytes_) else stated
+    if name not in FORMATS:
+        found = "has no root attribute format" if name is None else f"is a {name} file"
+        raise input_error(path, found, f"give one of {', '.join(FORMATS)}")
+    return FORMATS[name]
+
+
+def _datasets(path: Path) -> frozenset[str]:
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        return frozenset(file)
+
+
+def _list_table(path: Path) -> Listing:
+    from shapefit.io.csv_tables import read_landmark_table, read_result_table
+
+    with path.open(encoding="utf-8", errors="replace") as file:
+        columns = file.readline().lstrip("\ufeff").strip().split(",")
+    solid = "z" in {column.strip(' "') for column in columns}
+    table = read_result_table(path) if solid else read_landmark_table(path)
+    return Listing(
+        path=path,
+        kind="result" if solid else "landmarks",
+        items=table.items,
+        sequences=table.sequences,
+        landmark_names=table.landmark_names,
+        y_axis="up",
+    )

@@ -1,0 +1,1 @@
+"""`view`: results, shapes and landmarks as one page."""

@@ -1,0 +1,271 @@
+"""The scene of a page, put together from its files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import ViewConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError
+from shapefit.io import digest, read_dictionary
+from shapefit.io.agreement import agreed
+from shapefit.io.listing import Listing, list_file
+from shapefit.io.sources import is_hdf5
+from shapefit.pipelines.counted import counted
+from shapefit.pipelines.view.frames import Frames
+from shapefit.pipelines.view.gathering import Gathered, gather
+from shapefit.pipelines.view.layers import (
+    fit_config,
+    laid_onto,
+    mesh_obstacle,
+    result_layer,
+    shape_layer,
+    with_error,
+    with_mesh,
+)
+from shapefit.pipelines.view.pictures import embed, find_images
+from shapefit.pipelines.view.truth import Truth, read_truth, renamed_edges
+from shapefit.viewer.scene import Layer, MeshSet, Picture, Scene
+
+Floats = NDArray[np.float64]
+
+MOST_MESHES = 200
+"""Meshes of shapes that a page holds, at most."""
+SHARE_OF_PICTURES = 0.7
+"""Most of a page that pictures take."""
+
+
+def assemble(
+    config: ViewConfig, listings: Mapping[str, Sequence[Listing]], frames: Frames
+) -> Scene:
+    """Return the scene of these frames, with notes on what it lacks."""
+    notes: list[str] = []
+    if frames.step > 1:
+        notes.append(
+            f"Every {_ordinal(frames.step)} of {frames.count:,} frames is shown: with all of "
+            f"them the page would be larger than {config.megabytes:g} MB. `items` chooses others."
+        )
+    every = [listing for own in listings.values() for listing in own]
+    landmarks = tuple(dict.fromkeys(name for one in every for name in one.landmark_names))
+    found = [gather(n, own, frames.index, landmarks, config.match) for n, own in listings.items()]
+    results = [each for each in found if each.kind == "result"]
+    truth = read_truth(config, results, frames, landmarks) if config.truth else None
+    seen = _seen(found)
+    layers, meshes, edges = _layers(config, found, seen, truth, landmarks, notes)
+    _note_what_lacks(found, layers, seen, edges, notes)
+    y_axis = agreed("y_axis", [(str(one.path), one.y_axis) for one in every], "up")
+    return Scene(
+        title=", ".join(listings) + (" and the truth" if truth else ""),
+        items=frames.items,
+        sequences=frames.sequences,
+        landmarks=landmarks,
+        edges=np.empty((0, 2), np.int64) if edges is None else edges,
+        layers=layers,
+        unit=every[0].unit,
+        y_down=y_axis == "down",
+        frame_rate=_frame_rate(config, found, frames),
+        seen=seen,
+        outliers=_outliers(results),
+        meshes=meshes,
+        pictures=_pictures(config, frames, notes),
+        notes=tuple(notes),
+    )
+
+
+def _layers(
+    config: ViewConfig,
+    found: Sequence[Gathered],
+    seen: Floats | None,
+    truth: Truth | None,
+    landmarks: Sequence[str],
+    notes: list[str],
+) -> tuple[list[Layer], list[MeshSet], NDArray[np.int64] | None]:
+    """Results first, then what is laid onto the first of them, the truth last."""
+    layers: list[Layer] = []
+    meshes: list[MeshSet] = []
+    edges: NDArray[np.int64] | None = None
+    dictionaries: dict[Path, int] = {}
+    for each in (each for each in found if each.kind == "result"):
+        layer = result_layer(each, seen)
+        path, dictionary = _dictionary(config, each, notes)
+        if dictionary is not None and path is not None:
+            if edges is None:
+                edges = renamed_edges(dictionary.edges, dictionary.landmark_names, landmarks)
+            if dictionary.mesh_vertices is not None and dictionary.mesh_faces is not None:
+                if obstacle := mesh_obstacle(each, dictionary):
+                    notes.append(f"{each.name} has no mesh: {obstacle}.")
+                else:
+                    if path not in dictionaries:
+                        dictionaries[path] = len(meshes)
+                        meshes.append(MeshSet(dictionary.mesh_vertices, dictionary.mesh_faces))
+                    layer = with_mesh(layer, each, dictionary, dictionaries[path])
+        layers.append(
+            layer if truth is None else with_error(layer, truth.points, truth.shapes.unit)
+        )
+    target = _first_points(layers)
+    for each in (each for each in found if each.kind == "shapes"):
+        layer = shape_layer(each.name, "shapes", each.points, _own_meshes(each, meshes, notes))
+        layers.append(layer if target is None else laid_onto(layer, target))
+        edges = each.edges if edges is None else edges
+    if truth is not None:
+        layer = shape_layer("truth", "truth", truth.points, _true_meshes(truth, meshes, notes))
+        layers.append(layer if target is None else laid_onto(layer, target))
+        edges = (
+            renamed_edges(truth.shapes.edges, truth.shapes.landmark_names, landmarks)
+            if edges is None
+            else edges
+        )
+    own = [each.edges for each in found if each.edges is not None]
+    if target is not None and len(layers) > sum(each.kind == "result" for each in found):
+        first = next(each.name for each in found if each.kind == "result")
+        laid = [layer.name for layer in layers if layer.role != "result"]
+        notes.append(f"Laid onto {first} by the best similarity: {', '.join(laid)}.")
+    return layers, meshes, edges if edges is not None else (own[0] if own else None)
+
+
+def _first_points(layers: Sequence[Layer]) -> Floats | None:
+    """Points of the first result that has any, frame by frame."""
+    target: Floats | None = None
+    for layer in layers:
+        if target is None:
+            target = layer.points
+        else:
+            empty = ~np.isfinite(target).any(axis=(1, 2), keepdims=True)
+            target = np.where(empty, layer.points, target)
+    return target
+
+
+def _dictionary(
+    config: ViewConfig, result: Gathered, notes: list[str]
+) -> tuple[Path | None, Dictionary | None]:
+    """Return the dictionary of a result: that of the config, else that of the fit."""
+    if config.dictionary is not None:
+        return config.dictionary, read_dictionary(config.dictionary)
+    stated = fit_config(result).get("dictionary")
+    if not isinstance(stated, str):
+        return None, None
+    path = Path(stated)
+    inputs = str(result.attributes.get("inputs", ""))
+    try:
+        if digest(path) in inputs:
+            return path, read_dictionary(path)
+        why = "has changed since the fit"
+    except (InputError, OSError):
+        why = "is not where it was"
+    notes.append(f"{result.name}: its dictionary {path.name} {why}; -d DICT.h5 names another.")
+    return None, None
+
+
+def _own_meshes(
+    shapes: Gathered, meshes: list[MeshSet], notes: list[str]
+) -> tuple[int, NDArray[np.intp]] | None:
+    if not shapes.mesh_vertices or shapes.mesh_faces is None:
+        return None
+    frames = sorted(shapes.mesh_vertices)
+    if len(frames) > MOST_MESHES:
+        notes.append(f"{shapes.name} has no meshes here: {len(frames)} are too many for a page.")
+        return None
+    which = np.full(len(shapes.points), -1, dtype=np.intp)
+    which[frames] = np.arange(len(frames))
+    meshes.append(MeshSet(np.stack([shapes.mesh_vertices[f] for f in frames]), shapes.mesh_faces))
+    return len(meshes) - 1, which
+
+
+def _true_meshes(
+    truth: Truth, meshes: list[MeshSet], notes: list[str]
+) -> tuple[int, NDArray[np.intp]] | None:
+    vertices, faces = truth.shapes.mesh_vertices, truth.shapes.mesh_faces
+    if vertices is None or faces is None:
+        return None
+    used = np.unique(truth.rows[truth.rows >= 0])
+    if len(used) > MOST_MESHES:
+        notes.append(f"The truth has no meshes here: {len(used)} are too many for a page.")
+        return None
+    meshes.append(MeshSet(vertices[used], faces))
+    which = np.where(truth.rows >= 0, np.searchsorted(used, truth.rows), -1)
+    return len(meshes) - 1, which
+
+
+def _seen(found: Sequence[Gathered]) -> Floats | None:
+    """Observed landmarks (n, 2, p): those of the first file that has any of a frame."""
+    seen: Floats | None = None
+    for each in found:
+        own = each.of_frames.get("landmarks")
+        if own is None:
+            continue
+        own = own.swapaxes(1, 2)
+        if seen is None:
+            seen = own
+        else:
+            empty = ~np.isfinite(seen).any(axis=(1, 2), keepdims=True)
+            seen = np.where(empty, own, seen)
+    return seen
+
+
+def _outliers(results: Sequence[Gathered]) -> NDArray[np.bool_] | None:
+    """Landmarks (n, p) that any result judged to be wrong."""
+    labels = [each.of_frames["outliers"] == 1 for each in results if "outliers" in each.of_frames]
+    joined = np.logical_or.reduce(labels) if labels else None
+    return joined if joined is not None and joined.any() else None
+
+
+def _note_what_lacks(
+    found: Sequence[Gathered],
+    layers: Sequence[Layer],
+    seen: Floats | None,
+    edges: NDArray[np.int64] | None,
+    notes: list[str],
+) -> None:
+    if not layers:
+        notes.append("There is nothing in 3D here: landmarks alone.")
+    results = [layer for layer in layers if layer.role == "result"]
+    if results and seen is None:
+        notes.append(
+            "The results hold no observed landmarks; name the landmark file too to see them."
+        )
+    if edges is None and not any(layer.blend for layer in layers):
+        notes.append(
+            "No edges are known, so landmarks are points; -d DICT.h5 or --truth may have them."
+        )
+    for layer in results:
+        failed = int((~np.isfinite(layer.points).any(axis=(1, 2))).sum())
+        if failed:
+            notes.append(f"{layer.name} has no shape of {counted(failed, 'frame')}.")
+
+
+def _frame_rate(config: ViewConfig, found: Sequence[Gathered], frames: Frames) -> float | None:
+    """Frames a second of the page: those of the config or the files, by the step."""
+    files = [listing for each in found for listing in each.listings]
+    files += [list_file(path) for path in config.truth if is_hdf5(path)]
+    stated = [config.frame_rate, *(file.attributes.get("frame_rate") for file in files)]
+    rate = next((r for r in stated if isinstance(r, int | float) and 0 < r < 1e6), None)
+    return None if rate is None else rate / frames.step
+
+
+def _pictures(config: ViewConfig, frames: Frames, notes: list[str]) -> dict[int, Picture]:
+    if config.images is None:
+        return {}
+    files = find_images(config.images, frames.items)
+    room = SHARE_OF_PICTURES * config.megabytes * 1e6
+    first = embed(next(iter(files.values())))
+    step = max(1, -int(-len(files) * len(first.data) // room))
+    pictures: dict[int, Picture] = {}
+    for frame in list(files)[::step]:
+        pictures[frame] = embed(files[frame])
+        room -= len(pictures[frame].data)
+        if room < 0:
+            break
+    if len(pictures) < len(frames.items):
+        notes.append(
+            f"{len(pictures)} of {counted(len(frames.items), 'frame')} have their picture."
+        )
+    return pictures
+
+
+def _ordinal(number: int) -> str:
+    ending = {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{'th' if number % 100 in (11, 12, 13) else ending}"

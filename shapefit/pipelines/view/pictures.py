@@ -1,0 +1,73 @@
+"""The pictures under the landmarks: found by item, made small enough, embedded as JPEG."""
+
+from __future__ import annotations
+
+import os
+from base64 import b64encode
+from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
+from io import BytesIO
+from pathlib import Path
+
+from shapefit.errors import input_error
+from shapefit.viewer.scene import Picture
+
+LONGEST_SIDE = 960
+"""Pixels of the longest side of a picture on the page."""
+QUALITY = 75
+SUFFIXES = (".jpg", ".jpeg", ".png")
+PLACEHOLDER = "{item}"
+
+
+def find_images(images: Path, items: Sequence[str]) -> dict[int, Path]:
+    """Return the image file of each frame that has one.
+
+    In a folder, the file is called by the item, or by what follows its last slash. Raises
+    InputError where there is no such folder, no image at all, or no Pillow to read one.
+    """
+    if find_spec("PIL") is None:
+        fix = "install it with `pip install shapefit[plots]`, or leave `images` out"
+        raise input_error("images", "Pillow is not installed", fix)
+    pattern = str(images)
+    if PLACEHOLDER not in pattern and not os.path.isdir(images):
+        fix = f"name a folder, or a path with {PLACEHOLDER}"
+        raise input_error("images", f"there is no folder {images}", fix)
+    found: dict[int, Path] = {}
+    for frame, item in enumerate(items):
+        path = next((p for p in _candidates(images, item) if os.path.isfile(p)), None)
+        if path is not None:
+            found[frame] = path
+    if not found:
+        tried = ", ".join(str(path) for path in _candidates(images, items[0]))
+        raise input_error("images", f"no item has an image, such as {tried}", "correct the path")
+    return found
+
+
+def embed(path: Path) -> Picture:
+    """Return an image as the page holds it. Raises InputError for what is no image."""
+    from PIL import Image
+
+    try:
+        with Image.open(path, formats=("JPEG", "PNG")) as image:
+            size = image.size
+            image.draft("RGB", (LONGEST_SIDE, LONGEST_SIDE))
+            small = image.convert("RGB")
+    except (OSError, ValueError, Image.DecompressionBombError) as error:
+        found = f"cannot be read as an image ({error})"
+        raise input_error(path, found, "give PNG or JPEG, or leave it out") from error
+    small.thumbnail((LONGEST_SIDE, LONGEST_SIDE))
+    data = BytesIO()
+    small.save(data, "JPEG", quality=QUALITY)
+    return Picture("image/jpeg", b64encode(data.getvalue()).decode("ascii"), size)
+
+
+def _candidates(images: Path, item: str) -> Iterator[Path]:
+    """Yield where the image of an item may be; never outside of the folder that the user named."""
+    pattern = str(images)
+    for name in dict.fromkeys((item, item.rpartition("/")[2])):
+        if os.path.isabs(name) or ".." in Path(name).parts or "\0" in name:
+            continue
+        if PLACEHOLDER in pattern:
+            yield Path(pattern.replace(PLACEHOLDER, name))
+        else:
+            yield from (images / f"{name}{suffix}" for suffix in ("", *SUFFIXES))

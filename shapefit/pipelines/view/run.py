@@ -1,0 +1,86 @@
+"""`view`: results, shapes and landmarks as one HTML page that turns and plays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from shapefit.config import ViewConfig
+from shapefit.errors import input_error
+from shapefit.io.atomic import atomic_path, check_output
+from shapefit.io.listing import Listing, list_file
+from shapefit.io.sources import is_stream
+from shapefit.pipelines.counted import counted
+from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.view.assembly import assemble
+from shapefit.pipelines.view.frames import Frames, choose_frames, thin
+from shapefit.viewer.page import viewer_page
+
+MEGABYTE = 1_000_000
+CODE_BYTES = 60_000
+"""Size of a page without frames, about."""
+ROUNDS = 4
+"""Most pages that are made until one is small enough."""
+
+
+def run(config: ViewConfig) -> Iterator[Outcome]:
+    """Write the page; yields one Outcome with what the page lacks as warnings.
+
+    Raises InputError for files that cannot be read or shown together, and where the page cannot be
+    written.
+    """
+    output = check_page(config)
+    page, frames, notes = make_page(config)
+    write_page(output, page)
+    shown = counted(len(frames.items), "frame")
+    size = f"{shown} in {len(page) / MEGABYTE:.1f} MB"
+    yield Outcome(done=len(frames.items), warnings=notes, note=size, written=(output,))
+
+
+def check_page(config: ViewConfig) -> Path:
+    """Return the file to write; raises InputError where it cannot be written."""
+    output = config.output
+    if output is None:
+        first = next(iter(config.files.values()))[0]
+        output = Path.cwd() / f"{first.stem}.html"
+    if is_stream(output):
+        raise input_error("output", "a page is not for a terminal", "give the name of a file")
+    check_output(output)
+    return output
+
+
+def write_page(path: Path, page: bytes) -> None:
+    """Write the page whole or not at all."""
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(page)
+
+
+def make_page(
+    config: ViewConfig, kept: Collection[str] = ()
+) -> tuple[bytes, Frames, tuple[str, ...]]:
+    """Return the page in UTF-8, its frames, and what it lacks; items `kept` are never left out."""
+    listings = {name: tuple(map(list_file, files)) for name, files in config.files.items()}
+    every = [listing for own in listings.values() for listing in own]
+    whole = choose_frames(every, config.items)
+    most = config.megabytes * MEGABYTE
+    step = math.ceil(_least_bytes(whole, every) / (most - CODE_BYTES)) or 1
+    for _ in range(ROUNDS):
+        frames = thin(whole, step, kept)
+        scene = assemble(config, listings, frames)
+        page = viewer_page(scene).encode("utf-8", "xmlcharrefreplace")
+        if len(page) <= most or len(frames.items) <= max(1, len(kept)):
+            break
+        step = math.ceil(step * 1.02 * len(page) / most)
+    return page, frames, tuple(scene.notes)
+
+
+def _least_bytes(frames: Frames, listings: list[Listing]) -> float:
+    """Bytes of points and names in base64, without what only some files have."""
+    share = {len(listing.items): listing for listing in listings}
+    points = sum(
+        len(listing.items) * len(listing.landmark_names) * (4 if listing.kind == "landmarks" else 6)
+        for listing in share.values()
+    )
+    chosen = len(frames.items) / max(1, sum(share))
+    return 4 / 3 * points * min(1.0, chosen) + sum(len(item) + 3 for item in frames.items)

@@ -1,0 +1,176 @@
+"use strict";
+/**
+ * The left panel: landmarks as seen, over the image where there is one, and what was fitted.
+ *
+ * A plane is {zoom (px a unit), middle (the point in the middle of the panel), yDown}.
+ */
+const imagePlane = (() => {
+  const FONT = "12px system-ui, sans-serif";
+
+  /** From the plane to the panel, in CSS pixels. */
+  function place(plane, width, height, x, y) {
+    const up = plane.yDown ? 1 : -1;
+    return [
+      width / 2 + plane.zoom * (x - plane.middle[0]),
+      height / 2 + up * plane.zoom * (y - plane.middle[1]),
+    ];
+  }
+
+  function disc(context, [x, y], radius) {
+    context.beginPath();
+    context.arc(x, y, radius, 0, 2 * Math.PI);
+  }
+
+  function drawRuler(context, plane, width, height, unit, ink) {
+    const step = niceStep(90 / plane.zoom);
+    context.fillStyle = context.strokeStyle = ink;
+    context.lineWidth = 1;
+    context.font = FONT;
+    context.textAlign = "center";
+    context.textBaseline = "bottom";
+    const left = plane.middle[0] - width / 2 / plane.zoom;
+    for (let tick = Math.ceil(left / step) * step; ; tick += step) {
+      const [x] = place(plane, width, height, tick, 0);
+      if (x > width - 24) break;
+      if (x < 24) continue;
+      context.fillRect(x, height - 5, 1, 5);
+      context.fillText(number(tick, step), x, height - 6);
+    }
+    context.textAlign = "left";
+    context.textBaseline = "middle";
+    const [low, high] = [plane.middle[1] - height / 2 / plane.zoom, plane.middle[1] + height / 2 / plane.zoom];
+    for (let tick = Math.ceil(low / step) * step; tick < high; tick += step) {
+      const y = place(plane, width, height, 0, tick)[1];
+      if (y < 30 || y > height - 30) continue;
+      context.fillRect(0, y, 5, 1);
+      context.fillText(number(tick, step), 8, y);
+    }
+    context.textBaseline = "top";
+    context.fillText(unit, 8, 8);
+  }
+
+  /** 1, 2 or 5 times a power of ten, at least `least`. */
+  function niceStep(least) {
+    const power = 10 ** Math.floor(Math.log10(least));
+    return power * ([1, 2, 5].find((factor) => factor * power >= least) ?? 10);
+  }
+
+  function number(value, step) {
+    return value.toFixed(Math.max(0, -Math.floor(Math.log10(step))));
+  }
+
+  /**
+   * Draw a frame: {picture, pictureSize, seen (2p), outliers (p), layers: [{fitted (2p), sd, tint,
+   * mesh, faces}], edges, names}.
+   */
+  function draw(context, width, height, plane, frame, style) {
+    context.clearRect(0, 0, width, height);
+    const at = (points, j) => place(plane, width, height, points[2 * j], points[2 * j + 1]);
+    if (frame.picture) drawPicture(context, width, height, plane, frame);
+    drawRuler(context, plane, width, height, frame.unit, style.faint);
+    for (const layer of frame.layers) {
+      if (layer.mesh) fillMesh(context, layer, (j) => at(layer.mesh, j));
+      context.strokeStyle = layer.tint;
+      context.globalAlpha = 0.75;
+      context.lineWidth = 2;
+      context.beginPath();
+      for (const [a, b] of frame.edges) {
+        if (!Number.isFinite(layer.fitted[2 * a] + layer.fitted[2 * b])) continue;
+        context.moveTo(...at(layer.fitted, a));
+        context.lineTo(...at(layer.fitted, b));
+      }
+      context.stroke();
+      context.globalAlpha = 1;
+      drawMarks(context, frame, layer, plane, at, style);
+    }
+    if (!frame.seen) return;
+    for (let j = 0; j < frame.seen.length / 2; j++) {
+      if (!Number.isFinite(frame.seen[2 * j])) continue;
+      const [x, y] = at(frame.seen, j);
+      if (frame.outliers[j]) {
+        drawCross(context, x, y, style.outlier);
+      } else {
+        disc(context, [x, y], style.mark);
+        context.fillStyle = style.ink;
+        context.fill();
+        context.strokeStyle = style.background;
+        context.lineWidth = 1;
+        context.stroke();
+      }
+      if (frame.names) {
+        context.font = FONT;
+        context.textAlign = "left";
+        context.textBaseline = "bottom";
+        context.fillStyle = style.ink;
+        context.fillText(frame.names[j], x + 5, y - 3);
+      }
+    }
+  }
+
+  /** Rings where landmarks are hidden, lines from the others to where the model has them. */
+  function drawMarks(context, frame, layer, plane, at, style) {
+    for (let j = 0; j < layer.fitted.length / 2; j++) {
+      if (!Number.isFinite(layer.fitted[2 * j])) continue;
+      const [x, y] = at(layer.fitted, j);
+      context.strokeStyle = layer.tint;
+      context.lineWidth = 1.5;
+      if (layer.sd) {
+        const [dx, dy] = [plane.zoom * layer.sd[3 * j], plane.zoom * layer.sd[3 * j + 1]];
+        context.beginPath();
+        context.moveTo(x - dx, y);
+        context.lineTo(x + dx, y);
+        context.moveTo(x, y - dy);
+        context.lineTo(x, y + dy);
+        context.stroke();
+      }
+      if (!frame.seen) continue;
+      if (Number.isFinite(frame.seen[2 * j])) {
+        context.beginPath();
+        context.moveTo(...at(frame.seen, j));
+        context.lineTo(x, y);
+        context.stroke();
+      } else {
+        disc(context, [x, y], style.mark + 0.5);
+        context.fillStyle = style.background;
+        context.fill();
+        context.stroke();
+      }
+    }
+  }
+
+  /** Fill the triangles that face the viewer, as one shape. */
+  function fillMesh(context, layer, at) {
+    context.beginPath();
+    for (let f = 0; f < layer.faces.length; f += 3) {
+      const [a, b, c] = [at(layer.faces[f]), at(layer.faces[f + 1]), at(layer.faces[f + 2])];
+      if ((b[0] - a[0]) * (c[1] - a[1]) >= (b[1] - a[1]) * (c[0] - a[0])) continue;
+      context.moveTo(...a);
+      context.lineTo(...b);
+      context.lineTo(...c);
+    }
+    context.globalAlpha = 0.3;
+    context.fillStyle = layer.tint;
+    context.fill();
+    context.globalAlpha = 1;
+  }
+
+  function drawPicture(context, width, height, plane, frame) {
+    const [w, h] = frame.pictureSize;
+    const [left, first] = place(plane, width, height, 0, plane.yDown ? 0 : h);
+    context.drawImage(frame.picture, left, first, w * plane.zoom, h * plane.zoom);
+  }
+
+  function drawCross(context, x, y, tint) {
+    context.strokeStyle = tint;
+    context.lineWidth = 3;
+    context.beginPath();
+    context.moveTo(x - 5, y - 5);
+    context.lineTo(x + 5, y + 5);
+    context.moveTo(x - 5, y + 5);
+    context.lineTo(x + 5, y - 5);
+    context.stroke();
+  }
+
+  return { draw, place, niceStep };
+})();
+if (typeof module !== "undefined") module.exports = imagePlane;

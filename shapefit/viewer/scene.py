@@ -1,0 +1,193 @@
+"""What a page shows, as records: frames, layers, meshes, pictures; and their JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.viewer.blocks import (
+    block_of_bits,
+    block_of_coarse_floats,
+    block_of_floats,
+    block_of_integers,
+    block_of_points,
+    smallest_kind,
+)
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Role = Literal["result", "truth", "shapes"]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number (n,) for every frame, for the strip: its scale, and which end of it is bad."""
+
+    name: str
+    values: Floats
+    scale: Literal["linear", "log", "share"] = "linear"
+    bad: Literal["high", "low"] = "high"
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class MeshSet:
+    """Meshes of one topology: vertices (k, 3, q) of the atoms, faces (f, 3)."""
+
+    vertices: Floats
+    faces: Integers
+
+
+@dataclass(frozen=True)
+class Blend:
+    """Frame i shows the mesh sum_j weight_j V_atom_j of a set, start[i] <= j < start[i + 1]."""
+
+    mesh_set: int
+    start: Integers
+    atom: Integers
+    weight: Floats
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One result, the truth, or shapes: points (n, 3, p), nan where there are none.
+
+    fitted (n, 2, p) are given where they are not x and y of the points; sd (n, 3, p) standard
+    deviations; pose (n, 13) rotation, scale, translation that carry a mesh into the frame of the
+    points; camera (n, 7) position of the centroid, focal lengths, principal point; status a word
+    for every frame.
+    """
+
+    name: str
+    role: Role
+    points: Floats
+    fitted: Floats | None = None
+    sd: Floats | None = None
+    pose: Floats | None = None
+    camera: Floats | None = None
+    blend: Blend | None = None
+    status: Sequence[str] | None = None
+    measures: tuple[Measure, ...] = ()
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The image under the landmarks of a frame: base64, and its size in the original pixels."""
+
+    media_type: str
+    data: str
+    size: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """n frames of p landmarks, those of a sequence one after the other.
+
+    sequences maps names to the first frame of each, in order; seen (n, 2, p) are the observed
+    landmarks, nan where hidden, or None; outliers (n, p). notes say what the page lacks.
+    """
+
+    title: str
+    items: Sequence[str]
+    sequences: Sequence[tuple[str, int]]
+    landmarks: Sequence[str]
+    edges: Integers
+    layers: Sequence[Layer]
+    unit: str
+    y_down: bool
+    frame_rate: float | None = None
+    seen: Floats | None = None
+    outliers: NDArray[np.bool_] | None = None
+    confidence: Floats | None = None
+    meshes: Sequence[MeshSet] = ()
+    pictures: Mapping[int, Picture] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+
+
+USUAL_RATE = 25.0
+"""Frames a second where no file says it."""
+
+
+def as_json(scene: Scene) -> dict[str, Any]:
+    """Return what the page reads, ready for JSON."""
+    has_images = scene.seen is not None or any(layer.role == "result" for layer in scene.layers)
+    return {
+        "unit": "" if scene.unit == "unknown" else scene.unit,
+        "yDown": scene.y_down,
+        "frameRate": scene.frame_rate or USUAL_RATE,
+        "rateKnown": scene.frame_rate is not None,
+        "flat": has_images,
+        "landmarks": list(scene.landmarks),
+        "edges": scene.edges.tolist(),
+        "items": list(scene.items),
+        "sequences": [{"name": name, "start": start} for name, start in scene.sequences],
+        "seen": None if scene.seen is None else _points(scene.seen),
+        "outliers": None if scene.outliers is None else block_of_bits(scene.outliers),
+        "confidence": None
+        if scene.confidence is None
+        else block_of_coarse_floats(scene.confidence),
+        "layers": [_layer(layer) for layer in scene.layers],
+        "meshes": [_mesh(mesh) for mesh in scene.meshes],
+        "pictures": {
+            str(frame): {
+                "data": f"data:{picture.media_type};base64,{picture.data}",
+                "size": picture.size,
+            }
+            for frame, picture in scene.pictures.items()
+        },
+    }
+
+
+def _points(points: Floats) -> dict[str, Any]:
+    return block_of_points(points.swapaxes(1, 2))
+
+
+def _layer(layer: Layer) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "name": layer.name,
+        "role": layer.role,
+        "points": _points(layer.points),
+        "measures": [
+            {
+                "name": measure.name,
+                "scale": measure.scale,
+                "bad": measure.bad,
+                "unit": measure.unit,
+                "values": block_of_coarse_floats(measure.values),
+            }
+            for measure in layer.measures
+        ],
+    }
+    if layer.fitted is not None:
+        document["fitted"] = _points(layer.fitted)
+    if layer.sd is not None:
+        document["sd"] = _points(layer.sd)
+    for name, values in (("pose", layer.pose), ("camera", layer.camera)):
+        if values is not None:
+            document[name] = block_of_floats(values)
+    if layer.status is not None:
+        words, codes = np.unique(np.array(layer.status, dtype=str), return_inverse=True)
+        kind = smallest_kind(len(words))
+        document["status"] = {"words": words.tolist(), "codes": block_of_integers(codes, kind)}
+    if layer.blend is not None:
+        document["mesh"] = _blend(layer.blend)
+    return document
+
+
+def _blend(blend: Blend) -> dict[str, Any]:
+    kind = smallest_kind(int(blend.atom.max(initial=0)))
+    return {
+        "of": blend.mesh_set,
+        "start": block_of_integers(blend.start, "u4"),
+        "atom": block_of_integers(blend.atom, kind),
+        "weight": block_of_floats(blend.weight),
+    }
+
+
+def _mesh(mesh: MeshSet) -> dict[str, Any]:
+    kind = smallest_kind(mesh.vertices.shape[2])
+    return {"vertices": _points(mesh.vertices), "faces": block_of_integers(mesh.faces, kind)}

@@ -1,0 +1,65 @@
+"use strict";
+/** The strip under the slider: one bar a frame, high where the frame is worth a look. */
+const strip = (() => {
+  /**
+   * How bad each value is, from 0 to 1, on the scale of these values; NaN is Infinity.
+   *
+   * `scale` is "linear", "log", or "share" for values that are from 0 to 1 already; `bad` is "high"
+   * or "low".
+   */
+  function badness(values, { scale, bad }) {
+    const on = (value) => (scale === "log" ? Math.log10(Math.max(value, 1e-16)) : value);
+    const known = Array.from(values).filter(Number.isFinite).map(on);
+    let [low, high] = known.reduce(([l, h], v) => [Math.min(l, v), Math.max(h, v)], [Infinity, -Infinity]);
+    if (scale === "linear" && bad === "high") low = Math.min(low, 0);
+    if (scale === "share") [low, high] = [0, 1];
+    return Array.from(values, (value) => {
+      if (!Number.isFinite(value)) return Infinity;
+      const share = high > low ? (on(value) - low) / (high - low) : 0;
+      return bad === "low" ? 1 - share : share;
+    });
+  }
+
+  /** The worst of the frames that share each of `columns` columns. */
+  function columnsOf(levels, columns) {
+    const worst = new Array(columns).fill(-1);
+    levels.forEach((level, i) => {
+      const first = Math.floor((i * columns) / levels.length);
+      const last = Math.max(first + 1, Math.floor(((i + 1) * columns) / levels.length));
+      for (let c = first; c < last; c++) worst[c] = Math.max(worst[c], level);
+    });
+    return worst;
+  }
+
+  /** The frame after `from`, going round, that is the next worst: [worst first], ties in order. */
+  function ranking(levels) {
+    return levels.map((level, i) => [level, i]).sort((a, b) => (a[0] === b[0] ? a[1] - b[1] : b[0] - a[0])).map(([, i]) => i);
+  }
+
+  /** Draw rows [{levels, tint}], one above the other, and where frame `at` of `count` is. */
+  function draw(context, width, height, rows, at, count, style) {
+    context.clearRect(0, 0, width, height);
+    const tall = height / rows.length;
+    rows.forEach(({ levels, tint }, r) => {
+      const base = (r + 1) * tall - 1;
+      columnsOf(levels, Math.max(1, Math.floor(width))).forEach((level, x) => {
+        if (level < 0) return;
+        const missing = level === Infinity;
+        const bar = 2 + (tall - 4) * Math.min(1, level);
+        context.fillStyle = missing ? style.outlier : tint;
+        context.fillRect(x, base - bar, 1, bar);
+      });
+    });
+    const x = ((at + 0.5) / count) * width;
+    context.fillStyle = style.ink;
+    context.fillRect(x - 1, 0, 2, height);
+  }
+
+  /** The frame of `count` that stands at `x` of `width`. */
+  function frameAt(x, width, count) {
+    return Math.max(0, Math.min(count - 1, Math.floor((x / width) * count)));
+  }
+
+  return { badness, columnsOf, ranking, draw, frameAt };
+})();
+if (typeof module !== "undefined") module.exports = strip;

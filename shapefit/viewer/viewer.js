@@ -1,0 +1,407 @@
+"use strict";
+/** The page at work: its state, what is drawn of it, and what keys, mouse and buttons do to it. */
+(() => {
+  const $ = (id) => document.getElementById(id);
+  const data = scene.open(JSON.parse($("page").textContent));
+  data.layers.forEach((layer, i) => {
+    layer.colour = layer.role === "truth" ? "truth" : `layer-${i % 6}`;
+  });
+  const view = {
+    frame: 0, yaw: 0, pitch: 0, zoom: 1, pan: [0, 0], planeZoom: 1, planePan: [0, 0],
+    shown: new Set(data.layers.filter((layer, i) => i === 0 || !data.layers[0].faces)), mesh: true, names: false, upright: false, pictures: new Map(),
+    playing: null, drawn: 0, rank: 0, projected: {},
+  };
+  const renderer = drawing.renderer($("space"));
+  let look = panels.style();
+  let due = false;
+
+  const sequence = () => data.sequences[data.sequenceOf(view.frame)];
+  const clamp = (value, low, high) => Math.max(low, Math.min(high, value));
+
+  /* Drawing: at most once a frame of the screen. */
+  function redraw() {
+    if (!due) requestAnimationFrame(draw);
+    due = true;
+  }
+
+  function draw() {
+    due = false;
+    if (!data.count) return;
+    panels.drawPlane($("plane"), data, view, look);
+    panels.drawSpace($("space"), renderer, data, view, look);
+    panels.nameMarks($("labels"), data, view);
+    drawStrip();
+    view.drawn++;
+  }
+
+  function drawStrip() {
+    const [width, height, ratio] = panels.fitCanvas($("strip"));
+    const context = $("strip").getContext("2d");
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    const { start, end } = sequence();
+    const rows = stripRows().map(({ layer, levels }) => ({ levels, tint: look.layer(layer.colour) }));
+    if (rows.length) strip.draw(context, width, height, rows, view.frame - start, end - start, look);
+  }
+
+  /** Levels of the chosen measure over the current sequence, a row for each layer that has it. */
+  function stripRows() {
+    const name = $("measure").value;
+    const { start, end } = sequence();
+    const key = `${name}/${start}`;
+    if (stripRows.key !== key) {
+      stripRows.key = key;
+      stripRows.rows = data.layers.flatMap((layer) => {
+        const measure = layer.measures.find((m) => m.name === name);
+        return measure ? [{ layer, levels: strip.badness(measure.values.subarray(start, end), measure) }] : [];
+      });
+    }
+    return stripRows.rows.filter(({ layer }) => view.shown.has(layer));
+  }
+
+  /* Frames. */
+  function go(frame) {
+    const before = data.sequenceOf(view.frame);
+    view.frame = clamp(Math.round(frame), 0, data.count - 1);
+    if (data.sequenceOf(view.frame) !== before) enterSequence();
+    loadPicture(view.frame);
+    $("slider").value = view.frame - sequence().start;
+    if (!view.playing) tell();
+    redraw();
+  }
+
+  function enterSequence() {
+    const { start, end } = sequence();
+    $("slider").max = Math.max(0, end - start - 1);
+    $("slider").disabled = $("play").disabled = end - start < 2;
+    view.rank = 0;
+    measureSequence(start, end);
+    search();
+  }
+
+  /** One scale for a sequence whose shapes are about as large in every frame, else one a frame. */
+  function measureSequence(start, end) {
+    const step = Math.max(1, Math.floor((end - start) / 200));
+    const [solid, flat] = [[], []];
+    for (let frame = start; frame < end; frame += step) {
+      const points = data.layers.map((layer) => layer.points(frame)).find((p) => p.some(Number.isFinite));
+      const seen = data.seen(frame) ?? data.layers.find((layer) => layer.role === "result")?.fitted(frame);
+      const [inSpace, inPlane] = [points && geometry.extent(points, 3), seen && geometry.extent(seen, 2)];
+      if (inSpace) solid.push(inSpace.radius);
+      if (inPlane) flat.push(inPlane);
+    }
+    const alike = (sizes) => sizes[Math.floor(0.95 * sizes.length)] < 2 * sizes[Math.floor(0.05 * sizes.length)];
+    solid.sort((a, b) => a - b);
+    view.radius = solid.length && alike(solid) ? solid[Math.floor(0.95 * solid.length)] : null;
+    view.window = windowOf(flat, alike);
+  }
+
+  /** The part of the image that the landmarks of a sequence wander through, if not much wider. */
+  function windowOf(extents, alike) {
+    const radii = extents.map((e) => e.radius).sort((a, b) => a - b);
+    if (!radii.length || !alike(radii)) return null;
+    const typical = radii[Math.floor(0.95 * radii.length)];
+    const [low, high] = [Math.min, Math.max].map((pick) => [0, 1].map((axis) => pick(...extents.map((e) => e.middle[axis]))));
+    const wander = Math.hypot(high[0] - low[0], high[1] - low[1]) / 2;
+    if (wander > typical) return null;
+    return { middle: [0, 1].map((axis) => (low[axis] + high[axis]) / 2), radius: typical + wander };
+  }
+
+  function loadPicture(frame) {
+    const picture = data.pictures[frame];
+    if (!picture || view.pictures.has(frame)) return;
+    const image = new Image();
+    image.onload = redraw;
+    image.src = picture.data;
+    view.pictures.set(frame, image);
+    if (view.pictures.size > 60) view.pictures.delete(view.pictures.keys().next().value);
+  }
+
+  function tell() {
+    const { name, start, end } = sequence();
+    const parts = [data.items[view.frame], `frame ${view.frame - start + 1} of ${end - start}${name ? ` in ${name}` : ""}`];
+    for (const layer of data.layers) parts.push(describe(layer));
+    $("state").textContent = parts.filter(Boolean).join(" · ");
+    listed.mark((row) => row.frame === view.frame);
+  }
+
+  function short(value) {
+    return Math.abs(value) < 1e-3 && value !== 0 ? value.toExponential(1) : String(Number(value.toPrecision(3)));
+  }
+
+  function describe(layer) {
+    const known = layer.measures
+      .filter((m) => m.scale !== "share")
+      .map((m) => [m, m.values[view.frame]])
+      .map(([m, value]) => (Number.isFinite(value) ? `${m.name} ${short(value)}${m.unit ? ` ${m.unit}` : ""}` : ""));
+    const words = [layer.words(view.frame), ...known].filter(Boolean);
+    return words.length ? `${layer.name}: ${words.join(", ")}` : "";
+  }
+
+  /* Playing. */
+  function play(on = !view.playing) {
+    if (!on || sequence().end - sequence().start < 2) {
+      view.playing = null;
+      tell();
+    } else {
+      view.playing = { since: performance.now(), from: view.frame };
+      requestAnimationFrame(advance);
+    }
+    $("play").textContent = view.playing ? "Pause" : "Play";
+    $("play").setAttribute("aria-pressed", Boolean(view.playing));
+  }
+
+  function advance(now) {
+    if (!view.playing) return;
+    const { start, end } = sequence();
+    const passed = (Math.max(0, now - view.playing.since) / 1000) * data.frameRate * Number($("speed").value);
+    const frame = start + ((view.playing.from - start + Math.floor(passed)) % (end - start));
+    if (frame !== view.frame) go(frame);
+    requestAnimationFrame(advance);
+  }
+
+  function restart() {
+    if (view.playing) view.playing = { since: performance.now(), from: view.frame };
+  }
+
+  /** The user goes to a frame; playing goes on from there. */
+  function jump(frame) {
+    go(frame);
+    restart();
+  }
+
+  function jumpSequence(step) {
+    const next = data.sequences[clamp(data.sequenceOf(view.frame) + step, 0, data.sequences.length - 1)];
+    jump(next.start);
+  }
+
+  function jumpWorst() {
+    const rows = stripRows();
+    if (!rows.length) return;
+    const worst = rows[0].levels.map((_, i) => Math.max(...rows.map(({ levels }) => levels[i])));
+    const order = strip.ranking(worst);
+    const next = order[view.rank % order.length];
+    jump(sequence().start + next);
+    view.rank++;
+  }
+
+  /* The camera. */
+  function turn(yaw, pitch) {
+    view.yaw += yaw;
+    view.pitch = clamp(view.pitch + pitch, -90, 90);
+    redraw();
+  }
+
+  function stand(yaw, pitch) {
+    [view.yaw, view.pitch] = [yaw, pitch];
+    redraw();
+  }
+
+  function reset() {
+    Object.assign(view, { zoom: 1, pan: [0, 0], planeZoom: 1, planePan: [0, 0] });
+    stand(0, 0);
+  }
+
+  function zoomSpace(factor) {
+    view.zoom = clamp(view.zoom * factor, 0.05, 50);
+    redraw();
+  }
+
+  function zoomPlane(factor) {
+    view.planeZoom = clamp(view.planeZoom * factor, 0.05, 50);
+    redraw();
+  }
+
+  const DEGREES_A_PIXEL = 0.5;
+
+  function listenToDrag(canvas, dragged, zoomed) {
+    let last = null;
+    canvas.addEventListener("pointerdown", (event) => {
+      last = [event.clientX, event.clientY];
+      canvas.setPointerCapture(event.pointerId);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (!last) return;
+      dragged(event.clientX - last[0], event.clientY - last[1], event.shiftKey || event.buttons === 2);
+      last = [event.clientX, event.clientY];
+    });
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => (last = null));
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      zoomed(Math.exp(-0.0015 * event.deltaY));
+    }, { passive: false });
+  }
+
+  listenToDrag($("space"), (dx, dy, moving) => {
+    if (!moving) return turn(DEGREES_A_PIXEL * dx, DEGREES_A_PIXEL * dy);
+    view.pan = [view.pan[0] + dx, view.pan[1] + dy];
+    redraw();
+  }, zoomSpace);
+  listenToDrag($("plane"), (dx, dy) => {
+    view.planePan = [view.planePan[0] + dx, view.planePan[1] + dy];
+    redraw();
+  }, zoomPlane);
+
+  /* Keys. */
+  const KEYS = {
+    " ": () => play(), w: jumpWorst, W: jumpWorst, 0: reset,
+    1: () => stand(0, 0), 2: () => stand(-90, 0), 3: () => stand(0, 90),
+    "+": () => zoomSpace(1.2), "=": () => zoomSpace(1.2), "-": () => zoomSpace(1 / 1.2),
+    Home: () => jump(sequence().start), End: () => jump(sequence().end - 1),
+    ArrowUp: () => jumpSequence(-1), ArrowDown: () => jumpSequence(1),
+    "/": () => $("search").focus(),
+  };
+
+  function within(frame) {
+    return clamp(frame, sequence().start, sequence().end - 1);
+  }
+
+  document.addEventListener("keydown", (event) => {
+    const { target, key } = event;
+    if (event.ctrlKey || event.metaKey || event.defaultPrevented) return;
+    if (target.id === "search") {
+      if (key === "Escape") target.blur();
+      return;
+    }
+    if (target.tagName === "SELECT") return;
+    if (key === " " && ["BUTTON", "INPUT", "SUMMARY"].includes(target.tagName) && target.type !== "range") return;
+    const across = { ArrowLeft: -1, ArrowRight: 1 }[key];
+    const along = { ArrowUp: -1, ArrowDown: 1 }[key];
+    let action = KEYS[key];
+    if (event.altKey && (across || along)) action = () => turn(5 * (across ?? 0), 5 * (along ?? 0));
+    else if (across) action = () => jump(within(view.frame + across * (event.shiftKey ? 10 : 1)));
+    if (!action) return;
+    event.preventDefault();
+    action();
+  });
+
+  /* Controls. */
+  function choice(label, checked, changed) {
+    const [box, row] = [document.createElement("input"), document.createElement("label")];
+    Object.assign(box, { type: "checkbox", checked });
+    box.addEventListener("change", () => changed(box.checked));
+    row.append(box, ...label);
+    return row;
+  }
+
+  function fillLayers() {
+    for (const layer of data.layers) {
+      const patch = document.createElement("i");
+      const paint = () => (patch.style.background = `var(--${layer.colour})`);
+      paint();
+      const name = document.createElement("bdi");
+      name.textContent = layer.name;
+      $("layers").append(choice([patch, name], view.shown.has(layer), (on) => {
+        if (on) view.shown.add(layer);
+        else view.shown.delete(layer);
+        redraw();
+      }));
+    }
+  }
+
+  function fillMeasures() {
+    const names = new Set(data.layers.flatMap((layer) => layer.measures.map((m) => m.name)));
+    for (const name of names) $("measure").append(new Option(name, name));
+    const none = names.size === 0;
+    $("measure").disabled = $("worst").disabled = $("strip").hidden = none;
+    $("measure").value = [...names].find((name) => name === "error") ?? [...names][0] ?? "";
+  }
+
+  const listed = list.make(
+    $("list"),
+    (row) => (row.frame === undefined
+      ? { kind: "sequence", text: `${data.sequences[row.sequence].name || "(no sequence)"} (${data.sequences[row.sequence].end - data.sequences[row.sequence].start})` }
+      : { kind: "frame", text: data.items[row.frame] }),
+    (row) => jump(row.frame ?? data.sequences[row.sequence].start),
+  );
+
+  function search() {
+    const text = $("search").value;
+    const rows = scene.find(data, text, data.sequenceOf(view.frame));
+    const frames = rows.filter((row) => row.frame !== undefined).length;
+    $("found").textContent = text.trim() ? `${frames} of ${data.count} found` : `${data.count} frames, ${data.sequences.length} ${data.sequences.length === 1 ? "sequence" : "sequences"}`;
+    listed.show(rows);
+    listed.mark((row) => row.frame === view.frame);
+    view.found = rows;
+  }
+
+  $("search").addEventListener("input", search);
+  $("search").addEventListener("keydown", (event) => {
+    const first = view.found.find((row) => row.frame !== undefined) ?? view.found[0];
+    if (event.key === "Enter" && first) jump(first.frame ?? data.sequences[first.sequence].start);
+  });
+  $("slider").addEventListener("input", () => jump(sequence().start + Number($("slider").value)));
+  $("play").addEventListener("click", () => play());
+  $("speed").addEventListener("change", restart);
+  $("measure").addEventListener("change", () => { view.rank = 0; redraw(); });
+  $("worst").addEventListener("click", jumpWorst);
+  $("strip").addEventListener("click", (event) => {
+    const { start, end } = sequence();
+    const box = $("strip").getBoundingClientRect();
+    jump(start + strip.frameAt(event.clientX - box.left, box.width, end - start));
+  });
+  for (const key of ["mesh", "names", "upright"]) {
+    $(key).addEventListener("change", () => { view[key] = $(key).checked; redraw(); });
+  }
+  $("front").addEventListener("click", KEYS[1]);
+  $("side").addEventListener("click", KEYS[2]);
+  $("top").addEventListener("click", KEYS[3]);
+  $("reset").addEventListener("click", reset);
+  $("theme").addEventListener("click", () => {
+    const root = document.documentElement;
+    const dark = getComputedStyle(root).colorScheme.includes("dark");
+    root.dataset.theme = dark ? "light" : "dark";
+    restyle();
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", restyle);
+  window.addEventListener("resize", redraw);
+  window.addEventListener("hashchange", followLink);
+
+  function restyle() {
+    look = panels.style();
+    redraw();
+  }
+
+  /** Go to the item that the address names: page.html#item=NAME. */
+  function followLink() {
+    const item = new URLSearchParams(location.hash.slice(1)).get("item");
+    const frame = item === null ? -1 : data.items.indexOf(item);
+    if (frame >= 0) jump(frame);
+    else if (item !== null) $("state").textContent = `This page has no item ${item}.`;
+    return frame >= 0;
+  }
+
+  function begin() {
+    fillLayers();
+    fillMeasures();
+    $("mesh-choice").hidden = $("upright-choice").hidden = !data.layers.some((layer) => layer.faces);
+    $("rate").textContent = data.count > 1 ? `${data.frameRate} frames/s${data.rateKnown ? "" : " (not stated in the files)"}` : "";
+    $("plane").closest("section").hidden = !data.flat;
+    if (!renderer) {
+      $("broken").hidden = false;
+      $("broken").textContent = "This browser has no WebGL2, so the 3D panel stays empty; open the page in another one.";
+    }
+    enterSequence();
+    if (!followLink()) go(0);
+  }
+
+  /** What the page shows, for scripts and tests. */
+  window.shapefit = {
+    data,
+    get frame() { return view.frame; },
+    get item() { return data.items[view.frame]; },
+    get camera() { return { yaw: view.yaw, pitch: view.pitch, zoom: view.zoom, pan: view.pan }; },
+    get projected() { return view.projected; },
+    get playing() { return Boolean(view.playing); },
+    get drawn() { return view.drawn; },
+    get plane() { return view.plane; },
+    get shown() { return [...view.shown].map((layer) => layer.name); },
+    get landmarks() { return Array.from(data.seen(view.frame) ?? []); },
+    onPlane: (x, y) => view.onPlane(x, y),
+    layer: (name) => data.layers.find((layer) => layer.name === name),
+    turn,
+    go: jump,
+  };
+
+  if (data.count) begin();
+})();
