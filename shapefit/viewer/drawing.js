@@ -50,7 +50,7 @@ const drawing = (() => {
   `${FADE} in vec3 seen;
     void main() {
       vec3 normal = normalize(cross(dFdx(seen), dFdy(seen)));
-      float light = 0.35 + 0.65 * abs(dot(normal, normalize(vec3(-0.3, 0.5, 0.8))));
+      float light = 0.45 + 0.55 * abs(dot(normal, normalize(vec3(-0.3, 0.5, 0.8))));
       pixel = vec4(fade(colour).rgb * light, colour.a);
     }`];
 

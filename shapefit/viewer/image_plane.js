@@ -28,18 +28,15 @@ const imagePlane = (() => {
     context.font = FONT;
     context.textAlign = "center";
     context.textBaseline = "bottom";
-    const left = plane.middle[0] - width / 2 / plane.zoom;
-    for (let tick = Math.ceil(left / step) * step; ; tick += step) {
+    for (const tick of ticks(plane.middle[0], width / 2 / plane.zoom, step)) {
       const [x] = place(plane, width, height, tick, 0);
-      if (x > width - 24) break;
-      if (x < 24) continue;
+      if (x < 24 || x > width - 24) continue;
       context.fillRect(x, height - 5, 1, 5);
       context.fillText(number(tick, step), x, height - 6);
     }
     context.textAlign = "left";
     context.textBaseline = "middle";
-    const [low, high] = [plane.middle[1] - height / 2 / plane.zoom, plane.middle[1] + height / 2 / plane.zoom];
-    for (let tick = Math.ceil(low / step) * step; tick < high; tick += step) {
+    for (const tick of ticks(plane.middle[1], height / 2 / plane.zoom, step)) {
       const y = place(plane, width, height, 0, tick)[1];
       if (y < 30 || y > height - 30) continue;
       context.fillRect(0, y, 5, 1);
@@ -47,6 +44,13 @@ const imagePlane = (() => {
     }
     context.textBaseline = "top";
     context.fillText(unit, 8, 8);
+  }
+
+  /** The multiples of a step within `reach` of the middle. */
+  function ticks(middle, reach, step) {
+    const count = Math.floor((2 * reach) / step) + 1;
+    const first = Math.ceil((middle - reach) / step);
+    return Number.isFinite(count + first) ? Array.from({ length: count }, (_, i) => (first + i) * step) : [];
   }
 
   /** 1, 2 or 5 times a power of ten, at least `least`. */
@@ -70,20 +74,11 @@ const imagePlane = (() => {
     drawRuler(context, plane, width, height, frame.unit, style.faint);
     for (const layer of frame.layers) {
       if (layer.mesh) fillMesh(context, layer, (j) => at(layer.mesh, j));
-      context.strokeStyle = layer.tint;
-      context.globalAlpha = 0.75;
-      context.lineWidth = 2;
-      context.beginPath();
-      for (const [a, b] of frame.edges) {
-        if (!Number.isFinite(layer.fitted[2 * a] + layer.fitted[2 * b])) continue;
-        context.moveTo(...at(layer.fitted, a));
-        context.lineTo(...at(layer.fitted, b));
-      }
-      context.stroke();
-      context.globalAlpha = 1;
+      drawEdges(context, layer.fitted, frame.edges, at, layer.tint);
       drawMarks(context, frame, layer, plane, at, style);
     }
     if (!frame.seen) return;
+    if (!frame.layers.length) drawEdges(context, frame.seen, frame.edges, at, style.faint);
     for (let j = 0; j < frame.seen.length / 2; j++) {
       if (!Number.isFinite(frame.seen[2 * j])) continue;
       const [x, y] = at(frame.seen, j);
@@ -97,14 +92,43 @@ const imagePlane = (() => {
         context.lineWidth = 1;
         context.stroke();
       }
-      if (frame.names) {
-        context.font = FONT;
-        context.textAlign = "left";
-        context.textBaseline = "bottom";
-        context.fillStyle = style.ink;
-        context.fillText(frame.names[j], x + 5, y - 3);
-      }
     }
+    if (frame.names) drawNames(context, frame, at, style);
+  }
+
+  function drawNames(context, frame, at, style) {
+    context.font = FONT;
+    context.textAlign = "left";
+    context.textBaseline = "middle";
+    context.fillStyle = style.ink;
+    const places = frame.names.map((_, j) => at(frame.seen, j));
+    for (const j of apart(places, frame.names)) context.fillText(frame.names[j], places[j][0] + 6, places[j][1] - 9);
+  }
+
+  /** The names that fit beside their points without covering each other: indices, first come first. */
+  function apart(places, names) {
+    const kept = [];
+    names.forEach((name, j) => {
+      const [x, y] = places[j];
+      const free = (k) => Math.abs(places[k][1] - y) > 14 ||
+        x > places[k][0] + 8 * names[k].length || places[k][0] > x + 8 * name.length;
+      if (Number.isFinite(x) && kept.every(free)) kept.push(j);
+    });
+    return kept;
+  }
+
+  function drawEdges(context, points, edges, at, tint) {
+    context.strokeStyle = tint;
+    context.globalAlpha = 0.75;
+    context.lineWidth = 2;
+    context.beginPath();
+    for (const [a, b] of edges) {
+      if (!Number.isFinite(points[2 * a] + points[2 * b])) continue;
+      context.moveTo(...at(points, a));
+      context.lineTo(...at(points, b));
+    }
+    context.stroke();
+    context.globalAlpha = 1;
   }
 
   /** Rings where landmarks are hidden, lines from the others to where the model has them. */
@@ -171,6 +195,6 @@ const imagePlane = (() => {
     context.stroke();
   }
 
-  return { draw, place, niceStep };
+  return { draw, place, apart, ticks, niceStep };
 })();
 if (typeof module !== "undefined") module.exports = imagePlane;

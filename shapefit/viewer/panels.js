@@ -118,16 +118,16 @@ const panels = (() => {
     labels.replaceChildren();
     const points = Object.values(view.projected)[0];
     if (!view.names || !points) return;
-    points.forEach(([x, y], j) => {
-      if (!Number.isFinite(x)) return;
+    for (const j of imagePlane.apart(points, data.landmarks)) {
       const label = document.createElement("span");
       label.textContent = data.landmarks[j];
-      label.style.transform = `translate(${x + 6}px, ${y - 18}px)`;
+      label.style.transform = `translate(${points[j][0] + 6}px, ${points[j][1] - 18}px)`;
       labels.append(label);
-    });
+    }
   }
 
   function drawPlane(canvas, data, view, look) {
+    if (!data.flat) return;
     const [width, height, ratio] = fitCanvas(canvas);
     const context = canvas.getContext("2d");
     context.setTransform(ratio, 0, 0, ratio, 0, 0);

@@ -9,11 +9,11 @@ const scene = (() => {
     return {
       ...page,
       count,
+      hasOutliers: Boolean(page.outliers),
       sequences,
       sequenceOf: (frame) => lastAtMost(starts, frame),
       seen: page.seen ? blocks.open(page.seen).row : () => null,
       outliers: page.outliers ? openBits(page.outliers, page.landmarks.length) : () => [],
-      confidence: page.confidence ? blocks.open(page.confidence).row : () => null,
       layers: page.layers.map((layer) => openLayer(layer, meshes, page)),
     };
   }

@@ -102,23 +102,23 @@ class Scene:
     frame_rate: float | None = None
     seen: Floats | None = None
     outliers: NDArray[np.bool_] | None = None
-    confidence: Floats | None = None
     meshes: Sequence[MeshSet] = ()
     pictures: Mapping[int, Picture] = field(default_factory=dict)
     notes: Sequence[str] = ()
 
 
-USUAL_RATE = 25.0
-"""Frames a second where no file says it."""
+USUAL_RATE, RATE_OF_IMAGES = 25.0, 2.0
+"""Frames a second where no file says it: of sequences, and of images that are none."""
 
 
 def as_json(scene: Scene) -> dict[str, Any]:
     """Return what the page reads, ready for JSON."""
     has_images = scene.seen is not None or any(layer.role == "result" for layer in scene.layers)
+    in_motion = any(name for name, _ in scene.sequences)
     return {
         "unit": "" if scene.unit == "unknown" else scene.unit,
         "yDown": scene.y_down,
-        "frameRate": scene.frame_rate or USUAL_RATE,
+        "frameRate": scene.frame_rate or (USUAL_RATE if in_motion else RATE_OF_IMAGES),
         "rateKnown": scene.frame_rate is not None,
         "flat": has_images,
         "landmarks": list(scene.landmarks),
@@ -127,9 +127,6 @@ def as_json(scene: Scene) -> dict[str, Any]:
         "sequences": [{"name": name, "start": start} for name, start in scene.sequences],
         "seen": None if scene.seen is None else _points(scene.seen),
         "outliers": None if scene.outliers is None else block_of_bits(scene.outliers),
-        "confidence": None
-        if scene.confidence is None
-        else block_of_coarse_floats(scene.confidence),
         "layers": [_layer(layer) for layer in scene.layers],
         "meshes": [_mesh(mesh) for mesh in scene.meshes],
         "pictures": {

@@ -299,11 +299,28 @@
     }
   }
 
+  /** Explain the marks of the left panel that occur. */
+  function fillKey() {
+    const results = data.layers.some((layer) => layer.role === "result");
+    const marks = [
+      ["● seen", data.seen(0)], ["○ hidden, from the model", results && data.seen(0)],
+      ["✕ judged an outlier", data.hasOutliers], ["– to where the model has it", results && data.seen(0)],
+      ["+ one standard deviation", data.layers.some((layer) => layer.sd(0))],
+    ];
+    for (const [text, occurs] of marks) {
+      if (!occurs) continue;
+      const entry = document.createElement("li");
+      entry.textContent = text;
+      $("marks").append(entry);
+    }
+  }
+
   function fillMeasures() {
     const names = new Set(data.layers.flatMap((layer) => layer.measures.map((m) => m.name)));
     for (const name of names) $("measure").append(new Option(name, name));
     const none = names.size === 0;
-    $("measure").disabled = $("worst").disabled = $("strip").hidden = none;
+    for (const id of ["measure", "worst", "strip"]) $(id).hidden = none;
+    document.querySelector("label[for=measure]").hidden = none;
     $("measure").value = [...names].find((name) => name === "error") ?? [...names][0] ?? "";
   }
 
@@ -374,9 +391,11 @@
   function begin() {
     fillLayers();
     fillMeasures();
+    fillKey();
     $("mesh-choice").hidden = $("upright-choice").hidden = !data.layers.some((layer) => layer.faces);
     $("rate").textContent = data.count > 1 ? `${data.frameRate} frames/s${data.rateKnown ? "" : " (not stated in the files)"}` : "";
-    $("plane").closest("section").hidden = !data.flat;
+    $("flat").hidden = !data.flat;
+    $("solid").hidden = $("layers").hidden = !data.layers.length;
     if (!renderer) {
       $("broken").hidden = false;
       $("broken").textContent = "This browser has no WebGL2, so the 3D panel stays empty; open the page in another one.";

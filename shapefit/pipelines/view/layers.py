@@ -128,13 +128,14 @@ def laid_onto(layer: Layer, target: Floats) -> Layer:
     Over the landmarks that both have; frames with fewer than three such are nan afterwards, and
     those that have no target stay where they are.
     """
-    both = metrics.visible_in_both(layer.points, target)
-    has_target = metrics.visible_in_both(target, target).any(axis=1)
+    both: NDArray[np.bool_] = metrics.visible_in_both(layer.points, target)
+    has_target = np.any(metrics.visible_in_both(target, target), axis=1)
     frames = np.flatnonzero(has_target)
     points = np.where(has_target[:, None, None], np.nan, layer.points)
     pose = None if layer.pose is None else layer.pose.copy()
-    for mask in np.unique(both[frames], axis=0):
-        rows = frames[np.flatnonzero(np.all(both[frames] == mask, axis=1))]
+    masks, which = np.unique(both[frames], axis=0, return_inverse=True)
+    for number, mask in enumerate(masks):
+        rows = frames[which.ravel() == number]
         if mask.sum() < metrics.FEWEST_LANDMARKS:
             continue
         move = similarity_transform(layer.points[rows][:, :, mask], target[rows][:, :, mask])
