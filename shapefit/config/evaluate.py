@@ -108,6 +108,12 @@ class EvalConfig(CommandConfig):
         "many, spread evenly over the images of all methods, or which items.",
     )
 
+    view: bool = Field(
+        default=True,
+        description="Also write view.html, which shows the results and the truth, and draw the "
+        "worst, median and best images in report.html.",
+    )
+
     @field_validator("metrics")
     @classmethod
     def _at_least_one(cls, metrics: tuple[Metric, ...]) -> tuple[Metric, ...]:

@@ -136,6 +136,11 @@ class SweepConfig(CommandConfig):
     )
     output: OutputPath = Field(description="Folder to write the report and the files between to.")
     plots: bool = Field(default=True, description="Also draw the errors (PNG and SVG).")
+    view: bool = Field(
+        default=True,
+        description="Also draw the worst, median and best images in report.html, and write "
+        "view.html of them: at the value with the least mean error.",
+    )
 
     @cached_property
     def key(self) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from shapefit.evaluation import labels
 from shapefit.evaluation.cells import ABSENT, HOW_TO_READ_PAIRS, pairs, percent
 from shapefit.evaluation.csv_table import null_for_nan, write_table
-from shapefit.evaluation.markdown import markdown_table
+from shapefit.evaluation.document import Block, Listing, Section, Table, Title, as_markdown
 from shapefit.evaluation.summary import ALL, ImageErrors, summarise
 
 Value = str | bool | int | float
@@ -151,6 +151,11 @@ def sweep_json(sweep: Sweep) -> str:
 
 
 def markdown(sweep: Sweep) -> str:
+    """Return the page as Markdown."""
+    return as_markdown(document(sweep))
+
+
+def document(sweep: Sweep) -> list[Block]:
     """One table: values down, mean and median of each group in each metric and the time across.
 
     Where images failed, the share of those that did not stands behind the errors of their group.
@@ -169,13 +174,13 @@ def markdown(sweep: Sweep) -> str:
     rows = [
         [value_text(v), *(column.get(v, ABSENT) for column in columns.values())] for v in values
     ]
-    parts = [f"# Error against {sweep.key}", HOW_TO_READ_PAIRS]
+    parts: list[Block] = [Title(f"Error against {sweep.key}"), HOW_TO_READ_PAIRS]
     if any(point.metric in labels.METRICS for point in sweep.points):
         parts.append(_LABELS)
-    parts += [markdown_table([sweep.key, *columns], rows), _TIMES]
+    parts += [Table([sweep.key, *columns], rows), _TIMES]
     if sweep.caveats:
-        parts += ["## Caveats", "\n".join(f"- {caveat}" for caveat in sweep.caveats)]
-    return "\n\n".join(parts) + "\n"
+        parts += [Section("Caveats"), Listing(sweep.caveats)]
+    return parts
 
 
 def _share_with_shape(point: Point) -> str:

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from shapefit import __version__
-from shapefit.config import EvalConfig
+from shapefit.config import EvalConfig, ViewConfig
 from shapefit.errors import input_error
 from shapefit.evaluation import plots, tables
 from shapefit.evaluation.box_plots import box_plot
-from shapefit.evaluation.errors_markdown import markdown
+from shapefit.evaluation.errors_document import document, markdown
 from shapefit.evaluation.report import NORMALISED, Method, Report
 from shapefit.evaluation.solving import Run, sum_up
 from shapefit.evaluation.summary import ImageErrors, summarise
@@ -24,7 +24,11 @@ from shapefit.pipelines.image_errors import find_grouping, image_errors
 from shapefit.pipelines.judgement import Judgement, judge
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
+from shapefit.pipelines.report_pages import contact_sheets, report_pages
 from shapefit.pipelines.visible_enough import visible_enough
+
+MOST_FAILURES = 200
+"""Failed items a method that the report lists; its JSON lists them all."""
 
 
 def run(config: EvalConfig) -> Iterator[Outcome]:
@@ -64,8 +68,20 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         writers |= _plots(errors, grouping)
     if examples:
         writers |= plots.writers("examples", examples_picture(examples, found.lifted, truth))
-    written = tuple(write_folder(config.output, writers))
-    yield Outcome(warnings=ungrouped, note=markdown(report).rstrip(), written=written)
+    blocks = [*document(report, MOST_FAILURES), *contact_sheets(found.fitted_with, config.output)]
+    pages = report_pages("report", blocks, writers, errors, view_of(config), report.provenance)
+    written = tuple(write_folder(config.output, writers | pages.writers))
+    yield Outcome(
+        warnings=ungrouped + pages.warnings, note=markdown(report).rstrip(), written=written
+    )
+
+
+def view_of(config: EvalConfig) -> ViewConfig | None:
+    """Return what the viewer beside the report shows; None without it, or where a pipe was read."""
+    files = [*config.truth, *(file for files in config.results.values() for file in files)]
+    if not config.view or not all(file.is_file() for file in files):
+        return None
+    return ViewConfig(files=config.results, truth=config.truth, match=config.match)
 
 
 @dataclass
@@ -73,7 +89,7 @@ class _Found:
     """What is known once all results were judged.
 
     errors and methods in the order of `results`; the warnings, each once; lifted and shown are
-    what examples and floors need, where these are asked for.
+    what examples and floors need, where these are asked for; fitted_with the configs of the fits.
     """
 
     methods: list[Method] = field(default_factory=list)
@@ -81,6 +97,7 @@ class _Found:
     warnings: list[str] = field(default_factory=list)
     lifted: dict[str, list[Lifted]] = field(default_factory=dict)
     shown: dict[str, Shown] = field(default_factory=dict)
+    fitted_with: dict[str, list[str]] = field(default_factory=dict)
 
 
 def _judge_all(config: EvalConfig, truth: ShapeSet, found: _Found) -> Iterator[Outcome]:
@@ -90,6 +107,8 @@ def _judge_all(config: EvalConfig, truth: ShapeSet, found: _Found) -> Iterator[O
         for file in files:
             results = read_results(file)
             runs.append(_run_of(results))
+            fitted_with = str(results.attributes.get("config", ""))
+            found.fitted_with.setdefault(name, []).append(fitted_with)
             results, too_few = visible_enough(file, results, config.least_visible)
             judgement = judge(file, results, truth, config.match, config.metrics)
             judgements.append(judgement)
@@ -158,7 +177,6 @@ def _tables(errors: Sequence[ImageErrors], report: Report) -> dict[str, Writer]:
         "per_image.csv": lambda path: tables.write_per_image(path, errors),
         "report.csv": lambda path: tables.write_report_csv(path, report.summaries),
         "report.json": lambda path: path.write_text(tables.report_json(report), encoding="utf-8"),
-        "report.md": lambda path: path.write_text(markdown(report), encoding="utf-8"),
     }
 
 

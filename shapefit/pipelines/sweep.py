@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from shapefit import __version__
-from shapefit.config import SweepConfig
+from shapefit.config import SweepConfig, ViewConfig
 from shapefit.config.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.sweep import Value
 from shapefit.evaluation import labels, plots
@@ -17,6 +18,7 @@ from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.sweep import (
     Point,
     Sweep,
+    document,
     markdown,
     points,
     sweep_json,
@@ -32,6 +34,7 @@ from shapefit.pipelines.image_errors import find_grouping, image_errors
 from shapefit.pipelines.judgement import judge
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
+from shapefit.pipelines.report_pages import report_pages
 from shapefit.pipelines.sweep_images import Choice, choose_images
 
 
@@ -64,8 +67,8 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
     truth = read_shapes(config.truth)
     judged: list[ImageErrors] = []
     found: list[Point] = []
-    for number, value in enumerate(config.values, start=1):
-        folder = work / f"{number}_{_file_name(value)}"
+    for value in config.values:
+        folder = _folder(config, value)
         folder.mkdir(parents=True, exist_ok=True)
         files = yield from _prepare(config, value, files, folder, work)
         result = folder / "result.h5"
@@ -83,8 +86,42 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         judged += errors
         found += [point for e in errors for point in points(value, e, grouping, seconds)]
     sweep = Sweep(config.key, tuple(found), config.caveats, _provenance(config))
-    written = tuple(write_folder(config.output, _writers(sweep, judged, with_plot=config.plots)))
-    yield Outcome(note=markdown(sweep).rstrip(), written=written)
+    writers = _writers(sweep, judged, with_plot=config.plots)
+    best = best_value(sweep)
+    pages = report_pages(
+        "sweep",
+        document(sweep),
+        writers,
+        [e for e in judged if e.method == value_text(best)],
+        _view_of(config, best) if config.view else None,
+        sweep.provenance,
+    )
+    written = tuple(write_folder(config.output, writers | pages.writers))
+    yield Outcome(note=markdown(sweep).rstrip(), warnings=pages.warnings, written=written)
+
+
+def best_value(sweep: Sweep) -> Value:
+    """Return the value with the least mean error in the first metric, over its groups."""
+    first = next(iter(sweep.of_metric().values()))
+    means: dict[Value, list[float]] = {}
+    for point in (point for found in first.values() for point in found):
+        means.setdefault(point.value, []).append(point.mean)
+    known = {value: sum(each) / len(each) for value, each in means.items()}
+    return min(known, key=lambda value: (math.isnan(known[value]), known[value]))
+
+
+def _view_of(config: SweepConfig, value: Value) -> ViewConfig | None:
+    """Return what the viewer shows: the fit at one value. None where the truth was a pipe."""
+    if not all(file.is_file() for file in config.truth):
+        return None
+    result = _folder(config, value) / "result.h5"
+    return ViewConfig(files={value_text(value): (result,)}, truth=config.truth, match=config.match)
+
+
+def _folder(config: SweepConfig, value: Value) -> Path:
+    """Return the folder of the files between, of one value."""
+    number = config.values.index(value) + 1
+    return config.output / "work" / f"{number}_{_file_name(value)}"
 
 
 def _prepare(
@@ -210,6 +247,5 @@ def _writers(sweep: Sweep, judged: Sequence[ImageErrors], *, with_plot: bool) ->
         "per_image.csv": lambda path: write_per_image(path, judged, of="value"),
         "sweep.csv": lambda path: write_csv(path, sweep),
         "sweep.json": lambda path: path.write_text(sweep_json(sweep), encoding="utf-8"),
-        "sweep.md": lambda path: path.write_text(markdown(sweep), encoding="utf-8"),
     }
     return writers | (plots.writers("sweep", sweep_plot(sweep)) if with_plot else {})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from shapefit.config import ViewConfig
@@ -11,11 +12,11 @@ from shapefit.errors import input_error
 from shapefit.io.atomic import atomic_path, check_output
 from shapefit.io.listing import Listing, list_file
 from shapefit.io.sources import is_stream
-from shapefit.pipelines.counted import counted
 from shapefit.pipelines.outcome import Outcome
 from shapefit.pipelines.view.assembly import assemble
 from shapefit.pipelines.view.frames import Frames, choose_frames, thin
 from shapefit.viewer.page import viewer_page
+from shapefit.viewer.scene import Scene
 
 MEGABYTE = 1_000_000
 CODE_BYTES = 60_000
@@ -31,11 +32,15 @@ def run(config: ViewConfig) -> Iterator[Outcome]:
     written.
     """
     output = check_page(config)
-    page, frames, notes = make_page(config)
-    write_page(output, page)
-    shown = counted(len(frames.items), "frame")
-    size = f"{shown} in {len(page) / MEGABYTE:.1f} MB"
-    yield Outcome(done=len(frames.items), warnings=notes, note=size, written=(output,))
+    page = make_page(config)
+    with atomic_path(output) as temporary:
+        temporary.write_bytes(page.html)
+    yield Outcome(
+        done=len(page.scene.items),
+        warnings=tuple(page.scene.notes),
+        note=f"{len(page.html) / MEGABYTE:.1f} MB",
+        written=(output,),
+    )
 
 
 def check_page(config: ViewConfig) -> Path:
@@ -50,16 +55,16 @@ def check_page(config: ViewConfig) -> Path:
     return output
 
 
-def write_page(path: Path, page: bytes) -> None:
-    """Write the page whole or not at all."""
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(page)
+@dataclass(frozen=True)
+class Page:
+    """The page in UTF-8, and what it shows."""
+
+    html: bytes
+    scene: Scene
 
 
-def make_page(
-    config: ViewConfig, kept: Collection[str] = ()
-) -> tuple[bytes, Frames, tuple[str, ...]]:
-    """Return the page in UTF-8, its frames, and what it lacks; items `kept` are never left out."""
+def make_page(config: ViewConfig, kept: Collection[str] = ()) -> Page:
+    """Return the page; the items `kept` are never left out."""
     listings = {name: tuple(map(list_file, files)) for name, files in config.files.items()}
     every = [listing for own in listings.values() for listing in own]
     whole = choose_frames(every, config.items)
@@ -68,11 +73,11 @@ def make_page(
     for _ in range(ROUNDS):
         frames = thin(whole, step, kept)
         scene = assemble(config, listings, frames)
-        page = viewer_page(scene).encode("utf-8", "xmlcharrefreplace")
-        if len(page) <= most or len(frames.items) <= max(1, len(kept)):
+        page = Page(viewer_page(scene).encode("utf-8", "xmlcharrefreplace"), scene)
+        if len(page.html) <= most or len(frames.items) <= max(1, len(kept)):
             break
-        step = math.ceil(step * 1.02 * len(page) / most)
-    return page, frames, tuple(scene.notes)
+        step = math.ceil(step * 1.02 * len(page.html) / most)
+    return page
 
 
 def _least_bytes(frames: Frames, listings: list[Listing]) -> float:

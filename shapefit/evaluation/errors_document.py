@@ -1,11 +1,19 @@
-"""An evaluation as a Markdown page: errors, counts, how the fits went, and what to bear in mind."""
+"""An evaluation as a document: errors, counts, how the fits went, and what to bear in mind."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 from shapefit.evaluation.cells import ABSENT, HOW_TO_READ_PAIRS, decimals_of, number, pairs, percent
-from shapefit.evaluation.markdown import markdown_table
+from shapefit.evaluation.document import (
+    Block,
+    Italic,
+    Listing,
+    Section,
+    Table,
+    Title,
+    as_markdown,
+)
 from shapefit.evaluation.report import PUBLISHED, Report
 from shapefit.evaluation.solving import Solving
 from shapefit.evaluation.summary import ALL, Summary
@@ -14,7 +22,7 @@ from shapefit.evaluation.tables import by_kind
 Kind = tuple[str, str]
 
 FAILURES_SHOWN = 10
-"""Failed items a method that the Markdown lists; the JSON lists them all."""
+"""Failed items a method that the page lists; the JSON lists them all."""
 
 _SPEED = ("ms an image", "images/s")
 
@@ -31,7 +39,12 @@ _QUOTED = "What is in italics is quoted from its publication, not computed here.
 
 
 def markdown(report: Report) -> str:
-    """Return the page.
+    """Return the page as Markdown."""
+    return as_markdown(document(report))
+
+
+def document(report: Report, failures: int = FAILURES_SHOWN) -> list[Block]:
+    """Return the blocks of the page, with so many failed items a method.
 
     Groups have a table a metric and unit, groups down and methods across. Without groups there is
     one table, methods down, and the means and medians of all metrics across.
@@ -39,7 +52,7 @@ def markdown(report: Report) -> str:
     tables = by_kind(summary for summary in report.summaries if summary.sequence is None)
     groups = {group for quoted in report.published.values() for group in quoted}
     groups |= {summary.group for summary in report.summaries}
-    parts = ["# Errors against the truth"]
+    parts: list[Block] = [Title("Errors against the truth")]
     if groups == {ALL}:
         parts.append(_HOW_TO_READ_OVERVIEW)
     else:
@@ -51,15 +64,15 @@ def markdown(report: Report) -> str:
     else:
         for kind, summaries in tables.items():
             published = report.published if kind == PUBLISHED else {}
-            parts += [f"## {kind[0]} ({kind[1]})", _errors_table(summaries, published)]
-    parts += ["## Images", _images_table(report), *_failed_items(report)]
+            parts += [Section(f"{kind[0]} ({kind[1]})"), _errors_table(summaries, published)]
+    parts += [Section("Images"), _images_table(report), *_failed_items(report, failures)]
     parts += _solving(report)
     parts += _listing("Left out", report.warnings)
     parts += _listing("Caveats", report.caveats)
-    return "\n\n".join(parts) + "\n"
+    return parts
 
 
-def _overview(report: Report, tables: Mapping[Kind, Sequence[Summary]]) -> str:
+def _overview(report: Report, tables: Mapping[Kind, Sequence[Summary]]) -> Table:
     """Methods down; mean and median of every metric and unit, then the speed, across.
 
     A quoted method, in italics, has one mean only.
@@ -80,20 +93,20 @@ def _overview(report: Report, tables: Mapping[Kind, Sequence[Summary]]) -> str:
         for name, quoted in report.published.items():
             cells = [ABSENT] * len(columns)
             cells[place] = number(quoted[ALL], decimals_of([quoted[ALL]]))
-            rows.append([f"*{name}*", *cells])
-    return markdown_table(header, rows)
+            rows.append([Italic(name), *cells])
+    return Table(header, rows)
 
 
 def _errors_table(
     summaries: Sequence[Summary], published: Mapping[str, Mapping[str, float]]
-) -> str:
+) -> Table:
     ours = {(s.group, s.method): s.mean for s in summaries}
     quoted = {(g, m): error for m, column in published.items() for g, error in column.items()}
     groups = dict.fromkeys(group for group, _ in (*ours, *quoted))
     methods = dict.fromkeys(method for _, method in ours)
     decimals = decimals_of([*ours.values(), *quoted.values()])
 
-    header = ["", *methods, *(f"*{method}*" for method in published)]
+    header = ["", *methods, *(Italic(method) for method in published)]
     rows = [
         [
             group,
@@ -102,16 +115,16 @@ def _errors_table(
         ]
         for group in groups
     ]
-    return markdown_table(header, rows)
+    return Table(header, rows)
 
 
-def _images_table(report: Report) -> str:
+def _images_table(report: Report) -> Table:
     counts = [(m.name, m.images, len(m.failures)) for m in report.methods]
     rows = [[name, str(n - failed), str(failed)] for name, n, failed in counts]
-    return markdown_table(["method", "evaluated", "failed"], rows)
+    return Table(["method", "evaluated", "failed"], rows)
 
 
-def _solving(report: Report) -> list[str]:
+def _solving(report: Report) -> list[Block]:
     """The table of what the fits tell of themselves, unless they tell nothing, as CSV files."""
     told = [(method.name, method.solving) for method in report.methods]
     if all(solving == Solving() for _, solving in told):
@@ -127,7 +140,7 @@ def _solving(report: Report) -> list[str]:
         ]
         for name, s in told
     ]
-    return ["## Solving", _HOW_TO_READ_SOLVING, markdown_table(header, rows)]
+    return [Section("Solving"), _HOW_TO_READ_SOLVING, Table(header, rows)]
 
 
 def _speed(solving: Solving) -> list[str]:
@@ -139,16 +152,16 @@ def _speed(solving: Solving) -> list[str]:
     ]
 
 
-def _failed_items(report: Report) -> list[str]:
+def _failed_items(report: Report, most: int) -> list[Block]:
     lines = []
     for method in report.methods:
         failures = list(method.failures.items())
-        lines += [f"{method.name}, {item}: {why}" for item, why in failures[:FAILURES_SHOWN]]
-        if len(failures) > FAILURES_SHOWN:
-            more = len(failures) - FAILURES_SHOWN
+        lines += [f"{method.name}, {item}: {why}" for item, why in failures[:most]]
+        if len(failures) > most:
+            more = len(failures) - most
             lines.append(f"{method.name}: {more} more, all listed in report.json")
     return _listing("Failed", lines)
 
 
-def _listing(title: str, lines: Sequence[str]) -> list[str]:
-    return [f"## {title}", "\n".join(f"- {line}" for line in lines)] if lines else []
+def _listing(title: str, lines: Sequence[str]) -> list[Block]:
+    return [Section(title), Listing(lines)] if lines else []

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.evaluation.errors_markdown import markdown
+from shapefit.evaluation.errors_document import markdown
 from shapefit.evaluation.report import Method, Report
 from shapefit.evaluation.solving import Solving
 from shapefit.evaluation.summary import ImageErrors, summarise
