@@ -53,7 +53,9 @@ def report_pages(
     """
     drawings = {file: _bytes_of(write) for file, write in plots.items() if file.endswith(".svg")}
     pictures = [Picture(file, Path(file).stem.replace("_", " ")) for file in drawings]
-    with_plots: list[Block] = [*blocks, *([Section("Plots"), *pictures] if pictures else [])]
+    with_plots = list(blocks)
+    if pictures:
+        with_plots += [Section("Plots"), *pictures]
     ranked = [(each, rank(each)) for each in first_of_each(errors)] if view else []
     page, warnings = _page(view, ranked)
     html = report_page(

@@ -1,4 +1,4 @@
-"""Arrays as the page holds them: base64 of small integers or floats, read by blocks.js."""
+"""Arrays as the page holds them: base64 of small integers or floats, read by scripts/blocks.js."""
 
 from __future__ import annotations
 

@@ -21,6 +21,8 @@ SCRIPTS = (
     "scene.js",
     "strip.js",
     "list.js",
+    "framing.js",
+    "pointer.js",
     "panels.js",
     "viewer.js",
 )
@@ -34,7 +36,7 @@ def viewer_page(scene: Scene) -> str:
     script puts them into the document as text only. The Content-Security-Policy lets run the
     script of the page alone, and forbids every request.
     """
-    script = "\n".join(resource(name) for name in SCRIPTS)
+    script = "\n".join(resource(f"scripts/{name}") for name in SCRIPTS)
     return fill(
         resource("viewer.html"),
         style=resource("viewer.css"),

@@ -10,7 +10,7 @@ from shapefit.errors import InputError
 from shapefit.io import write_shapes
 from shapefit.pipelines import evaluate
 
-FILES = {"per_image.csv", "report.csv", "report.json", "report.md"}
+FILES = {"per_image.csv", "report.csv", "report.json", "report.md", "report.html", "view.html"}
 
 
 def test_plots_are_drawn_for_every_metric(desk):

@@ -10,7 +10,7 @@ from shapefit.evaluation import metrics
 from shapefit.io import write_shapes
 
 N = 7
-FILES = {"per_image.csv", "report.csv", "report.json", "report.md"}
+FILES = {"per_image.csv", "report.csv", "report.json", "report.md", "report.html", "view.html"}
 
 
 def test_group_mean_is_the_mean_of_its_sequences_means(desk, truth, results):

@@ -74,36 +74,8 @@
     $("slider").max = Math.max(0, end - start - 1);
     $("slider").disabled = $("play").disabled = end - start < 2;
     view.rank = 0;
-    measureSequence(start, end);
+    Object.assign(view, framing.ofSequence(data, start, end));
     search();
-  }
-
-  /** One scale for a sequence whose shapes are about as large in every frame, else one a frame. */
-  function measureSequence(start, end) {
-    const step = Math.max(1, Math.floor((end - start) / 200));
-    const [solid, flat] = [[], []];
-    for (let frame = start; frame < end; frame += step) {
-      const points = data.layers.map((layer) => layer.points(frame)).find((p) => p.some(Number.isFinite));
-      const seen = data.seen(frame) ?? data.layers.find((layer) => layer.role === "result")?.fitted(frame);
-      const [inSpace, inPlane] = [points && geometry.extent(points, 3), seen && geometry.extent(seen, 2)];
-      if (inSpace) solid.push(inSpace.radius);
-      if (inPlane) flat.push(inPlane);
-    }
-    const alike = (sizes) => sizes[Math.floor(0.95 * sizes.length)] < 2 * sizes[Math.floor(0.05 * sizes.length)];
-    solid.sort((a, b) => a - b);
-    view.radius = solid.length && alike(solid) ? solid[Math.floor(0.95 * solid.length)] : null;
-    view.window = windowOf(flat, alike);
-  }
-
-  /** The part of the image that the landmarks of a sequence wander through, if not much wider. */
-  function windowOf(extents, alike) {
-    const radii = extents.map((e) => e.radius).sort((a, b) => a - b);
-    if (!radii.length || !alike(radii)) return null;
-    const typical = radii[Math.floor(0.95 * radii.length)];
-    const [low, high] = [Math.min, Math.max].map((pick) => [0, 1].map((axis) => pick(...extents.map((e) => e.middle[axis]))));
-    const wander = Math.hypot(high[0] - low[0], high[1] - low[1]) / 2;
-    if (wander > typical) return null;
-    return { middle: [0, 1].map((axis) => (low[axis] + high[axis]) / 2), radius: typical + wander };
   }
 
   function loadPicture(frame) {
@@ -213,31 +185,12 @@
 
   const DEGREES_A_PIXEL = 0.5;
 
-  function listenToDrag(canvas, dragged, zoomed) {
-    let last = null;
-    canvas.addEventListener("pointerdown", (event) => {
-      last = [event.clientX, event.clientY];
-      canvas.setPointerCapture(event.pointerId);
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      if (!last) return;
-      dragged(event.clientX - last[0], event.clientY - last[1], event.shiftKey || event.buttons === 2);
-      last = [event.clientX, event.clientY];
-    });
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => (last = null));
-    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      zoomed(Math.exp(-0.0015 * event.deltaY));
-    }, { passive: false });
-  }
-
-  listenToDrag($("space"), (dx, dy, moving) => {
+  pointer.listen($("space"), (dx, dy, moving) => {
     if (!moving) return turn(DEGREES_A_PIXEL * dx, DEGREES_A_PIXEL * dy);
     view.pan = [view.pan[0] + dx, view.pan[1] + dy];
     redraw();
   }, zoomSpace);
-  listenToDrag($("plane"), (dx, dy) => {
+  pointer.listen($("plane"), (dx, dy) => {
     view.planePan = [view.planePan[0] + dx, view.planePan[1] + dy];
     redraw();
   }, zoomPlane);

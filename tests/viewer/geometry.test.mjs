@@ -1,0 +1,115 @@
+// The pure mathematics of the page: `node --test tests/viewer/`.
+import assert from "node:assert/strict";
+import { createRequire } from "node:module";
+import test from "node:test";
+
+const load = createRequire(import.meta.url);
+globalThis.blocks = load("../../shapefit/viewer/scripts/blocks.js");
+globalThis.geometry = load("../../shapefit/viewer/scripts/geometry.js");
+const { blocks, geometry } = globalThis;
+const strip = load("../../shapefit/viewer/scripts/strip.js");
+const scene = load("../../shapefit/viewer/scripts/scene.js");
+const framing = load("../../shapefit/viewer/scripts/framing.js");
+const imagePlane = load("../../shapefit/viewer/scripts/image_plane.js");
+
+function near(actual, expected, tolerance = 1e-12) {
+  assert.equal(actual.length, expected.length);
+  expected.forEach((value, i) => assert.ok(Math.abs(actual[i] - value) <= tolerance, `${actual} != ${expected}`));
+}
+
+const base64 = (array) => Buffer.from(array.buffer).toString("base64");
+const SPIN = geometry.viewRotation(35, -20);
+
+test("a view rotation is proper", () => {
+  near(geometry.compose(SPIN, geometry.inverse(SPIN)), geometry.IDENTITY);
+  const [a, b, c, d, e, f, g, h, i] = SPIN;
+  near([a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)], [1]);
+});
+
+test("yaw takes the near side to the right, pitch the upper side to the viewer", () => {
+  near(geometry.turn([0, 0, 1], geometry.viewRotation(90, 0), [0, 0, 0]), [1, 0, 0]);
+  near(geometry.turn([0, 1, 0], geometry.viewRotation(0, 90), [0, 0, 0]), [0, 0, 1]);
+});
+
+test("the camera frame stands upright where y points down", () => {
+  near(geometry.turn([1, 2, 3], geometry.uprightRotation(true), [0, 0, 0]), [1, -2, -3]);
+  near(geometry.turn([1, 2, 3], geometry.uprightRotation(false), [0, 0, 0]), [1, 2, 3]);
+});
+
+test("points are turned around the centre, and hidden ones stay unknown", () => {
+  const turned = geometry.turn([1, 1, 1, NaN, 0, 0], SPIN, [1, 1, 1]);
+  near(turned.slice(0, 3), [0, 0, 0]);
+  assert.ok(Number.isNaN(turned[3]));
+});
+
+test("projection puts the centre in the middle and y up", () => {
+  const camera = { zoom: 10, pan: [3, 4] };
+  near(geometry.project([0, 0, 5, 1, 2, -7], camera, 200, 100).flat(), [103, 54, 113, 34]);
+});
+
+test("a blend is s R (sum of weighted atoms) + t", () => {
+  const atoms = [[1, 0, 0, 0, 1, 0], [0, 0, 2, 1, 1, 1]];
+  const pose = [0, -1, 0, 1, 0, 0, 0, 0, 1, 2, 10, 20, 30];
+  near(geometry.blend(atoms, [[0, 1], [1, 0.5]], pose), [10, 22, 32, 7, 21, 31]);
+});
+
+test("perspective: x focal / depth + centre, whichever way z points", () => {
+  const camera = [1, 2, 8, 100, 200, 5, 6];
+  near(geometry.seenInPerspective([11, 22, 6], 3, [11, 22, 0], camera), [15, 46]);
+  const behind = [1, 2, -8, 100, 200, 5, 6];
+  near(geometry.seenInPerspective([11, 22, -6], 3, [11, 22, 0], behind), [15, 46]);
+});
+
+test("extent leaves out what is unknown", () => {
+  assert.deepEqual(geometry.extent([0, 0, 2, 0, NaN, NaN], 2), { middle: [1, 0], radius: 1 });
+  assert.equal(geometry.extent([NaN, NaN], 2), null);
+});
+
+test("blocks: 16-bit values are scaled, missing ones NaN, coarse floats and bits come back", () => {
+  const codes = Int16Array.from([-32768, 10, 32767, 0]);
+  const points = blocks.open({ type: "i2", shape: [2, 1, 2], offset: [100, 200], scale: 0.5, data: base64(codes) });
+  assert.deepEqual([...points.row(0)], [NaN, 205]);
+  assert.deepEqual([...points.row(1)], [100 + 32767 / 2, 200]);
+  const halves = Uint16Array.from([0x3f80, 0xc040, 0x7fc0]);
+  assert.deepEqual([...blocks.numbers({ type: "bf", data: base64(halves) })], [1, -3, NaN]);
+  assert.deepEqual([0, 1, 8, 9].map((i) => blocks.bit([0b10, 0b1], i)), [false, true, true, false]);
+});
+
+test("the strip is high where it is bad, and keeps the worst of a column", () => {
+  assert.deepEqual(strip.badness([0, 5, 10, NaN], { scale: "linear", bad: "high" }), [0, 0.5, 1, Infinity]);
+  assert.deepEqual(strip.badness([-10, 0], { scale: "linear", bad: "low" }), [1, 0]);
+  near(strip.badness([1e-8, 1e-6, 1e-4], { scale: "log", bad: "high" }), [0, 0.5, 1]);
+  assert.deepEqual(strip.badness([0.1, 0.6], { scale: "share", bad: "high" }), [0.1, 0.6]);
+  assert.deepEqual(strip.columnsOf([0, 3, 1, Infinity], 2), [3, Infinity]);
+  assert.deepEqual(strip.columnsOf([1, 2], 4), [1, 1, 2, 2]);
+  assert.deepEqual(strip.ranking([0.5, Infinity, 0.7, 0.5]), [1, 2, 0, 3]);
+});
+
+test("a click on the strip finds its frame", () => {
+  assert.deepEqual([-5, 0, 499, 999, 2000].map((x) => strip.frameAt(x, 1000, 10)), [0, 0, 4, 9, 9]);
+});
+
+test("search finds sequences and items whatever the case; without text the current sequence", () => {
+  const open = { items: ["A/1", "A/2", "b/1"], sequences: [{ name: "A", start: 0, end: 2 }, { name: "b", start: 2, end: 3 }] };
+  assert.deepEqual(scene.find(open, "", 1), [{ sequence: 0 }, { sequence: 1 }, { frame: 2 }]);
+  assert.deepEqual(scene.find(open, " /1", 0), [{ frame: 0 }, { frame: 2 }]);
+  assert.deepEqual(scene.find(open, "B", 0), [{ sequence: 1 }, { frame: 2 }]);
+  assert.deepEqual([0, 1, 2, 9].map((frame) => scene.lastAtMost([0, 2], frame)), [0, 0, 1, 1]);
+});
+
+test("rulers have round steps, and none where there is nothing to measure", () => {
+  assert.deepEqual([0.3, 1, 1.5, 30, 60].map(imagePlane.niceStep), [0.5, 1, 2, 50, 100]);
+  assert.deepEqual(imagePlane.ticks(10, 10, 5), [0, 5, 10, 15, 20]);
+  assert.deepEqual(imagePlane.ticks(NaN, 10, 5), []);
+  assert.deepEqual(imagePlane.ticks(0, Infinity, Infinity), []);
+});
+
+test("names that would cover others are left out", () => {
+  assert.deepEqual(imagePlane.apart([[0, 0], [5, 5], [0, 40], [NaN, 0]], ["a", "b", "c", "d"]), [0, 2]);
+});
+
+test("frames of like size share a scale, others do not", () => {
+  assert.equal(framing.typical([1, 1.1, 1.2]), 1.2);
+  assert.equal(framing.typical([1, 3]), null);
+  assert.equal(framing.typical([]), null);
+});

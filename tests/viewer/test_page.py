@@ -1,0 +1,198 @@
+"""The page in a browser, used as a person would, checked by numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from selenium.webdriver.common.keys import Keys
+
+SLIDE = """
+  const slider = document.getElementById("slider");
+  slider.value = arguments[0];
+  slider.dispatchEvent(new Event("input", {bubbles: true}));
+"""
+
+
+@pytest.fixture
+def page(view, sequence, open_page):
+    made = view({"walker": (sequence.result,)}, truth=(sequence.truth,))
+    return open_page(made.path)
+
+
+def test_the_slider_shows_the_landmarks_of_its_frame(page, sequence):
+    page.run(SLIDE, 310)
+    page.settle()
+    assert (page.state("frame"), page.state("item")) == (310, "walk/0310")
+    shown = np.array(page.state("landmarks"), dtype=float).reshape(-1, 2).T
+    np.testing.assert_allclose(shown, sequence.landmarks[310], atol=0.01)
+    assert "frame 311 of 400 in walk" in page.text("#state")
+    assert "walker: optimal" in page.text("#state")
+
+
+def test_a_drag_by_a_quarter_turn_turns_the_projected_points(page, sequence):
+    page.run(SLIDE, 42)
+    page.settle()
+    before = np.array(page.state("projected.walker"))
+    page.drag("#space", 180, 0)
+    camera, after = page.state("camera"), np.array(page.state("projected.walker"))
+    assert (camera["yaw"], camera["pitch"]) == (90, 0)
+    points = sequence.shapes[42] * np.array([[1], [-1], [-1]])  # upright, y down in the image
+    points -= points.mean(axis=1, keepdims=True)
+    zoom = np.ptp(before[:, 0]) / np.ptp(points[0])
+    middle = before.mean(axis=0)
+    for shown, x in ((before, points[0]), (after, points[2])):
+        expected = middle + zoom * np.stack([x, -points[1]], axis=1)
+        np.testing.assert_allclose(shown, expected, atol=0.1)
+
+
+def test_a_drag_down_ends_at_the_top_view(page):
+    page.drag("#space", 0, 150)
+    page.drag("#space", 0, 150)
+    assert page.state("camera.pitch") == 90
+
+
+def test_named_views_zoom_and_reset(page):
+    page.keys("3")
+    assert page.state("camera.pitch") == 90
+    page.keys("2", "+", "+")
+    assert (page.state("camera.yaw"), page.state("camera.pitch")) == (-90, 0)
+    assert page.state("camera.zoom") == pytest.approx(1.44)
+    page.click("#reset")
+    assert page.state("camera") == {"yaw": 0, "pitch": 0, "zoom": 1, "pan": [0, 0]}
+
+
+def test_play_advances_at_the_frame_rate_and_pauses(page):
+    page.find("body").send_keys(" ")
+    assert page.state("playing")
+    start, began = page.run("return [shapefit.frame, performance.now()]")
+    page.until("return shapefit.frame > 20")
+    end, ended = page.run("return [shapefit.frame, performance.now()]")
+    assert (end - start) / (ended - began) * 1000 == pytest.approx(50, rel=0.35)
+    page.keys(" ")
+    stopped = page.state("frame")
+    page.settle()
+    assert not page.state("playing")
+    assert page.state("frame") == stopped
+    assert page.text("#play") == "Play"
+
+
+def test_keys_step_through_frames_and_sequences(page):
+    page.keys(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_LEFT)
+    assert page.state("frame") == 1
+    page.run("document.getElementById('slider').focus()")
+    page.keys(Keys.ARROW_RIGHT)
+    assert page.state("frame") == 2  # once, not also by the slider itself
+    page.keys(Keys.END)
+    assert page.state("frame") == 399
+    page.keys(Keys.ARROW_DOWN)
+    assert page.state("item") == "jump/0400"
+    page.keys(Keys.HOME, Keys.ARROW_UP)
+    assert page.state("frame") == 0
+
+
+def test_search_finds_and_enter_goes_there(page):
+    page.keys("/")
+    page.keys("JUMP/05")
+    assert page.text("#found") == "100 of 600 found"
+    page.keys(Keys.ENTER)
+    assert page.state("item") == "jump/0500"
+    selected = page.find("#rows [aria-selected=true]").text
+    assert selected == "jump/0500"
+    page.keys("nowhere")
+    assert page.text("#found") == "0 of 600 found"
+
+
+def test_the_strip_leads_to_the_worst_frame(page, sequence):
+    page.run(
+        "const m = document.getElementById('measure'); m.value = 'relative gap';"
+        "m.dispatchEvent(new Event('change'))"
+    )
+    page.click("#worst")
+    assert page.state("frame") == 123
+    assert "iteration-limit" in page.text("#state")
+    page.keys("w")
+    order = np.argsort(-sequence.gap[:400])
+    assert page.state("frame") == order[1]
+
+
+def test_a_click_on_the_strip_goes_to_that_frame(page):
+    page.click("#strip")
+    assert abs(page.state("frame") - 200) <= 1
+
+
+def test_layers_are_switched_off_and_on(page):
+    assert page.state("shown") == ["walker", "truth"]
+    page.click("#layers label:nth-of-type(2) input")
+    assert page.state("shown") == ["walker"]
+    assert list(page.state("projected")) == ["walker"]
+
+
+def test_the_truth_lies_on_the_result(page, sequence):
+    page.settle()
+    found, truth = (np.array(page.state(f"projected.{name}")) for name in ("walker", "truth"))
+    assert 0 < np.abs(found - truth).max() < 0.15 * np.ptp(found)
+
+
+def test_an_address_leads_to_an_item(view, sequence, open_page):
+    made = view({"walker": (sequence.result,)})
+    assert open_page(made.path, "#item=jump%2F0450").state("item") == "jump/0450"
+
+
+def test_nothing_is_complained_about_and_nothing_asked_for(page):
+    page.keys(Keys.ARROW_RIGHT, "3", " ", " ")
+    page.click("#theme")
+    assert page.complaints() == []
+    assert page.requests() == []
+
+
+def test_both_panels_are_drawn_in_light_and_dark(page):
+    seen = {page.run("return getComputedStyle(document.body).backgroundColor")}
+    for _ in range(2):
+        for canvas in ("plane", "space", "strip"):
+            image = _pixels(page, canvas)
+            assert len(np.unique(image.reshape(-1, 3), axis=0)) > 5, canvas
+        page.click("#theme")
+        seen.add(page.run("return getComputedStyle(document.body).backgroundColor"))
+    assert len(seen) == 2
+
+
+def _pixels(page, canvas):
+    import io
+
+    from PIL import Image
+
+    png = page.find(f"#{canvas}").screenshot_as_png
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+
+def test_no_text_is_small_and_everything_has_a_name(page):
+    page.click("#names")
+    small = page.run("""
+      return [...document.querySelectorAll("body *")].filter((e) => e.offsetParent &&
+        [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()) &&
+        parseFloat(getComputedStyle(e).fontSize) < 12).map((e) => e.outerHTML)""")
+    assert small == []
+    unnamed = page.run("""
+      const controls = [...document.querySelectorAll("button, input, select, canvas, [role=listbox]")];
+      return controls.filter((e) => !(e.getAttribute("aria-label") || e.textContent.trim() ||
+        [...(e.labels ?? [])].some((l) => l.textContent.trim()))).map((e) => e.outerHTML)""")
+    assert unnamed == []
+
+
+def test_the_colours_can_be_told_from_the_background(page):
+    for _ in range(2):
+        contrast = page.run("""
+          const style = getComputedStyle(document.documentElement);
+          const light = (name) => { const hex = style.getPropertyValue(name).trim().slice(1);
+            const parts = [0, 2, 4].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255)
+              .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
+            return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2]; };
+          const ground = light("--background");
+          const names = ["ink", "faint", "accent", "outlier", "truth",
+            ...[0, 1, 2, 3, 4, 5].map((i) => `layer-${i}`)];
+          return Object.fromEntries(names.map((name) => { const own = light(`--${name}`);
+            const [a, b] = [Math.max(own, ground), Math.min(own, ground)];
+            return [name, (a + 0.05) / (b + 0.05)]; }));""")
+        for name, ratio in contrast.items():
+            assert ratio >= (4.5 if name in ("ink", "faint") else 3), (name, ratio)
+        page.click("#theme")
