@@ -147,14 +147,14 @@ def open_page(browser):
     return opened
 
 
-@pytest.fixture
-def view(tmp_path):
+@pytest.fixture(scope="session")
+def view(tmp_path_factory):
     """Return the function that runs `view` and gives the page and the outcome."""
     from shapefit.config import ViewConfig
     from shapefit.pipelines.view.run import run
 
     def viewed(files, **settings):
-        output = tmp_path / "page.html"
+        output = tmp_path_factory.mktemp("view") / "page.html"
         (outcome,) = run(ViewConfig(files=files, output=output, **settings))
         return SimpleNamespace(path=output, outcome=outcome, text=output.read_text("utf-8"))
 
@@ -164,11 +164,12 @@ def view(tmp_path):
 N, NAMES = 600, ("head", "hand", "foot", "knee")
 
 
-@pytest.fixture
-def sequence(tmp_path):
-    """600 frames of four landmarks, two sequences, that move so that each is known by its number."""
+@pytest.fixture(scope="session")
+def sequence(tmp_path_factory):
+    """600 frames of four landmarks in two sequences; no two frames are alike."""
     from shapefit.io import ResultSet, ShapeSet, result_writer, write_shapes
 
+    folder = tmp_path_factory.mktemp("sequence")
     rng = np.random.default_rng(3)
     base = rng.normal(size=(3, 4)) * 40
     angle = np.linspace(0, 6, N)
@@ -186,12 +187,12 @@ def sequence(tmp_path):
     items = tuple(f"{'walk' if i < 400 else 'jump'}/{i:04d}" for i in range(N))
     sequences = tuple(item[:4] for item in items)
     status = np.array(["optimal"] * N, dtype=object)
-    status[123] = "iteration-limit"
+    status[123] = "iteration limit"
     gap = 10 ** rng.uniform(-9, -5, N)
     gap[123] = 0.2
     sets = SimpleNamespace(
-        shapes=shapes, landmarks=landmarks, items=items, gap=gap, folder=tmp_path,
-        result=tmp_path / "walker.h5", truth=tmp_path / "truth.h5",
+        shapes=shapes, landmarks=landmarks, items=items, gap=gap,
+        result=folder / "walker.h5", truth=folder / "truth.h5",
     )  # fmt: skip
     with result_writer(sets.result) as writer:
         writer.append(

@@ -13,9 +13,13 @@ SLIDE = """
 """
 
 
+@pytest.fixture(scope="module")
+def made(view, sequence):
+    return view({"walker": (sequence.result,)}, truth=(sequence.truth,))
+
+
 @pytest.fixture
-def page(view, sequence, open_page):
-    made = view({"walker": (sequence.result,)}, truth=(sequence.truth,))
+def page(made, open_page):
     return open_page(made.path)
 
 
@@ -109,7 +113,7 @@ def test_the_strip_leads_to_the_worst_frame(page, sequence):
     )
     page.click("#worst")
     assert page.state("frame") == 123
-    assert "iteration-limit" in page.text("#state")
+    assert "iteration limit" in page.text("#state")
     page.keys("w")
     order = np.argsort(-sequence.gap[:400])
     assert page.state("frame") == order[1]
@@ -133,8 +137,7 @@ def test_the_truth_lies_on_the_result(page, sequence):
     assert 0 < np.abs(found - truth).max() < 0.15 * np.ptp(found)
 
 
-def test_an_address_leads_to_an_item(view, sequence, open_page):
-    made = view({"walker": (sequence.result,)})
+def test_an_address_leads_to_an_item(made, open_page):
     assert open_page(made.path, "#item=jump%2F0450").state("item") == "jump/0450"
 
 
@@ -173,7 +176,8 @@ def test_no_text_is_small_and_everything_has_a_name(page):
         parseFloat(getComputedStyle(e).fontSize) < 12).map((e) => e.outerHTML)""")
     assert small == []
     unnamed = page.run("""
-      const controls = [...document.querySelectorAll("button, input, select, canvas, [role=listbox]")];
+      const kinds = "button, input, select, canvas, [role=listbox]";
+      const controls = [...document.querySelectorAll(kinds)];
       return controls.filter((e) => !(e.getAttribute("aria-label") || e.textContent.trim() ||
         [...(e.labels ?? [])].some((l) => l.textContent.trim()))).map((e) => e.outerHTML)""")
     assert unnamed == []

@@ -1,0 +1,207 @@
+"""What is on a page: numbers come back, frames are thinned, measures and pictures are there."""
+
+from __future__ import annotations
+
+from base64 import b64decode
+
+import numpy as np
+import pytest
+
+from shapefit.config import ViewConfig
+from shapefit.evaluation import metrics
+from shapefit.io import read_results, read_shapes, write_dictionary
+from shapefit.pipelines.view.run import make_page
+from shapefit.viewer.blocks import block_of_coarse_floats, block_of_points
+from shapefit.viewer.thumbnails import mesh_vertices, thumbnail
+
+
+def decoded(block):
+    """Undo a block as blocks.js does."""
+    kinds = {"i2": "<i2", "f4": "<f4", "u1": "<u1", "u2": "<u2", "u4": "<u4", "bf": "<u2"}
+    codes = np.frombuffer(b64decode(block["data"]), kinds[block["type"]]).reshape(block["shape"])
+    if block["type"] == "bf":
+        return (codes.astype("<u4") << 16).view("<f4")
+    if block["type"] != "i2":
+        return codes
+    values = np.array(block["offset"]) + block["scale"] * codes
+    return np.where(codes == -32768, np.nan, values)
+
+
+def test_points_come_back_within_half_a_step(rng):
+    points = rng.normal(size=(50, 4, 3)) * [1, 100, 5] + [0, 1000, 0]
+    points[3, 2] = np.nan
+    points[7, 1, 0] = np.inf
+    block = block_of_points(points)
+    back = decoded(block)
+    known = np.isfinite(points).all(axis=-1)
+    assert block["type"] == "i2"
+    assert np.abs(back - points)[known].max() <= 0.5001 * block["scale"]
+    assert np.isnan(back[~known]).all()
+    assert block["scale"] == pytest.approx(np.ptp(points[known][:, 1]) / 65534)
+
+
+def test_points_far_off_do_not_spoil_the_others(rng):
+    points = rng.normal(size=(50, 4, 3))
+    points[0] *= 1e9
+    block = block_of_points(points)
+    assert block["type"] == "f4"
+    np.testing.assert_allclose(decoded(block), points, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "points", [np.full((2, 3, 3), np.nan), np.zeros((2, 3, 3)), np.ones((1, 1, 2))]
+)
+def test_points_without_extent(points):
+    np.testing.assert_array_equal(decoded(block_of_points(points)), points)
+
+
+def test_coarse_floats_keep_three_digits():
+    values = np.array([0.0, 1e-12, -3.14159, 1e5, np.nan, np.inf, 3.4e38])
+    back = decoded(block_of_coarse_floats(values))
+    np.testing.assert_allclose(back[:4], values[:4], rtol=0.004)
+    assert np.isnan(back[4])
+    assert np.isinf(back[5])
+
+
+def test_many_frames_are_thinned_and_the_page_says_so(desk):
+    n = 20_000
+    sequences = tuple("long" if i < 15_000 else "short" for i in range(n))
+    result = desk.result(n=n, sequences=sequences, attributes={"frame_rate": 60.0})
+    config = ViewConfig(files={"result": (result,)}, megabytes=1)
+    page = make_page(config, kept=("i7", "i19999"))
+    assert len(page.html) <= 1_000_000
+    assert len(page.html) > 500_000
+    step = round(n / len(page.scene.items))
+    assert step > 1
+    assert f"Every {step}" in page.scene.notes[0]
+    assert "of 20,000 frames is shown" in page.scene.notes[0]
+    assert page.scene.frame_rate == 60 / step
+    assert {"i0", f"i{step}", "i7", "i19999"} <= set(page.scene.items)
+    assert "i1" not in page.scene.items
+    assert [name for name, _ in page.scene.sequences] == ["long", "short"]
+    row = page.scene.items.index(f"i{2 * step}")
+    expected = read_results(result).shapes[2 * step]
+    np.testing.assert_allclose(page.scene.layers[0].points[row], expected)
+
+
+def test_ten_thousand_frames_fit_into_the_promised_size(desk, rng):
+    n, p = 10_000, 15
+    shapes = rng.normal(size=(n, 3, p))
+    result = desk.result(
+        n=n,
+        shapes=shapes,
+        landmark_names=tuple(f"landmark{j}" for j in range(p)),
+        items=tuple(f"walking_13/{i:05d}" for i in range(n)),
+        sequences=("walking_13",) * n,
+        landmarks_fitted=shapes[:, :2],
+        relative_gap=10 ** rng.uniform(-9, -4, n),
+    )
+    made = desk.view(result)
+    assert len(made.text) <= 2_500_000
+    assert len(made.data["items"]) == n
+
+
+def test_sequences_are_put_together_and_single_ones_are_none(desk):
+    made = desk.view(desk.result(n=4, sequences=("x", "y", "x", "y")))
+    assert made.data["items"] == ["i0", "i2", "i1", "i3"]
+    assert made.data["sequences"] == [{"name": "x", "start": 0}, {"name": "y", "start": 2}]
+    made = desk.view(desk.result(n=4, sequences=("x", "y", "z", "w")))
+    assert made.data["sequences"] == [{"name": "", "start": 0}]
+
+
+def test_errors_and_trust_stand_on_the_strip(desk, rng):
+    gap = np.array([1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1])
+    landmarks = desk.shapes(6)[:, :2]
+    extras = {
+        "landmarks": landmarks.swapaxes(1, 2),
+        "plausibility": np.linspace(0, 1, 6),
+        "evidence": -np.arange(6.0),
+        "shape_sd": np.ones((6, 5, 3)),
+        "outliers": np.eye(6, 5, dtype=bool),
+    }
+    status = np.array(["optimal", "converged", "iteration limit", "degenerate", "x", "optimal"])
+    result = desk.result(extras=extras, relative_gap=gap, status=status)
+    made = desk.view(result, truth=(desk.truth(),))
+    layer = made.data["layers"][0]
+    measures = {measure["name"]: measure for measure in layer["measures"]}
+    assert list(measures) == [
+        "error", "reprojection", "plausibility", "evidence", "relative gap", "status",
+    ]  # fmt: skip
+    found, truth = read_results(result), read_shapes([desk.folder / "truth.h5"])
+    for name, expected in (
+        ("error", metrics.similarity(found.shapes, truth.shapes)),
+        ("reprojection", metrics.reprojection(found.shapes[:, :2], landmarks)),
+        ("relative gap", gap),
+        ("status", [0.1, 0.1, 0.6, np.nan, np.nan, 0.1]),
+        ("plausibility", extras["plausibility"]),
+    ):
+        np.testing.assert_allclose(decoded(measures[name]["values"]), expected, rtol=0.004)
+    assert measures["plausibility"]["bad"] == "low"
+    np.testing.assert_allclose(decoded(layer["sd"]), 1, atol=1e-4)
+    bits = np.unpackbits(decoded(made.data["outliers"]), axis=1, bitorder="little")[:, :5]
+    np.testing.assert_array_equal(bits, extras["outliers"])
+
+
+def test_meshes_follow_the_coefficients(desk, made_dictionary, rng):
+    write_dictionary(desk.folder / "dict.h5", made_dictionary)
+    c = np.array([[1.0, 0, 0.5], [0, 2.0, 0], [np.nan] * 3])
+    R = np.linalg.qr(rng.normal(size=(3, 3, 3)))[0]
+    s, T = np.array([2.0, 3.0, 1.0]), rng.normal(size=(3, 2))
+    result = desk.result(n=3, coefficients=c, rotation=R, scale=s, translation=T)
+    config = ViewConfig(files={"r": (result,)}, dictionary=desk.folder / "dict.h5")
+    scene = make_page(config).scene
+    (layer,) = scene.layers
+    for i in range(2):
+        expected = s[i] * R[i] @ np.tensordot(c[i], made_dictionary.mesh_vertices, axes=1)
+        expected[:2] += T[i][:, None]
+        np.testing.assert_allclose(mesh_vertices(scene, i, layer), expected)
+    assert mesh_vertices(scene, 2, layer) is None
+    assert "<path" in thumbnail(scene, 0, layer)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "fields", "why"),
+    [
+        ({"method": "pmp"}, {}, "pmp gives no coefficients"),
+        ({"config": '{"temporal": {"depths": true}}'}, {}, "temporal.depths moves every landmark"),
+        ({}, {"coefficients": np.ones((6, 2))}, "2 coefficients are not those of 3 atoms"),
+        ({}, {"rotation": None}, "it has no rotation"),
+    ],
+)
+def test_meshes_that_cannot_follow(desk, made_dictionary, attributes, fields, why):
+    write_dictionary(desk.folder / "dict.h5", made_dictionary)
+    pose = {
+        "coefficients": np.ones((6, 3)), "rotation": np.tile(np.eye(3), (6, 1, 1)),
+        "scale": np.ones(6), "translation": np.zeros((6, 2)),
+    }  # fmt: skip
+    result = desk.result(attributes=attributes, **(pose | fields))
+    made = desk.view(result, dictionary=desk.folder / "dict.h5")
+    assert why in made.notes
+    assert "mesh" not in made.data["layers"][0]
+
+
+def test_pictures_lie_under_their_frames(desk):
+    from PIL import Image
+
+    images = desk.folder / "images"
+    (images / "deep").mkdir(parents=True)
+    Image.new("RGB", (2000, 1000), "red").save(images / "i1.jpg")
+    Image.new("L", (20, 10)).save(images / "deep" / "i3.png")
+    Image.new("L", (20, 10)).save(desk.folder / "secret.png")
+    result = desk.result(items=("i0", "x/i1", "i2", "deep/i3", "../secret", "/etc/hosts"))
+    made = desk.view(result, images=images)
+    assert {k: v["size"] for k, v in made.data["pictures"].items()} == {
+        "1": [2000, 1000], "3": [20, 10],
+    }  # fmt: skip
+    assert made.data["pictures"]["1"]["data"].startswith("data:image/jpeg;base64,")
+    assert "2 of 6 frames have their picture" in made.notes
+    pattern = desk.view(result, images=images / "{item}.jpg")
+    assert list(pattern.data["pictures"]) == ["1"]
+
+
+def test_frame_rates_come_from_the_config_the_result_or_the_truth(desk):
+    result = desk.result(sequences=("s",) * 6, attributes={"frame_rate": 30.0})
+    assert desk.view(result).data["frameRate"] == 30
+    assert desk.view(result, frame_rate=12.5).data["frameRate"] == 12.5
+    plain = desk.view(desk.result(sequences=("s",) * 6)).data
+    assert (plain["frameRate"], plain["rateKnown"]) == (25, False)

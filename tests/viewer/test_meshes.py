@@ -1,0 +1,88 @@
+"""Meshes that the browser blends are those that `fit` exports."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from shapefit.config import FitConfig, LearnDictConfig
+from shapefit.io import read_results
+from shapefit.pipelines import fit, learn_dict
+
+ITEMS = ("sedan_2/view_1", "pickup_1/view_4")
+MESH = "return Array.from(shapefit.layer(arguments[0]).mesh(shapefit.frame))"
+IN_IMAGE = """
+  const layer = shapefit.layer(arguments[0]);
+  return Array.from(layer.inImage(shapefit.frame, layer.points(shapefit.frame)));
+"""
+
+
+@pytest.fixture(scope="module")
+def cars(project, tmp_path_factory):
+    """Made cars, fitted in weak perspective and under a camera, with the meshes of two of them."""
+    folder = tmp_path_factory.mktemp("cars")
+    data = project / "sample_data"
+    dictionary = folder / "cars.h5"
+    settings = {"method": "exemplars", "align": "none", "output": dictionary}
+    list(learn_dict.run(LearnDictConfig(shapes=(data / "cars.h5",), **settings)))
+    cameras = {"weak": {}, "perspective": {"model": "perspective", "intrinsics": "camera_matrix"}}
+    for name, camera in cameras.items():
+        export = {
+            "folder": folder / name, "frame": "camera", "unit": "landmarks", "items": ITEMS,
+        }  # fmt: skip
+        config = FitConfig(
+            landmarks=(data / "cars_views.h5",),
+            dictionary=dictionary,
+            output=folder / f"{name}.h5",
+            method="convex+refine",
+            camera=camera,
+            export=export,
+            **{"lambda": 1.0},
+        )
+        list(fit.run(config))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(cars, view, project):
+    files = {name: (cars / f"{name}.h5",) for name in ("weak", "perspective")}
+    truth = (project / "sample_data/cars.h5",)
+    return view(files, truth=truth, match="true_model")
+
+
+@pytest.mark.parametrize("method", ["weak", "perspective"])
+@pytest.mark.parametrize("item", ITEMS)
+def test_a_blended_mesh_is_the_exported_one(made, cars, open_page, method, item):
+    page = open_page(made.path, f"#item={item}")
+    shown = np.array(page.run(MESH, method)).reshape(-1, 3)
+    exported = trimesh.load(cars / method / f"{item}.ply", process=False).vertices
+    assert np.abs(shown - exported).max() < 1e-4 * np.ptp(exported, axis=0).max()
+
+
+def test_landmarks_are_seen_where_the_camera_sees_them(made, cars, open_page):
+    results = read_results(cars / "perspective.h5")
+    row = results.items.index(ITEMS[0])
+    page = open_page(made.path, f"#item={ITEMS[0]}")
+    seen = np.array(page.run(IN_IMAGE, "perspective")).reshape(-1, 2)
+    size = np.ptp(results.landmarks_fitted[row])
+    np.testing.assert_allclose(seen, results.landmarks_fitted[row].T, atol=1e-3 * size)
+    flat = results.shapes[row, :2].T
+    assert np.abs(flat - results.landmarks_fitted[row].T).max() > 1e-2 * size
+
+
+def test_the_mesh_of_the_truth_lies_on_the_result(made, open_page):
+    page = open_page(made.path, f"#item={ITEMS[0]}")
+    fitted = np.array(page.run(MESH, "weak")).reshape(-1, 3)
+    true = np.array(page.run(MESH, "truth")).reshape(-1, 3)
+    assert np.abs(fitted.mean(axis=0) - true.mean(axis=0)).max() < 0.05 * np.ptp(fitted)
+    assert page.complaints() == []
+
+
+def test_the_car_stands_upright_in_its_own_frame(made, open_page):
+    page = open_page(made.path, f"#item={ITEMS[0]}")
+    page.click("#upright")
+    seen = np.array(page.state("projected.weak"))
+    page.keys("3")
+    above = np.array(page.state("projected.weak"))
+    assert np.ptp(above[:, 1]) > 2 * np.ptp(seen[:, 1])  # a car is longer than it is high
