@@ -24,6 +24,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/ready
 RUNS := $(VENV)/runs
 TOOLS := $(VENV)/tools
+BROWSER := $(VENV)/browser
 CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp */*.?pp))
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
@@ -37,6 +38,10 @@ demo: $(RUNS)
 	$(SHAPEFIT) fit -c configs/demo/cars/fit.yaml
 	$(SHAPEFIT) eval -c configs/demo/cars/eval.yaml
 	@echo "Meshes, pictures and a report of cars are in results/demo/cars."
+	@echo
+	@echo "Open these first, in a browser:"
+	@echo "  people  $(CURDIR)/results/demo/report/view.html"
+	@echo "  cars    $(CURDIR)/results/demo/cars/report/view.html"
 
 mocap-table: $(RUNS)
 	$(call chain,mocap)
@@ -76,7 +81,7 @@ cars: $(RUNS)
 	    $(SHAPEFIT) sweep -c configs/cars/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	@echo "The report, pictures and meshes are in results/cars."
 
-test: $(READY)
+test: $(READY) $(BROWSER)
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
 
 wheel: $(READY)
@@ -140,6 +145,18 @@ $(SHAPEFIT) fit -c configs/$(1)/fit.yaml $(SET_DATA)
 $(SHAPEFIT) eval -c configs/$(1)/eval.yaml $(SET_DATA)
 @echo "The results are in results/$(1), the report with tables and plots in results/$(1)/report."
 endef
+
+# What the tests of the page need; where it cannot be installed they are skipped, with this command.
+BROWSER_PACKAGES := chromium chromium-driver nodejs
+$(BROWSER): | $(READY)
+	@if command -v chromium && command -v chromedriver && command -v node; then :; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get; then \
+	    apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
+	    apt-get install -qq -y --no-install-recommends $(BROWSER_PACKAGES); \
+	else false; \
+	fi >/dev/null || echo "No browser, so the tests of the page are skipped;" \
+	    "as root: apt-get install $(BROWSER_PACKAGES)" >&2
+	@touch $@
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 INSTALL_SHAPEFIT = $(INSTALL) --no-build-isolation --editable
