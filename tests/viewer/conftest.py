@@ -76,6 +76,8 @@ class Opened:
         return self.driver.find_element("css selector", selector)
 
     def text(self, selector):
+        """Return a text on the page; some follow the pictures after a moment."""
+        time.sleep(0.15)
         return self.find(selector).text
 
     def settle(self):

@@ -100,8 +100,7 @@ def test_search_finds_and_enter_goes_there(page):
     assert page.text("#found") == "100 of 600 found"
     page.keys(Keys.ENTER)
     assert page.state("item") == "jump/0500"
-    selected = page.find("#rows [aria-selected=true]").text
-    assert selected == "jump/0500"
+    assert page.text("#rows [aria-selected=true]") == "jump/0500"
     page.keys("nowhere")
     assert page.text("#found") == "0 of 600 found"
 
@@ -122,6 +121,9 @@ def test_the_strip_leads_to_the_worst_frame(page, sequence):
 def test_a_click_on_the_strip_goes_to_that_frame(page):
     page.click("#strip")
     assert abs(page.state("frame") - 200) <= 1
+    marker, strip = (page.find(name).rect for name in ("#marker", "#strip"))
+    share = (page.state("frame") + 0.5) / 400
+    assert marker["x"] + 1 == pytest.approx(strip["x"] + share * strip["width"], abs=1.5)
 
 
 def test_layers_are_switched_off_and_on(page):

@@ -36,8 +36,8 @@ const strip = (() => {
     return levels.map((level, i) => [level, i]).sort((a, b) => (a[0] === b[0] ? a[1] - b[1] : b[0] - a[0])).map(([, i]) => i);
   }
 
-  /** Draw rows [{levels, tint}], one above the other, and where frame `at` of `count` is. */
-  function draw(context, width, height, rows, at, count, style) {
+  /** Draw rows [{levels, tint}], one above the other. */
+  function draw(context, width, height, rows, style) {
     context.clearRect(0, 0, width, height);
     const tall = height / rows.length;
     rows.forEach(({ levels, tint }, r) => {
@@ -50,9 +50,6 @@ const strip = (() => {
         context.fillRect(x, base - bar, 1, bar);
       });
     });
-    const x = ((at + 0.5) / count) * width;
-    context.fillStyle = style.ink;
-    context.fillRect(x - 1, 0, 2, height);
   }
 
   /** The frame of `count` that stands at `x` of `width`. */

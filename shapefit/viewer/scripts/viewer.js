@@ -31,16 +31,22 @@
     panels.drawSpace($("space"), renderer, data, view, look);
     panels.nameMarks($("labels"), data, view);
     drawStrip();
+    view.opened ??= performance.now();
     view.drawn++;
   }
 
+  /** Mark the frame on the strip; the bars are drawn only when they change. */
   function drawStrip() {
+    const { start, end } = sequence();
+    $("marker").style.left = `${(100 * (view.frame - start + 0.5)) / (end - start)}%`;
+    const key = [start, $("measure").value, $("strip").clientWidth, look.background, ...view.shown].map((part) => part.name ?? part).join();
+    if (drawStrip.key === key) return;
+    drawStrip.key = key;
     const [width, height, ratio] = panels.fitCanvas($("strip"));
     const context = $("strip").getContext("2d");
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    const { start, end } = sequence();
     const rows = stripRows().map(({ layer, levels }) => ({ levels, tint: look.layer(layer.colour) }));
-    if (rows.length) strip.draw(context, width, height, rows, view.frame - start, end - start, look);
+    strip.draw(context, width, height, rows, look);
   }
 
   /** Levels of the chosen measure over the current sequence, a row for each layer that has it. */
@@ -65,8 +71,13 @@
     if (data.sequenceOf(view.frame) !== before) enterSequence();
     loadPicture(view.frame);
     $("slider").value = view.frame - sequence().start;
-    if (!view.playing) tell();
+    if (!view.playing) tellSoon();
     redraw();
+  }
+
+  function tellSoon() {
+    clearTimeout(tellSoon.timer);
+    tellSoon.timer = setTimeout(tell, 80);
   }
 
   function enterSequence() {
@@ -88,6 +99,7 @@
     if (view.pictures.size > 60) view.pictures.delete(view.pictures.keys().next().value);
   }
 
+  /** Say in words what is shown, and mark it in the list. */
   function tell() {
     const { name, start, end } = sequence();
     const parts = [data.items[view.frame], `frame ${view.frame - start + 1} of ${end - start}${name ? ` in ${name}` : ""}`];
@@ -272,7 +284,7 @@
     const names = new Set(data.layers.flatMap((layer) => layer.measures.map((m) => m.name)));
     for (const name of names) $("measure").append(new Option(name, name));
     const none = names.size === 0;
-    for (const id of ["measure", "worst", "strip"]) $(id).hidden = none;
+    for (const id of ["measure", "worst", "bars"]) $(id).hidden = none;
     document.querySelector("label[for=measure]").hidden = none;
     $("measure").value = [...names].find((name) => name === "error") ?? [...names][0] ?? "";
   }
@@ -366,6 +378,7 @@
     get projected() { return view.projected; },
     get playing() { return Boolean(view.playing); },
     get drawn() { return view.drawn; },
+    get opened() { return view.opened; },
     get plane() { return view.plane; },
     get shown() { return [...view.shown].map((layer) => layer.name); },
     get landmarks() { return Array.from(data.seen(view.frame) ?? []); },
