@@ -97,7 +97,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         + left_in
         + exports.warnings,
         note=exports.note,
-        written=(config.output, *exports.folders),
+        written=(config.output, *exports.folders, *exports.sheets),
     )
 
 

@@ -50,6 +50,12 @@ class Exports:
         return tuple(files.folder for files in self.staged if not files.empty)
 
     @property
+    def sheets(self) -> tuple[Path, ...]:
+        """The contact sheet, where there is one."""
+        pictures = (each for each in self.exporters if isinstance(each, PictureExport))
+        return tuple(sheet for each in pictures for sheet in each.sheets)
+
+    @property
     def note(self) -> str:
         """What there is, counted."""
         return ", ".join(exporter.note for exporter in self.exporters)

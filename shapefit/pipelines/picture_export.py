@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from importlib.util import find_spec
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,6 +51,7 @@ class PictureExport:
         self._items = ChosenItems("pictures.items", config.pictures.items)
         self._places = frozenset(spread(config.pictures.sheet, count))
         self._sheet: list[FittedImage] = []
+        self.sheets: tuple[Path, ...] = ()
         self._awaited = count
         self._come = self._drawn = self._missing = 0
 
@@ -80,6 +81,7 @@ class PictureExport:
         if self._sheet and self._come == self._awaited:
             stem = next(stem for stem in SHEETS if self._named(stem) not in self._files)
             self._save(stem, contact_sheet(self._sheet, model), "contact sheet")
+            self.sheets = (self._files.folder / self._named(stem),)
 
     @property
     def note(self) -> str:

@@ -58,7 +58,8 @@ def test_cars_come_out_as_meshes_and_pictures(folder, fit):
     told = fit()
     assert told.returncode == 0, told.stderr
     assert told.stderr.rstrip().endswith(
-        "; 108 meshes, 2 pictures, contact sheet of 6; wrote result.h5, meshes, pictures"
+        "; 108 meshes, 2 pictures, contact sheet of 6; "
+        "wrote result.h5, meshes, pictures, pictures/contact_sheet.png"
     )
     items = read_results(folder / "result.h5").items
     files = below(folder / "meshes")

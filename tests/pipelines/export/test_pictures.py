@@ -54,7 +54,8 @@ def test_chosen_items_and_a_contact_sheet(tmp_path, draw, views):
         pixels = imread(path)
         assert min(pixels.shape[:2]) > 150
         assert (pixels[..., :3] < 0.9).any(axis=-1).mean() > 0.1
-    assert outcomes[-1].written == (tmp_path / "result.h5", tmp_path / "pictures")
+    sheet = tmp_path / "pictures/contact_sheet.png"
+    assert outcomes[-1].written == (tmp_path / "result.h5", tmp_path / "pictures", sheet)
     assert outcomes[-1].note == "2 pictures, contact sheet of 4"
     assert outcomes[-1].warnings == ("pictures.items: no item is called or matches 'lorry*'",)
 
