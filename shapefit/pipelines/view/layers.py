@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -36,24 +37,6 @@ def result_layer(gathered: Gathered, seen: Floats | None) -> Layer:
     sd = gathered.of_frames.get("shape_sd")
     status = gathered.texts.get("status")
     camera = _camera(gathered)
-    measures = []
-    if seen is not None:
-        flat = points[:, :2] if fitted is None else fitted
-        measures.append(
-            Measure(
-                "reprojection", metrics.reprojection(flat, seen), unit=gathered.listings[0].unit
-            )
-        )
-    for name in JUDGEMENTS:
-        if name in gathered.of_frames and gathered.of_frames[name].ndim == 1:
-            measures.append(Measure(name, gathered.of_frames[name], bad="low"))
-    if "relative_gap" in gathered.of_frames:
-        gap = gathered.of_frames["relative_gap"]
-        if np.isfinite(gap).any():
-            measures.append(Measure("relative gap", gap, scale="log"))
-    if status is not None:
-        levels = np.array([SEVERITY.get(word, np.nan) for word in status])
-        measures.append(Measure("status", levels, scale="share"))
     return Layer(
         name=gathered.name,
         role="result",
@@ -63,7 +46,7 @@ def result_layer(gathered: Gathered, seen: Floats | None) -> Layer:
         pose=None if camera is None else _pose(gathered),
         camera=camera,
         status=None if status is None else tuple(status),
-        measures=tuple(measures),
+        measures=tuple(_measures(gathered, seen)),
     )
 
 
@@ -155,6 +138,24 @@ def with_error(layer: Layer, truth: Floats, unit: str) -> Layer:
     if not np.isfinite(error).any():
         return layer
     return replace(layer, measures=(Measure("error", error, unit=unit), *layer.measures))
+
+
+def _measures(gathered: Gathered, seen: Floats | None) -> Iterator[Measure]:
+    """Yield what is known of each frame, what says most about it first."""
+    found = gathered.of_frames
+    for name in JUDGEMENTS:
+        if name in found and found[name].ndim == 1:
+            yield Measure(name, found[name], bad="low")
+    if seen is not None:
+        fitted = found.get("landmarks_fitted")
+        flat = gathered.points[:, :2] if fitted is None else fitted.swapaxes(1, 2)
+        error = metrics.reprojection(flat, seen)
+        yield Measure("reprojection", error, unit=gathered.listings[0].unit)
+    if "relative_gap" in found and np.isfinite(found["relative_gap"]).any():
+        yield Measure("relative gap", found["relative_gap"], scale="log")
+    if "status" in gathered.texts:
+        levels = np.array([SEVERITY.get(word, np.nan) for word in gathered.texts["status"]])
+        yield Measure("status", levels, scale="share")
 
 
 def _are_x_and_y(fitted: Floats | None, points: Floats) -> bool:

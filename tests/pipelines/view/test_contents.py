@@ -125,7 +125,7 @@ def test_errors_and_trust_stand_on_the_strip(desk, rng):
     layer = made.data["layers"][0]
     measures = {measure["name"]: measure for measure in layer["measures"]}
     assert list(measures) == [
-        "error", "reprojection", "plausibility", "evidence", "relative gap", "status",
+        "error", "plausibility", "evidence", "reprojection", "relative gap", "status",
     ]  # fmt: skip
     found, truth = read_results(result), read_shapes([desk.folder / "truth.h5"])
     for name, expected in (
