@@ -52,8 +52,7 @@ class Exports:
     @property
     def sheets(self) -> tuple[Path, ...]:
         """The contact sheet, where there is one."""
-        pictures = (each for each in self.exporters if isinstance(each, PictureExport))
-        return tuple(sheet for each in pictures for sheet in each.sheets)
+        return tuple(sheet for exporter in self.exporters for sheet in exporter.sheets)
 
     @property
     def note(self) -> str:

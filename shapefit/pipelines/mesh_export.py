@@ -58,6 +58,9 @@ def choose_encoder(config: FitConfig, dictionary: Dictionary) -> Encode:
 class MeshExport:
     """Writes the mesh files of the images that `export.items` chooses."""
 
+    sheets: tuple[Path, ...] = ()
+    """It draws no contact sheet."""
+
     def __init__(self, config: FitConfig, dictionary: Dictionary, files: StagedFiles) -> None:
         """Take what `check_mesh_export` lets through."""
         self._config = config
