@@ -18,13 +18,12 @@ HOSTILE = (
     f"<script>{ATTACK}</script>",
     f"\"><svg onload='{ATTACK}'>",
     f"]]><!--<script>{ATTACK}//",
+    f"</script ><img src=x onerror='{ATTACK}' ",
     "javascript:window.hacked=true",
     "&lt;b&gt;&amp;\u2028\u202e\x1b[0m{{page}}",
     "../../etc/passwd\nSet-Cookie: a=b",
     "a|b *c* [d](javascript:window.hacked=true)",
 )
-PLACES = 4
-"""Items, sequences, landmarks and names of methods."""
 
 
 @pytest.fixture(scope="module")
