@@ -21,6 +21,8 @@ from shapefit.viewer.scene import Scene
 MEGABYTE = 1_000_000
 CODE_BYTES = 60_000
 """Size of a page without frames, about."""
+MEASURES_BYTES = 5
+"""A frame's relative gap, reprojection and status."""
 ROUNDS = 4
 """Most pages that are made until one is small enough."""
 
@@ -81,11 +83,12 @@ def make_page(config: ViewConfig, kept: Collection[str] = ()) -> Page:
 
 
 def _least_bytes(frames: Frames, listings: list[Listing]) -> float:
-    """Bytes of points and names in base64, without what only some files have."""
-    share = {len(listing.items): listing for listing in listings}
-    points = sum(
-        len(listing.items) * len(listing.landmark_names) * (4 if listing.kind == "landmarks" else 6)
-        for listing in share.values()
-    )
-    chosen = len(frames.items) / max(1, sum(share))
-    return 4 / 3 * points * min(1.0, chosen) + sum(len(item) + 3 for item in frames.items)
+    """Bytes of points, measures and names in base64, without what only some files have."""
+    solid = [one for one in listings if one.kind != "landmarks"]
+    points = sum(6 * len(one.items) * len(one.landmark_names) for one in solid)
+    seen = [one for one in listings if "landmarks" in one.datasets or one.kind == "landmarks"]
+    points += max((4 * len(one.items) * len(one.landmark_names) for one in seen), default=0)
+    measures = MEASURES_BYTES * sum(len(one.items) for one in solid)
+    chosen = len(frames.items) / max(len(one.items) for one in listings)
+    names = sum(len(item) + len('"",') for item in frames.items)
+    return 4 / 3 * (points + measures) * min(1.0, chosen) + names
