@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -76,27 +76,37 @@ def list_file(path: Path) -> Listing:
         )
 
 
-def read_chunks(listing: Listing) -> Iterator[Records]:
-    """Read what was listed, in order, some thousand items at a time; shapes and CSV at once."""
+def read_chunks(listing: Listing, of_results: Collection[str]) -> Iterator[Records]:
+    """Read what was listed, in order, some thousand items at a time; shapes and CSV at once.
+
+    Of the datasets that results may have beside their shapes, only those `of_results` are read.
+    """
     if listing.kind == "landmarks":
         with open_landmarks([listing.path]) as source:
             yield from source.chunks(BLOCK)
     elif listing.kind == "shapes":
         yield read_shapes([listing.path])
     elif is_hdf5(listing.path):
-        yield from _result_chunks(listing.path)
+        yield from _result_chunks(listing.path, of_results)
     else:
         yield read_results(listing.path)
 
 
-def _result_chunks(path: Path) -> Iterator[ResultSet]:
+def _result_chunks(path: Path, wanted: Collection[str]) -> Iterator[ResultSet]:
     from shapefit.io.hdf5_reading import Hdf5Reader
 
     with Hdf5Reader(path, RESULTS) as reader:
         for start in range(0, max(1, reader.count), BLOCK):
             rows = slice(start, min(start + BLOCK, reader.count))
+            fields = {
+                dataset.attribute: reader.read(
+                    dataset.name, rows if dataset.per_item else slice(None)
+                )
+                for dataset in RESULTS.datasets
+                if dataset.required or dataset.name in wanted
+            }
             yield ResultSet(
-                **reader.fields(rows),
+                **fields,
                 extras=reader.extras(rows),
                 unit=reader.unit,
                 y_axis=reader.y_axis,

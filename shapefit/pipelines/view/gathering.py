@@ -17,6 +17,9 @@ Floats = NDArray[np.float64]
 
 CAMERA = ("camera_translation", "focal", "principal_point")
 """Datasets that tell how a camera sees the shapes of a result in perspective."""
+NUMBERS = ("coefficients", "rotation", "translation", "scale", "relative_gap")
+OF_RESULTS = frozenset({"sequence", "landmarks_fitted", "status", *NUMBERS})
+"""Datasets of a result that a page is made of, beside those that the format does not know."""
 JUDGEMENTS = ("plausibility", "evidence")
 """Datasets (n,) that say how far an image can be trusted: less is worse."""
 
@@ -63,7 +66,7 @@ def gather(
     column = {landmark: number for number, landmark in enumerate(landmarks)}
     for listing in listings:
         columns = np.array([column[landmark] for landmark in listing.landmark_names], dtype=np.intp)
-        for chunk in read_chunks(listing):
+        for chunk in read_chunks(listing, OF_RESULTS):
             rows = np.array(
                 [r for r, item in enumerate(chunk.items) if item in index], dtype=np.intp
             )
@@ -143,7 +146,7 @@ def _take_result(
     put_landmarks("shape_sd", extras.get("shape_sd"), (3,))
     if records.landmarks_fitted is not None:
         put_landmarks("landmarks_fitted", records.landmarks_fitted.swapaxes(1, 2), (2,))
-    for name in ("coefficients", "rotation", "translation", "scale", "relative_gap"):
+    for name in NUMBERS:
         put(name, getattr(records, name))
     for name in (*CAMERA, *JUDGEMENTS):
         values = extras.get(name)
