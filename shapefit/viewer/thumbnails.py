@@ -25,14 +25,15 @@ def thumbnail(scene: Scene, frame: int, layer: Layer) -> str:
     another side. Holds numbers only, no names.
     """
     y_axis: YAxis = "down" if scene.y_down else "up"
-    flat = layer.points[frame, :2] if layer.fitted is None else layer.fitted[frame]
+    flat = in_image(layer, frame, layer.points[frame])
+    flat = flat if layer.fitted is None else layer.fitted[frame]
     seen = np.full_like(flat, np.nan) if scene.seen is None else scene.seen[frame]
     truth = next((each.points[frame] for each in scene.layers if each.role == "truth"), None)
     body = mesh_vertices(scene, frame, layer)
 
     left = [("result", upright(flat, y_axis)), ("seen", upright(seen, y_axis))]
-    if body is not None and layer.camera is None:
-        left.append(("body", upright(body[:2], y_axis)))
+    if body is not None:
+        left.append(("body", upright(in_image(layer, frame, body), y_axis)))
     turned = NOVEL.rotation()
     right = [("result", (turned @ upright(layer.points[frame], y_axis))[:2])]
     if truth is not None:
@@ -49,6 +50,17 @@ def thumbnail(scene: Scene, frame: int, layer: Layer) -> str:
         f'<svg viewBox="0 0 {2 * SIDE} {SIDE}" role="img" aria-label="The image, and another view">'
         f"{''.join(parts)}</svg>"
     )
+
+
+def in_image(layer: Layer, frame: int, points: Floats) -> Floats:
+    """Return where (2, q) the image shows points (3, q) of a layer: x and y, or in perspective."""
+    if layer.camera is None or layer.pose is None:
+        return points[:2]
+    position, focal, centre = np.split(layer.camera[frame], [3, 5])
+    scale, T = layer.pose[frame, 9], layer.pose[frame, 10:]
+    X = (points - T[:, None]) / scale + position[:, None]
+    seen: Floats = focal[:, None] * X[:2] / np.abs(X[2]) + centre[:, None]
+    return seen
 
 
 def mesh_vertices(scene: Scene, frame: int, layer: Layer) -> Floats | None:

@@ -127,7 +127,9 @@ class Opened:
         asked = []
         for entry in self.driver.get_log("performance"):
             message = json.loads(entry["message"])["message"]
-            if message["method"] == "Network.requestWillBeSent":
+            if message["method"] != "Network.requestWillBeSent":
+                continue
+            if message["params"]["documentURL"].startswith("file:"):  # not the browser's start page
                 asked.append(message["params"]["request"]["url"])
         own = self.path.as_uri()
         return [url for url in asked if not url.startswith((own, "data:"))]
@@ -138,9 +140,9 @@ def open_page(browser):
     """Return the function that opens a page and waits until it is drawn."""
 
     def opened(path, fragment=""):
+        browser.get("about:blank")
         browser.get_log("browser")
         browser.get_log("performance")
-        browser.get("about:blank")
         browser.get(path.as_uri() + fragment)
         page = Opened(browser, path)
         page.settle()

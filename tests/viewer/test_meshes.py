@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from shapefit.config import FitConfig, LearnDictConfig
+from shapefit.config import FitConfig, LearnDictConfig, ViewConfig
 from shapefit.io import read_results
 from shapefit.pipelines import fit, learn_dict
+from shapefit.pipelines.view.run import make_page
+from shapefit.viewer.thumbnails import in_image
 
 ITEMS = ("sedan_2/view_1", "pickup_1/view_4")
 MESH = "return Array.from(shapefit.layer(arguments[0]).mesh(shapefit.frame))"
@@ -67,6 +69,12 @@ def test_landmarks_are_seen_where_the_camera_sees_them(made, cars, open_page):
     seen = np.array(page.run(IN_IMAGE, "perspective")).reshape(-1, 2)
     size = np.ptp(results.landmarks_fitted[row])
     np.testing.assert_allclose(seen, results.landmarks_fitted[row].T, atol=1e-3 * size)
+    config = ViewConfig(
+        files={"perspective": (cars / "perspective.h5",)}, dictionary=cars / "cars.h5"
+    )
+    (layer,) = make_page(config).scene.layers
+    drawn = in_image(layer, row, results.shapes[row])
+    np.testing.assert_allclose(drawn, results.landmarks_fitted[row], atol=1e-3 * size)
     flat = results.shapes[row, :2].T
     assert np.abs(flat - results.landmarks_fitted[row].T).max() > 1e-2 * size
 
