@@ -13,6 +13,7 @@ from shapefit.io.agreement import agreed, check_same_array, check_same_extras
 from shapefit.io.duplicates import ItemList, check_unique_items
 from shapefit.io.extras import Array, Extras
 from shapefit.io.layout import SHAPES, UNKNOWN_UNIT
+from shapefit.io.magnitudes import Axis, check_magnitudes
 from shapefit.io.records import ShapeSet, concatenate, match_landmarks
 from shapefit.io.sources import is_hdf5, source_name
 from shapefit.io.writing import record_writer
@@ -26,7 +27,7 @@ def read_shapes(paths: Sequence[Path]) -> ShapeSet:
     InputError for what is wrong with a file, for items that occur twice, and for files that do
     not go together (other landmarks, units, meshes or further datasets).
     """
-    sets = [_read(path) for path in paths]
+    sets = [_checked(_read(path), path) for path in paths]
     check_unique_items([_item_list(path, part) for path, part in zip(paths, sets, strict=True)])
     files = [(source_name(path), part) for path, part in zip(paths, sets, strict=True)]
     files = [file for file in files if len(file[1])] or files[:1]
@@ -60,6 +61,13 @@ def _read(path: Path) -> ShapeSet:
             hdf5_checks.check_finite(reader, "mesh_vertices", [shapes.mesh_vertices])
         hdf5_checks.check_indices(reader, "edges", "p")
         hdf5_checks.check_indices(reader, "mesh_faces", "q")
+    return shapes
+
+
+def _checked(shapes: ShapeSet, path: Path) -> ShapeSet:
+    place, items = source_name(path), Axis("item", shapes.items)
+    check_magnitudes(place, shapes.shapes, items, Axis("landmark", shapes.landmark_names))
+    check_magnitudes(place, shapes.mesh_vertices, items, Axis("vertex"))
     return shapes
 
 
