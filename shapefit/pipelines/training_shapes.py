@@ -93,10 +93,10 @@ def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
     usable = apart & np.isfinite(extent) & (extent >= SMALLEST)
 
     def reason(i: int) -> str:
-        if not apart[i]:
-            return "all its landmarks lie on one point"
         if not np.isfinite(extent[i]):
             return "a coordinate is not finite"
+        if not apart[i]:
+            return "all its landmarks lie on one point"
         return f"its landmarks are too close together, within {extent[i]:.2g}: use a smaller unit"
 
     failures = tuple(Failure(shapes.items[i], reason(i)) for i in np.flatnonzero(~usable))
