@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from shapefit.config.expectation import Expected
 from shapefit.config.paths import STANDARD_STREAM, Folder
 
 
@@ -18,6 +19,9 @@ def _tuples(value: Any) -> Any:
 
 FromLists = BeforeValidator(_tuples)
 """Annotation metadata: lists (of lists ...) become tuples, so that a config cannot change."""
+
+Plots = Annotated[bool | Literal["auto"], Expected("true, false or auto")]
+"""Whether plots are drawn."""
 
 
 class ConfigModel(BaseModel):

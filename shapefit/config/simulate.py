@@ -8,7 +8,7 @@ from annotated_types import Ge, Le
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from shapefit.config.expectation import Expected
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots
 from shapefit.config.paths import OutputPath
 
 
@@ -104,7 +104,10 @@ class SimulateConfig(CommandConfig):
     )
     seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
     threads: int = Field(default=0, ge=0, description="Threads to solve with; 0 is one per core.")
-    plots: bool = Field(default=True, description="Also draw the heat map (PNG and SVG).")
+    plots: Plots = Field(
+        default="auto",
+        description="Also draw the heat map (PNG and SVG); auto: where matplotlib is installed.",
+    )
 
     @field_validator("landmarks", "active_atoms")
     @classmethod

@@ -27,6 +27,7 @@ FIXES = {
         (errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENOTEMPTY),
         "choose another name, or move away what is there",
     ),
+    errno.EIO: "look after the disk, or choose another",
     errno.ENOENT: "choose a folder that exists and stays",
     errno.ENAMETOOLONG: "choose a shorter name",
 }
@@ -88,7 +89,8 @@ def storage_errors(
         if numbers is not None and error.errno not in numbers:
             raise
         fix = FIXES.get(error.errno or 0, "choose another folder")
-        raise input_error(target, f"cannot be {done}: {error.strerror}", fix) from error
+        reason = error.strerror or str(error)  # libraries raise OSError without a number, too
+        raise input_error(target, f"cannot be {done}: {reason}", fix) from error
 
 
 @contextmanager

@@ -28,6 +28,7 @@ from shapefit.evaluation.tables import write_per_image
 from shapefit.io import ResultSet, digest, read_dictionary, read_results, read_shapes
 from shapefit.io.extras import CORRUPTED
 from shapefit.pipelines import fit, learn_dict, project
+from shapefit.pipelines.drawing import draws_plots, plots_left_out
 from shapefit.pipelines.image_errors import find_grouping, image_errors
 from shapefit.pipelines.judgement import judge
 from shapefit.pipelines.outcome import Failure, Outcome
@@ -54,11 +55,10 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
     A step that the key has no say in is done once, for all values. The files between stand in the
     folder `work` of the output. One outcome a stretch of the fits, and a last one with the
     Markdown table as its note. Raises InputError as the commands of the chain do, for an output
-    folder that cannot be written, and plots without matplotlib.
+    folder that cannot be written, and plots that are asked for without matplotlib.
     """
     check_folder(config.output)
-    if config.plots:
-        plots.require_matplotlib()
+    draws = draws_plots(config.plots)
     work = config.output / "work"
     files: Files | None = None
     truth = read_shapes(config.truth)
@@ -83,8 +83,9 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         judged += errors
         found += [point for e in errors for point in points(value, e, grouping, seconds)]
     sweep = Sweep(config.key, tuple(found), config.caveats, _provenance(config))
-    written = tuple(write_folder(config.output, _writers(sweep, judged, with_plot=config.plots)))
-    yield Outcome(note=markdown(sweep).rstrip(), written=written)
+    written = write_folder(config.output, _writers(sweep, judged, with_plot=draws))
+    missing = plots_left_out(config.plots)
+    yield Outcome(note=markdown(sweep).rstrip(), warnings=missing, written=written)
 
 
 def _prepare(

@@ -99,7 +99,7 @@ def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
             return "all its landmarks lie on one point"
         return f"its landmarks are too close together, within {extent[i]:.2g}: use a smaller unit"
 
-    failures = tuple(Failure(shapes.items[i], reason(i)) for i in np.flatnonzero(~usable))
+    failures = tuple(Failure(shapes.items[i], reason(i)) for i in np.flatnonzero(~usable).tolist())
     return shapes.take(usable), failures
 
 

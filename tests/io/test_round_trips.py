@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.normalisation import LARGEST
+from shapefit.geometry.procrustes import coincide
 from shapefit.io import (
     landmark_writer,
     open_landmarks,
@@ -23,8 +25,6 @@ from shapefit.io import (
     write_dictionary,
     write_shapes,
 )
-from shapefit.geometry.normalisation import LARGEST
-from shapefit.geometry.procrustes import coincide
 from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, concatenate
 

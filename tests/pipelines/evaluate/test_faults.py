@@ -1,5 +1,6 @@
 """What stops an evaluation, and what it leaves behind then."""
 
+import errno
 from dataclasses import replace
 
 import pytest
@@ -28,6 +29,22 @@ def test_a_crash_while_writing_leaves_old_files_and_no_half_ones(desk, monkeypat
     assert {path.name for path in desk.config.output.iterdir()} == set(old)
     assert (desk.config.output / "report.json").read_bytes() == old["report.json"]
     assert (desk.config.output / "report.md").read_bytes() == old["report.md"]
+
+
+@pytest.mark.parametrize(
+    "fault", [OSError(errno.ENOSPC, "No space left on device"), OSError("No space left (os 28)")]
+)
+def test_a_full_disk_is_told_and_replaces_nothing(desk, monkeypatch, fault):
+    desk.run()
+    old = {path.name: path.read_bytes() for path in desk.config.output.iterdir()}
+
+    def fill(report):
+        raise fault
+
+    monkeypatch.setattr(tables, "report_json", fill)
+    with pytest.raises(InputError, match=r"report/report.json: cannot be written: No space left"):
+        desk.run(metrics=["similarity"])
+    assert {path.name: path.read_bytes() for path in desk.config.output.iterdir()} == old
 
 
 class TestInputErrors:

@@ -127,7 +127,9 @@ class TestRefused:
 
     def test_pictures_without_matplotlib(self, tmp_path, run, monkeypatch):
         monkeypatch.setitem(sys.modules, "matplotlib", None)
-        with pytest.raises(InputError, match=r"pictures: matplotlib is not.*shapefit\[plots\]"):
+        with pytest.raises(
+            InputError, match=r"pictures: matplotlib is not.*pip install matplotlib"
+        ):
             run(pictures={"folder": str(tmp_path / "pictures")})
 
 
