@@ -120,7 +120,8 @@ class EvalConfig(CommandConfig):
     )
     plots: Plots = Field(
         default="auto",
-        description="Also draw the errors, and the examples (PNG and SVG); auto: where matplotlib is installed.",
+        description="Also draw the errors, and the examples (PNG and SVG); "
+        "auto: where matplotlib is installed.",
     )
     examples: Annotated[
         int | tuple[str, ...],

@@ -11,9 +11,14 @@ from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from shapefit.errors import input_error
+from shapefit.io.litter import lock, lock_new, remove_litter
 from shapefit.io.sources import is_stream, require_file
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer as Buffer
 
 NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
@@ -102,21 +107,22 @@ def atomic_path(target: Path) -> Iterator[Path]:
     `check_output` does, and where the disk is full.
     """
     resolved = check_output(target)
-    temporary = _temporary_name(resolved)
+    _remove_litter(resolved)
     with storage_errors(target, None, "created"):
-        descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+        temporary, descriptor = lock_new(lambda: _temporary_file(resolved))
     try:
         _copy_mode(resolved, descriptor)
-        os.close(descriptor)
         with storage_errors(target):
             yield temporary
+        with storage_errors(target, None):
             with temporary.open("rb") as written:
                 os.fsync(written.fileno())
-        with storage_errors(target, FIXES):
             temporary.replace(resolved)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager
@@ -130,14 +136,32 @@ def atomic_file(target: Path) -> Iterator[FileIO]:
     with storage_errors(target, None, "created"):
         descriptor = _unnamed_file(resolved)
     if descriptor is None:
-        with atomic_path(target) as temporary, FileIO(temporary, "r+") as file:
+        with atomic_path(target) as temporary, _Output(temporary, target) as file:
             yield file
         return
-    with FileIO(descriptor, "r+") as file, storage_errors(target):
+    _remove_litter(resolved)
+    with _Output(descriptor, target) as file, storage_errors(target):
         yield file
-        os.fsync(descriptor)
-        with storage_errors(target, FIXES):
+        with storage_errors(target, None):
+            os.fsync(descriptor)
+            lock(descriptor)
             _name_file(descriptor, resolved)
+
+
+class _Output(FileIO):
+    """A file open to read and write whose own faults are InputErrors at the target."""
+
+    def __init__(self, file: int | Path, target: Path) -> None:
+        super().__init__(file, "r+")
+        self._target = target
+
+    def write(self, data: Buffer, /) -> int:
+        with storage_errors(self._target, None):
+            return super().write(data)
+
+    def truncate(self, size: int | None = None, /) -> int:
+        with storage_errors(self._target, None):
+            return super().truncate(size)
 
 
 def write_all(file: FileIO, data: bytes | memoryview) -> None:
@@ -160,8 +184,25 @@ def digest(path: Path) -> str:
 
 def _temporary_name(target: Path) -> Path:
     """Return a new hidden name beside `target`, with its suffix."""
+    start, end = _around_token(target)
+    return target.with_name(f"{start}{secrets.token_hex(4)}{end}")
+
+
+def _around_token(target: Path) -> tuple[str, str]:
     stem, suffix = shortened(target.stem), shortened(target.suffix)
-    return target.with_name(f".{stem}-{secrets.token_hex(4)}.partial{suffix}")
+    return f".{stem}-", f".partial{suffix}"
+
+
+def _temporary_file(target: Path) -> Path:
+    """Make an empty temporary file beside `target`."""
+    path = _temporary_name(target)
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    return path
+
+
+def _remove_litter(target: Path) -> None:
+    """Remove what killed runs left beside `target`."""
+    remove_litter(target.parent, *_around_token(target), os.unlink)
 
 
 def _is_too_long(path: Path) -> bool:
