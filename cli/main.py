@@ -90,6 +90,9 @@ def _run(arguments: Sequence[str]) -> int:
     except click.ClickException as error:
         error.show()
         return INPUT_ERROR
+    except MemoryError as error:
+        tell(f"Error: memory: {error or 'there is not enough'}; give fewer items at a time")
+        return INPUT_ERROR
     except InputError as error:
         for problem in error.problems:
             tell(f"Error: {problem}")

@@ -25,3 +25,18 @@ def input_error(place: str | PathLike[str], found: str, fix: str) -> InputError:
     `place` is a file, `file:line`, `file:line:column` or `file:/dataset`.
     """
     return InputError(f"{place}: {found}; {fix}")
+
+
+def printable(text: object) -> str:
+    """Return a text on one line that a terminal shows as it is: what is not printable as escapes.
+
+    Names come from files and folders: they may hold colours, line ends, and bytes of no encoding.
+    """
+    plain = text if isinstance(text, str) else str(text)
+    return "".join(letter if letter.isprintable() else _escape(letter) for letter in plain)
+
+
+def _escape(letter: str) -> str:
+    if "\udc80" <= letter <= "\udcff":  # a byte that is not UTF-8, as Python names files
+        return f"\\x{ord(letter) - 0xDC00:02x}"
+    return letter.encode("unicode_escape").decode()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -12,8 +12,9 @@ from typing import Any, Literal, Self
 import h5py
 import numpy as np
 
-from shapefit.errors import input_error
+from shapefit.errors import input_error, printable
 from shapefit.io.extras import Extras, is_per_item
+from shapefit.io.hdf5_sizes import size_in_memory
 from shapefit.io.layout import (
     AXES,
     PER_ITEM_FLAG,
@@ -24,10 +25,12 @@ from shapefit.io.layout import (
     Format,
     plain_name,
 )
+from shapefit.io.memory import check_fits
 from shapefit.io.problems import input_problems
 from shapefit.io.sources import is_hdf5, source_name
 
-BLOCK = 16384
+BLOCK, BLOCK_BYTES = 16384, 1 << 24
+"""Most items, and most bytes of them, that a check reads at a time."""
 
 
 class Hdf5Reader:
@@ -124,19 +127,27 @@ class Hdf5Reader:
         return np.ascontiguousarray(array.swapaxes(-1, -2)) if dataset.points else array
 
     def read_blocks(self, name: str) -> Iterator[Any]:
-        """Read a dataset per item from the start to the end, some thousand items at a time."""
-        return (self.read(name, slice(row, row + BLOCK)) for row in range(0, self.count, BLOCK))
+        """Read a dataset per item from the start to the end, at most some MB at a time."""
+        rows = max(1, min(BLOCK, BLOCK_BYTES // max(self._size(name, slice(1)), 1)))
+        return (self.read(name, slice(row, row + rows)) for row in range(0, self.count, rows))
+
+    def is_written(self, name: str) -> bool:
+        """Whether anything was ever written to a dataset; a sparse file can be without limits."""
+        with self._damage(name):
+            return bool(self._file[name].id.get_storage_size())
 
     def fields(self, rows: slice = slice(None)) -> dict[str, Any]:
         """Return these rows of all datasets of the format, by field of the record."""
-        return {
-            dataset.attribute: self.read(dataset.name, rows if dataset.per_item else slice(None))
-            for dataset in self.form.datasets
+        chosen = {
+            dataset: rows if dataset.per_item else slice(None) for dataset in self.form.datasets
         }
+        self._check_fits({dataset.name: part for dataset, part in chosen.items()})
+        return {dataset.attribute: self.read(dataset.name, chosen[dataset]) for dataset in chosen}
 
     def extras(self, rows: slice = slice(None)) -> Extras:
         """Return these rows of the datasets that the format does not know."""
         per_item, whole = self._extra_names
+        self._check_fits(dict.fromkeys(per_item, rows) | dict.fromkeys(whole, ()))
         return Extras(
             {name: self._values(name, rows) for name in per_item},
             {name: np.asarray(self._values(name, ())) for name in whole},
@@ -150,6 +161,9 @@ class Hdf5Reader:
         per_item: list[str] = []
         whole: list[str] = []
         for name, dataset in found:
+            if not isinstance(name, str) or not _is_text_of_files(name):
+                strange = f"there is a name that is not plain UTF-8: {printable(name)}"
+                raise input_error(self.path, strange, "rename it or remove it")
             if name in self.form.names or not isinstance(dataset, h5py.Dataset):
                 continue
             with self._damage(name):
@@ -164,23 +178,41 @@ class Hdf5Reader:
             (per_item if mine else whole).append(name)
         return per_item, whole
 
+    def _check_fits(self, chosen: Mapping[str, slice | tuple[()]]) -> None:
+        """Raise InputError where these rows of datasets are more than memory holds."""
+        present = {name: rows for name, rows in chosen.items() if name in self._file}
+        sizes = {name: self._size(name, rows) for name, rows in present.items()}
+        largest = max(sizes, key=lambda name: sizes[name], default="")
+        check_fits(self.place(largest), sum(sizes.values()), "with the other datasets it")
+
+    def _size(self, name: str, rows: slice | tuple[()]) -> int:
+        with self._damage(name):
+            dataset = self._file[name]
+            return size_in_memory(dataset, rows, text=_is_text(dataset))
+
     def _values(self, name: str, rows: slice | tuple[()]) -> Any:
+        check_fits(self.place(name), self._size(name, rows))
         try:
             with self._damage(name):
                 dataset = self._file[name]
-                return dataset.asstr()[rows] if _is_text(dataset) else dataset[rows]
+                if not _is_text(dataset):
+                    return dataset[rows]
+                texts = dataset.asstr()[rows]
         except UnicodeDecodeError as error:
             fix = "write its texts as UTF-8"
             raise input_error(self.place(name), "holds text that is not UTF-8", fix) from error
+        if "\0" in "".join(np.ravel(texts)):
+            raise input_error(self.place(name), "holds a text with a zero byte in it", "remove it")
+        return texts
 
     def _check_format(self) -> None:
         with self._damage():
             stored = {name: _plain(value) for name, value in self._file.attrs.items()}
         self._root = {name: value for name, value in stored.items() if value is not None}
         for name, value in self._root.items():
-            if isinstance(value, str) and not _is_unicode(value):
+            if isinstance(value, str) and not _is_text_of_files(value):
                 place, fix = f"{self.path}: root attribute {name}", "write it as UTF-8"
-                raise input_error(place, "is not UTF-8 text", fix)
+                raise input_error(place, "is not UTF-8 text, or has a zero byte", fix)
         found = self._root.get("format")
         if found is None:
             fix = f"set it to {self.form.name} if the file is laid out so"
@@ -229,13 +261,15 @@ class Hdf5Reader:
 
     def _read_landmark_names(self) -> tuple[str, ...]:
         names: tuple[str, ...] = self.read("landmark_names")
+        known: set[str] = set()
         for row, name in enumerate(names):
             place = self.place("landmark_names", row)
             if not name:
                 raise input_error(place, "is empty", "give every landmark a name")
-            if name in names[:row]:
+            if name in known:
                 fix = "give every landmark a name of its own"
                 raise input_error(place, f"repeats the name '{name}'", fix)
+            known.add(name)
         return names
 
     @contextmanager
@@ -290,6 +324,6 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _is_unicode(text: str) -> bool:
+def _is_text_of_files(text: str) -> bool:
     # h5py gives bytes that are not UTF-8 as lone surrogates, which no file can hold.
-    return not any("\ud800" <= letter <= "\udfff" for letter in text)
+    return not any("\ud800" <= letter <= "\udfff" or letter == "\0" for letter in text)

@@ -54,6 +54,15 @@ def test_an_internal_error_is_one_line(shapefit, fake_pipeline):
     )
 
 
+def test_a_lack_of_memory_is_no_internal_error(shapefit, fake_pipeline):
+    fake_pipeline("fit", [MemoryError("Unable to allocate 6.71 GiB for an array")])
+    result = shapefit("fit", "-c", "fit.yaml")
+    assert result.code == 2
+    assert result.err == (
+        "Error: memory: Unable to allocate 6.71 GiB for an array; give fewer items at a time\n"
+    )
+
+
 def test_the_traceback_can_be_seen(shapefit, fake_pipeline, monkeypatch):
     fake_pipeline("fit", [ZeroDivisionError("division by zero")])
     assert "Traceback" in shapefit("fit", "-c", "fit.yaml", "--traceback").err
