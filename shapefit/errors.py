@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from os import PathLike
 
@@ -25,6 +26,11 @@ def input_error(place: str | PathLike[str], found: str, fix: str) -> InputError:
     `place` is a file, `file:line`, `file:line:column` or `file:/dataset`.
     """
     return InputError(f"{place}: {found}; {fix}")
+
+
+def path_text(path: str | PathLike[str]) -> str:
+    r"""Return a path as text that any file can hold: bytes that are not UTF-8 as \xe9."""
+    return os.fsencode(path).decode("utf-8", "backslashreplace")
 
 
 def printable(text: object) -> str:

@@ -14,7 +14,7 @@ from shapefit.config.expectation import Expected
 from shapefit.config.fit_camera import ViewingConfig
 from shapefit.config.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.fit_outliers import OutlierSearchConfig
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists
+from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, FromLists
 from shapefit.config.paths import InputPath, InputPaths, OutputPath
 
 
@@ -44,7 +44,9 @@ class SolverConfig(ConfigModel):
         description="What the tolerance bounds: the relative duality gap, or the paper's rule on "
         "the change between iterations (admm only).",
     )
-    max_iterations: int = Field(default=1000, ge=1, description="Most iterations for one image.")
+    max_iterations: int = Field(
+        default=1000, ge=1, le=MOST_STEPS, description="Most iterations for one image."
+    )
 
     @field_validator("stop")
     @classmethod
@@ -63,6 +65,7 @@ class AlternationConfig(ConfigModel):
     views: int = Field(
         default=6,
         ge=1,
+        le=1000,
         description="Views, spread evenly, from which the pose of the mean shape is sought.",
     )
     multi_start: bool = Field(
@@ -74,7 +77,9 @@ class AlternationConfig(ConfigModel):
         gt=0,
         description="Relative fall of the objective at which a round is the last.",
     )
-    max_rounds: int = Field(default=500, ge=1, description="Most rounds for one image.")
+    max_rounds: int = Field(
+        default=500, ge=1, le=MOST_STEPS, description="Most rounds for one image."
+    )
 
 
 class TemporalConfig(ConfigModel):
@@ -101,7 +106,9 @@ class TemporalConfig(ConfigModel):
         description="Change of a depth beyond which the estimate of the single image is taken "
         "for a gross error, in units of the size of the landmarks.",
     )
-    max_rounds: int = Field(default=100, ge=1, description="Most rounds for one sequence.")
+    max_rounds: int = Field(
+        default=100, ge=1, le=MOST_STEPS, description="Most rounds for one sequence."
+    )
 
 
 class FitConfig(CommandConfig):
@@ -190,10 +197,13 @@ class FitConfig(CommandConfig):
     pictures: PicturesConfig = Field(
         default_factory=PicturesConfig, description="Pictures of the fitted shapes."
     )
-    threads: int = Field(default=0, ge=0, description="Threads to solve with; 0 is one per core.")
+    threads: int = Field(
+        default=0, ge=0, le=MOST_THREADS, description="Threads to solve with; 0 is one per core."
+    )
     chunk: int = Field(
         default=4096,
         ge=1,
+        le=10_000_000,
         description="Images held in memory at a time, rounded up to a multiple of 64; no result "
         "depends on it, except with `leave_out`, within the tolerance of the solver. With "
         "`temporal.depths` whole sequences are held instead.",

@@ -56,5 +56,5 @@ def load_config(
 def dump_config(config: CommandConfig) -> str:
     """Return the config as YAML, every default spelled out; it loads again to the same config."""
     text = io.StringIO()
-    YAML().dump(config.model_dump(mode="json"), text)
+    YAML().dump(config.as_plain(), text)
     return text.getvalue()

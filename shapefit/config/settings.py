@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from shapefit.config.paths import STANDARD_STREAM, PathKeys, anchored, change_paths, with_data
-from shapefit.config.yaml12 import Location, Place, read_yaml
+from shapefit.config.yaml12 import MOST_BYTES, Location, Place, read_yaml
 from shapefit.errors import input_error
 
 COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"
@@ -143,7 +144,11 @@ def _text(path: Path) -> str:
     if stream and sys.stdin is None:
         raise input_error(name, "is closed", "send a config there, or name a file")
     try:
-        return (sys.stdin.buffer.read() if stream else path.read_bytes()).decode("utf-8-sig")
+        with nullcontext(sys.stdin.buffer) if stream else path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
+            raise input_error(name, f"larger than {MOST_BYTES} bytes", "give a config in YAML")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise input_error(name, "not a text in UTF-8", "save it as UTF-8") from None
     except OSError as error:

@@ -17,7 +17,7 @@ from shapefit.config.evaluate import ErrorMetric
 from shapefit.config.expectation import Expected
 from shapefit.config.fit import FitConfig
 from shapefit.config.learn_dict import LearnDictConfig
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, plain
 from shapefit.config.paths import (
     STANDARD_STREAM,
     InputPath,
@@ -245,7 +245,7 @@ def _changed(section: Section, name: str, key: str, value: Value) -> Section:
     """Return the section with another value of a key; raises InputError if it does not fit."""
     model = type(section)
     settings = Settings(path_keys(model))
-    settings.take_section(name, section.model_dump(mode="json"))
+    settings.take_section(name, plain(section.model_dump(), str))
     settings.set_option(f"{key}={_as_yaml(value)}")
     return check(model, settings)
 

@@ -26,6 +26,19 @@ _NUMBER = re.compile(
 )
 
 
+MOST_VALUES = 100_000
+"""Aliases of aliases make more of them than memory holds, from a few lines."""
+
+MOST_BYTES = 1 << 20
+"""Of a config: beyond that it is something else."""
+
+LARGEST_INTEGER = 2**63 - 1
+
+
+class _TooMuch(Exception):
+    """A document has more than `MOST_VALUES` values."""
+
+
 @dataclass(frozen=True)
 class Place:
     """Where a key and its value stand, as a message names them."""
@@ -61,6 +74,10 @@ def read_yaml(text: str, place: Callable[[int, int], str]) -> Document:
         document.problems.append(f"{where}: not valid YAML: {error.problem or error.context}")
     except YAMLError as error:
         document.problems.append(f"{place(1, 1)}: not valid YAML: {str(error).splitlines()[0]}")
+    except _TooMuch:
+        found = f"more than {MOST_VALUES} values, aliases written out"
+        document.problems.append(f"{place(1, 1)}: {found}; a config is small")
+        document.value = None
     except RecursionError:
         document.problems.append(f"{place(1, 1)}: lists or mappings lie too deep in each other")
     return document
@@ -76,6 +93,7 @@ class _Reader:
         self._place = place
         self._document = document
         self._around: list[Node] = []
+        self._count = 0
 
     def read(self, root: Node) -> None:
         self._document.value = self._value(root, ())
@@ -85,6 +103,9 @@ class _Reader:
         return self._place(node.start_mark.line + 1, node.start_mark.column + 1)
 
     def _value(self, node: Node, location: Location) -> Any:
+        self._count += 1
+        if self._count > MOST_VALUES:
+            raise _TooMuch
         if node in self._around:
             self._document.problems.append(
                 f"{self._at(node)}: an alias stands for what it stands in; write it out"
@@ -129,14 +150,29 @@ class _Reader:
             values.append(self._value(item, child))
         return values
 
+    def _text(self, node: Node) -> str | None:
+        """Return a text that UTF-8 can hold; `\ud800` in double quotes stands for half a letter."""
+        text = str(node.value)
+        if any("\ud800" <= letter <= "\udfff" for letter in text):
+            self._document.problems.append(
+                f"{self._at(node)}: {text!r} has half a letter in it (a surrogate); write it whole"
+            )
+            return None
+        return text
+
     def _scalar(self, node: Node) -> Any:
         if node.tag not in _SCALAR_TAGS:
-            return node.value
+            return self._text(node)
         try:
             value = self._construct(node)
         except (ValueError, KeyError, IndexError):  # of !!int x, !!bool x, !!int ""
             self._document.problems.append(
                 f"{self._at(node)}: {node.value!r} is not what its tag says"
+            )
+            return None
+        if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+            self._document.problems.append(
+                f"{self._at(node)}: a whole number beyond {LARGEST_INTEGER}; write a smaller one"
             )
             return None
         is_text = node.tag in _NUMBER_TAGS and not _NUMBER.fullmatch(node.value)

@@ -1,6 +1,6 @@
 """Files in and out; h5py and polars are imported when the first such file is handled."""
 
-from shapefit.io.atomic import atomic_path, check_output, digest
+from shapefit.io.atomic import atomic_path, check_output, digest, digests
 from shapefit.io.dictionary_files import read_dictionary, write_dictionary
 from shapefit.io.landmark_files import LandmarkSource, open_landmarks
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, match_landmarks
@@ -17,6 +17,7 @@ __all__ = [
     "atomic_path",
     "check_output",
     "digest",
+    "digests",
     "landmark_writer",
     "match_landmarks",
     "open_landmarks",

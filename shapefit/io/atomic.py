@@ -7,13 +7,13 @@ import hashlib
 import os
 import secrets
 import stat
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from shapefit.errors import input_error
+from shapefit.errors import input_error, path_text
 from shapefit.io.litter import lock, lock_new, remove_litter
 from shapefit.io.sources import is_stream, require_file
 
@@ -169,6 +169,11 @@ def write_all(file: FileIO, data: bytes | memoryview) -> None:
     rest = memoryview(data)
     while rest:
         rest = rest[file.write(rest) :]
+
+
+def digests(paths: Iterable[Path]) -> dict[str, str]:
+    """Return the digest of each file under its path, as JSON can hold it."""
+    return {path_text(path): digest(path) for path in dict.fromkeys(paths)}
 
 
 def digest(path: Path) -> str:

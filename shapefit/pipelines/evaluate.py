@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from shapefit import __version__
 from shapefit.config import EvalConfig
-from shapefit.errors import input_error
+from shapefit.errors import input_error, path_text, printable
 from shapefit.evaluation import plots, tables
 from shapefit.evaluation.box_plots import box_plot
 from shapefit.evaluation.errors_markdown import markdown
@@ -17,7 +18,7 @@ from shapefit.evaluation.report import NORMALISED, Method, Report
 from shapefit.evaluation.solving import Run, sum_up
 from shapefit.evaluation.summary import ImageErrors, summarise
 from shapefit.io import ResultSet, ShapeSet, read_results, read_shapes
-from shapefit.io.atomic import digest
+from shapefit.io.atomic import digests
 from shapefit.pipelines.drawing import check_can_draw, draws_plots, plots_left_out
 from shapefit.pipelines.examples import Lifted, check_examples, examples_picture, keep
 from shapefit.pipelines.floors import Shown, floor_errors, shown_in
@@ -58,7 +59,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         summaries=tuple(s for e in errors for s in summarise(e, grouping)),
         published=config.published,
         caveats=config.caveats,
-        warnings=(*found.warnings, *ungrouped),
+        warnings=tuple(map(printable, (*found.warnings, *ungrouped))),
         provenance=_provenance(config),
     )
     writers = _tables(errors, report)
@@ -137,14 +138,21 @@ def _run_of(results: ResultSet) -> Run:
         images=len(results),
         objective=results.objective,
         status=results.status,
-        seconds=float(seconds) if isinstance(seconds, int | float) else None,
+        seconds=_seconds(seconds),
     )
+
+
+def _seconds(stated: object) -> float | None:
+    """Return what a file states; None where that is no time."""
+    if isinstance(stated, int | float) and math.isfinite(stated) and stated >= 0:
+        return float(stated)
+    return None
 
 
 def _method(name: str, judgements: Sequence[Judgement], runs: Sequence[Run]) -> Method:
     return Method(
         name=name,
-        files=tuple(str(j.file) for j in judgements),
+        files=tuple(path_text(j.file) for j in judgements),
         images=sum(len(j.items) for j in judgements),
         failures={item: why for j in judgements for item, why in j.failures.items()},
         solving=sum_up(runs),
@@ -157,7 +165,7 @@ def _provenance(config: EvalConfig) -> dict[str, object]:
     return {
         "version": __version__,
         "config": json.loads(config.as_json()),
-        "inputs": {str(file): digest(file) for file in files},
+        "inputs": digests(files),
     }
 
 

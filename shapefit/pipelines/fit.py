@@ -17,7 +17,7 @@ from shapefit.errors import input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
-    digest,
+    digests,
     open_landmarks,
     read_dictionary,
     result_writer,
@@ -75,9 +75,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             method=config.method,
             version=__version__,
             config=config.as_json(),
-            inputs=json.dumps(
-                {str(path): digest(path) for path in (*config.landmarks, config.dictionary)}
-            ),
+            inputs=json.dumps(digests((*config.landmarks, config.dictionary))),
             solve_seconds=solve_seconds,
             images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,
         )
@@ -178,4 +176,6 @@ def describe(lifting: Lifting, image: int) -> str:
     reached = f"{found.status[image].value} after {counted(found.iterations[image], 'iteration')}"
     if found.relative_gap is None:
         return reached
+    if np.isnan(found.relative_gap[image]):  # a constraint that does not hold yet proves nothing
+        return f"{reached}, relative residual {found.residual[image]:.2g}"
     return f"{reached}, relative gap {found.relative_gap[image]:.2g}"

@@ -20,7 +20,7 @@ from shapefit.io import (
     ShapeSet,
     ShapeSource,
     check_output,
-    digest,
+    digests,
     landmark_writer,
     open_shapes,
 )
@@ -68,7 +68,7 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
         writer.attributes.update(
             version=__version__,
             config=config.as_json(),
-            inputs=json.dumps({str(path): digest(path) for path in config.shapes}),
+            inputs=json.dumps(digests(config.shapes)),
         )
     yield Outcome(total=total, written=(config.output,))
 

@@ -17,10 +17,14 @@ from shapefit.evaluation import plots, recovery_grid
 from shapefit.evaluation.heat_maps import heat_maps
 from shapefit.evaluation.recovery import Attempt, plant, recover
 from shapefit.evaluation.recovery_grid import Cell, PublishedShares, RecoveryGrid
+from shapefit.io.memory import check_fits
 from shapefit.pipelines.counted import counted
 from shapefit.pipelines.drawing import draws_plots, plots_left_out
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
+
+COPIES = 8
+"""Of the atoms of an instance, that the solver holds at a time: a generous guess."""
 
 PROGRAMS = {
     "free": "min sum ||M_i||_2 subject to W = sum M_i B_i + T 1^T (the paper's program on centred "
@@ -38,6 +42,7 @@ def run(config: SimulateConfig) -> Iterator[Outcome]:
     """
     check_folder(config.output)
     draws = draws_plots(config.plots)
+    _check_memory(config)
     began = time.perf_counter()
     places = [(p, z) for p in config.landmarks for z in config.active_atoms]
     cells: list[Cell] = []
@@ -69,6 +74,13 @@ def run(config: SimulateConfig) -> Iterator[Outcome]:
         warnings=plots_left_out(config.plots),
         written=written,
     )
+
+
+def _check_memory(config: SimulateConfig) -> None:
+    """Raise InputError for numbers of atoms and landmarks that do not fit in memory."""
+    threads = config.threads or os.cpu_count() or 1
+    size = COPIES * threads * 8 * 3 * config.k * max(config.landmarks)
+    check_fits("landmarks", size, f"k = {config.k} with {max(config.landmarks)} landmarks")
 
 
 def attempt(config: SimulateConfig, p: int, z: int, trial: int) -> Attempt:

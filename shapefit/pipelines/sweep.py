@@ -25,7 +25,7 @@ from shapefit.evaluation.sweep import (
 )
 from shapefit.evaluation.sweep_plots import sweep_plot
 from shapefit.evaluation.tables import write_per_image
-from shapefit.io import ResultSet, digest, read_dictionary, read_results, read_shapes
+from shapefit.io import ResultSet, digests, read_dictionary, read_results, read_shapes
 from shapefit.io.extras import CORRUPTED
 from shapefit.pipelines import fit, learn_dict, project
 from shapefit.pipelines.drawing import draws_plots, plots_left_out
@@ -202,7 +202,7 @@ def _provenance(config: SweepConfig) -> dict[str, object]:
     return {
         "version": __version__,
         "config": json.loads(config.as_json()),
-        "inputs": {str(file): digest(file) for file in dict.fromkeys(files)},
+        "inputs": digests(files),
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import h5py
+import numpy as np
 import pytest
 
 from shapefit.io import (
@@ -12,6 +13,7 @@ from shapefit.io import (
     read_dictionary,
     read_results,
     read_shapes,
+    write_shapes,
 )
 from shapefit.io.hdf5_reading import Hdf5Reader
 from shapefit.io.layout import SHAPES

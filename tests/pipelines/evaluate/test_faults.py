@@ -72,3 +72,10 @@ class TestInputErrors:
     def test_output_is_standard_output(self, desk):
         with pytest.raises(InputError, match="folder"):
             desk.begin(output="-")
+
+
+@pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0, "soon"])
+def test_a_time_that_is_none_is_unknown(desk, results, seconds):
+    desk.write("convex.h5", replace(results, attributes={"solve_seconds": seconds}))
+    desk.run()
+    assert "solving alone" not in (desk.config.output / "report.md").read_text()
