@@ -236,18 +236,25 @@ class FitConfig(CommandConfig):
         robust = self.loss in ("l1", "sparse-error")
         refinable = robust and self.method == "convex+refine"
         if self.loss != "squared" and self.method != "convex" and not refinable:
-            raise ValueError(f"the method {self.method} does not know `loss: {self.loss}`")
+            raise ValueError(
+                f"the method {self.method} does not know `loss: {self.loss}`; "
+                "take `loss: squared` or `method: convex`"
+            )
         if robust and self.outliers.method != "none":
             raise ValueError(
                 f"`loss: {self.loss}` and `outliers: {{method: {self.outliers.method}}}` both look "
                 "for outliers; leave out one of them"
             )
         if self.path and self.method != "convex":
-            raise ValueError("`path` belongs to the method convex")
+            raise ValueError("`path` belongs to the method convex; leave it out")
         if self.path and (self.loss == "exact" or self.solver.name == "admm"):
-            raise ValueError("`path` needs the solver newton and a loss that lambda weighs against")
+            raise ValueError(
+                "`path` needs the solver newton and a loss that lambda weighs against; leave it out"
+            )
         if self.path and (self.leave_out or self.outliers.method != "none"):
-            raise ValueError("`path` goes with neither `leave_out` nor a search for outliers")
+            raise ValueError(
+                "`path` goes with neither `leave_out` nor a search for outliers; leave it out"
+            )
         weak = self.camera.model == "weak-perspective"
         if self.temporal.depths and not weak:
             raise ValueError(
@@ -260,5 +267,7 @@ class FitConfig(CommandConfig):
                 "the others have one rotation an image: set shared"
             )
         if self.camera.model == "perspective" and self.method == "pmp":
-            raise ValueError("`camera: {model: perspective}` does not go with the method pmp")
+            raise ValueError(
+                "`camera: {model: perspective}` does not go with the method pmp; take another"
+            )
         return self

@@ -22,12 +22,14 @@ COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"
 class Settings:
     """Values for a config before they are checked; `problems` is what is wrong already.
 
-    `path_keys` are the keys that hold paths.
+    `path_keys` are the keys that hold paths. Where a file is not `readable`, the keys that it
+    gives are unknown.
     """
 
     path_keys: PathKeys
     values: dict[str, Any] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+    readable: bool = True
     _places: dict[Location, Place] = field(
         default_factory=lambda: {(): Place(COMMAND_LINE, COMMAND_LINE)}
     )
@@ -53,6 +55,7 @@ class Settings:
         name = STANDARD_INPUT if path == STANDARD_STREAM else str(path)
         document = read_yaml(_text(path), lambda line, column: f"{name}:{line}:{column}")
         self.problems += document.problems
+        self.readable = document.readable
         self._places |= document.places
         if document.value is None:
             self._places[()] = Place(f"{name}:1:1", f"{name}:1:1")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ruamel.yaml import YAML
@@ -49,11 +49,15 @@ class Place:
 
 @dataclass
 class Document:
-    """What one YAML text says: plain values, the place of each, and what is wrong with it."""
+    """What one YAML text says: plain values, the place of each, and what is wrong with it.
+
+    Where it is not `readable`, nothing is known about its values.
+    """
 
     value: Any = None
     places: dict[Location, Place] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+    readable: bool = True
 
 
 def read_yaml(text: str, place: Callable[[int, int], str]) -> Document:
@@ -77,10 +81,11 @@ def read_yaml(text: str, place: Callable[[int, int], str]) -> Document:
     except _TooMuch:
         found = f"more than {MOST_VALUES} values, aliases written out"
         document.problems.append(f"{place(1, 1)}: {found}; a config is small")
-        document.value = None
     except RecursionError:
         document.problems.append(f"{place(1, 1)}: lists or mappings lie too deep in each other")
-    return document
+    else:
+        return document
+    return replace(document, value=None, readable=False)
 
 
 def _is_absent(node: Node) -> bool:

@@ -123,7 +123,8 @@ class Hdf5Reader:
             return tuple(values)
         if dataset.kind == "label":
             return values.astype(str) if values.dtype.kind == "O" else values
-        array = np.asarray(values, np.int64 if dataset.kind == "index" else np.float64)
+        with np.errstate(invalid="ignore", over="ignore"):  # nan and inf are found by the checks
+            array = np.asarray(values, np.int64 if dataset.kind == "index" else np.float64)
         return np.ascontiguousarray(array.swapaxes(-1, -2)) if dataset.points else array
 
     def read_blocks(self, name: str) -> Iterator[Any]:

@@ -25,7 +25,7 @@ from shapefit.io import (
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.path import follow_path
-from shapefit.pipelines.counted import counted
+from shapefit.pipelines.counted import counted, nothing_in
 from shapefit.pipelines.dictionary_kind import mismatch
 from shapefit.pipelines.fit_export import open_exports
 from shapefit.pipelines.fit_record import as_result, find_renamed
@@ -83,7 +83,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         exports.publish()
     yield Outcome(
         total=source.count,
-        warnings=mismatch(config, dictionary)
+        warnings=nothing_in(source.count, "images")
+        + mismatch(config, dictionary)
         + find_renamed(source, config)
         + left_in
         + exports.warnings,
@@ -148,6 +149,11 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
         worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
         told.append(
             f"{counted(len(limited), 'image')} not optimal, the worst: {describe(lifting, worst)}"
+        )
+    if images.confidence is not None and (images.confidence > 1).any():
+        told.append(
+            "confidences above 1: they are weights, and larger ones pull harder against `lambda`; "
+            "divide them by their largest value if that is not meant"
         )
     empty = find_empty(lifting)
     if empty:

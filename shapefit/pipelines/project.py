@@ -25,6 +25,7 @@ from shapefit.io import (
     open_shapes,
 )
 from shapefit.io.extras import CORRUPTED, Extras
+from shapefit.pipelines.counted import nothing_in
 from shapefit.pipelines.imperfections import (
     BLOCK,
     Purpose,
@@ -70,7 +71,9 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
             config=config.as_json(),
             inputs=json.dumps(digests(config.shapes)),
         )
-    yield Outcome(total=total, written=(config.output,))
+    yield Outcome(
+        total=total, warnings=nothing_in(source.count, "shapes"), written=(config.output,)
+    )
 
 
 def sequence_lengths(source: ShapeSource) -> Counter[str]:

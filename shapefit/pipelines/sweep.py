@@ -12,6 +12,7 @@ from shapefit import __version__
 from shapefit.config import SweepConfig
 from shapefit.config.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.sweep import Value
+from shapefit.errors import input_error
 from shapefit.evaluation import labels, plots
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.sweep import (
@@ -25,7 +26,14 @@ from shapefit.evaluation.sweep import (
 )
 from shapefit.evaluation.sweep_plots import sweep_plot
 from shapefit.evaluation.tables import write_per_image
-from shapefit.io import ResultSet, digests, read_dictionary, read_results, read_shapes
+from shapefit.io import (
+    ResultSet,
+    digests,
+    open_landmarks,
+    read_dictionary,
+    read_results,
+    read_shapes,
+)
 from shapefit.io.extras import CORRUPTED
 from shapefit.pipelines import fit, learn_dict, project
 from shapefit.pipelines.drawing import draws_plots, plots_left_out
@@ -59,6 +67,8 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
     """
     check_folder(config.output)
     draws = draws_plots(config.plots)
+    if not config.project:
+        _check_match(config, config.fit.landmarks)
     work = config.output / "work"
     files: Files | None = None
     truth = read_shapes(config.truth)
@@ -68,6 +78,7 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         folder = work / f"{number}_{_file_name(value)}"
         folder.mkdir(parents=True, exist_ok=True)
         files = yield from _prepare(config, value, files, folder, work)
+        _check_match(config, (files.landmarks,))
         result = folder / "result.h5"
         failed = yield from _fit(config, value, files, result)
         results = read_results(result)
@@ -86,6 +97,14 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
     written = write_folder(config.output, _writers(sweep, judged, with_plot=draws))
     missing = plots_left_out(config.plots)
     yield Outcome(note=markdown(sweep).rstrip(), warnings=missing, written=written)
+
+
+def _check_match(config: SweepConfig, landmarks: Sequence[Path]) -> None:
+    """Raise InputError where the landmarks have no dataset that names the truth of an image."""
+    with open_landmarks(landmarks) as source:
+        if config.match not in ("item", *source.further_datasets):
+            found = f"the landmarks have no dataset '{config.match}'"
+            raise input_error("match", found, "name one that holds items of the truth, or `item`")
 
 
 def _prepare(
