@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import random
 import resource
@@ -44,7 +45,7 @@ class Finding:
 
     def __str__(self) -> str:
         words = " ".join(map(ascii, self.command))
-        return f"{self.case}: {self.what}\n    {words}\n    {self.told[-400:]!r}"
+        return f"{self.case}: {self.what}\n    {words}\n    {self.told[-3000:]!r}"
 
 
 @dataclass
@@ -121,7 +122,7 @@ def _in_child(work: object, folder: Path) -> tuple[int, resource.struct_rusage]:
             code = error.code if isinstance(error.code, int) else 70
         finally:
             os._exit(code)
-    deadline = time.monotonic() + 6 * SECONDS
+    deadline = time.monotonic() + 3 * SECONDS
     while True:
         pid, status, usage = os.wait4(child, os.WNOHANG)
         if pid:
@@ -143,6 +144,7 @@ def _become(folder: Path) -> None:
     sys.stderr = open(2, "w", closefd=False, errors="backslashreplace")  # noqa: SIM115
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, 2 * SECONDS))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    faulthandler.dump_traceback_later(2 * SECONDS)  # where it stands still
     signal.signal(signal.SIGXCPU, signal.SIG_DFL)
 
 
