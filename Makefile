@@ -1,4 +1,4 @@
-# Every target does its own set-up in .venv; it needs Python >= 3.11, make and a C compiler.
+# Every target does its own set-up in .venv; it needs Python >= 3.11, make and a C++ compiler.
 #
 #   make demo         the main job on sample_data
 #   make test         all tests
@@ -17,12 +17,15 @@ PYTEST_OPTIONS ?= -n 2
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
+RUNS := $(VENV)/runs
+TOOLS := $(VENV)/tools
+CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp */*.?pp))
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
 .PHONY: demo test check format-check lint types docs mocap-table recovery paper cars bench clean
 
-demo: $(READY)
+demo: $(RUNS)
 	$(call chain,demo)
 	@mkdir -p results/demo/cars
 	$(SHAPEFIT) learn-dict -c configs/demo/cars/learn-dict.yaml
@@ -30,10 +33,10 @@ demo: $(READY)
 	$(SHAPEFIT) eval -c configs/demo/cars/eval.yaml
 	@echo "Meshes, pictures and a report of cars are in results/demo/cars."
 
-mocap-table: $(READY)
+mocap-table: $(RUNS)
 	$(call chain,mocap)
 
-recovery: $(READY)
+recovery: $(RUNS)
 	@mkdir -p results
 	$(SHAPEFIT) simulate -c configs/recovery.yaml
 
@@ -41,7 +44,7 @@ PAPER_FITS := convex refine alternate alternate-plus pmp mean-shape
 PAPER_SWEEPS := timing timing-pmp sensitivity-lambda sensitivity-noise sensitivity-hidden sensitivity-k
 
 # A fit or simulation in which single items fail (exit code 1) lists them, and the others count.
-paper: $(READY)
+paper: $(RUNS)
 	@mkdir -p results/mocap results/paper
 	$(SHAPEFIT) learn-dict -c configs/mocap/learn-dict.yaml $(SET_DATA)
 	$(SHAPEFIT) learn-dict -c configs/paper/learn-pmp.yaml $(SET_DATA)
@@ -57,7 +60,7 @@ paper: $(READY)
 CAR_METHODS := $(basename $(notdir $(wildcard configs/cars/methods/*.yaml)))
 CAR_SWEEPS := $(basename $(notdir $(wildcard configs/cars/outliers-*.yaml)))
 
-cars: $(READY)
+cars: $(RUNS)
 	@mkdir -p results/cars
 	$(SHAPEFIT) learn-dict -c configs/cars/learn-dict.yaml $(SET_DATA)
 	$(SHAPEFIT) fit -c configs/cars/fit.yaml $(SET_DATA) || [ $$? -eq 1 ]
@@ -81,7 +84,7 @@ lint: $(READY)
 	$(BIN)/ruff check .
 
 types: $(READY)
-	$(BIN)/mypy shapefit cli benchmarks
+	$(BIN)/mypy shapefit shapefit_cli benchmarks
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py
@@ -102,11 +105,26 @@ $(SHAPEFIT) eval -c configs/$(1)/eval.yaml $(SET_DATA)
 @echo "The results are in results/$(1), the report with tables and plots in results/$(1)/report."
 endef
 
-# Rebuilt when the dependencies change, not otherwise.
-$(READY): pyproject.toml constraints.txt
+INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+INSTALL_SHAPEFIT = $(INSTALL) --no-build-isolation --editable
+
+# Rebuilt when the dependencies or the sources of the compiled core change, not otherwise.
+$(READY): $(TOOLS) $(CORE)
+	@echo "Installing shapefit with the developers' tools into $(VENV), a minute or two."
+	@$(INSTALL_SHAPEFIT) '.[dev]'
+	@touch $(RUNS) $@
+
+# All that a run needs, without the developers' tools. Modules are compiled when they are first used.
+$(RUNS): $(TOOLS) $(CORE)
+	@echo "Installing shapefit into $(VENV), about half a minute."
+	@$(INSTALL_SHAPEFIT) '.[plots]' --no-compile
+	@touch $@
+
+# What builds the core stays installed, so that a changed source is compiled alone.
+$(TOOLS): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	    { echo "shapefit needs Python >= 3.11; say which: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 1; }
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	    --constraint constraints.txt --editable '.[dev]'
+	@echo "Making a Python environment in $(VENV), some seconds."
+	@$(PYTHON) -m venv $(VENV)
+	@$(INSTALL) --no-compile cmake ninja nanobind scikit-build-core
 	@touch $@

@@ -112,7 +112,7 @@ def run_case(case: Case, folder: Path, tally: Tally) -> Iterator[Finding]:
 def _in_child(work: object, folder: Path) -> tuple[int, resource.struct_rusage]:
     child = os.fork()
     if child == 0:
-        _become(folder)
+        become(folder)
         code = 70
         try:
             code = work()  # type: ignore[operator]
@@ -132,7 +132,7 @@ def _in_child(work: object, folder: Path) -> tuple[int, resource.struct_rusage]:
         time.sleep(0.002)
 
 
-def _become(folder: Path) -> None:
+def become(folder: Path) -> None:
     """Make a forked process ready to be a command in the folder."""
     os.chdir(folder)
     for number, name in enumerate(("/dev/null", "stdout", "stderr")):

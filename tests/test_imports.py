@@ -20,8 +20,8 @@ LIGHT_OF_THE_PACKAGE = {"shapefit", "shapefit.__version__", "shapefit.errors.Inp
 def rooms() -> list[str]:
     """Return the rooms in the order of the map, as modules; `shapefit_cli` is the last."""
     text = (PROJECT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    found = re.findall(r"^\| `(shapefit/\w+|cli)(?:/|\.py)` \|", text, flags=re.MULTILINE)
-    return ["shapefit_cli" if room == "cli" else room.replace("/", ".") for room in found]
+    found = re.findall(r"^\| `(shapefit/\w+|shapefit_cli)(?:/|\.py)` \|", text, flags=re.MULTILINE)
+    return [room.replace("/", ".") for room in found]
 
 
 ROOMS = rooms()
@@ -29,8 +29,7 @@ ROOMS = rooms()
 
 def module_of(path: Path) -> str:
     parts = path.relative_to(PROJECT).with_suffix("").parts
-    names = ["shapefit_cli" if parts[0] == "cli" else parts[0], *parts[1:]]
-    return ".".join(names[:-1] if names[-1] == "__init__" else names)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
 def imports(tree: ast.AST, module: str, *, package: bool = False) -> Iterator[tuple[int, str]]:
@@ -97,7 +96,7 @@ def heavy_imports(source: str, module: str, *, package: bool = False) -> list[st
 
 
 PACKAGE = sorted((PROJECT / "shapefit").rglob("*.py"))
-CLI = sorted((PROJECT / "cli").rglob("*.py"))
+CLI = sorted((PROJECT / "shapefit_cli").rglob("*.py"))
 
 
 def each(paths: list[Path]) -> pytest.MarkDecorator:

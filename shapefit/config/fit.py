@@ -163,18 +163,19 @@ class FitConfig(CommandConfig):
         "solution before it; objective, gap, residual and active atoms go into the result.",
     )
     solver: SolverConfig = Field(
-        default_factory=SolverConfig, description="How the convex program is solved."
+        default_factory=SolverConfig.model_construct,
+        description="How the convex program is solved.",
     )
     orthogonal: bool = Field(
         default=False,
         description="convex: replace the rotation of each atom by the nearest proper one.",
     )
     alternation: AlternationConfig = Field(
-        default_factory=AlternationConfig,
+        default_factory=AlternationConfig.model_construct,
         description="How convex+refine, alternate, alternate+ and mean-shape search.",
     )
     temporal: TemporalConfig = Field(
-        default_factory=TemporalConfig,
+        default_factory=TemporalConfig.model_construct,
         description="What the images of one sequence tell about each other.",
     )
     leave_out: str | None = Field(
@@ -185,17 +186,18 @@ class FitConfig(CommandConfig):
         "named like training shapes.",
     )
     outliers: OutlierSearchConfig = Field(
-        default_factory=OutlierSearchConfig,
+        default_factory=OutlierSearchConfig.model_construct,
         description="Which landmarks the fit leaves out because they are wrong.",
     )
     camera: ViewingConfig = Field(
-        default_factory=ViewingConfig, description="How the camera saw the landmarks."
+        default_factory=ViewingConfig.model_construct,
+        description="How the camera saw the landmarks.",
     )
     export: ExportConfig = Field(
-        default_factory=ExportConfig, description="Mesh files of the fitted shapes."
+        default_factory=ExportConfig.model_construct, description="Mesh files of the fitted shapes."
     )
     pictures: PicturesConfig = Field(
-        default_factory=PicturesConfig, description="Pictures of the fitted shapes."
+        default_factory=PicturesConfig.model_construct, description="Pictures of the fitted shapes."
     )
     threads: int = Field(
         default=0, ge=0, le=MOST_THREADS, description="Threads to solve with; 0 is one per core."

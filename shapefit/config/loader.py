@@ -2,32 +2,46 @@
 
 from __future__ import annotations
 
+import importlib
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from ruamel.yaml import YAML
-
 from shapefit.config.checked import load_model
-from shapefit.config.evaluate import EvalConfig
-from shapefit.config.fit import FitConfig
-from shapefit.config.learn_dict import LearnDictConfig
 from shapefit.config.model import CommandConfig
 from shapefit.config.paths import STANDARD_STREAM
-from shapefit.config.project import ProjectConfig
 from shapefit.config.settings import STANDARD_INPUT
-from shapefit.config.simulate import SimulateConfig
-from shapefit.config.sweep import SweepConfig
 from shapefit.errors import input_error
 
-CONFIGS: Mapping[str, type[CommandConfig]] = {
-    "learn-dict": LearnDictConfig,
-    "fit": FitConfig,
-    "eval": EvalConfig,
-    "project": ProjectConfig,
-    "simulate": SimulateConfig,
-    "sweep": SweepConfig,
-}
+
+class Schemas(Mapping[str, type[CommandConfig]]):
+    """The config of each command, imported when it is asked for: a schema takes long to build."""
+
+    def __init__(self, places: Mapping[str, str]) -> None:
+        self.places = places
+
+    def __getitem__(self, command: str) -> type[CommandConfig]:
+        module, _, name = self.places[command].rpartition(".")
+        schema: type[CommandConfig] = getattr(importlib.import_module(module), name)
+        return schema
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.places)
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+
+CONFIGS = Schemas(
+    {
+        "learn-dict": "shapefit.config.learn_dict.LearnDictConfig",
+        "fit": "shapefit.config.fit.FitConfig",
+        "eval": "shapefit.config.evaluate.EvalConfig",
+        "project": "shapefit.config.project.ProjectConfig",
+        "simulate": "shapefit.config.simulate.SimulateConfig",
+        "sweep": "shapefit.config.sweep.SweepConfig",
+    }
+)
 
 
 def load_config(
@@ -55,6 +69,8 @@ def load_config(
 
 def dump_config(config: CommandConfig) -> str:
     """Return the config as YAML, every default spelled out; it loads again to the same config."""
+    from ruamel.yaml import YAML
+
     text = io.StringIO()
     YAML().dump(config.as_plain(), text)
     return text.getvalue()

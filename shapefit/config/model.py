@@ -32,7 +32,11 @@ Plots = Annotated[bool | Literal["auto"], Expected("true, false or auto")]
 
 
 class ConfigModel(BaseModel):
-    """A frozen mapping of known keys; nothing is converted silently ("3" is not a number)."""
+    """A frozen mapping of known keys; nothing is converted silently ("3" is not a number).
+
+    A section's default is its `model_construct`: to validate what is known to be valid would build
+    the schema of the section once more.
+    """
 
     model_config = ConfigDict(
         frozen=True,
@@ -42,6 +46,7 @@ class ConfigModel(BaseModel):
         validate_by_name=True,
         validate_by_alias=True,
         serialize_by_alias=True,
+        defer_build=True,  # a section is built within its config, once
     )
 
 

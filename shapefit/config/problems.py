@@ -11,8 +11,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from shapefit.config.expectation import expectation, field_keys, submodel
+from shapefit.config.places import Location
 from shapefit.config.settings import Settings, found
-from shapefit.config.yaml12 import Location
 
 
 def schema_problems(

@@ -84,7 +84,7 @@ class ProjectConfig(CommandConfig):
         description="Landmark file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
     )
     camera: CameraConfig = Field(
-        default_factory=CameraConfig, description="The camera that sees the shapes."
+        default_factory=CameraConfig.model_construct, description="The camera that sees the shapes."
     )
     noise: float = Field(
         default=0.0,
@@ -98,7 +98,8 @@ class ProjectConfig(CommandConfig):
         description="Share of landmarks hidden, other ones in each image; three stay.",
     )
     outliers: OutlierConfig = Field(
-        default_factory=OutlierConfig, description="Landmarks that are grossly wrong."
+        default_factory=OutlierConfig.model_construct,
+        description="Landmarks that are grossly wrong.",
     )
     repeat: int = Field(
         default=1,

@@ -12,10 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.config.paths import STANDARD_STREAM, PathKeys, anchored, change_paths, with_data
-from shapefit.config.yaml12 import MOST_BYTES, Location, Place, read_yaml
+from shapefit.config.places import Location, Place
 from shapefit.errors import input_error
 
 COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"
+
+MOST_BYTES = 1 << 20
+"""Of a config: beyond that it is something else."""
 
 
 @dataclass
@@ -52,6 +55,8 @@ class Settings:
 
         Its paths are relative to its folder, those of standard input to the working folder.
         """
+        from shapefit.config.yaml12 import read_yaml
+
         name = STANDARD_INPUT if path == STANDARD_STREAM else str(path)
         document = read_yaml(_text(path), lambda line, column: f"{name}:{line}:{column}")
         self.problems += document.problems
@@ -77,6 +82,8 @@ class Settings:
         if not equals or not all(keys):
             self.problems.append(f"{place}: expected key=value or key.key=value")
             return
+        from shapefit.config.yaml12 import read_yaml
+
         text = "'-'" if text.strip() == "-" else text  # in YAML a list with nothing in it
         document = read_yaml(text, lambda _line, _column: place)
         self.problems += document.problems

@@ -106,10 +106,11 @@ class SimulateConfig(CommandConfig):
         description="Relative error of the transforms below which they are recovered exactly.",
     )
     solver: ExactSolverConfig = Field(
-        default_factory=ExactSolverConfig, description="How the program is solved."
+        default_factory=ExactSolverConfig.model_construct, description="How the program is solved."
     )
     published: PublishedGridConfig = Field(
-        default_factory=PublishedGridConfig, description="Shares quoted from a publication."
+        default_factory=PublishedGridConfig.model_construct,
+        description="Shares quoted from a publication.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
     threads: int = Field(

@@ -92,7 +92,7 @@ class SweepConfig(CommandConfig):
         default=None, description="How to see the shapes; left out, `fit` names the landmarks."
     )
     corrupt: CorruptionConfig = Field(
-        default_factory=CorruptionConfig,
+        default_factory=CorruptionConfig.model_construct,
         description="Which observed landmarks to make wrong before the fit.",
     )
     fit: Annotated[FitSection, _words("fit")] = Field(

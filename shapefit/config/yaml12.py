@@ -11,8 +11,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-Location = tuple[str | int, ...]
-"""The keys and list positions that lead to a value."""
+from shapefit.config.places import Location, Place
 
 _NUMBER_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("int", "float")}
 _SCALAR_TAGS = _NUMBER_TAGS | {f"tag:yaml.org,2002:{name}" for name in ("null", "bool")}
@@ -29,22 +28,11 @@ _NUMBER = re.compile(
 MOST_VALUES = 100_000
 """Aliases of aliases make more of them than memory holds, from a few lines."""
 
-MOST_BYTES = 1 << 20
-"""Of a config: beyond that it is something else."""
-
 LARGEST_INTEGER = 2**63 - 1
 
 
 class _TooMuch(Exception):
     """A document has more than `MOST_VALUES` values."""
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a key and its value stand, as a message names them."""
-
-    key: str
-    value: str
 
 
 @dataclass

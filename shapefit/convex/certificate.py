@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.convex.certificate_kernel import certify_all
+from shapefit import core
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.spectral_norm import nuclear_norm
 
@@ -47,10 +47,11 @@ def certify_transforms(
     E = np.zeros((n, 2, p)) if errors is None else np.array(errors, dtype=np.float64)
     Y = np.array(dual, dtype=np.float64)
     objective, gap, residual, T = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 2))
-    certify_all(
-        problem.landmarks, problem.weights, problem.atoms, problem.lam,
-        float(problem.loss.has_quadratic), problem.bound,
-        np.require(transforms, np.float64, ("C", "W")), E, Y, T, objective, gap, residual,
+    core.certify(
+        landmarks=problem.landmarks, weights=problem.weights, atoms=problem.atoms, lam=problem.lam,
+        delta=float(problem.loss.has_quadratic), bound=problem.bound, threads=0,
+        transforms=np.require(transforms, np.float64, ("C", "W")), translation=T, dual=Y, errors=E,
+        objective=objective, relative_gap=gap, residual=residual,
     )  # fmt: skip
     return Certificate(objective, gap, residual, T, E, Y)
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from shapefit import core
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution, Status
-from shapefit.convex.stretch_kernel import solve_stretch
-from shapefit.convex.stretches import run_stretches
 
 _STATUS = (Status.OPTIMAL, Status.ITERATION_LIMIT, Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
@@ -35,16 +34,12 @@ def solve_newton(
         transforms, dual, errors = start.transforms.copy(), start.dual.copy(), start.errors.copy()
     objective, gap, residual = np.zeros(n), np.zeros(n), np.zeros(n)
     steps, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    delta = float(problem.loss.has_quadratic)
-
-    def solve(part: slice) -> None:
-        solve_stretch(
-            problem.landmarks[part], problem.weights[part], problem.atoms, problem.lam[part],
-            delta, problem.bound, tolerance, max_iterations, start is not None,
-            transforms[part], translation[part], dual[part], errors[part],
-            objective[part], gap[part], residual[part], steps[part], codes[part],
-        )  # fmt: skip
-
-    run_stretches(n, solve, threads)
+    core.solve_convex(
+        landmarks=problem.landmarks, weights=problem.weights, atoms=problem.atoms, lam=problem.lam,
+        delta=float(problem.loss.has_quadratic), bound=problem.bound,
+        tolerance=tolerance, most_steps=max_iterations, started=start is not None, threads=threads,
+        transforms=transforms, translation=translation, dual=dual, errors=errors,
+        objective=objective, relative_gap=gap, residual=residual, steps=steps, status=codes,
+    )  # fmt: skip
     status = tuple(_STATUS[code] for code in codes)
     return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)

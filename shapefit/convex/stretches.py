@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 Part = TypeVar("Part")
@@ -29,5 +28,7 @@ def on_threads(parts: Sequence[Part], work: Callable[[Part], Done], threads: int
     workers = min(threads or os.cpu_count() or 1, len(parts))
     if workers <= 1:
         return [work(part) for part in parts]
+    from concurrent.futures import ThreadPoolExecutor  # takes long to import
+
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(work, parts))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit import core
+
 Floats = NDArray[np.float64]
 
 
@@ -18,12 +20,12 @@ def update_atoms(
     the projection of its unconstrained minimum on the ball, so no step raises the objective.
     Atoms that no shape uses stay as they are. Source: Mairal et al. 2010, algorithm 2.
     """
-    A = coefficients.T @ coefficients
-    D = coefficients.T @ shapes.reshape(len(shapes), -1)
-    B = atoms.reshape(len(atoms), -1).copy()
-    used = np.flatnonzero(A.diagonal() > 0)
-    for _ in range(sweeps):
-        for i in used:
-            free = B[i] + (D[i] - A[i] @ B) / A[i, i]
-            B[i] = free * (bound / max(float(np.linalg.norm(free)), bound))
-    return B.reshape(atoms.shape)
+    B = np.array(atoms, dtype=np.float64, order="C")
+    core.update_atoms(
+        shapes=np.ascontiguousarray(shapes, dtype=np.float64).reshape(len(shapes), B[0].size),
+        coefficients=np.ascontiguousarray(coefficients, dtype=np.float64),
+        atoms=B.reshape(len(B), -1),
+        bound=bound,
+        sweeps=sweeps,
+    )
+    return B

@@ -77,19 +77,21 @@ def learn(
     def total(B: Floats, C: Floats) -> float:
         return float(objectives(shapes, B, beta, C).sum())
 
-    def recode(B: Floats, C: Floats) -> tuple[Floats, Floats]:
-        B = replace_dead_atoms(shapes, C, B, bound)
-        return B, sparse_code(shapes, B, beta, start=C)
+    def recode(B: Floats, C: Floats | None) -> tuple[float, Floats, Floats]:
+        if C is not None:
+            B = replace_dead_atoms(shapes, C, B, bound)
+        C = sparse_code(shapes, B, beta, start=C)
+        return total(B, C), B, C
 
-    B = _scaled_to(bound, chosen)
-    C = sparse_code(shapes, B, beta)
-    trace = [total(B, C)]
+    objective, B, C = recode(_scaled_to(bound, chosen), None)
+    trace = [objective]
     for _ in range(iterations):
         updated = update_atoms(shapes, C, B, bound)
         trace.append(total(updated, C))
         beyond = _within(bound, updated + REACH * (updated - B))
-        B, C = min(recode(updated, C), recode(beyond, C), key=lambda state: total(*state))
-        trace.append(total(B, C))
+        coded = recode(updated, C), recode(beyond, C)
+        objective, B, C = min(coded, key=lambda state: state[0])
+        trace.append(objective)
         yield Learned(B, C, np.array(trace))
         if trace[-3] - trace[-1] <= tolerance * trace[-3]:
             return

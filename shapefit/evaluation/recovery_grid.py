@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.convex.solution import Status
+from shapefit.evaluation.csv_table import write_table
 from shapefit.evaluation.markdown import markdown_table
 from shapefit.evaluation.recovery import Attempt
 
@@ -85,10 +85,8 @@ class RecoveryGrid:
 
 def write_csv(path: Path, grid: RecoveryGrid) -> None:
     """Write recovery.csv, one row a cell; `success` is a share."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(("p", "z", "trials", "success"))
-        rows.writerows((c.p, c.z, len(c.attempts), c.success) for c in grid.cells)
+    rows = ((c.p, c.z, len(c.attempts), c.success) for c in grid.cells)
+    write_table(path, ("p", "z", "trials", "success"), rows)
 
 
 def grid_json(grid: RecoveryGrid) -> str:

@@ -13,9 +13,9 @@ import numpy as np
 
 from shapefit.evaluation import labels
 from shapefit.evaluation.cells import ABSENT, HOW_TO_READ_PAIRS, pairs, percent
+from shapefit.evaluation.csv_table import null_for_nan, write_table
 from shapefit.evaluation.markdown import markdown_table
 from shapefit.evaluation.summary import ALL, ImageErrors, summarise
-from shapefit.evaluation.tables import null_for_nan
 
 Value = str | bool | int | float
 
@@ -132,13 +132,11 @@ COLUMNS = (
 
 def write_csv(path: Path, sweep: Sweep) -> None:
     """Write sweep.csv, one row a value, group and metric; a number that does not exist is empty."""
-    import polars as pl
-
-    rows = [
-        {"key": sweep.key, **_known(point), "value": value_text(point.value)}
+    known = (
+        {"key": sweep.key, **asdict(point), "value": value_text(point.value)}
         for point in sweep.points
-    ]
-    pl.DataFrame(rows, infer_schema_length=None).select(COLUMNS).write_csv(path)
+    )
+    write_table(path, COLUMNS, ([row[column] for column in COLUMNS] for row in known))
 
 
 def sweep_json(sweep: Sweep) -> str:

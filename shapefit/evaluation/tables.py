@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TypeVar
 
+from shapefit.evaluation.csv_table import null_for_nan, write_table
 from shapefit.evaluation.report import Report
 from shapefit.evaluation.summary import ImageErrors, Summary
-
-if TYPE_CHECKING:
-    import polars
 
 Errors = TypeVar("Errors", Summary, ImageErrors)
 
@@ -26,27 +23,17 @@ def write_per_image(path: Path, errors: Sequence[ImageErrors], of: str = "method
 
     `of` is the name of the first column: what the `method` of the errors is.
     """
-    import polars as pl
-
-    pl.concat([_per_image(e) for e in errors]).rename({"method": of}).write_csv(path)
-
-
-def _per_image(errors: ImageErrors) -> polars.DataFrame:
-    import polars as pl
-
-    table = pl.DataFrame(
-        {"sequence": errors.sequences, "item": errors.items, "error": errors.values}
+    rows = (
+        (e.method, sequence, item, e.metric, error, e.unit)
+        for e in errors
+        for sequence, item, error in zip(e.sequences, e.items, e.values.tolist(), strict=True)
     )
-    labels = [pl.lit(getattr(errors, name)).alias(name) for name in ("method", "metric", "unit")]
-    return table.with_columns(pl.col("error").fill_nan(None), *labels).select(PER_IMAGE)
+    write_table(path, (of, *PER_IMAGE[1:]), rows)
 
 
 def write_report_csv(path: Path, summaries: Sequence[Summary]) -> None:
     """Write report.csv, one row a group (its `sequence` is empty) and one a sequence."""
-    import polars as pl
-
-    table = pl.DataFrame([asdict(s) for s in summaries], infer_schema_length=None)
-    table.select(REPORT).with_columns(pl.col(pl.Float64).fill_nan(None)).write_csv(path)
+    write_table(path, REPORT, ([getattr(s, name) for name in REPORT] for s in summaries))
 
 
 def report_json(report: Report) -> str:
@@ -80,8 +67,3 @@ def by_kind(errors: Iterable[Errors]) -> dict[tuple[str, str], list[Errors]]:
     for entry in errors:
         collected.setdefault((entry.metric, entry.unit), []).append(entry)
     return collected
-
-
-def null_for_nan(value: Any) -> Any:
-    """Return None in place of nan, as JSON and CSV have it."""
-    return None if isinstance(value, float) and math.isnan(value) else value

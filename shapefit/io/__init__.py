@@ -1,4 +1,4 @@
-"""Files in and out; h5py and polars are imported when the first such file is handled."""
+"""Files in and out; h5py is imported when the first HDF5 file is handled."""
 
 from shapefit.io.atomic import atomic_path, check_output, digest, digests
 from shapefit.io.dictionary_files import read_dictionary, write_dictionary

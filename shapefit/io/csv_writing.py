@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
-import polars as pl
+import orjson
 
 from shapefit.errors import input_error
 from shapefit.io.atomic import atomic_file, storage_errors, write_all
 from shapefit.io.layout import NOTHING_APPENDED
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.records import Floats, LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
 
 Write = Callable[[bytes], None]
+
+BLOCK_ROWS = 4096
+"""Rows that are written at a time; larger blocks leave the processor's cache and take longer."""
+
+_IN_QUOTES = re.compile('[",\\r\\n]')
 
 
 class CsvWriter:
@@ -41,12 +48,14 @@ class CsvWriter:
 
         Raises ValueError where the columns are not those of the first record.
         """
-        table = _tidy(record)
-        first = not self.begun
-        if not first and table.columns != self._columns:
+        columns = _columns(record)
+        if not self.begun:
+            self._write(f"{','.join(columns)}\n".encode())
+        elif columns != self._columns:
             raise ValueError("the columns of this record are not those of the first")
-        self._columns = table.columns
-        self._write(table.write_csv(include_header=first).encode())
+        self._columns = columns
+        for part in _parts(len(record), len(record.landmark_names)):
+            self._write(_rows(record, part))
 
 
 @contextmanager
@@ -73,19 +82,49 @@ def _write_to_stdout(data: bytes) -> None:
     sys.stdout.buffer.flush()
 
 
-def _tidy(record: ShapeSet | LandmarkSet | ResultSet) -> pl.DataFrame:
-    points = record.landmarks if isinstance(record, LandmarkSet) else record.shapes
-    n, dimensions, p = points.shape
-    of_item = np.repeat(np.arange(n), p)
-    columns = {
-        "item": pl.Series(record.items, dtype=pl.String).gather(of_item),
-        "landmark": pl.Series(record.landmark_names * n, dtype=pl.String),
-    }
-    rows = points.swapaxes(1, 2).reshape(n * p, dimensions)
-    for number, name in enumerate("xyz"[:dimensions]):
-        columns[name] = pl.Series(rows[:, number]).fill_nan(None)
+def _columns(record: ShapeSet | LandmarkSet | ResultSet) -> list[str]:
+    columns = ["item", "landmark", *"xyz"[: _points(record).shape[1]]]
     if isinstance(record, LandmarkSet) and record.confidence is not None:
-        columns["confidence"] = pl.Series(record.confidence.reshape(n * p))
+        columns.append("confidence")
+    return columns if record.sequences is None else [*columns, "sequence"]
+
+
+def _parts(n: int, p: int) -> Iterator[slice]:
+    """Cut n items of p landmarks where BLOCK_ROWS rows are reached."""
+    items = max(1, BLOCK_ROWS // max(1, p))
+    return (slice(start, start + items) for start in range(0, n, items))
+
+
+def _rows(record: ShapeSet | LandmarkSet | ResultSet, part: slice) -> bytes:
+    """Return the lines of some of the items."""
+    points = _points(record)[part]
+    n, dimensions, p = points.shape
+    numbers = points.swapaxes(1, 2).reshape(n * p, dimensions)
+    if isinstance(record, LandmarkSet) and record.confidence is not None:
+        numbers = np.column_stack([numbers, record.confidence[part].reshape(n * p)])
+    landmarks = [b",%b," % _cell(name) for name in record.landmark_names]
+    names = [item + landmark for item in map(_cell, record.items[part]) for landmark in landmarks]
+    ends = [b"\n"] * n
     if record.sequences is not None:
-        columns["sequence"] = pl.Series(record.sequences, dtype=pl.String).gather(of_item)
-    return pl.DataFrame(columns)
+        ends = [b",%b\n" % _cell(sequence) for sequence in record.sequences[part]]
+    ends = [end for end in ends for _ in range(p)]
+    return b"".join(chain.from_iterable(zip(names, _texts(numbers), ends, strict=True)))
+
+
+def _points(record: ShapeSet | LandmarkSet | ResultSet) -> Floats:
+    return record.landmarks if isinstance(record, LandmarkSet) else record.shapes
+
+
+def _texts(rows: Floats) -> list[bytes]:
+    """Return each row of numbers with commas between them, nothing for nan."""
+    if not rows.size:
+        return [b""] * len(rows)
+    text = orjson.dumps(np.ascontiguousarray(rows), option=orjson.OPT_SERIALIZE_NUMPY)
+    return text[2:-2].replace(b"null", b"").split(b"],[")
+
+
+def _cell(text: str) -> bytes:
+    """Return a text as a cell, in quotes where it needs them."""
+    if text and not _IN_QUOTES.search(text):
+        return text.encode()
+    return '"{}"'.format(text.replace('"', '""')).encode()

@@ -28,6 +28,11 @@ class Problems:
         """Add one problem, worded as `line`."""
         self.add([row], lambda _: line)
 
+    def join(self, other: Problems) -> None:
+        """Add the problems of another account of the same input."""
+        self._count += other._count
+        self._told += other._told
+
     def raise_if_any(self) -> None:
         """Raise InputError with the first problems in the order of their rows."""
         if self._count:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 from shapefit.errors import input_error
@@ -11,6 +13,9 @@ from shapefit.errors import input_error
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 HDF5_SUFFIXES = frozenset({".h5", ".hdf5", ".hdf", ".he5"})
 STREAM = "-"
+
+BLOCK_BYTES = 1 << 16
+"""Of text that are read at a time; larger blocks leave the processor's cache and take longer."""
 
 
 def is_stream(path: Path) -> bool:
@@ -55,17 +60,24 @@ def is_hdf5(path: Path) -> bool:
     return False
 
 
-def read_text_bytes(path: Path) -> bytes:
-    """Return all bytes of standard input, a pipe or a text file."""
+def read_text_blocks(path: Path) -> Iterator[bytes]:
+    """Yield the bytes of standard input, a pipe or a text file, a block at a time.
+
+    Raises InputError where there are none, and where they are HDF5.
+    """
     if is_stream(path) and sys.stdin is None:
         raise input_error(source_name(path), "is closed", "send something there, or name a file")
-    data = sys.stdin.buffer.read() if is_stream(path) else path.read_bytes()
-    if not data:
-        raise input_error(source_name(path), "is empty (0 bytes)", "write a CSV with a header line")
-    if data.startswith(HDF5_SIGNATURE):
-        fix = "name the file itself, or send CSV"
-        raise input_error(source_name(path), "is HDF5, which cannot come through a pipe", fix)
-    return data
+    with nullcontext(sys.stdin.buffer) if is_stream(path) else path.open("rb") as file:
+        block = file.read(BLOCK_BYTES)
+        if not block:
+            fix = "write a CSV with a header line"
+            raise input_error(source_name(path), "is empty (0 bytes)", fix)
+        if block.startswith(HDF5_SIGNATURE):
+            fix = "name the file itself, or send CSV"
+            raise input_error(source_name(path), "is HDF5, which cannot come through a pipe", fix)
+        while block:
+            yield block
+            block = file.read(BLOCK_BYTES)
 
 
 def is_csv_target(path: Path) -> bool:

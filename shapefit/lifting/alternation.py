@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit import core
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
-from shapefit.convex.stretches import run_stretches
-from shapefit.lifting.alternation_kernels import alternate_stretch
 from shapefit.lifting.estimate import STATUS
 
 Floats = NDArray[np.float64]
@@ -52,17 +51,22 @@ def alternate(
     n, k = len(problem.landmarks), len(problem.atoms)
     if starts.shape[0] != n or starts.shape[2:] != (3, 3) or starts.shape[1] == 0:
         raise ValueError(f"starts {starts.shape} must be ({n}, s, 3, 3)")
-    starts = np.ascontiguousarray(starts, dtype=np.float64)
     coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
     rounds, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
-
-    def work(part: slice) -> None:
-        alternate_stretch(
-            problem.landmarks[part], problem.weights[part], problem.atoms, problem.lam[part],
-            starts[part], signed, tolerance, max_rounds,
-            coefficients[part], rotation[part], rounds[part], codes[part],
-        )  # fmt: skip
-
-    run_stretches(n, work, threads)
+    core.alternate(
+        landmarks=problem.landmarks,
+        weights=problem.weights,
+        atoms=problem.atoms,
+        lam=problem.lam,
+        starts=np.ascontiguousarray(starts, dtype=np.float64),
+        is_signed=signed,
+        tolerance=tolerance,
+        most_rounds=max_rounds,
+        coefficients=coefficients,
+        rotation=rotation,
+        rounds=rounds,
+        status=codes,
+        threads=threads,
+    )
     rotation[~coefficients.any(axis=1)] = np.nan
     return Alternation(coefficients, rotation, rounds, tuple(STATUS[code] for code in codes))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,9 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import Estimate, Estimator
 from shapefit.lifting.noise_level import lambda_for_noise
-from shapefit.lifting.perspective import Camera
+
+if TYPE_CHECKING:
+    from shapefit.lifting.perspective import Camera
 
 Floats = NDArray[np.float64]
 

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit import core
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
-from shapefit.convex.stretches import run_stretches
 from shapefit.geometry.rotations import complete_rotation
 from shapefit.lifting.combination import combine
 from shapefit.lifting.estimate import STATUS, Estimate, place
-from shapefit.lifting.matching_pursuit_kernels import pursue_stretch
 
 Floats = NDArray[np.float64]
 
@@ -81,14 +80,23 @@ def pursue(
     coefficients, camera = np.zeros((n, 1 + k)), np.full((n, 2, 3), np.nan)
     error, rounds, codes = np.full(n, np.nan), np.zeros(n, np.int64), np.zeros(n, np.int64)
 
-    def work(part: slice) -> None:
-        pursue_stretch(
-            problem.landmarks[part], problem.weights[part], shapes, limbs, length,
-            goal, change, most_atoms, most_rounds,
-            coefficients[part], camera[part], error[part], rounds[part], codes[part],
-        )  # fmt: skip
-
-    run_stretches(n, work, threads)
+    core.pursue(
+        landmarks=problem.landmarks,
+        weights=problem.weights,
+        shapes=shapes,
+        limbs=limbs,
+        length=length,
+        goal=goal,
+        change=change,
+        most_atoms=most_atoms,
+        most_rounds=most_rounds,
+        coefficients=coefficients,
+        cameras=camera,
+        errors=error,
+        rounds=rounds,
+        status=codes,
+        threads=threads,
+    )
     status = tuple(STATUS[code] for code in codes)
     return Pursuit(coefficients[:, 1:], coefficients[:, 0], camera, error, rounds, status)
 

@@ -7,13 +7,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
+from shapefit import core
 from shapefit.convex.solution import Status
-from shapefit.convex.stretches import run_stretches
 from shapefit.geometry.normalisation import Normalised
 from shapefit.lifting.estimate import STATUS
-from shapefit.lifting.perspective_kernels import perspective_stretch
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -94,18 +92,25 @@ def refine_perspective(
     c = np.tile(np.asarray(prior, np.float64), (n, 1))
     t = place_in_depth(landmarks, weights, np.tensordot(prior, atoms, axes=1), camera, R)
     objective, rounds, codes = np.full(n, np.nan), np.zeros(n, np.int64), np.zeros(n, np.int64)
-    inputs = [np.require(a, np.float64, ("C", "W")) for a in (landmarks, weights, atoms, prior)]
-    W, omega, B, c0 = inputs
-    focal, centre = (np.require(a, np.float64, ("C", "W")) for a in (camera.focal, camera.centre))
-
-    def work(part: slice) -> None:
-        perspective_stretch(
-            W[part], omega[part], B, c0, focal[part], centre[part], camera.sign, options.ridge,
-            options.softness, options.max_rounds, R[part], t[part], c[part], objective[part],
-            rounds[part], codes[part],
-        )  # fmt: skip
-
-    run_stretches(n, work, options.threads)
+    core.refine_perspective(
+        landmarks=np.ascontiguousarray(landmarks, np.float64),
+        weights=np.ascontiguousarray(weights, np.float64),
+        atoms=np.ascontiguousarray(atoms, np.float64),
+        prior=np.ascontiguousarray(prior, np.float64),
+        focal=np.ascontiguousarray(camera.focal, np.float64),
+        centre=np.ascontiguousarray(camera.centre, np.float64),
+        sign=camera.sign,
+        ridge=options.ridge,
+        softness=options.softness,
+        max_rounds=options.max_rounds,
+        rotation=R,
+        translation=t,
+        coefficients=c,
+        objective=objective,
+        rounds=rounds,
+        status=codes,
+        threads=options.threads,
+    )
     failed = np.isin(codes, [STATUS.index(status) for status in FAILED])
     R[failed], t[failed], c[failed] = np.nan, np.nan, np.nan
     return Refined(R, t, c, objective, rounds, tuple(STATUS[code] for code in codes))
@@ -163,7 +168,13 @@ def mean_coefficients(atoms: Floats, mean_shape: Floats) -> Floats:
     k = len(atoms)
     A = atoms.reshape(k, -1).T
     little = 1e-3 * np.linalg.norm(A, axis=0).max()
-    c, _ = nnls(
-        np.vstack([A, little * np.eye(k)]), np.concatenate([mean_shape.ravel(), np.zeros(k)])
+    c = np.zeros((1, k))
+    core.code(
+        gram=A.T @ A + little**2 * np.eye(k),
+        pulls=np.reshape(mean_shape.ravel() @ A, (1, k)),
+        smallest_moves=np.array([1e-12 * np.linalg.norm(mean_shape)]),
+        coefficients=c,
+        unsettled=np.zeros(1, dtype=bool),
+        threads=1,
     )
-    return c
+    return c[0]

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit import core
 from shapefit.convex.problem import Problem
-from shapefit.convex.stretches import run_stretches
 from shapefit.geometry.rotations import rotation_about
-from shapefit.lifting.pose_kernels import pose_stretch
 
 Floats = NDArray[np.float64]
 
@@ -75,10 +74,13 @@ def find_pose(problem: Problem, shape: Floats, views: Floats, *, threads: int = 
     P, D = find_moments(problem, shape)
     rotation, size = np.full((len(P), 3, 3), np.nan), np.zeros(len(P))
     starts = turn_in_plane(views, D)
-
-    def work(part: slice) -> None:
-        pose_stretch(P[part], D[part], starts[part], rotation[part], size[part])
-
-    run_stretches(len(P), work, threads)
+    core.find_pose(
+        shape_moments=P,
+        landmarks_by_shape=D,
+        starts=starts,
+        rotation=rotation,
+        size=size,
+        threads=threads,
+    )
     rotation[size == 0] = np.nan
     return Pose(rotation, size)

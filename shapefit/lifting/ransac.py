@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.convex.stretches import run_stretches
-from shapefit.lifting.ransac_kernels import consensus_stretch
+from shapefit import core
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +32,7 @@ def find_consensus(
     (3, p), such as the mean shape; seeds (n,). A landmark agrees where its
     residual is at most threshold times the size of the posed shape, which is the scale of the
     pose for a normalised one. Poses of `draws` random triples of an image compete, see
-    ransac_kernels.py; each that takes the lead is fitted to its inliers and these are judged
+    core/outliers/gain.hpp; each that takes the lead is fitted to its inliers and these are judged
     again, `max_rounds` times at most. The draws of an image depend on its seed alone. An image
     has no inliers where no triple determines a pose.
     """
@@ -47,15 +46,16 @@ def find_consensus(
     square = weights**2
     mean = square.sum(axis=1, keepdims=True) / np.maximum(visible.sum(axis=1, keepdims=True), 1)
     square = np.divide(square, mean, out=np.zeros_like(square), where=visible)
-    W = np.ascontiguousarray(np.where(visible[:, None], landmarks, 0.0))
-    S = np.ascontiguousarray(shape)
-    seeds = np.ascontiguousarray(seeds, dtype=np.uint64)
     inliers = np.zeros((n, p), dtype=bool)
-
-    def work(part: slice) -> None:
-        consensus_stretch(
-            W[part], square[part], S, seeds[part], threshold, draws, max_rounds, inliers[part]
-        )
-
-    run_stretches(n, work, threads)
+    core.find_consensus(
+        landmarks=np.ascontiguousarray(np.where(visible[:, None], landmarks, 0.0)),
+        squares=np.ascontiguousarray(square),
+        shape=np.ascontiguousarray(shape, np.float64),
+        seeds=np.ascontiguousarray(seeds, np.uint64),
+        threshold=threshold,
+        draws=draws,
+        max_rounds=max_rounds,
+        inliers=inliers,
+        threads=threads,
+    )
     return inliers

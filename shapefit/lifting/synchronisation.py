@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.convex.stretches import run_stretches
-from shapefit.lifting.synchronisation_kernels import synchronise_stretch
+from shapefit import core
 
 Floats = NDArray[np.float64]
 
@@ -31,11 +30,7 @@ def synchronise(M: Floats, *, threads: int = 0) -> Synchronised:
     """
     M = np.ascontiguousarray(M, dtype=np.float64)
     rotation = np.full((len(M), 3, 3), np.nan)
-
-    def work(part: slice) -> None:
-        synchronise_stretch(M[part], rotation[part])
-
-    run_stretches(len(M), work, threads)
+    core.synchronise(transforms=M, rotation=rotation, threads=threads)
     inner = np.einsum("nkab,nab->nk", M, rotation[:, :2])
     known = np.isfinite(rotation).all(axis=(1, 2))
     return Synchronised(rotation, np.where(known[:, None], np.maximum(inner, 0.0) / 2, 0.0))

@@ -24,13 +24,10 @@ from shapefit.io import (
 )
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.path import follow_path
 from shapefit.pipelines.counted import counted, nothing_in
 from shapefit.pipelines.dictionary_kind import mismatch
 from shapefit.pipelines.fit_export import open_exports
 from shapefit.pipelines.fit_record import as_result, find_renamed
-from shapefit.pipelines.intrinsics import all_aside
-from shapefit.pipelines.left_out import Strangers
 from shapefit.pipelines.lifting_chain import choose_lifter, choose_newton
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.whole_sequences import whole_sequences
@@ -45,7 +42,11 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     dictionary = read_dictionary(config.dictionary)
     lifter = choose_lifter(config, dictionary)
     newton = choose_newton(config)
-    strangers = Strangers(config.leave_out, dictionary) if config.leave_out else None
+    strangers = None
+    if config.leave_out:
+        from shapefit.pipelines.left_out import Strangers
+
+        strangers = Strangers(config.leave_out, dictionary)
     solve_seconds, done = 0.0, 0
     with (
         open_landmarks(config.landmarks) as source,
@@ -59,7 +60,11 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             solve_seconds += time.perf_counter() - began
             if strangers:
                 strangers.add(images)
-            path = follow_path(lifting.problem, config.path, newton) if config.path else None
+            path = None
+            if config.path:
+                from shapefit.lifting.path import follow_path
+
+                path = follow_path(lifting.problem, config.path, newton)
             record = as_result(images, lifting, path, config, dictionary)
             writer.append(record)
             exports.add(record, lifting.estimate.transforms)
@@ -161,11 +166,14 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
             f"{counted(len(empty), 'image')} with an empty shape, all landmarks on one point: "
             "lambda is above lambda_max there, or near it; lower `lambda`"
         )
-    if lifting.perspective and all_aside(images.landmarks, lifting.perspective.camera):
-        told.append(
-            "all landmarks lie far to one side of the optical axis; is `camera.principal_point` "
-            "right?"
-        )
+    if lifting.perspective:
+        from shapefit.pipelines.intrinsics import all_aside
+
+        if all_aside(images.landmarks, lifting.perspective.camera):
+            told.append(
+                "all landmarks lie far to one side of the optical axis; is "
+                "`camera.principal_point` right?"
+            )
     return tuple(told)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,11 @@ from shapefit.io import ResultSet
 from shapefit.io.atomic_folder import StagedFiles, staged_files
 from shapefit.io.sources import is_stream
 from shapefit.pipelines.drawing import check_can_draw
-from shapefit.pipelines.mesh_export import MeshExport, check_mesh_export
-from shapefit.pipelines.picture_export import PictureExport
 from shapefit.pipelines.report_folder import check_folder
+
+if TYPE_CHECKING:
+    from shapefit.pipelines.mesh_export import MeshExport
+    from shapefit.pipelines.picture_export import PictureExport
 
 Floats = NDArray[np.float64]
 
@@ -69,10 +72,14 @@ def open_exports(config: FitConfig, dictionary: Dictionary, count: int) -> Itera
     if meshes is not None:
         _check_folder(meshes, "export.folder", config.output)
         _check_output(config.output, meshes, config.export.format.removesuffix("-ascii"))
+        from shapefit.pipelines.mesh_export import MeshExport, check_mesh_export
+
         check_mesh_export(config, dictionary)
     if pictures is not None:
         _check_folder(pictures, "pictures.folder", config.output)
         _check_output(config.output, pictures, config.pictures.format)
+        from shapefit.pipelines.picture_export import PictureExport
+
         check_can_draw("pictures")
     exporters: list[MeshExport | PictureExport] = []
     staged: dict[str, StagedFiles] = {}

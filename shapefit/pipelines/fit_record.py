@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,10 @@ from shapefit.io.extras import Extras, names_apart
 from shapefit.io.layout import RESULTS
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting, PerspectiveView
-from shapefit.lifting.path import Path
-from shapefit.meshes.dense import metric_scale
 from shapefit.pipelines.landmark_weights import find_seen
+
+if TYPE_CHECKING:
+    from shapefit.lifting.path import Path
 
 Floats = NDArray[np.float64]
 
@@ -107,6 +108,8 @@ def perspective_datasets(
     view: PerspectiveView, coefficients: Floats | None, dictionary: Dictionary
 ) -> dict[str, NDArray[Any] | None]:
     """Lay out a perspective view; the position is in the unit of a dictionary that has sizes."""
+    from shapefit.meshes.dense import metric_scale
+
     position = None
     if dictionary.atom_scale is not None and coefficients is not None:
         unit = metric_scale(dictionary.atoms, coefficients, dictionary.atom_scale)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import concurrent.futures.thread  # noqa: F401 - `on_threads` needs it while the clock of solving runs
+
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +18,20 @@ from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.methods import Settings, Solve, choose_method
-from shapefit.lifting.path import WarmSolve
-from shapefit.lifting.perspective import Options
-from shapefit.lifting.perspective_view import refine_view
-from shapefit.lifting.temporal import Sequencing, refine_sequences
 from shapefit.lifting.withholding import withhold_broken
-from shapefit.pipelines.intrinsics import find_camera
 from shapefit.pipelines.landmark_weights import find_weights
-from shapefit.pipelines.left_out import leaving_out
 from shapefit.pipelines.lifter import Lifter
-from shapefit.pipelines.outlier_search import choose_search, lift_inliers
+
+if TYPE_CHECKING:
+    from shapefit.lifting.path import WarmSolve
+    from shapefit.lifting.perspective import Options
+    from shapefit.lifting.temporal import Sequencing
 
 Floats = NDArray[np.float64]
 View = Callable[[Lifting, LandmarkSet, Dictionary], Lifting]
 Refinement = Callable[[Lifting, LandmarkSet], Lifting]
+
+# What only some fits need is imported where it is chosen: before the clock of solving starts.
 
 
 def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
@@ -41,7 +42,11 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
     check_limbs(config, dictionary)
     refinement = choose_refinement(config, dictionary)
     program = choose_program(config)
-    search = choose_search(config.outliers, choose_solver(config), config.threads)
+    search = None
+    if config.outliers.method != "none":
+        from shapefit.pipelines.outlier_search import choose_search, lift_inliers
+
+        search = choose_search(config.outliers, choose_solver(config), config.threads)
     view = choose_view(config)
 
     def lift_with(images: LandmarkSet, part: Dictionary) -> Lifting:
@@ -59,6 +64,8 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
 
     lifter: Lifter = lift_with
     if config.leave_out is not None:
+        from shapefit.pipelines.left_out import leaving_out
+
         lifter = leaving_out(lift_with, config.leave_out, dictionary, config.threads)
     return lambda images, whole: withhold_broken(refinement(lifter(images, whole), images))
 
@@ -67,6 +74,9 @@ def choose_view(config: FitConfig) -> View:
     """Return what follows weak perspective: nothing, or refinement under the full projection."""
     if config.camera.model == "weak-perspective":
         return lambda lifting, images, dictionary: lifting
+    from shapefit.lifting.perspective_view import refine_view
+    from shapefit.pipelines.intrinsics import find_camera
+
     options = choose_options(config)
 
     def view(lifting: Lifting, images: LandmarkSet, dictionary: Dictionary) -> Lifting:
@@ -80,6 +90,8 @@ def choose_view(config: FitConfig) -> View:
 
 def choose_options(config: FitConfig) -> Options:
     """Return how the config wants shapes refined under perspective."""
+    from shapefit.lifting.perspective import Options
+
     return Options(
         ridge=config.camera.ridge,
         softness=config.camera.softness,
@@ -98,6 +110,8 @@ def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:
             f"{config.dictionary} without `edges`",
             "learn the dictionary from shapes with edges: they are the bones",
         )
+    from shapefit.lifting.temporal import Sequencing
+
     settings = Sequencing(
         smoothness=config.temporal.smoothness,
         rigidity=config.temporal.rigidity,
@@ -115,6 +129,8 @@ def refine(
     Bones keep their lengths in the observed landmarks, not in those fitted image by image. What
     is hidden or set aside as an outlier keeps its fitted x and y. All but the shapes stays.
     """
+    from shapefit.lifting.temporal import refine_sequences
+
     seen = lifting.problem.weights > 0
     if lifting.estimate.outliers is not None:
         seen &= ~lifting.estimate.outliers

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from shapefit_cli.report import LISTED, Report
-
 from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit_cli.report import LISTED, Report
 
 
 def folded(*outcomes: Outcome) -> Report:

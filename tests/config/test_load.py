@@ -12,7 +12,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from shapefit.config import EvalConfig, FitConfig, LearnDictConfig, dump_config, load_config
+from shapefit.config import (
+    CONFIGS,
+    EvalConfig,
+    FitConfig,
+    LearnDictConfig,
+    dump_config,
+    load_config,
+)
 from shapefit.config.yaml12 import read_yaml
 from shapefit.errors import InputError
 
@@ -314,3 +321,16 @@ def test_a_bare_dash_is_a_stream(folder):
     options = ["landmarks=-", "dictionary=b.h5", "output= - "]
     config = load_config("fit", None, options)
     assert (config.landmarks, config.output) == ((Path("-"),), Path("-"))
+
+
+def sections(model):
+    for key, field in model.model_fields.items():
+        if field.default_factory is not None and hasattr(field.annotation, "model_fields"):
+            yield pytest.param(field, id=f"{model.__name__}.{key}")
+
+
+@pytest.mark.parametrize("field", [s for model in CONFIGS.values() for s in sections(model)])
+def test_the_defaults_of_a_section_are_valid(field):
+    default = field.get_default(call_default_factory=True)
+    assert default == field.annotation.model_validate({})
+    assert default.model_dump() == field.annotation().model_dump()

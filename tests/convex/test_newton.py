@@ -11,7 +11,6 @@ import pytest
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Solution, Status
-from shapefit.convex.stretch_kernel import solve_stretch
 from shapefit.geometry.rotations import rotation_about
 
 FINE = 1e-10
@@ -154,20 +153,6 @@ def test_a_broken_start_is_no_start(make_problem: Callable[..., Problem], loss: 
     broken.errors[2] = np.inf
     found = solve_newton(problem, start=broken)
     assert set(found.status) == {Status.OPTIMAL}
-
-
-def test_a_kernel_is_compiled_once(make_problem: Callable[..., Problem]) -> None:
-    """Whatever the memory layout of the arrays: compiling takes many seconds."""
-    solve_newton(make_problem(3))
-    kinds = len(solve_stretch.signatures)
-    problem = make_problem(5)
-    frozen = problem.landmarks.copy()
-    frozen.flags.writeable = False
-    solve_newton(replace(problem, landmarks=frozen))
-    solve_newton(replace(problem, landmarks=np.asfortranarray(problem.landmarks)))
-    solve_newton(build_problem(problem.landmarks[0], problem.atoms[::-1], 1))
-    solve_newton(problem.take(np.array([3])), start=solve_newton(problem.take(np.array([3]))))
-    assert len(solve_stretch.signatures) == kinds
 
 
 def test_no_images() -> None:

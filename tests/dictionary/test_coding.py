@@ -228,3 +228,16 @@ def test_the_tolerance_is_a_share_of_the_shape(shapes, atoms, size):
 def test_an_unreachable_tolerance_warns(shapes, atoms):
     with pytest.warns(RuntimeWarning, match="40 of 40 shapes"):
         sparse_code(shapes, atoms, BETA, tolerance=-1.0)
+
+
+def test_objectives_are_what_they_say(shapes, atoms, rng):
+    C = rng.random((40, 12)) * (rng.random((40, 12)) < 0.5)
+    residual = flat(shapes) - C @ flat(atoms)
+    expected = 0.5 * (residual**2).sum(axis=1) + BETA * C.sum(axis=1)
+    np.testing.assert_allclose(objectives(shapes, atoms, BETA, C), expected, rtol=1e-14)
+
+
+def test_threads_change_nothing(rng, atoms):
+    shapes = rng.standard_normal((150, 3, 6))
+    one, two = (sparse_code(shapes, atoms, BETA, threads=threads) for threads in (1, 2))
+    np.testing.assert_array_equal(one, two)

@@ -11,12 +11,12 @@ from pymanopt.manifolds import Stiefel
 from pymanopt.optimizers import TrustRegions
 from sklearn.linear_model import Lasso
 
+from shapefit import core
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.alternation import alternate
-from shapefit.lifting.alternation_kernels import alternate_image
 from shapefit.lifting.estimate import place
 
 signs = pytest.mark.parametrize("signed", [False, True])
@@ -42,9 +42,10 @@ def test_the_objective_never_rises(make_scene, rng, signed):
     longest = 0
     for landmarks, start in zip(scene.landmarks, random_rotations(12, rng), strict=True):
         w = landmarks - landmarks.mean(axis=1, keepdims=True)
-        planes = np.ascontiguousarray(scene.atoms.transpose(1, 2, 0))
         R, c, trace = start.copy(), np.empty(20), np.full(400, np.nan)
-        steps, converged = alternate_image(w, scene.atoms, planes, 0.1, signed, 1e-12, R, c, trace)
+        steps, converged = core.parts.alternate_image(
+            w, scene.atoms, 0.1, signed, 1e-12, R, c, trace
+        )
         assert converged
         longest = max(longest, steps)
         assert np.isnan(trace[steps:]).all()

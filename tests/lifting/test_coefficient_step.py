@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from sklearn.linear_model import Lasso
 
+from shapefit import core
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.sparse_kernels import sparse_coefficients
 
 
 def solve(w, atoms, R, lam, *, signed=False, start=None):
     c = np.zeros(len(atoms)) if start is None else start.copy()
-    planes = np.ascontiguousarray(atoms.transpose(1, 2, 0))
-    return c, sparse_coefficients(w, atoms, planes, R, lam, signed, c)
+    return c, core.parts.sparse_coefficients(w, atoms, R, lam, signed, c)
 
 
 def project(atoms, R):

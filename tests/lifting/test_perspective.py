@@ -9,11 +9,12 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from shapefit import core
 from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
-from shapefit.lifting import perspective_kernels
 from shapefit.lifting.perspective import (
+    FAILED,
     Camera,
     Options,
     mean_coefficients,
@@ -99,15 +100,16 @@ def objective(scene, image, atoms, prior, R, t, c, ridge, softness):
 
 def test_the_kernel_projects_as_project_does(noisy, atoms, rng):
     """One landmark is behind the camera: nan for the one, infinite for the other."""
-    turned, X, r = np.empty((3, P)), np.empty((3, P)), np.empty((2, P))
+    X, r = np.empty((3, P)), np.empty((2, P))
     for image, sign in enumerate((1.0, -1.0)):
         seen = replace(noisy.camera.take([image]), sign=sign)
         R, c = noisy.rotation[image], noisy.coefficients[image]
         t = np.array([0.3, -0.2, sign * 0.5])
         omega, w = noisy.weights[image], noisy.landmarks[image]
-        perspective_kernels.project(
-            w, omega, atoms, seen.focal[0], seen.centre[0], sign, R, t, c, turned, X, r
-        )
+        core.parts.project_perspective(
+            w[None], omega[None], atoms, seen.focal, seen.centre, sign, R[None], t[None], c[None],
+            X, r,
+        )  # fmt: skip
         points = R @ np.tensordot(c, atoms, axes=1) + t[:, None]
         u = project(seen, points[None])[0]
         np.testing.assert_allclose(X, points, atol=1e-12)
@@ -238,6 +240,16 @@ def test_landmarks_that_the_camera_cannot_tell_apart_are_infinitely_far(planted,
         1e-28 * planted.landmarks, planted.weights, shape, camera, planted.rotation
     )
     assert not np.isfinite(found).any()
+
+
+def test_a_visible_landmark_without_a_place_fails_its_image_alone(noisy, atoms, prior):
+    landmarks = noisy.landmarks.copy()
+    landmarks[2, 0, 5] = np.nan
+    found, clean = refine(noisy, atoms, prior, landmarks=landmarks), refine(noisy, atoms, prior)
+    assert found.status[2] in FAILED
+    assert np.isnan(found.coefficients[2]).all()
+    others = np.arange(8) != 2
+    np.testing.assert_array_equal(found.coefficients[others], clean.coefficients[others])
 
 
 def test_too_few_rounds_are_said(noisy, atoms, prior):

@@ -8,15 +8,8 @@ import pytest
 from pymanopt.manifolds import Stiefel
 from pymanopt.optimizers import TrustRegions
 
+from shapefit import core
 from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.lifting.rotation_kernels import (
-    complete,
-    model_at,
-    retract,
-    rotation_step,
-    truncated_cg,
-    value_at,
-)
 
 MANIFOLD = Stiefel(3, 2)
 
@@ -24,7 +17,7 @@ MANIFOLD = Stiefel(3, 2)
 def turn(w, S, start, *, free=False):
     """Return the rotation that the step reaches, its misfit, and the scale."""
     R = start.copy()
-    value, s = rotation_step(S @ S.T, w @ S.T, free, R)
+    value, s = core.parts.rotation_step(S @ S.T, w @ S.T, free, R)
     return R, value + 0.5 * (w**2).sum(), s
 
 
@@ -127,7 +120,7 @@ def test_it_ends_at_a_local_minimum(make_case, rng, free):
             assert s == pytest.approx(best, rel=1e-12)
         for step in 1e-3 * rng.standard_normal((5, 3)):
             moved = np.empty((3, 3))
-            retract(R, step, moved)
+            core.parts.retract(R, step, moved)
             assert misfit(w, S, moved, s) >= misfit(w, S, R, s)
 
 
@@ -141,19 +134,19 @@ def test_the_model_is_that_of_the_value(make_case, rng, free):
 
     def along(R, step):
         moved = np.empty((3, 3))
-        retract(R, step, moved)
-        return value_at(P, D, free, moved)
+        core.parts.retract(R, step, moved)
+        return core.parts.rotation_value(P, D, free, moved)
 
     R = random_rotations(1, rng)[0]
     while np.sum(D * R[:2]) <= 0:  # where the best scale is 0 the value is flat
         R = random_rotations(1, rng)[0]
-    value, _ = model_at(P, D, free, R, g, H)
-    assert value == pytest.approx(value_at(P, D, free, R), rel=1e-12)
+    value, _ = core.parts.rotation_model(P, D, free, R, g, H)
+    assert value == pytest.approx(core.parts.rotation_value(P, D, free, R), rel=1e-12)
     slopes = [(along(R, h * e) - along(R, -h * e)) / (2 * h) for e in np.eye(3)]
     np.testing.assert_allclose(g, slopes, rtol=1e-5, atol=1e-5)
 
     R, _, _ = turn(w, S, truth, free=free)
-    model_at(P, D, free, R, g, H)
+    core.parts.rotation_model(P, D, free, R, g, H)
     curvature = [
         [
             (
@@ -172,7 +165,7 @@ def test_the_hessian_is_pymanopts_anywhere(make_case, rng):
     P, D = S @ S.T, w @ S.T
     for R in random_rotations(10, rng):
         g, H = np.empty(3), np.empty((3, 3))
-        model_at(P, D, False, R, g, H)
+        core.parts.rotation_model(P, D, False, R, g, H)
         zero = np.zeros(3)
         basis = np.sqrt(0.5) * np.array(
             [[np.sqrt(2) * R[2], zero], [zero, np.sqrt(2) * R[2]], [-R[1], R[0]]]
@@ -192,21 +185,21 @@ def test_the_subproblem_is_solved_inside_and_cut_at_the_edge(rng):
     for _ in range(20):
         A = rng.standard_normal((3, 3))
         H, g = A @ A.T + np.eye(3), 1e-4 * rng.standard_normal(3)
-        at_edge, fall = truncated_cg(g, H, 10.0, step)
+        at_edge, fall = core.parts.truncated_cg(g, H, 10.0, step)
         exact = -np.linalg.solve(H, g)
         assert not at_edge
         assert np.linalg.norm(H @ step + g) <= np.linalg.norm(g) * 0.1
         assert fall == pytest.approx(-(g @ step + 0.5 * step @ H @ step), rel=1e-10)
 
         radius = 0.3 * np.linalg.norm(exact)
-        at_edge, fall = truncated_cg(g, H, radius, step)
+        at_edge, fall = core.parts.truncated_cg(g, H, radius, step)
         assert at_edge
         assert np.linalg.norm(step) == pytest.approx(radius)
         assert fall == pytest.approx(-(g @ step + 0.5 * step @ H @ step), rel=1e-10)
         cauchy = min(radius / np.linalg.norm(g), g @ g / (g @ H @ g)) * g
         assert fall >= g @ cauchy - 0.5 * cauchy @ H @ cauchy - 1e-20
 
-        at_edge, fall = truncated_cg(g, -H, 0.5, step)
+        at_edge, fall = core.parts.truncated_cg(g, -H, 0.5, step)
         assert at_edge
         assert np.linalg.norm(step) == pytest.approx(0.5)
         assert fall > 0
@@ -226,7 +219,7 @@ def test_an_object_turned_with_its_rotation_looks_the_same(make_case, rng):
 def test_without_a_shape_the_rotation_stays(rng, free):
     R = random_rotations(1, rng)[0]
     before = R.copy()
-    value, s = rotation_step(np.zeros((3, 3)), np.zeros((2, 3)), free, R)
+    value, s = core.parts.rotation_step(np.zeros((3, 3)), np.zeros((2, 3)), free, R)
     np.testing.assert_array_equal(R, before)
     assert value == 0
     assert s == (0 if free else 1)
@@ -235,7 +228,7 @@ def test_without_a_shape_the_rotation_stays(rng, free):
 def test_completing_makes_a_proper_rotation(rng):
     for R in rng.standard_normal((20, 3, 3)):
         first = R[0] / np.linalg.norm(R[0])
-        complete(R)
+        core.parts.orthonormalise(R)
         np.testing.assert_allclose(R[0], first, atol=1e-15)
         np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
         assert np.linalg.det(R) == pytest.approx(1)

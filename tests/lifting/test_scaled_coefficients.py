@@ -6,12 +6,12 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from shapefit.lifting.scaled_coefficients_kernel import scaled_coefficients
+from shapefit import core
 
 
 def solve(Q, h, a, start=None):
     x = np.full(len(h), 1 / a.sum()) if start is None else start.copy()
-    scaled_coefficients(np.triu(Q), h, a, x)
+    core.parts.scaled_coefficients(Q, h, a, x)
     return x
 
 

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from shapefit.lifting.sphere_kernel import minimise_on_sphere
+from shapefit import core
 
 RADIUS = 1.7
 
 
 def minimiser(G, g, radius=RADIUS, before=None):
     y = np.ones(len(g)) if before is None else np.array(before, dtype=float)
-    multiplier = minimise_on_sphere(G, g, radius, y)
+    multiplier = core.parts.minimise_on_sphere(
+        np.ascontiguousarray(G), np.ascontiguousarray(g), radius, y
+    )
     return y, multiplier
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from shapefit import core
 from shapefit.geometry.rotations import complete_rotation, random_rotations
 from shapefit.lifting.synchronisation import synchronise
-from shapefit.lifting.synchronisation_kernels import climb, polar_rotation
 
 
 def distance(M, c, R):
@@ -54,7 +54,7 @@ def test_no_climb_from_anywhere_ends_higher(loose, rng):
     found = synchronise(loose)
     for M, c in zip(loose, found.coefficients, strict=True):
         blocks = M[:6].copy()
-        best = max(climb(blocks, R, np.empty((2, 3))) for R in random_rotations(200, rng))
+        best = max(core.parts.climb(blocks, R) for R in random_rotations(200, rng))
         assert (2 * c @ (2 * c)) >= best * (1 - 1e-9)
 
 
@@ -88,7 +88,7 @@ def test_every_step_climbs(loose, rng):
                 values.append((inner**2).sum())
                 if values[-1] == 0:
                     break
-                polar_rotation(np.einsum("k,kab->ab", inner, blocks), R)
+                core.parts.polar_rotation(np.einsum("k,kab->ab", inner, blocks), R)
             assert (np.diff(values) >= -1e-13 * max(values)).all()
 
 
@@ -119,7 +119,7 @@ def test_without_transforms_there_is_no_rotation(loose, nothing):
 def test_polar_factors_are_those_of_the_singular_value_decomposition(rng):
     for A in rng.standard_normal((50, 2, 3)) * 10.0 ** rng.uniform(-6, 6, (50, 1, 1)):
         R = np.empty((3, 3))
-        assert polar_rotation(A, R)
+        assert core.parts.polar_rotation(A, R)
         np.testing.assert_allclose(R, complete_rotation(A), atol=1e-11)
 
 
@@ -127,14 +127,14 @@ def test_polar_factors_are_those_of_the_singular_value_decomposition(rng):
 def test_a_rank_one_matrix_has_a_polar_factor_too(rng, u):
     A = np.outer(u, rng.standard_normal(3))
     R = np.empty((3, 3))
-    assert polar_rotation(A, R)
+    assert core.parts.polar_rotation(A, R)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
     assert np.sum(A * R[:2]) == pytest.approx(np.linalg.norm(A))  # the nuclear norm
 
 
 def test_zero_has_no_polar_factor():
     R = np.eye(3)
-    assert not polar_rotation(np.zeros((2, 3)), R)
+    assert not core.parts.polar_rotation(np.zeros((2, 3)), R)
     np.testing.assert_array_equal(R, np.eye(3))
 
 

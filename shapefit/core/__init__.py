@@ -1,0 +1,41 @@
+"""The compiled kernels: C++ from this folder, in the best instruction set of the processor.
+
+`LEVEL` names the instruction set in use, `LEVELS` all that this processor can run. The environment
+variable SHAPEFIT_LEVEL forces one. Functions take C-contiguous float64 arrays, write their outputs
+in place and release the GIL; the rooms that call them check and allocate. `parts` holds single
+steps of the kernels, for the tests that judge them one at a time.
+"""
+
+from shapefit.core._core import (
+    LEVEL,
+    LEVELS,
+    alternate,
+    certify,
+    code,
+    find_consensus,
+    find_objectives,
+    find_pose,
+    parts,
+    pursue,
+    refine_perspective,
+    solve_convex,
+    synchronise,
+    update_atoms,
+)
+
+__all__ = [
+    "LEVEL",
+    "LEVELS",
+    "alternate",
+    "certify",
+    "code",
+    "find_consensus",
+    "find_objectives",
+    "find_pose",
+    "parts",
+    "pursue",
+    "refine_perspective",
+    "solve_convex",
+    "synchronise",
+    "update_atoms",
+]

@@ -1,0 +1,197 @@
+"""Signatures of the extension module."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+States = NDArray[np.uint64]
+
+LEVEL: str
+LEVELS: tuple[str, ...]
+
+class parts:
+    @staticmethod
+    def climb(blocks: Floats, R: Floats) -> float: ...
+    @staticmethod
+    def polar_rotation(A: Floats, R: Floats) -> bool: ...
+    @staticmethod
+    def draw_triple(candidates: Indices, state: States, triple: Indices) -> None: ...
+    @staticmethod
+    def pose_triple(w: Floats, S: Floats, triple: Indices, R: Floats) -> float: ...
+    @staticmethod
+    def find_area(w: Floats, visible: Indices) -> float: ...
+    @staticmethod
+    def find_moments(
+        w: Floats,
+        h: Floats,
+        S: Floats,
+        inliers: Flags,
+        P: Floats,
+        D: Floats,
+        middle: Floats,
+        origin: Floats,
+    ) -> None: ...
+    @staticmethod
+    def judge(
+        w: Floats,
+        h: Floats,
+        S: Floats,
+        s: float,
+        R: Floats,
+        T: Floats,
+        threshold: float,
+        area: float,
+        lanes: bool,
+        inliers: Flags,
+    ) -> float: ...
+    @staticmethod
+    def log_of_one_plus(x: Floats, logarithm: Floats) -> None: ...
+    @staticmethod
+    def minimise_on_sphere(G: Floats, g: Floats, radius: float, y: Floats) -> float: ...
+    @staticmethod
+    def project_perspective(
+        landmarks: Floats,
+        weights: Floats,
+        atoms: Floats,
+        focal: Floats,
+        centre: Floats,
+        sign: float,
+        rotation: Floats,
+        translation: Floats,
+        coefficients: Floats,
+        X: Floats,
+        r: Floats,
+    ) -> None: ...
+    @staticmethod
+    def symmetric_eigen(A: Floats, values: Floats, V: Floats) -> None: ...
+    @staticmethod
+    def scaled_coefficients(Q: Floats, h: Floats, a: Floats, x: Floats) -> None: ...
+    @staticmethod
+    def sparse_coefficients(
+        w: Floats, atoms: Floats, R: Floats, lam: float, is_signed: bool, c: Floats
+    ) -> float: ...
+    @staticmethod
+    def alternate_image(
+        w: Floats,
+        atoms: Floats,
+        lam: float,
+        is_signed: bool,
+        tolerance: float,
+        R: Floats,
+        c: Floats,
+        trace: Floats,
+    ) -> tuple[int, bool]: ...
+    @staticmethod
+    def rotation_step(P: Floats, D: Floats, free_scale: bool, R: Floats) -> tuple[float, float]: ...
+    @staticmethod
+    def rotation_value(P: Floats, D: Floats, free_scale: bool, R: Floats) -> float: ...
+    @staticmethod
+    def rotation_model(
+        P: Floats, D: Floats, free_scale: bool, R: Floats, g: Floats, H: Floats
+    ) -> tuple[float, float]: ...
+    @staticmethod
+    def truncated_cg(g: Floats, H: Floats, radius: float, step: Floats) -> tuple[bool, float]: ...
+    @staticmethod
+    def retract(R: Floats, step: Floats, out: Floats) -> None: ...
+    @staticmethod
+    def orthonormalise(R: Floats) -> None: ...
+
+def alternate(
+    *,
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    lam: Floats,
+    starts: Floats,
+    is_signed: bool,
+    tolerance: float,
+    most_rounds: int,
+    coefficients: Floats,
+    rotation: Floats,
+    rounds: Indices,
+    status: Indices,
+    threads: int,
+) -> None: ...
+def find_consensus(
+    *,
+    landmarks: Floats,
+    squares: Floats,
+    shape: Floats,
+    seeds: States,
+    threshold: float,
+    draws: int,
+    max_rounds: int,
+    inliers: Flags,
+    threads: int,
+) -> None: ...
+def pursue(
+    *,
+    landmarks: Floats,
+    weights: Floats,
+    shapes: Floats,
+    limbs: Floats,
+    length: float,
+    goal: float,
+    change: float,
+    most_atoms: int,
+    most_rounds: int,
+    coefficients: Floats,
+    cameras: Floats,
+    errors: Floats,
+    rounds: Indices,
+    status: Indices,
+    threads: int,
+) -> None: ...
+def refine_perspective(
+    *,
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    prior: Floats,
+    focal: Floats,
+    centre: Floats,
+    sign: float,
+    ridge: float,
+    softness: float,
+    max_rounds: int,
+    rotation: Floats,
+    translation: Floats,
+    coefficients: Floats,
+    objective: Floats,
+    rounds: Indices,
+    status: Indices,
+    threads: int,
+) -> None: ...
+def code(
+    *,
+    gram: Floats,
+    pulls: Floats,
+    smallest_moves: Floats,
+    coefficients: Floats,
+    unsettled: Flags,
+    threads: int,
+) -> None: ...
+def find_objectives(
+    *,
+    shapes: Floats,
+    atoms: Floats,
+    coefficients: Floats,
+    beta: float,
+    objectives: Floats,
+    threads: int,
+) -> None: ...
+def find_pose(
+    *,
+    shape_moments: Floats,
+    landmarks_by_shape: Floats,
+    starts: Floats,
+    rotation: Floats,
+    size: Floats,
+    threads: int,
+) -> None: ...
+def synchronise(*, transforms: Floats, rotation: Floats, threads: int) -> None: ...
+def update_atoms(
+    *, shapes: Floats, coefficients: Floats, atoms: Floats, bound: float, sweeps: int
+) -> None: ...

@@ -1,0 +1,23 @@
+// The few functions of numbers that the kernels need.
+//
+// std::sqrt and its like are inline functions of the library, of which the linker keeps one copy,
+// perhaps compiled for a newer processor; these live in the namespace of their instruction set.
+#pragma once
+
+#include <math.h>
+
+namespace shapefit::SHAPEFIT_LEVEL {
+
+constexpr double INFINITE = __builtin_huge_val();
+constexpr double NOT_A_NUMBER = __builtin_nan("");
+constexpr double TINY = 1e-300;  // in place of a zero divisor
+
+[[gnu::always_inline]] inline double root(double x) { return ::sqrt(x); }
+[[gnu::always_inline]] inline double magnitude(double x) { return ::fabs(x); }
+[[gnu::always_inline]] inline double square(double x) { return x * x; }
+[[gnu::always_inline]] inline double larger(double a, double b) { return a > b ? a : b; }
+[[gnu::always_inline]] inline double smaller(double a, double b) { return a < b ? a : b; }
+[[gnu::always_inline]] inline double sign_of(double x) { return x > 0 ? 1.0 : x < 0 ? -1.0 : 0.0; }
+[[gnu::always_inline]] inline bool is_finite(double x) { return magnitude(x) < INFINITE; }
+
+}  // namespace shapefit::SHAPEFIT_LEVEL

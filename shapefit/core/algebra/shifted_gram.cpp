@@ -1,0 +1,222 @@
+#include "shifted_gram.hpp"
+
+namespace shapefit::SHAPEFIT_LEVEL {
+namespace {
+
+constexpr int BLOCK = 4;  // rows of the factor at a time
+// Vectors of columns at a time: 4 x 4 sums fill half of 32 registers, 4 x 2 half of 16.
+constexpr int TILE = WIDTH == 8 ? 4 : 2;
+// Vectors of columns that hold the diagonal block.
+constexpr int DIAGONAL = WIDTH >= BLOCK ? 1 : BLOCK / WIDTH;
+// Pivots that rounding has made tiny or negative are lifted to this share of their diagonal: the
+// step stays a descent direction.
+constexpr double LEAST_PIVOT = 1e-14;
+
+constexpr long blocks_of(long n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
+
+// Rows i .. i + 3 and `count` vectors of columns from j: what `factor` holds there, + F^T F,
+// - what the rows above have taken.
+template <int count>
+[[gnu::always_inline]] inline void sum_tile(const GramSystem& s, long i, long j,
+                                            Lanes (&sums)[BLOCK][count]) {
+    for (int r = 0; r < BLOCK; ++r)
+        for (int v = 0; v < count; ++v)
+            sums[r][v] = load(s.factor + (i + r) * s.factor_stride + j + v * WIDTH);
+    for (long f = 0; f < s.rows; ++f) {
+        const double* row = s.F + f * s.stride;
+        for (int v = 0; v < count; ++v) {
+            const Lanes columns = load(row + j + v * WIDTH);
+            for (int r = 0; r < BLOCK; ++r) sums[r][v] += row[i + r] * columns;
+        }
+    }
+    for (long m = 0; m < i; ++m) {
+        const double* row = s.factor + m * s.factor_stride;
+        const double* share = s.scaled + m * s.factor_stride + i;
+        for (int v = 0; v < count; ++v) {
+            const Lanes columns = load(row + j + v * WIDTH);
+            for (int r = 0; r < BLOCK; ++r) sums[r][v] -= share[r] * columns;
+        }
+    }
+}
+
+// L D L^T of the diagonal block: share[m][r] is what row r gives up of row m.
+template <int count>
+[[gnu::always_inline]] inline void factorise_diagonal(const GramSystem& s, long i,
+                                                      const Lanes (&sums)[BLOCK][count],
+                                                      double (&share)[BLOCK][BLOCK]) {
+    double block[BLOCK][DIAGONAL * WIDTH];
+    for (int r = 0; r < BLOCK; ++r)
+        for (int v = 0; v < DIAGONAL; ++v) store(block[r] + v * WIDTH, sums[r][v]);
+    for (int m = 0; m < BLOCK; ++m) {
+        double pivot = block[m][m];
+        if (s.least) pivot = larger(pivot, s.least[i + m]);
+        s.inverse[i + m] = 1 / pivot;
+        for (int r = m + 1; r < BLOCK; ++r) {
+            share[m][r] = block[m][r] * s.inverse[i + m];
+            for (int c = r; c < BLOCK; ++c) block[r][c] -= share[m][r] * block[m][c];
+        }
+    }
+}
+
+template <int count>
+[[gnu::always_inline]] inline void eliminate_and_store(const GramSystem& s, long i, long j,
+                                                       const double (&share)[BLOCK][BLOCK],
+                                                       Lanes (&sums)[BLOCK][count]) {
+    for (int r = 0; r < BLOCK; ++r)
+        for (int v = 0; v < count; ++v) {
+            for (int m = 0; m < r; ++m) sums[r][v] -= share[m][r] * sums[m][v];
+            const long at = (i + r) * s.factor_stride + j + v * WIDTH;
+            store(s.factor + at, sums[r][v]);
+            store(s.scaled + at, s.inverse[i + r] * sums[r][v]);
+        }
+}
+
+template <int count, bool first>
+void finish_tile(const GramSystem& s, long i, long j, double (&share)[BLOCK][BLOCK]) {
+    Lanes sums[BLOCK][count];
+    sum_tile<count>(s, i, j, sums);
+    if constexpr (first) factorise_diagonal<count>(s, i, sums, share);
+    eliminate_and_store<count>(s, i, j, share, sums);
+}
+
+void factorise_block(const GramSystem& s, long i) {
+    double share[BLOCK][BLOCK];
+    long j = i;
+    long left = (s.columns + 1 - i + WIDTH - 1) / WIDTH;  // vectors of columns, r among them
+    const auto take = [&](long count) { j += count * WIDTH, left -= count; };
+    if (left >= TILE) {
+        finish_tile<TILE, true>(s, i, j, share);
+        take(TILE);
+    } else if (left == 3 && TILE > 3) {
+        finish_tile<3, true>(s, i, j, share);
+        take(3);
+    } else if (left == 2 && TILE > 2) {
+        finish_tile<2, true>(s, i, j, share);
+        take(2);
+    } else {
+        finish_tile<DIAGONAL, true>(s, i, j, share);
+        take(DIAGONAL);
+    }
+    while (left >= TILE) {
+        finish_tile<TILE, false>(s, i, j, share);
+        take(TILE);
+    }
+    while (left > 0) {
+        finish_tile<1, false>(s, i, j, share);
+        take(1);
+    }
+}
+
+// L^T x = D^-1 z from below, four unknowns at a time; x is as wide as the columns.
+void substitute_back(const GramSystem& s, double* x) {
+    for (long i = s.columns - BLOCK; i >= 0; i -= BLOCK) {
+        double values[BLOCK];
+        for (int r = 0; r < BLOCK; ++r) {
+            const double* row = s.scaled + (i + r) * s.factor_stride;
+            values[r] = row[s.columns];
+            double sum = 0;
+            for (long j = i + BLOCK; j < s.columns; ++j) sum += row[j] * x[j];
+            values[r] -= sum;
+        }
+        for (int r = BLOCK - 1; r >= 0; --r) {
+            const double* row = s.scaled + (i + r) * s.factor_stride;
+            for (int c = r + 1; c < BLOCK; ++c) values[r] -= row[i + c] * x[i + c];
+            x[i + r] = values[r];
+        }
+    }
+}
+
+void find_least_pivots(const GramSystem& s) {
+    for (long i = 0; i < s.columns; ++i) s.least[i] = s.factor[i * s.factor_stride + i];
+    for (long f = 0; f < s.rows; ++f)
+        for (long i = 0; i < s.columns; ++i) s.least[i] += square(s.F[f * s.stride + i]);
+    for (long i = 0; i < s.columns; ++i) s.least[i] = larger(LEAST_PIVOT * s.least[i], TINY);
+}
+
+void solve_system(const GramSystem& s, double* x) {
+    if (s.least) find_least_pivots(s);
+    for (long i = 0; i < s.columns; i += BLOCK) factorise_block(s, i);
+    substitute_back(s, x);
+}
+
+// The factor begins as C = shift I, with r as its last column.
+void begin_with_shift(const GramSystem& s, double shift, const double* r, long n) {
+    const long width = s.columns + 1;
+    for (long i = 0; i < s.columns; ++i) {
+        double* row = s.factor + i * s.factor_stride;
+        for (long j = i / BLOCK * BLOCK; j < width; j += WIDTH) store(row + j, Lanes{});
+        row[i] = i < n ? shift : 1;
+        row[s.columns] = i < n ? r[i] : 0;
+    }
+}
+
+void begin_with_matrix(const GramSystem& s, const double* C, const double* r, long n) {
+    begin_with_shift(s, 0, r, n);
+    for (long i = 0; i < n; ++i)
+        for (long j = i / BLOCK * BLOCK; j < n; ++j) s.factor[i * s.factor_stride + j] = C[i * n + j];
+}
+
+}  // namespace
+
+// Tiles read and write up to TILE vectors beyond the last column.
+constexpr long stride_for(long columns) { return padded(columns + 1 + TILE * WIDTH); }
+
+ShiftedGram::ShiftedGram(Workspace& workspace, long most_rows, long most_unknowns) {
+    const long columns = blocks_of(most_unknowns), stride = stride_for(columns);
+    F_ = workspace.zeros<double>(most_rows * stride);
+    turned_ = workspace.zeros<double>(columns * stride);
+    factor_ = workspace.zeros<double>(columns * stride);
+    scaled_ = workspace.zeros<double>(columns * stride);
+    inverse_ = workspace.zeros<double>(columns);
+    least_ = workspace.zeros<double>(columns);
+    small_ = workspace.zeros<double>(columns);
+    set_unknowns(most_unknowns);
+}
+
+void ShiftedGram::set_unknowns(long n) {
+    n_ = n;
+    tiled_ = blocks_of(n);
+    stride_ = stride_for(tiled_);
+}
+
+GramSystem ShiftedGram::system(const double* F, long rows, long columns, bool lift) const {
+    return {F, rows, stride_, columns, factor_, scaled_, inverse_, lift ? least_ : nullptr, stride_};
+}
+
+void ShiftedGram::solve(long rows, double shift, bool by_rows, const double* r, double* x) {
+    if (by_rows && blocks_of(rows) < tiled_) return solve_by_rows(rows, shift, r, x);
+    const GramSystem s = system(F_, rows, tiled_, shift < 1);
+    begin_with_shift(s, shift, r, n_);
+    solve_system(s, small_);
+    for (long j = 0; j < n_; ++j) x[j] = small_[j];
+}
+
+void ShiftedGram::solve(long rows, const double* C, const double* r, double* x) {
+    const GramSystem s = system(F_, rows, tiled_, true);
+    begin_with_matrix(s, C, r, n_);
+    solve_system(s, small_);
+    for (long j = 0; j < n_; ++j) x[j] = small_[j];
+}
+
+// x = (r - F^T s) / shift with (shift I + F F^T) s = F r - shift f.
+void ShiftedGram::solve_by_rows(long rows, double shift, const double* r, double* x) {
+    const long columns = blocks_of(rows);
+    for (long j = 0; j < n_; ++j) {
+        double* turned = turned_ + j * stride_;
+        for (long f = 0; f < rows; ++f) turned[f] = F_[f * stride_ + j];
+        for (long f = rows; f < columns; ++f) turned[f] = 0;
+        turned[columns] = r[j];
+    }
+    for (long f = 0; f < rows; ++f) small_[f] = -shift * F_[f * stride_ + tiled_];
+    const GramSystem s = system(turned_, n_, columns, shift < 1);
+    begin_with_shift(s, shift, small_, rows);
+    solve_system(s, small_);
+    for (long j = 0; j < n_; ++j) x[j] = r[j];
+    for (long f = 0; f < rows; ++f) {
+        const double* row = F_ + f * stride_;
+        for (long j = 0; j < n_; ++j) x[j] -= small_[f] * row[j];
+    }
+    for (long j = 0; j < n_; ++j) x[j] /= shift;
+}
+
+}  // namespace shapefit::SHAPEFIT_LEVEL

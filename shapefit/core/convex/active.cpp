@@ -1,0 +1,241 @@
+#include "active.hpp"
+
+#include "blocks.hpp"
+
+namespace shapefit::SHAPEFIT_LEVEL {
+namespace {
+
+constexpr double RANK_ONE = 1e-14;  // s2 / s1, below which any direction orthogonal to v serves
+constexpr double HALF_ROOT = 0.70710678118654752440;
+
+struct Vector3 {
+    Lanes x[3];
+};
+
+[[gnu::always_inline]] inline Vector3 load3(const double* rows, long stride, long c) {
+    return {{load(rows + c), load(rows + stride + c), load(rows + 2 * stride + c)}};
+}
+[[gnu::always_inline]] inline void store3(double* rows, long stride, long c, const Vector3& v) {
+    for (int b = 0; b < 3; ++b) store(rows + b * stride + c, v.x[b]);
+}
+[[gnu::always_inline]] inline Lanes dot(const Vector3& u, const Vector3& v) {
+    return u.x[0] * v.x[0] + u.x[1] * v.x[1] + u.x[2] * v.x[2];
+}
+[[gnu::always_inline]] inline Vector3 combine(Lanes a, const Vector3& u, Lanes b, const Vector3& v) {
+    return {{a * u.x[0] + b * v.x[0], a * u.x[1] + b * v.x[1], a * u.x[2] + b * v.x[2]}};
+}
+[[gnu::always_inline]] inline Vector3 cross(const Vector3& u, const Vector3& v) {
+    return {{u.x[1] * v.x[2] - u.x[2] * v.x[1], u.x[2] * v.x[0] - u.x[0] * v.x[2],
+             u.x[0] * v.x[1] - u.x[1] * v.x[0]}};
+}
+
+// X = U^T G V: rows X1, X2.
+struct Turned {
+    Vector3 first, second;
+};
+[[gnu::always_inline]] inline Turned turn(const ActiveBlocks& a, const double* G, long c) {
+    const long n = a.room;
+    const Vector3 top = load3(G, n, c), low = load3(G + 3 * n, n, c);
+    const Lanes cosine = load(a.cosine + c), sine = load(a.sine + c);
+    const Vector3 along = combine(cosine, top, sine, low), across = combine(cosine, low, -sine, top);
+    const Vector3 v = load3(a.v, n, c), w = load3(a.w, n, c), z = load3(a.z, n, c);
+    return {{{dot(along, v), dot(along, w), dot(along, z)}},
+            {{dot(across, v), dot(across, w), dot(across, z)}}};
+}
+
+}  // namespace
+
+LaidAtoms::LaidAtoms(Workspace& workspace, long atoms, long most_columns)
+    : atoms_(atoms),
+      size_(3 * padded(most_columns)),
+      data_(workspace.zeros<double>(atoms * size_)),
+      laid_(workspace.zeros<bool>(atoms)) {}
+
+void LaidAtoms::reset(const Planes& planes) {
+    planes_ = planes;
+    stride_ = padded(planes.columns);
+    for (long i = 0; i < atoms_; ++i) laid_[i] = false;
+}
+
+const double* LaidAtoms::lay(long i) {
+    double* out = data_ + i * size_;
+    for (int b = 0; b < 3; ++b) {
+        for (long j = 0; j < planes_.columns; ++j) out[b * stride_ + j] = planes_.column(b, j)[i];
+        for (long j = planes_.columns; j < stride_; ++j) out[b * stride_ + j] = 0;
+    }
+    laid_[i] = true;
+    return out;
+}
+
+ActiveBlocks::ActiveBlocks(Workspace& workspace, long padded_atoms) : room(padded_atoms) {
+    index = workspace.zeros<long>(room);
+    const auto rows = [&](long count) { return workspace.zeros<double>(count * room); };
+    argument = rows(6), prox = rows(6), weight = rows(6);
+    v = rows(3), w = rows(3), z = rows(3);
+    cosine = rows(1), sine = rows(1), first = rows(1), second = rows(1), norm = rows(1);
+    row_ = rows(42);
+}
+
+void ActiveBlocks::find(const double* M, const double* N, double sigma, double t,
+                        const double* total, long k) {
+    count = 0;
+    for (long i = 0; i < k; ++i) {
+        index[count < room ? count : room - 1] = i;
+        count += total[i] > t;
+    }
+    for (long c = 0; c < count; ++c)
+        for (int e = 0; e < 6; ++e)
+            argument[e * room + c] = M[e * k + index[c]] + sigma * N[e * k + index[c]];
+    for (long c = 0; c < count; c += WIDTH) decompose(c, t);
+    norms = 0;
+    for (long c = 0; c < count; ++c) norms += norm[c];
+}
+
+// Frame and prox of blocks c, c + 1, ...
+void ActiveBlocks::decompose(long c, double t) {
+    const long n = room;
+    const Vector3 x = load3(argument, n, c), y = load3(argument + 3 * n, n, c), normal = cross(x, y);
+    const Lanes A = dot(x, x), C = dot(y, y), D = dot(x, y), product = root(dot(normal, normal));
+    const Lanes plus = root(A + C + 2.0 * product);
+    const Lanes half = 0.5 * (A - C), radius = root(half * half + D * D);
+    const Lanes minus = 2.0 * radius / plus, s1 = 0.5 * (plus + minus), s2 = product / s1;
+
+    // u1 = (cosine, sine) is the eigenvector of [[A, D], [D, C]] for s1^2.
+    const Lanes a = half >= 0.0 ? half + radius : D, b = half >= 0.0 ? D : radius - half;
+    const Lanes span = root(a * a + b * b);
+    const Lanes u = span > 0.0 ? a / span : spread(1), s = span > 0.0 ? b / span : Lanes{};
+
+    const Lanes none = {};
+    Vector3 right = combine(u, x, s, y), other = combine(u, y, -s, x);
+    right = combine(1.0 / root(dot(right, right)), right, none, right);
+    other = combine(spread(1), other, -dot(other, right), right);
+    const auto thin = root(dot(other, other)) <= RANK_ONE * s1;
+    const auto flat = magnitude(right.x[0]) < 0.7;
+    const Vector3 any = {{flat ? none : -right.x[1], flat ? -right.x[2] : right.x[0],
+                          flat ? right.x[1] : none}};
+    for (int e = 0; e < 3; ++e) other.x[e] = thin ? any.x[e] : other.x[e];
+    other = combine(1.0 / root(dot(other, other)), other, none, other);
+
+    const auto equal = minus <= t;
+    const Lanes both = larger(0.5 * (plus - t), none);
+    const Lanes f1 = equal ? both : s1 - t, f2 = equal ? both : s2;
+    store(cosine + c, u), store(sine + c, s);
+    store(first + c, s1), store(second + c, s2), store(norm + c, f1);
+    store3(v, n, c, right), store3(w, n, c, other), store3(z, n, c, cross(right, other));
+    store3(prox, n, c, combine(f1 * u, right, -f2 * s, other));
+    store3(prox + 3 * n, n, c, combine(f1 * s, right, f2 * u, other));
+}
+
+void ActiveBlocks::weigh(double t, Weighing weighing) {
+    const long n = room;
+    const bool resolvent = weighing == Weighing::resolvent;
+    const double whole = resolvent ? MOST_WEIGHT : 1;
+    const Lanes none = {}, all = spread(whole);
+    // The eigenvalue is part / (part + rest).
+    const auto weigh_one = [&](Lanes part, Lanes rest) {
+        const Lanes base = resolvent ? rest : part + rest;
+        return base > 0.0 ? smaller(part / base, all) : part > 0.0 ? all : none;
+    };
+    for (long c = 0; c < count; c += WIDTH) {
+        const Lanes s1 = load(first + c), s2 = load(second + c), f1 = load(norm + c);
+        const Lanes plus = s1 + s2, minus = s1 - s2, level = spread(t);
+        const auto equal = minus <= t;
+        store(weight + c, all);
+        store(weight + n + c, weigh_one(larger(plus - t, none), level));
+        store(weight + 2 * n + c, weigh_one(f1, equal ? 0.5 * (minus + t) : level));
+        const Lanes third = equal ? weigh_one(f1, larger(0.5 * (t - minus), none)) : all;
+        store(weight + 3 * n + c, s2 > 0.0 ? third : none);
+        store(weight + 4 * n + c, equal ? none : all);
+        store(weight + 5 * n + c, equal ? none : weigh_one(minus - t, level));
+    }
+}
+
+// Row r of block c is (top . B, low . B): top and low in the coordinates of B, three numbers each.
+void ActiveBlocks::lay_directions(double sigma, const double* moved) {
+    const long n = room;
+    const Lanes none = {};
+    for (long c = 0; c < count; c += WIDTH) {
+        const Vector3 v1 = load3(v, n, c), w1 = load3(w, n, c), z1 = load3(z, n, c);
+        const Lanes u = load(cosine + c), s = load(sine + c);
+        Turned X = {};
+        if (moved) X = turn(*this, moved, c);
+        const Lanes along[6] = {X.first.x[0] + X.second.x[1], X.first.x[1] - X.second.x[0],
+                                X.first.x[2],                 X.second.x[2],
+                                X.first.x[0] - X.second.x[1], X.first.x[1] + X.second.x[0]};
+        const Vector3 top[6] = {combine(u, v1, -s, w1), combine(s, v1, u, w1),
+                                combine(u, z1, none, z1), combine(-s, z1, none, z1),
+                                combine(u, v1, s, w1), combine(-s, v1, u, w1)};
+        const Vector3 low[6] = {combine(s, v1, u, w1), combine(-u, v1, s, w1),
+                                combine(s, z1, none, z1), combine(u, z1, none, z1),
+                                combine(s, v1, -u, w1), combine(u, v1, s, w1)};
+        for (int r = 0; r < 6; ++r) {
+            const double unit = r == 2 || r == 3 ? 1 : HALF_ROOT;
+            const Lanes scale = unit * root(sigma * load(weight + r * n + c));
+            store3(row_ + 7 * r * n, n, c, combine(scale, top[r], none, top[r]));
+            store3(row_ + (7 * r + 3) * n, n, c, combine(scale, low[r], none, low[r]));
+            store(row_ + (7 * r + 6) * n + c, -scale / sigma * along[r]);
+        }
+    }
+}
+
+long ActiveBlocks::write_rows(double sigma, LaidAtoms& atoms, const double* moved,
+                              ShiftedGram& gram) {
+    const long unknowns = gram.unknowns(), q = unknowns / 2, right = gram.right_side();
+    const long stride = atoms.stride(), n = room;
+    lay_directions(sigma, moved);
+    long rows = 0;
+    for (long c = 0; c < count; ++c) {
+        const double* B = atoms.at(index[c]);
+        for (int r = 0; r < 6; ++r) {
+            if (weight[r * n + c] == 0) continue;
+            const double* number = row_ + 7 * r * n + c;
+            double* row = gram.row(rows++);
+            for (int half = 0; half < 2; ++half)  // the second writes over what pads the first
+                for (long j = 0; j < stride; j += WIDTH)
+                    store(row + half * q + j, number[3 * half * n] * load(B + j) +
+                                                  number[(3 * half + 1) * n] * load(B + stride + j) +
+                                                  number[(3 * half + 2) * n] *
+                                                      load(B + 2 * stride + j));
+            for (long j = unknowns; j < right; ++j) row[j] = 0;
+            row[right] = number[6 * n];
+        }
+    }
+    return rows;
+}
+
+void ActiveBlocks::apply_weights(const double* X, double* out) const {
+    const long n = room;
+    for (long c = 0; c < count; c += WIDTH) {
+        const Turned G = turn(*this, X, c);
+        const auto scaled = [&](int r, Lanes value) { return load(weight + r * n + c) * value; };
+        const Lanes same = scaled(0, 0.5 * (G.first.x[0] + G.second.x[1]));
+        const Lanes skew = scaled(1, 0.5 * (G.first.x[1] - G.second.x[0]));
+        const Lanes differ = scaled(4, 0.5 * (G.first.x[0] - G.second.x[1]));
+        const Lanes symmetric = scaled(5, 0.5 * (G.first.x[1] + G.second.x[0]));
+        const Vector3 v1 = load3(v, n, c), w1 = load3(w, n, c), z1 = load3(z, n, c);
+        const Lanes one = spread(1);
+        const Vector3 along = combine(one, combine(same + differ, v1, symmetric + skew, w1),
+                                      scaled(2, G.first.x[2]), z1);
+        const Vector3 across = combine(one, combine(symmetric - skew, v1, same - differ, w1),
+                                       scaled(3, G.second.x[2]), z1);
+        const Lanes u = load(cosine + c), s = load(sine + c);
+        store3(out, n, c, combine(u, along, -s, across));
+        store3(out + 3 * n, n, c, combine(s, along, u, across));
+    }
+}
+
+void ActiveBlocks::subtract_fit(LaidAtoms& atoms, double* y0, double* y1, long q) const {
+    const long stride = atoms.stride(), n = room;
+    for (long c = 0; c < count; ++c) {
+        const double* B = atoms.at(index[c]);
+        const double m0 = prox[c], m1 = prox[n + c], m2 = prox[2 * n + c];
+        const double m3 = prox[3 * n + c], m4 = prox[4 * n + c], m5 = prox[5 * n + c];
+        for (long j = 0; j < q; ++j) {
+            const double b0 = B[j], b1 = B[stride + j], b2 = B[2 * stride + j];
+            y0[j] -= m0 * b0 + m1 * b1 + m2 * b2;
+            y1[j] -= m3 * b0 + m4 * b1 + m5 * b2;
+        }
+    }
+}
+
+}  // namespace shapefit::SHAPEFIT_LEVEL

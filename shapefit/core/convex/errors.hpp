@@ -1,0 +1,74 @@
+// The sparse errors E of the robust losses, as a part of the augmented Lagrangian.
+//
+//     |Y| <= bound   becomes   sum_j 1/(2 rho_j) ||soft_{rho_j bound_j}(E_j + rho_j Y_j)||^2
+//
+// for columns E_j and Y_j. rho_j bound_j is the same for all j, so that the steps of E and M fit the
+// sizes of both, whatever the bounds and lambda. NoErrors is the same part where no bound is set.
+#pragma once
+
+#include "reduced.hpp"
+
+namespace shapefit::SHAPEFIT_LEVEL {
+
+// What a proximal point says of the errors.
+struct ErrorsPoint {
+    double moved = 0;  // ||fresh E - E||^2
+    double share = 0;  // max |Y_j| / bound_j
+};
+
+struct NoErrors {
+    static constexpr bool robust = false;
+    long most_rows() const { return 0; }
+    void begin(double, const double*, long) {}
+    double value(double) const { return 0; }
+    ErrorsPoint find(double*, long) { return {}; }
+    double penalty(const double*, long, bool) { return 0; }
+    void aim(const double*, long) {}
+    void step(double) {}
+    void accept() {}
+    long count_curved() { return 0; }
+    void append_rows(long, ShiftedGram&) const {}
+    void write_matrix(double, double*, long) const {}
+};
+
+class SparseErrors {
+  public:
+    static constexpr bool robust = true;
+
+    SparseErrors(Workspace& workspace, long p);
+
+    // The image: E (2, p) in landmark space, overwritten, and its bounds (p,).
+    void attach(const Reduction& reduction, const double* bounds, double* E);
+
+    long most_rows() const { return 2 * p_; }
+    // Take up y (2, q), with rho_j bound_j = threshold.
+    void begin(double threshold, const double* y, long q);
+    // sum_aj soft(E_aj + rho_j (Y_aj + step D_aj))^2 / rho_j over the aim D, halved.
+    double value(double step) const;
+    // fresh E = soft(E + rho Y), reduced and added to the gradient g (2, q).
+    ErrorsPoint find(double* g, long q);
+    // bound |fresh E|, with what the gradient leaves of the landmarks where no quadratic takes it.
+    double penalty(const double* g, long q, bool quadratic);
+    // The direction d (2, q) of y as D, and a step along it.
+    void aim(const double* d, long q);
+    void step(double length);
+    void accept();
+
+    // The second derivative: rho_j at the landmarks of fresh errors, turned by the reduction.
+    long count_curved();
+    void append_rows(long first, ShiftedGram& gram) const;
+    // C = shift I + that (n, n).
+    void write_matrix(double shift, double* C, long n) const;
+
+  private:
+    long p_;
+    const Reduction* reduction_ = nullptr;
+    const double* bounds_ = nullptr;
+    double* E_ = nullptr;
+    double threshold_ = 0;
+    double *Y_, *D_, *fresh_;  // (2, p)
+    double *rho_;              // (p,)
+    double *curvature_;        // (2, p), of the visible landmarks in turn
+};
+
+}  // namespace shapefit::SHAPEFIT_LEVEL

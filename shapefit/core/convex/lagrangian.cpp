@@ -1,0 +1,216 @@
+#include "lagrangian.hpp"
+
+#include <string.h>
+
+#include "blocks.hpp"
+#include "primal_dual.hpp"
+
+namespace shapefit::SHAPEFIT_LEVEL {
+namespace {
+
+// sigma starts at START / lambda, the step on which M can move by its own size where ||w|| = 1 and
+// ||B_i|| = 1, and grows by GROWTH per outer iteration.
+constexpr double START = 20, GROWTH = 4;
+// rho_j bound_j = PART sigma lambda: an entry of E has the size of one residual, M that of all of w.
+// The count of steps is flat from 0.03 to 0.1, with 12 landmarks as with 256.
+constexpr double PART = 0.05;
+// An inner problem is solved until ||gradient|| <= LOOSENESS ||change of (M, E)|| / (sigma lambda).
+constexpr double LOOSENESS = 2;
+// Rounding of the gradient, whose terms M + sigma y B^T and E + rho Y cancel, as a share of sigma
+// lambda. No inner problem is solved beyond it, nor in more than PATIENCE steps; where one of these
+// comes first sigma falls: the noise grows with it, and so do the kinks of phi that a step crosses.
+constexpr double ROUNDING = 1e-15;
+constexpr long PATIENCE = 40;
+constexpr double ARMIJO = 1e-4, SHORTEST = 1e-10;
+
+// A proximal point: prox in the active blocks, fresh errors, and what they say of the optimum.
+struct ProximalPoint {
+    double gradient;  // ||gradient of phi||^2
+    double moved;     // ||change of (M, E)||^2
+    double gap;
+};
+
+template <class Errors>
+class Lagrangian {
+  public:
+    Lagrangian(const ReducedProgram& program, Iterate& iterate, Errors& errors, Room& room)
+        : program_(program),
+          iterate_(iterate),
+          errors_(errors),
+          room_(room),
+          q_(program.q()),
+          n_(program.unknowns()),
+          k_(program.padded_atoms()),
+          sigma_(START / program.lam) {}
+
+    long solve(long taken) {
+        const long most = program_.most_steps;
+        long steps = taken;
+        while (true) {
+            correlate(program_.planes, iterate_.y, iterate_.y + q_, room_.N);
+            begin_outer();
+            bool solved = false;
+            for (long inner = 0;; ++inner, ++steps) {
+                const ProximalPoint point = find_proximal_point();
+                if (point.gap <= program_.tolerance || steps >= most || !is_finite(point.gap)) {
+                    accept();
+                    return steps - taken;
+                }
+                const double t = threshold(), noise = ROUNDING * t;
+                solved = point.gradient * t * t <= LOOSENESS * LOOSENESS * point.moved;
+                if (inner > 0 &&
+                    (solved || point.gradient <= noise * noise || inner >= PATIENCE))
+                    break;
+                take_newton_step(root(point.gradient));
+            }
+            accept();
+            sigma_ *= solved ? GROWTH : 1 / GROWTH;
+            if (!Errors::robust && program_.delta > 0) {  // its proximal point may be a good start
+                const PrimalDualEnd end = solve_primal_dual(program_, iterate_, room_);
+                steps += end.steps;
+                if (end.solved) return steps - taken;
+            }
+        }
+    }
+
+  private:
+    double threshold() const { return sigma_ * program_.lam; }
+
+    void begin_outer() {
+        errors_.begin(PART * threshold(), iterate_.y, q_);
+        yy_ = dot(iterate_.y, iterate_.y, n_);
+        yw_ = dot(iterate_.y, program_.w, n_);
+        phi_ = value_along(0);
+    }
+
+    // phi(y + step direction); the sums of singular values there are left in total.
+    double value_along(double step) {
+        const double part = moreau(iterate_.M, room_.N, step, room_.change, sigma_, threshold(),
+                                   room_.total, k_);
+        const double square = 0.5 * yy_ + step * yd_ + 0.5 * step * step * dd_;
+        return program_.delta * square - yw_ - step * wd_ + part / (2 * sigma_) +
+               errors_.value(step);
+    }
+
+    // The gradient delta y - w + sum P_i B_i + errors, and the gap of the point it belongs to.
+    ProximalPoint find_proximal_point() {
+        ActiveBlocks& active = room_.active;
+        double* g = room_.gradient;
+        active.find(iterate_.M, room_.N, sigma_, threshold(), room_.total, k_);
+        for (long j = 0; j < n_; ++j) g[j] = program_.w[j] - program_.delta * iterate_.y[j];
+        active.subtract_fit(program_.atoms, g, g + q_, q_);
+        for (long j = 0; j < n_; ++j) g[j] = -g[j];
+        const ErrorsPoint errors = errors_.find(g, q_);
+        ProximalPoint point;
+        point.gradient = dot(g, g, n_);
+        point.moved = moved_transforms() + errors.moved;
+        point.gap = relative_gap(errors.share, point.gradient);
+        return point;
+    }
+
+    double moved_transforms() const {
+        const ActiveBlocks& active = room_.active;
+        double moved = 0;
+        for (int e = 0; e < 6; ++e) {
+            const double* row = iterate_.M + e * k_;
+            for (long i = 0; i < k_; ++i)
+                moved += room_.total[i] > threshold() ? 0 : square(row[i]);
+            for (long c = 0; c < active.count; ++c)
+                moved += square(active.prox[e * k_ + c] - row[active.index[c]]);
+        }
+        return moved;
+    }
+
+    // Of the proximal point and of y, scaled until it is feasible.
+    double relative_gap(double share, double gradient) {
+        const bool quadratic = program_.delta > 0;
+        double residual = 0;
+        for (long j = 0; j < n_; ++j)
+            residual += square(program_.delta * iterate_.y[j] - room_.gradient[j]);
+        const double primal = program_.lam * room_.active.norms +
+                              errors_.penalty(room_.gradient, q_, quadratic) +
+                              program_.delta * 0.5 * residual;
+        double scale = program_.lam / larger(largest_nuclear_norm(room_.N, k_), TINY);
+        if (Errors::robust) scale = smaller(scale, 1 / larger(share, TINY));
+        if (quadratic) scale = smaller(scale, yw_ / larger(yy_, TINY));
+        scale = larger(scale, 0);
+        const double dual = scale * yw_ - program_.delta * 0.5 * scale * scale * yy_;
+        const double gap = magnitude(primal - dual) / larger(primal, TINY);
+        return !quadratic && !Errors::robust ? larger(gap, root(gradient)) : gap;
+    }
+
+    void take_newton_step(double gradient) {
+        find_direction(gradient);
+        double* d = room_.direction;
+        correlate(program_.planes, d, d + q_, room_.change);
+        errors_.aim(d, q_);
+        const double slope = dot(room_.gradient, d, n_);
+        yd_ = dot(iterate_.y, d, n_), dd_ = dot(d, d, n_), wd_ = dot(program_.w, d, n_);
+        double step = 1, value;
+        while (true) {
+            value = value_along(step);
+            const double enough = phi_ + ARMIJO * step * slope + 1e-13 * magnitude(phi_);
+            if (value <= enough || step < SHORTEST) break;
+            step *= 0.5;
+        }
+        phi_ = value;
+        for (long j = 0; j < n_; ++j) iterate_.y[j] += step * d[j];
+        for (long e = 0; e < 6 * k_; ++e) room_.N[e] += step * room_.change[e];
+        errors_.step(step);
+        yy_ = dot(iterate_.y, iterate_.y, n_);
+        yw_ = dot(iterate_.y, program_.w, n_);
+        yd_ = dd_ = wd_ = 0;
+    }
+
+    // d = -(shift I + sum sigma B_i^T D_i B_i + errors)^-1 gradient.
+    void find_direction(double gradient) {
+        ActiveBlocks& active = room_.active;
+        ShiftedGram& gram = room_.gram;
+        const bool quadratic = program_.delta > 0;
+        active.weigh(threshold(), Weighing::derivative);
+        long rows = active.write_rows(sigma_, program_.atoms, nullptr, gram);
+        const double shift =
+            quadratic ? program_.delta : sigma_ * (1e-13 + 1e-7 * smaller(1, gradient));
+        const long curved = errors_.count_curved();
+        if (curved > 0 && !(quadratic && rows + curved < n_)) {
+            errors_.write_matrix(shift, room_.matrix, n_);
+            gram.solve(rows, room_.matrix, room_.gradient, room_.direction);
+        } else {
+            errors_.append_rows(rows, gram);
+            gram.solve(rows + curved, shift, quadratic, room_.gradient, room_.direction);
+        }
+        for (long j = 0; j < n_; ++j) room_.direction[j] = -room_.direction[j];
+    }
+
+    void accept() {
+        const ActiveBlocks& active = room_.active;
+        memset(iterate_.M, 0, sizeof(double) * 6 * k_);
+        for (int e = 0; e < 6; ++e)
+            for (long c = 0; c < active.count; ++c)
+                iterate_.M[e * k_ + active.index[c]] = active.prox[e * k_ + c];
+        errors_.accept();
+    }
+
+    const ReducedProgram& program_;
+    Iterate& iterate_;
+    Errors& errors_;
+    Room& room_;
+    const long q_, n_, k_;
+    double sigma_;
+    double phi_ = 0, yy_ = 0, yw_ = 0;            // at y
+    double yd_ = 0, dd_ = 0, wd_ = 0;             // with the direction
+};
+
+}  // namespace
+
+long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors, Room& room,
+                      long taken) {
+    return Lagrangian<NoErrors>(program, iterate, errors, room).solve(taken);
+}
+
+long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, SparseErrors& errors,
+                      Room& room, long taken) {
+    return Lagrangian<SparseErrors>(program, iterate, errors, room).solve(taken);
+}
+
+}  // namespace shapefit::SHAPEFIT_LEVEL

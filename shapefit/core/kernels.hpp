@@ -1,0 +1,79 @@
+// The table of kernels that every instruction set fills, and the one that was chosen.
+#pragma once
+
+#include "convex/data.hpp"
+#include "dictionary/data.hpp"
+#include "lifting/data.hpp"
+#include "outliers/data.hpp"
+#include "perspective/data.hpp"
+#include "pursuit/data.hpp"
+
+namespace shapefit {
+
+// A kernel works on a range of images of a batch; it writes their rows and no others.
+struct Kernels {
+    void (*solve_convex)(const ConvexTask&, Range);
+    void (*certify)(const ConvexProgram&, const ConvexPoint&, const ConvexProof&, Range);
+    void (*code)(const CodingData&, Range);
+    void (*find_objectives)(const MisfitData&, Range);
+    void (*alternate)(const AlternationData&, Range);
+    void (*find_pose)(const PoseData&, Range);
+    void (*find_consensus)(const ConsensusData&, Range);
+    void (*pursue)(const PursuitData&, Range);
+    void (*refine_perspective)(const PerspectiveData&, Range);
+    void (*synchronise)(const SynchronisationData&, Range);
+    void (*update_atoms)(const AtomUpdateData&);  // all at once
+};
+
+// Single steps of the kernels, for the tests that judge them one at a time.
+struct Parts {
+    double (*climb)(Tensor<const double> blocks, Matrix<double> R);
+    bool (*polar_rotation)(Matrix<const double> A, Matrix<double> R);
+    void (*draw_triple)(Vector<const int64_t> candidates, Vector<uint64_t> state,
+                        Vector<int64_t> triple);
+    double (*find_area)(Matrix<const double> w, Vector<const int64_t> visible);
+    void (*find_moments)(const Scene& scene, Vector<const bool> inliers, Matrix<double> P,
+                         Matrix<double> D, Vector<double> middle, Vector<double> origin);
+    double (*judge)(const Scene& scene, double size, Matrix<const double> R,
+                    Vector<const double> T, double threshold, double area, bool lanes,
+                    Vector<bool> inliers);
+    void (*log_of_one_plus)(Vector<const double> x, Vector<double> logarithm);
+    double (*minimise_on_sphere)(Matrix<const double> G, Vector<const double> g, double radius,
+                                 Vector<double> y);
+    double (*pose_triple)(Matrix<const double> w, Matrix<const double> S,
+                          Vector<const int64_t> triple, Tensor<double> R);
+    void (*project_perspective)(const PerspectiveData& image, Matrix<double> X, Matrix<double> r);
+    void (*symmetric_eigen)(Matrix<double> A, Vector<double> values, Matrix<double> V);
+    void (*scaled_coefficients)(Matrix<const double> Q, Vector<const double> h,
+                                Vector<const double> a, Vector<double> x);
+    double (*sparse_coefficients)(Matrix<const double> w, Tensor<const double> atoms,
+                                  Matrix<const double> R, double lam, bool is_signed,
+                                  Vector<double> c);
+    AlternationEnd (*alternate_image)(Matrix<const double> w, Tensor<const double> atoms, double lam,
+                                      bool is_signed, double tolerance, Matrix<double> R,
+                                      Vector<double> c, Vector<double> trace);
+    Misfit (*rotation_step)(Matrix<const double> P, Matrix<const double> D, bool free_scale,
+                            Matrix<double> R);
+    double (*rotation_value)(Matrix<const double> P, Matrix<const double> D, bool free_scale,
+                             Matrix<const double> R);
+    Misfit (*rotation_model)(Matrix<const double> P, Matrix<const double> D, bool free_scale,
+                             Matrix<const double> R, Vector<double> g, Matrix<double> H);
+    TrustedStep (*truncated_cg)(Vector<const double> g, Matrix<const double> H, double radius,
+                                Vector<double> step);
+    void (*retract)(Matrix<const double> R, Vector<const double> step, Matrix<double> out);
+    void (*orthonormalise)(Matrix<double> R);
+};
+
+struct Level {
+    const char* name;
+    Kernels kernels;
+    Parts parts;
+};
+
+// Levels that this build has and this processor can run, best first; at least one.
+int available_levels(const Level** levels, int room);
+
+// The level in use: the best one, or what the environment variable SHAPEFIT_LEVEL names.
+const Level& level();
+
+}  // namespace shapefit

@@ -1,0 +1,11 @@
+// The pose of one known shape in each image: rotation and scale, the best of several starts.
+#pragma once
+
+#include "data.hpp"
+
+namespace shapefit::SHAPEFIT_LEVEL {
+
+// argmin 1/2 ||w - s Rbar S||_F^2 over rotations and s >= 0, for the images of the range.
+void find_pose(const PoseData& data, Range range);
+
+}  // namespace shapefit::SHAPEFIT_LEVEL

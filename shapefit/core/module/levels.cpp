@@ -1,0 +1,71 @@
+// Which instruction sets this build has, which of them the processor can run, and the choice.
+#include <cstdlib>
+#include <cstring>
+#include <new>
+#include <stdexcept>
+#include <string>
+
+#include "../errors.hpp"
+#include "../kernels.hpp"
+
+namespace shapefit {
+
+#ifdef SHAPEFIT_X86
+namespace x86_64_v2 {
+extern const Level table;
+}
+namespace x86_64_v3 {
+extern const Level table;
+}
+namespace x86_64_v4 {
+extern const Level table;
+}
+
+int available_levels(const Level** levels, int room) {
+    int count = 0;
+    const auto offer = [&](bool runs, const Level& found) {
+        if (runs && count < room) levels[count++] = &found;
+    };
+    __builtin_cpu_init();
+    offer(__builtin_cpu_supports("x86-64-v4"), x86_64_v4::table);
+    offer(__builtin_cpu_supports("x86-64-v3"), x86_64_v3::table);
+    offer(true, x86_64_v2::table);
+    return count;
+}
+#else
+namespace plain {
+extern const Level table;
+}
+
+int available_levels(const Level** levels, int room) {
+    if (room > 0) levels[0] = &plain::table;
+    return 1;
+}
+#endif
+
+namespace {
+
+const Level& choose_level() {
+    const Level* levels[4];
+    const int count = available_levels(levels, 4);
+    const char* wanted = std::getenv("SHAPEFIT_LEVEL");
+    if (!wanted || !*wanted) return *levels[0];
+    std::string names;
+    for (int i = 0; i < count; ++i) {
+        if (!std::strcmp(levels[i]->name, wanted)) return *levels[i];
+        names += std::string(i ? ", " : "") + levels[i]->name;
+    }
+    throw std::invalid_argument("SHAPEFIT_LEVEL is " + std::string(wanted) +
+                                "; this build and processor have " + names);
+}
+
+}  // namespace
+
+const Level& level() {
+    static const Level& chosen = choose_level();
+    return chosen;
+}
+
+void raise_out_of_memory(long) { throw std::bad_alloc(); }
+
+}  // namespace shapefit

@@ -1,0 +1,69 @@
+// The kernels of one instruction set, gathered in its table.
+#include "kernels.hpp"
+#include "algebra/logarithm.hpp"
+#include "algebra/symmetric_eigen.hpp"
+#include "convex/certificate.hpp"
+#include "convex/stretch.hpp"
+#include "dictionary/atom_update.hpp"
+#include "dictionary/coding.hpp"
+#include "lifting/alternation.hpp"
+#include "lifting/pose.hpp"
+#include "lifting/rotation_step.hpp"
+#include "lifting/scaled_coefficients.hpp"
+#include "lifting/synchronisation.hpp"
+#include "outliers/parts.hpp"
+#include "perspective/projection.hpp"
+#include "perspective/refinement.hpp"
+#include "pursuit/pursuit.hpp"
+#include "pursuit/sphere.hpp"
+
+// The two steps by which a name becomes a string.
+#define SHAPEFIT_QUOTE(name) #name
+#define SHAPEFIT_NAME(name) SHAPEFIT_QUOTE(name)
+
+namespace shapefit::SHAPEFIT_LEVEL {
+
+extern const Level table;
+
+const Level table = {
+    .name = SHAPEFIT_NAME(SHAPEFIT_LEVEL),
+    .kernels =
+        {
+            .solve_convex = solve_convex,
+            .certify = certify_images,
+            .code = code,
+            .find_objectives = find_objectives,
+            .alternate = alternate,
+            .find_pose = find_pose,
+            .find_consensus = find_consensus,
+            .pursue = pursue,
+            .refine_perspective = refine_perspective,
+            .synchronise = synchronise,
+            .update_atoms = update_atoms,
+        },
+    .parts =
+        {
+            .climb = climb,
+            .polar_rotation = polar_rotation,
+            .draw_triple = draw_candidates,
+            .find_area = area_of,
+            .find_moments = moments_of,
+            .judge = gain_of,
+            .log_of_one_plus = log_of_one_plus,
+            .minimise_on_sphere = minimise_on_sphere_alone,
+            .pose_triple = pose_triple,
+            .project_perspective = project_alone,
+            .symmetric_eigen = symmetric_eigen,
+            .scaled_coefficients = solve_scaled,
+            .sparse_coefficients = solve_lasso,
+            .alternate_image = alternate_once,
+            .rotation_step = take_rotation_step,
+            .rotation_value = rotation_value,
+            .rotation_model = rotation_model,
+            .truncated_cg = trusted_step,
+            .retract = retract_rotation,
+            .orthonormalise = orthonormalise_rows,
+        },
+};
+
+}  // namespace shapefit::SHAPEFIT_LEVEL

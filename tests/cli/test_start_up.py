@@ -1,0 +1,106 @@
+"""What a process imports: start-up is most of the time of a short run."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import landmark_writer, write_dictionary
+from shapefit.io.records import LandmarkSet
+
+NOT_FOR_HELP = {
+    *("h5py", "numba", "numpy", "orjson", "pydantic", "ruamel", "scipy", "tqdm", "trimesh"),
+}
+
+NOT_FOR_A_FIT_OF_CSV = (
+    "concurrent.futures",
+    "llvmlite",
+    "matplotlib",
+    "multiprocessing",
+    "numba",
+    "numpy.f2py",
+    "numpy.ma",
+    "numpy.polynomial",
+    "numpy.random",
+    "numpy.testing",
+    "polars",
+    "ruamel",
+    "scipy",
+    "shapefit.config.evaluate",
+    "shapefit.config.learn_dict",
+    "shapefit.config.project",
+    "shapefit.config.simulate",
+    "shapefit.config.sweep",
+    "shapefit.evaluation",
+    "shapefit.lifting.path",
+    "shapefit.lifting.perspective",
+    "shapefit.lifting.perspective_view",
+    "shapefit.lifting.ransac",
+    "shapefit.lifting.temporal",
+    "shapefit.lifting.truncated",
+    "shapefit.meshes",
+    "shapefit.pipelines.left_out",
+    "shapefit.pipelines.mesh_export",
+    "shapefit.pipelines.outlier_search",
+    "shapefit.pipelines.picture_export",
+    "tqdm",
+    "trimesh",
+)
+
+WITH_NUMBA = {
+    *("concurrent.futures", "llvmlite", "multiprocessing", "numba", "scipy"),
+    *(name for name in NOT_FOR_A_FIT_OF_CSV if name.startswith("numpy.")),
+}
+"""Imported as long as a kernel of `fit` is compiled by Numba."""
+
+SCRIPT = """
+import sys
+from shapefit_cli.main import run
+code = run(sys.argv[1:])
+print("imported", *sys.modules)
+sys.exit(code)
+"""
+
+
+def imported(*arguments: object) -> set[str]:
+    """Return the modules that a command line imports."""
+    command = [sys.executable, "-c", SCRIPT, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    return set(done.stdout.splitlines()[-1].split()[1:])
+
+
+@pytest.fixture(scope="module")
+def of_a_fit(tmp_path_factory) -> set[str]:
+    folder = tmp_path_factory.mktemp("start-up")
+    rng = np.random.default_rng(0)
+    names = tuple("abcdef")
+    atoms = rng.normal(size=(4, 3, 6))
+    write_dictionary(folder / "dictionary.h5", Dictionary(atoms, names, atoms[0]))
+    with landmark_writer(folder / "one.csv") as writer:
+        landmarks = rng.normal(size=(1, 2, 6))
+        writer.append(LandmarkSet(landmarks=landmarks, landmark_names=names, items=("image",)))
+    out = folder / "out.csv"
+    modules = imported("fit", folder / "one.csv", "-d", folder / "dictionary.h5", "-o", out)
+    assert out.read_text().startswith("item,landmark,x,y,z\n")
+    return modules
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("fit", "--help")])
+def test_help_imports_nothing_heavy(arguments):
+    roots = {name.partition(".")[0] for name in imported(*arguments)}
+    assert not roots & NOT_FOR_HELP
+
+
+@pytest.mark.parametrize("module", NOT_FOR_A_FIT_OF_CSV)
+def test_a_fit_of_csv_does_not_import(of_a_fit, module):
+    if module in WITH_NUMBA and "shapefit.convex.kernel" in of_a_fit:
+        pytest.skip("a kernel of `fit` is compiled by Numba")
+    assert module not in of_a_fit
+
+
+def test_a_fit_of_csv_imports_what_it_needs(of_a_fit):
+    assert {"numpy", "h5py", "pydantic", "shapefit.config.fit", "shapefit.io.csv_text"} <= of_a_fit
