@@ -3,10 +3,17 @@
 #   make demo         the main job on sample_data
 #   make test         all tests
 #   make check        format, lint, types, tests, import order, docs
+#   make wheel        a wheel of the compiled package in dist
+#   make test-levels  the solvers' tests at every instruction set of this processor, and at the plain one
+#   make sanitize     the solvers' tests under the address and undefined-behaviour sanitizers (GCC)
+#   make arm64        compile the kernels for arm64 (needs g++-aarch64-linux-gnu)
+#   make fuzz         50,000 spoiled files, configs and options, each in a process of its own
+#   make faults       each call that writes fails with each error, and 200 kills; outputs stay whole
 #   make docs         write the generated pages of docs/
 #   make recovery     the paper's figure of exact recovery on planted instances
 #   make paper        every table and figure of the paper, with an index (DATA=FOLDER as below)
-#   make bench        images a second against the peers (DATA=FOLDER adds motion capture, CARS=FOLDER cars)
+#   make bench        speed against the release before and other solvers; fails under a floor
+#                     (DATA=FOLDER motion capture, CARS=FOLDER cars, BENCH_OPTIONS='--only CASE --quick')
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
 #   make cars         real cars: report, meshes, pictures, outliers (DATA=FOLDER as above)
 
@@ -23,7 +30,7 @@ CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test check format-check lint types docs mocap-table recovery paper cars bench clean
+.PHONY: demo test fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper cars bench clean
 
 demo: $(RUNS)
 	$(call chain,demo)
@@ -74,6 +81,37 @@ cars: $(RUNS)
 test: $(READY)
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
 
+wheel: $(READY)
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation \
+	    -C 'build-dir=build/{wheel_tag}' --wheel-dir dist .
+	@echo "The wheel is in dist."
+
+SOLVER_TESTS := tests/convex tests/lifting tests/dictionary
+# $(call second_install,NAME,DEFINITION): the core with a setting of its own, in build/NAME.
+second_install = $(BIN)/python building/second_install.py build/$(1) . \
+    -C build-dir=build/$(1)/cmake -C install.strip=false -C cmake.define.$(2)=ON
+
+test-levels: $(READY)
+	$(call second_install,plain,SHAPEFIT_PLAIN)
+	build/plain/bin/python -P -m pytest $(PYTEST_OPTIONS) $(SOLVER_TESTS)
+	for level in $$($(BIN)/python -c 'from shapefit import core; print(*core.LEVELS)'); do \
+	    SHAPEFIT_LEVEL=$$level $(BIN)/python -m pytest $(PYTEST_OPTIONS) $(SOLVER_TESTS) || exit; done
+
+# Python itself never frees all it holds, so leaks are not looked for. -s lets the report through.
+SANITIZERS = $(shell for library in libasan.so libubsan.so libstdc++.so.6; do \
+    $(CXX) -print-file-name=$$library; done)
+sanitize: $(READY)
+	$(call second_install,sanitized,SHAPEFIT_SANITIZE)
+	LD_PRELOAD='$(SANITIZERS)' ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 \
+	    PYTHONMALLOC=malloc build/sanitized/bin/python -P -m pytest -q -s -n 0 $(SOLVER_TESTS)
+
+arm64: $(READY)
+	$(BIN)/cmake -S shapefit/core -B build/arm64 -G Ninja -DCMAKE_MAKE_PROGRAM='$(CURDIR)/$(BIN)/ninja' \
+	    -DCMAKE_TOOLCHAIN_FILE='$(CURDIR)/building/arm64.cmake' \
+	    -DPython_EXECUTABLE='$(CURDIR)/$(BIN)/python' \
+	    -Dnanobind_DIR="$$($(BIN)/python -m nanobind --cmake_dir)"
+	$(BIN)/cmake --build build/arm64 --target plain
+
 # The tests hold the import order and the docs in step as well.
 check: format-check lint types test
 
@@ -84,16 +122,23 @@ lint: $(READY)
 	$(BIN)/ruff check .
 
 types: $(READY)
-	$(BIN)/mypy shapefit shapefit_cli benchmarks
+	$(BIN)/mypy shapefit shapefit_cli benchmarks building
+
+fuzz: $(READY)
+	$(BIN)/python -m fuzz --cases 50000
+
+faults: $(READY)
+	$(BIN)/python -m fuzz.faults
+	$(BIN)/python -m fuzz.faults --kill 200
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py
 
 bench: $(READY)
-	$(BIN)/python -m benchmarks.solver $(if $(DATA),--data '$(DATA)') $(if $(CARS),--cars '$(CARS)')
+	$(BIN)/python -m benchmarks.bench $(if $(DATA),--data '$(DATA)') $(if $(CARS),--cars '$(CARS)') $(BENCH_OPTIONS)
 
 clean:
-	rm -rf $(VENV) results
+	rm -rf $(VENV) build dist results
 
 # $(call chain,NAME): learn, project, fit and evaluate with configs/NAME into results/NAME.
 define chain

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from shapefit.dictionary.learning import learn
 from shapefit.geometry.cameras import project, turntable
-from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.normalisation import Normalised, normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.io import ShapeSet, open_landmarks, read_shapes
+from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, read_shapes
 from shapefit.pipelines.training_shapes import every_nth
 
 Floats = NDArray[np.float64]
@@ -71,15 +71,22 @@ def mocap_case(folder: Path, k: int = 64) -> Case:
 
 def cars_case(folder: Path, times: int = 10) -> Case:
     """Annotated cars, each with its mask, several times over; all models but one as atoms."""
+    images, atoms = read_cars(folder)
+    points = np.where(np.isfinite(images.landmarks), normalise_seen(images).points, np.nan)
+    return Case(f"cars, k={len(atoms)}, p={atoms.shape[2]}", np.tile(points, (times, 1, 1)), atoms)
+
+
+def read_cars(folder: Path) -> tuple[LandmarkSet, Floats]:
+    """Annotated cars, their landmarks in the order of the models, and the normalised models."""
     models = read_shapes([folder / "models.h5"])
-    shapes = normalise(models.shapes).points[:-1]
     with open_landmarks([folder / "annotated_cars.h5"]) as source:
         (images,) = source.chunks(source.count)
-    observed = images.arrange(models.landmark_names).landmarks
-    seen = np.asarray(np.isfinite(observed).all(axis=1))
-    points = np.where(seen[:, None], normalise(observed, seen).points, np.nan)
-    landmarks = np.tile(points, (times, 1, 1))
-    return Case(f"cars, k={len(shapes)}, p={shapes.shape[2]}", landmarks, shapes)
+    return images.arrange(models.landmark_names), normalise(models.shapes).points[:-1]
+
+
+def normalise_seen(images: LandmarkSet) -> Normalised:
+    """Normalise by the landmarks that are seen."""
+    return normalise(images.landmarks, np.asarray(np.isfinite(images.landmarks).all(axis=1)))
 
 
 def learn_mocap(folder: Path, k: int = 64) -> Floats:

@@ -1,4 +1,4 @@
-"""The good files that every case starts from: a few people with meshes, and what is made of them."""
+"""The good files that every case starts from: a few people, and what is made of them."""
 
 from __future__ import annotations
 
@@ -6,17 +6,20 @@ import os
 from pathlib import Path
 
 import numpy as np
-from shapefit_cli.main import run
 
 from shapefit.io import read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
+from shapefit_cli.main import run
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data" / "people_test.h5"
 
 ITEMS = 8
 """Shapes and images in each file: a case should take some milliseconds."""
 
-FAST = ("threads=1", "chunk=4")
+SIMULATE = (
+    *("simulate", "-o", "simulated", "--set=trials=1", "--set=k=6", "--set=plots=false"),
+    *("--set=landmarks=[5]", "--set=active_atoms=[1]"),
+)
 
 
 def make_base_files(folder: Path) -> None:
@@ -57,8 +60,7 @@ def make_base_files(folder: Path) -> None:
         ("fit", "views.h5", "-d", "dict.h5", "-o", "x.h5", "--set", "method=convex+refine"),
         ("fit", "views.h5", "-d", "bases.h5", "-o", "x.h5", "--set", "method=pmp"),
         ("eval", "result.h5", "--truth", "shapes.h5", "-o", "report", "--set=plots=false"),
-        ("simulate", "-o", "simulated", "--set=trials=1", "--set=k=6", "--set=plots=false")
-        + ("--set=landmarks=[5]", "--set=active_atoms=[1]"),
+        SIMULATE,
     ):
         if run(command) not in (0, 1):
             raise RuntimeError(f"a good command fails: {' '.join(command)}")

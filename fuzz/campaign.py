@@ -17,6 +17,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+
 from shapefit_cli.main import run
 
 from .case import Case

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from random import Random
 
@@ -101,10 +102,8 @@ def spoiled_csv(rng: Random, path: Path) -> None:
     text = "\n".join(",".join(row) for row in rows) + "\n"
     data = text.encode("utf-8", "surrogatepass")
     if rng.random() < 0.4:
-        try:
+        with suppress(UnicodeError):
             data = rng.choice(SPOILS)(rng, data)
-        except UnicodeError:
-            pass
     path.write_bytes(data)
 
 

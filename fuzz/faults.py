@@ -163,7 +163,7 @@ class Bench:
         return "new" if data is not None and is_whole(self._folder / "out" / name) else "damaged"
 
     def _run(self, command: tuple[str, ...], call: int = -1, error: int = 0) -> tuple[int, int]:
-        """Run a command in a fork, with a call that fails; returns exit code and number of calls."""
+        """Run a command in a fork, with a call that fails; return exit code and number of calls."""
         from .campaign import become
 
         counts = self._folder / "calls"
@@ -200,7 +200,6 @@ def is_whole(path: Path) -> bool:
             return "format" in file.attrs and all(node.shape is not None for node in file.values())
     data = path.read_bytes()
     return path.suffix not in (".csv", ".md") or data.endswith(b"\n")
-
 
 
 if __name__ == "__main__":

@@ -17,16 +17,10 @@ from shapefit.config import CONFIGS
 SET_UP = ("pip ", "make ")
 
 
-def commands(text: str) -> list[str]:
-    blocks = re.findall(r"```console\n(.*?)```", text, re.DOTALL)
-    return [line[2:] for block in blocks for line in block.splitlines() if line.startswith("$ ")]
-
-
-def test_the_commands_run(project: Path, tmp_path: Path):
+def test_the_commands_run(project: Path, readme_commands: list[str], tmp_path: Path):
     for name in ("configs", "sample_data"):
         shutil.copytree(project / name, tmp_path / name)
-    told = commands((project / "README.md").read_text(encoding="utf-8"))
-    ours = [command for command in told if not command.startswith(SET_UP)]
+    ours = [command for command in readme_commands if not command.startswith(SET_UP)]
     assert len(ours) >= 3
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     printed = ""
@@ -47,11 +41,11 @@ def test_the_commands_run(project: Path, tmp_path: Path):
     assert (tmp_path / "pictures/contact_sheet.png").is_file()
 
 
-def test_set_up_commands_exist(project: Path):
+def test_set_up_commands_exist(project: Path, readme_commands: list[str]):
     makefile = (project / "Makefile").read_text(encoding="utf-8")
     text = (project / "README.md").read_text(encoding="utf-8")
     targets = set(re.findall(r"`make ([a-z-]+)", text)) | {
-        command.split()[1] for command in commands(text) if command.startswith("make ")
+        command.split()[1] for command in readme_commands if command.startswith("make ")
     }
     assert targets
     for target in targets:

@@ -1,11 +1,11 @@
-"""Solve the convex program for many images with the Newton kernels, on several threads."""
+"""Solve the convex program for many images with the compiled core, on several threads."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from shapefit import core
-from shapefit.convex.problem import Problem
+from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Solution, Status
 
 _STATUS = (Status.OPTIMAL, Status.ITERATION_LIMIT, Status.DEGENERATE, Status.NUMERICAL_FAILURE)
@@ -23,8 +23,9 @@ def solve_newton(
 
     `threads` = 0 means all cores. `start` is a solution for the same images, weights and loss at
     another lambda, for example, and is left as it is. For the EXACT loss the relative residual
-    ||W - sum M_i B_i|| / ||W|| must fall below the tolerance too. An image with fewer than two
-    visible landmarks is DEGENERATE. See newton_kernels.py for the method.
+    ||W - sum M_i B_i|| / ||W|| must fall below the tolerance too, and the gap is nan where it does
+    not. An image with fewer than two visible landmarks is DEGENERATE. The method is written down in
+    shapefit/core/convex: primal_dual.hpp and lagrangian.hpp.
     """
     n, _, p = problem.landmarks.shape
     k = len(problem.atoms)
@@ -41,5 +42,7 @@ def solve_newton(
         transforms=transforms, translation=translation, dual=dual, errors=errors,
         objective=objective, relative_gap=gap, residual=residual, steps=steps, status=codes,
     )  # fmt: skip
+    if problem.loss is Loss.EXACT:  # P is no bound while the landmarks are not met
+        gap[residual > tolerance] = np.nan
     status = tuple(_STATUS[code] for code in codes)
     return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)

@@ -1,17 +1,16 @@
-"""Run a kernel over stretches of a batch on several threads."""
+"""Run Python work over the stretches of a batch on several threads, as the core runs kernels."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
+
+from shapefit import core
 
 Part = TypeVar("Part")
 Done = TypeVar("Done")
-
-# The convex program is solved from one image to the next within a stretch; its length is fixed, so
-# that results do not depend on the number of threads.
-STRETCH = 64
 
 
 def run_stretches(count: int, work: Callable[[slice], None], threads: int) -> None:
@@ -19,8 +18,8 @@ def run_stretches(count: int, work: Callable[[slice], None], threads: int) -> No
 
     `work` must release the GIL to gain from threads, and write to its own slice only.
     """
-    parts = [slice(start, min(start + STRETCH, count)) for start in range(0, count, STRETCH)]
-    on_threads(parts, work, threads)
+    step = core.STRETCH
+    on_threads([slice(at, min(at + step, count)) for at in range(0, count, step)], work, threads)
 
 
 def on_threads(parts: Sequence[Part], work: Callable[[Part], Done], threads: int) -> list[Done]:
@@ -28,7 +27,5 @@ def on_threads(parts: Sequence[Part], work: Callable[[Part], Done], threads: int
     workers = min(threads or os.cpu_count() or 1, len(parts))
     if workers <= 1:
         return [work(part) for part in parts]
-    from concurrent.futures import ThreadPoolExecutor  # takes long to import
-
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(work, parts))

@@ -2,13 +2,15 @@
 
 `LEVEL` names the instruction set in use, `LEVELS` all that this processor can run. The environment
 variable SHAPEFIT_LEVEL forces one. Functions take C-contiguous float64 arrays, write their outputs
-in place and release the GIL; the rooms that call them check and allocate. `parts` holds single
-steps of the kernels, for the tests that judge them one at a time.
+in place and release the GIL; the rooms that call them check and allocate. They take the images of a
+batch in stretches of STRETCH: only within one do images start from one another's solutions. `parts`
+holds single steps of the kernels, for the tests that judge them one at a time.
 """
 
 from shapefit.core._core import (
     LEVEL,
     LEVELS,
+    STRETCH,
     alternate,
     certify,
     code,
@@ -26,6 +28,7 @@ from shapefit.core._core import (
 __all__ = [
     "LEVEL",
     "LEVELS",
+    "STRETCH",
     "alternate",
     "certify",
     "code",

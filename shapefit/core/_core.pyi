@@ -10,8 +10,43 @@ States = NDArray[np.uint64]
 
 LEVEL: str
 LEVELS: tuple[str, ...]
+STRETCH: int
 
 class parts:
+    @staticmethod
+    def correlate(Y: Floats, atoms: Floats, N: Floats) -> None: ...
+    @staticmethod
+    def largest_nuclear_norm(N: Floats) -> float: ...
+    @staticmethod
+    def moreau(
+        M: Floats, N: Floats, step: float, dN: Floats, sigma: float, t: float, total: Floats
+    ) -> float: ...
+    @staticmethod
+    def derivative(
+        argument: Floats,
+        t: float,
+        sigma: float,
+        resolvent: bool,
+        atom: Floats,
+        moved: Floats,
+        prox: Floats,
+        weighted: Floats,
+        rows: Floats,
+    ) -> int: ...
+    @staticmethod
+    def solve_gram(
+        F: Floats, f: Floats, r: Floats, C: Floats, shift: float, by_rows: bool, x: Floats
+    ) -> None: ...
+    @staticmethod
+    def curvature(omega: Floats, curvature: Floats, rows: Floats, matrix: Floats) -> None: ...
+    @staticmethod
+    def reduce(X: Floats, omega: Floats, out: Floats) -> int: ...
+    @staticmethod
+    def expand(y: Floats, omega: Floats, out: Floats) -> int: ...
+    @staticmethod
+    def soft_squared(
+        E: Floats, Y: Floats, step: float, D: Floats, rho: Floats, threshold: float
+    ) -> float: ...
     @staticmethod
     def climb(blocks: Floats, R: Floats) -> float: ...
     @staticmethod
@@ -194,4 +229,43 @@ def find_pose(
 def synchronise(*, transforms: Floats, rotation: Floats, threads: int) -> None: ...
 def update_atoms(
     *, shapes: Floats, coefficients: Floats, atoms: Floats, bound: float, sweeps: int
+) -> None: ...
+def solve_convex(
+    *,
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    lam: Floats,
+    delta: float,
+    bound: float,
+    tolerance: float,
+    most_steps: int,
+    started: bool,
+    threads: int,
+    transforms: Floats,
+    translation: Floats,
+    dual: Floats,
+    errors: Floats,
+    objective: Floats,
+    relative_gap: Floats,
+    residual: Floats,
+    steps: Indices,
+    status: Indices,
+) -> None: ...
+def certify(
+    *,
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    lam: Floats,
+    delta: float,
+    bound: float,
+    threads: int,
+    transforms: Floats,
+    translation: Floats,
+    dual: Floats,
+    errors: Floats,
+    objective: Floats,
+    relative_gap: Floats,
+    residual: Floats,
 ) -> None: ...

@@ -27,6 +27,16 @@ struct Kernels {
 
 // Single steps of the kernels, for the tests that judge them one at a time.
 struct Parts {
+    void (*correlate)(Matrix<const double> Y, Tensor<const double> atoms, Matrix<double> N);
+    double (*largest_nuclear_norm)(Matrix<const double> N);
+    double (*moreau)(const MoreauData&, Vector<double> total);
+    long (*derivative)(const DerivativeData&);
+    void (*solve_gram)(const GramData&, Vector<double> x);
+    void (*curvature)(Vector<const double> omega, Matrix<const double> curvature,
+                      Matrix<double> rows, Matrix<double> matrix);
+    long (*reduce)(Matrix<const double> X, Vector<const double> omega, Matrix<double> out);
+    long (*expand)(Matrix<const double> y, Vector<const double> omega, Matrix<double> out);
+    double (*soft_squared)(const SoftData&);
     double (*climb)(Tensor<const double> blocks, Matrix<double> R);
     bool (*polar_rotation)(Matrix<const double> A, Matrix<double> R);
     void (*draw_triple)(Vector<const int64_t> candidates, Vector<uint64_t> state,

@@ -3,6 +3,7 @@
 #include "algebra/logarithm.hpp"
 #include "algebra/symmetric_eigen.hpp"
 #include "convex/certificate.hpp"
+#include "convex/parts.hpp"
 #include "convex/stretch.hpp"
 #include "dictionary/atom_update.hpp"
 #include "dictionary/coding.hpp"
@@ -43,6 +44,15 @@ const Level table = {
         },
     .parts =
         {
+            .correlate = correlate_part,
+            .largest_nuclear_norm = nuclear_part,
+            .moreau = moreau_part,
+            .derivative = derivative_part,
+            .solve_gram = gram_part,
+            .curvature = curvature_part,
+            .reduce = reduce_part,
+            .expand = expand_part,
+            .soft_squared = soft_part,
             .climb = climb,
             .polar_rotation = polar_rotation,
             .draw_triple = draw_candidates,

@@ -71,7 +71,7 @@ def convex(problem: Problem, settings: Settings) -> Estimate:
         coefficients=found.coefficients,
         active_atoms=found.active_atoms,
         transforms=solution.transforms,
-        relative_gap=proven_gap(problem, solution),
+        relative_gap=solution.relative_gap,
         tight=found.tight,
         outliers=find_outliers(problem, solution),
     )
@@ -143,14 +143,6 @@ def choose_method(name: str, settings: Settings) -> Estimator:
     """Return the method of that name with its settings, as `lift` wants it."""
     method = METHODS[name]
     return lambda problem: method(problem, settings)
-
-
-def proven_gap(problem: Problem, solution: Solution) -> Floats:
-    """The relative gap (n,), nan where it is none: P is no bound before `exact` has no residual."""
-    if problem.loss is not Loss.EXACT:
-        return solution.relative_gap
-    optimal = np.array([status is Status.OPTIMAL for status in solution.status], dtype=bool)
-    return np.where(optimal, solution.relative_gap, np.nan)
 
 
 def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | None:

@@ -12,7 +12,7 @@ import numpy as np
 from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
-from shapefit.convex.stretches import STRETCH
+from shapefit.core import STRETCH
 from shapefit.errors import input_error
 from shapefit.io import (
     LandmarkSet,
@@ -190,6 +190,7 @@ def describe(lifting: Lifting, image: int) -> str:
     reached = f"{found.status[image].value} after {counted(found.iterations[image], 'iteration')}"
     if found.relative_gap is None:
         return reached
-    if np.isnan(found.relative_gap[image]):  # a constraint that does not hold yet proves nothing
-        return f"{reached}, relative residual {found.residual[image]:.2g}"
-    return f"{reached}, relative gap {found.relative_gap[image]:.2g}"
+    gap = found.relative_gap[image]
+    if np.isnan(gap):  # the exact loss, where nothing is proved
+        return f"{reached}, the landmarks are missed by {found.residual[image]:.2g} of their spread"
+    return f"{reached}, relative gap {gap:.2g}"

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import concurrent.futures.thread  # noqa: F401 - `on_threads` needs it while the clock of solving runs
-
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.convex.stretches import STRETCH, on_threads
+from shapefit.convex.stretches import on_threads
+from shapefit.core import STRETCH
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet

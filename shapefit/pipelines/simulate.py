@@ -100,10 +100,11 @@ def attempt(config: SimulateConfig, p: int, z: int, trial: int) -> Attempt:
 
 def _failure(cell: Cell, trial: int) -> Failure:
     found = cell.attempts[trial]
+    gap = "" if np.isnan(found.relative_gap) else f"relative gap {found.relative_gap:.2g}, "
     return Failure(
         f"p={cell.p} z={cell.z} trial {trial}",
-        f"{found.status.value} after {counted(found.iterations, 'iteration')}, relative gap "
-        f"{found.relative_gap:.2g}, residual {found.residual:.2g}; counted as not recovered",
+        f"{found.status.value} after {counted(found.iterations, 'iteration')}, {gap}"
+        f"residual {found.residual:.2g}; counted as not recovered",
     )
 
 

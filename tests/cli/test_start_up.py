@@ -51,12 +51,6 @@ NOT_FOR_A_FIT_OF_CSV = (
     "trimesh",
 )
 
-WITH_NUMBA = {
-    *("concurrent.futures", "llvmlite", "multiprocessing", "numba", "scipy"),
-    *(name for name in NOT_FOR_A_FIT_OF_CSV if name.startswith("numpy.")),
-}
-"""Imported as long as a kernel of `fit` is compiled by Numba."""
-
 SCRIPT = """
 import sys
 from shapefit_cli.main import run
@@ -97,8 +91,6 @@ def test_help_imports_nothing_heavy(arguments):
 
 @pytest.mark.parametrize("module", NOT_FOR_A_FIT_OF_CSV)
 def test_a_fit_of_csv_does_not_import(of_a_fit, module):
-    if module in WITH_NUMBA and "shapefit.convex.kernel" in of_a_fit:
-        pytest.skip("a kernel of `fit` is compiled by Numba")
     assert module not in of_a_fit
 
 

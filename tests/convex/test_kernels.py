@@ -5,17 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shapefit.convex.block_kernels import (
-    correlate,
-    jacobian_rows,
-    largest_nuclear_norm,
-    moreau,
-    prox_block,
-)
-from shapefit.convex.linear_kernels import newton_direction
-from shapefit.convex.newton_kernels import soft_squared
-from shapefit.convex.reduction_kernels import expand_rows, find_visible, reduce_rows
 from shapefit.convex.spectral_norm import nuclear_norm, prox_spectral_norm
+from shapefit.core import parts
 
 
 def as_rows(blocks: np.ndarray) -> np.ndarray:
@@ -27,14 +18,14 @@ def as_rows(blocks: np.ndarray) -> np.ndarray:
 def test_correlate_is_y_times_the_transposed_atoms(rng: np.random.Generator, q: int) -> None:
     Y, B = rng.standard_normal((2, q)), rng.standard_normal((7, 3, q))
     N = np.full((6, 7), np.nan)
-    correlate(Y, np.ascontiguousarray(B.transpose(1, 2, 0)), N)
+    parts.correlate(Y, B, N)
     np.testing.assert_allclose(N, as_rows(Y @ B.swapaxes(1, 2)), rtol=1e-13, atol=1e-14)
 
 
 def test_largest_nuclear_norm(rng: np.random.Generator) -> None:
     blocks = rng.standard_normal((9, 2, 3))
-    assert largest_nuclear_norm(as_rows(blocks)) == pytest.approx(nuclear_norm(blocks).max())
-    assert largest_nuclear_norm(np.zeros((6, 8))) == 0
+    assert parts.largest_nuclear_norm(as_rows(blocks)) == pytest.approx(nuclear_norm(blocks).max())
+    assert parts.largest_nuclear_norm(np.zeros((6, 8))) == 0
 
 
 def test_moreau_sums_the_squares_of_the_prox(rng: np.random.Generator) -> None:
@@ -43,7 +34,7 @@ def test_moreau_sums_the_squares_of_the_prox(rng: np.random.Generator) -> None:
     step, sigma, t = 0.7, 1.3, 2.5
     argument = M + sigma * (N + step * dN)
     total = np.empty(40)
-    value = moreau(as_rows(M), as_rows(N), step, as_rows(dN), sigma, t, total)
+    value = parts.moreau(as_rows(M), as_rows(N), step, as_rows(dN), sigma, t, total)
     prox = prox_spectral_norm(argument, t)
     assert value == pytest.approx((prox**2).sum(), rel=1e-13)
     np.testing.assert_allclose(total, nuclear_norm(argument), rtol=1e-14)
@@ -59,7 +50,7 @@ def test_soft_squared_sums_what_exceeds_the_threshold(rng: np.random.Generator) 
     rho = rng.uniform(0.5, 2.0, 11)
     argument = np.abs(E + rho * (Y + 0.3 * D))
     expected = (np.maximum(argument - 0.8, 0) ** 2 / rho).sum()
-    assert soft_squared(E, Y, 0.3, D, rho, 0.8) == pytest.approx(expected, rel=1e-13)
+    assert parts.soft_squared(E, Y, 0.3, D, rho, 0.8) == pytest.approx(expected, rel=1e-13)
 
 
 BLOCKS = {
@@ -72,92 +63,129 @@ BLOCKS = {
 }
 
 
-@pytest.mark.parametrize("name", BLOCKS)
-def test_prox_block_agrees_with_the_batched_prox(name: str) -> None:
-    Q, t = BLOCKS[name]
-    out = np.empty(6)
-    norm = prox_block(Q.reshape(6), t, out)
-    P = prox_spectral_norm(Q, t)
-    np.testing.assert_allclose(out.reshape(2, 3), P, atol=1e-14)
-    assert norm == pytest.approx(np.linalg.svd(P, compute_uv=False)[0], rel=1e-13)
+def derivative(
+    Q: np.ndarray, t: float, sigma: float, B: np.ndarray, moved: np.ndarray, *, resolvent: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Prox, rows of the derivative with the right-hand side last, and W moved."""
+    prox, weighted, rows = np.empty(6), np.empty(6), np.empty((6, 2 * B.shape[1] + 1))
+    count = parts.derivative(Q.reshape(6), t, sigma, resolvent, B, moved, prox, weighted, rows)
+    return prox.reshape(2, 3), rows[:count], weighted
 
 
-@pytest.mark.parametrize("name", BLOCKS)
-def test_jacobian_rows_against_finite_differences(rng: np.random.Generator, name: str) -> None:
-    """sum f^T f = sigma L^T D L with D the derivative of the prox and L Y = Y B^T."""
-    (Q, t), sigma, n = BLOCKS[name], 1.7, 5
-    B = rng.standard_normal((3, n))
-    F = np.full((8, 2 * n), np.nan)
-    count = jacobian_rows(Q.reshape(6), t, sigma, B, F, 0)
+def differences_of_prox(Q: np.ndarray, t: float) -> np.ndarray:
+    """D (6, 6), the derivative of the prox by central differences."""
     step = 1e-6
     moves = step * np.eye(6).reshape(6, 2, 3)
     differences = prox_spectral_norm(Q + moves, t) - prox_spectral_norm(Q - moves, t)
-    D = differences.reshape(6, 6).T / (2 * step)
+    return differences.reshape(6, 6).T / (2 * step)
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_prox_of_a_block_agrees_with_the_batched_prox(name: str) -> None:
+    Q, t = BLOCKS[name]
+    prox, _, _ = derivative(Q, t, 1.0, np.zeros((3, 2)), np.zeros(6), resolvent=False)
+    np.testing.assert_allclose(prox, prox_spectral_norm(Q, t), atol=1e-14)
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_rows_of_the_derivative_against_finite_differences(
+    rng: np.random.Generator, name: str
+) -> None:
+    """sum f^T f = sigma L^T D L with D the derivative of the prox and L Y = Y B^T."""
+    (Q, t), sigma, n = BLOCKS[name], 1.7, 5
+    B, moved = rng.standard_normal((3, n)), rng.standard_normal(6)
+    _, rows, weighted = derivative(Q, t, sigma, B, moved, resolvent=False)
+    D = differences_of_prox(Q, t)
     L = np.kron(np.eye(2), B)  # rows: the six entries of Y B^T, columns: those of Y
     expected = sigma * L.T @ D @ L
-    found = F[:count].T @ F[:count]
-    assert count == (4 if name in ("tight", "equal singular values") else 6)
-    np.testing.assert_allclose(found, expected, atol=2e-8 * np.abs(expected).max())
+    F, f = rows[:, :-1], rows[:, -1]
+    assert len(rows) == (4 if name in ("tight", "equal singular values") else 6)
+    np.testing.assert_allclose(F.T @ F, expected, atol=2e-8 * np.abs(expected).max())
+    np.testing.assert_allclose(weighted, D @ moved, atol=1e-7)
+    np.testing.assert_allclose(F.T @ f, -L.T @ D @ moved, atol=1e-7)
 
 
-NO_ERRORS = np.zeros((2, 0))
+@pytest.mark.parametrize("name", BLOCKS)
+def test_weights_of_the_resolvent_are_those_of_the_derivative(
+    rng: np.random.Generator, name: str
+) -> None:
+    """W = D (I - D)^-1 with eigenvalues of at most a thousand."""
+    (Q, t), sigma, n = BLOCKS[name], 0.6, 4
+    B, moved = rng.standard_normal((3, n)), rng.standard_normal(6)
+    _, rows, weighted = derivative(Q, t, sigma, B, moved, resolvent=True)
+    values, vectors = np.linalg.eigh(differences_of_prox(Q, t))
+    values = np.clip(values, 0.0, 1000 / 1001)
+    W = (vectors * (values / (1 - values))) @ vectors.T
+    L = np.kron(np.eye(2), B)
+    F, f = rows[:, :-1], rows[:, -1]
+    size = np.abs(W).max()
+    np.testing.assert_allclose(F.T @ F, sigma * L.T @ W @ L, atol=2e-5 * size)
+    np.testing.assert_allclose(weighted, W @ moved, atol=2e-5 * size)
+    np.testing.assert_allclose(F.T @ f, -L.T @ W @ moved, atol=2e-5 * size)
 
 
-@pytest.mark.parametrize("rows", [0, 3, 9, 10, 11, 26])
+NO_MATRIX = np.zeros((0, 0))
+
+
+@pytest.mark.parametrize("n", [2, 4, 10, 28, 34])
+@pytest.mark.parametrize("rows", [0, 3, 9, 10, 11, 26, 61])
 @pytest.mark.parametrize("by_rows", [True, False])
-def test_newton_direction_against_numpy(rng: np.random.Generator, rows: int, by_rows: bool) -> None:
-    n, shift = 10, 1.0
-    F, gradient = rng.standard_normal((30, n)), rng.standard_normal(n)
-    H, small, d = np.empty((n, n)), np.empty(n), np.empty(n)
-    newton_direction(F, rows, NO_ERRORS, np.empty(0), shift, by_rows, gradient, H, small, d)
-    expected = -np.linalg.solve(shift * np.eye(n) + F[:rows].T @ F[:rows], gradient)
-    np.testing.assert_allclose(d, expected, rtol=1e-10)
+@pytest.mark.parametrize("shift", [1.0, 0.3])
+def test_gram_system_against_numpy(
+    rng: np.random.Generator, n: int, rows: int, by_rows: bool, shift: float
+) -> None:
+    F, f, r = rng.standard_normal((rows, n)), rng.standard_normal(rows), rng.standard_normal(n)
+    x = np.empty(n)
+    parts.solve_gram(F, f, r, NO_MATRIX, shift, by_rows, x)
+    expected = np.linalg.solve(shift * np.eye(n) + F.T @ F, r + F.T @ f)
+    np.testing.assert_allclose(x, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [2, 6, 28])
+def test_gram_system_with_a_matrix_of_its_own(rng: np.random.Generator, n: int) -> None:
+    F, f, r = rng.standard_normal((5, n)), rng.standard_normal(5), rng.standard_normal(n)
+    root = rng.standard_normal((n, n))
+    C, x = root @ root.T + np.eye(n), np.empty(n)
+    parts.solve_gram(F, f, r, C, 0.0, False, x)
+    np.testing.assert_allclose(x, np.linalg.solve(C + F.T @ F, r + F.T @ f), rtol=1e-9)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-@pytest.mark.parametrize("by_rows", [True, False])
-def test_newton_direction_with_the_curvature_of_errors(
-    rng: np.random.Generator, share: float, by_rows: bool
+def test_curvature_of_errors_as_rows_and_as_a_matrix(
+    rng: np.random.Generator, share: float
 ) -> None:
-    seen, rows, shift = 8, 3, 1.0
-    q = seen - 1
-    visible, h = np.zeros(seen, np.int64), np.zeros(seen)
-    find_visible(rng.uniform(0.5, 2.0, seen), visible, h)
-    curvature = rng.uniform(0.1, 3.0, (2, seen)) * (rng.random((2, seen)) < share)
-    F, gradient = rng.standard_normal((rows + 2 * seen, 2 * q)), rng.standard_normal(2 * q)
-    steps = (np.eye(seen) - np.outer(h, h))[:, :q]  # what each E feels of the dual
-    expected = shift * np.eye(2 * q) + F[:rows].T @ F[:rows]
-    expected[:q, :q] += steps.T @ np.diag(curvature[0]) @ steps
-    expected[q:, q:] += steps.T @ np.diag(curvature[1]) @ steps
-    H, small, d = np.empty((2 * q, 2 * q)), np.empty(2 * q), np.empty(2 * q)
-    newton_direction(F, rows, curvature, h, shift, by_rows, gradient, H, small, d)
-    np.testing.assert_allclose(d, -np.linalg.solve(expected, gradient), rtol=1e-10)
+    seen = 8
+    q, omega = seen - 1, rng.uniform(0.5, 2.0, seen)
+    c = rng.uniform(0.1, 3.0, (2, seen)) * (rng.random((2, seen)) < share)
+    rows, matrix = np.empty((2 * seen, 2 * q)), np.empty((2 * q, 2 * q))
+    parts.curvature(omega, c, rows, matrix)
+    steps = reduced(np.eye(seen) / omega, omega)  # what each E feels of the dual
+    expected = np.zeros((2 * q, 2 * q))
+    expected[:q, :q] = steps.T @ np.diag(c[0]) @ steps
+    expected[q:, q:] = steps.T @ np.diag(c[1]) @ steps
+    np.testing.assert_allclose(matrix, expected, atol=1e-13)
+    np.testing.assert_allclose(rows.T @ rows, expected, atol=1e-13)
 
 
-def test_newton_direction_descends_where_the_matrix_is_singular(rng: np.random.Generator) -> None:
+def test_a_singular_gram_system_still_gives_a_descent_direction(rng: np.random.Generator) -> None:
     F, gradient = np.zeros((4, 6)), rng.standard_normal(6)
     F[:3] = rng.standard_normal((3, 6))
     F[3] = F[0]
     d = np.empty(6)
-    H, small = np.empty((6, 6)), np.empty(6)
-    newton_direction(F, 4, NO_ERRORS, np.empty(0), 1e-13, False, gradient, H, small, d)
+    parts.solve_gram(F, np.zeros(4), -gradient, NO_MATRIX, 1e-13, False, d)
     assert np.isfinite(d).all()
     assert d @ gradient < 0
 
 
 def reduced(X: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    visible, h = np.zeros(len(omega), np.int64), np.zeros(len(omega))
-    seen = find_visible(omega, visible, h)
-    out = np.empty((len(X), seen - 1))
-    reduce_rows(X, omega, visible, h, seen, out)
+    out = np.empty((len(X), np.count_nonzero(omega) - 1))
+    assert parts.reduce(X, omega, out) == np.count_nonzero(omega)
     return out
 
 
 def expanded(y: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    visible, h = np.zeros(len(omega), np.int64), np.zeros(len(omega))
-    seen = find_visible(omega, visible, h)
     out = np.full((len(y), len(omega)), np.nan)
-    expand_rows(y, visible, h, seen, out)
+    parts.expand(y, omega, out)
     return out
 
 
@@ -185,9 +213,7 @@ def test_reduction_keeps_all_but_the_translation(
     np.testing.assert_allclose((Y * omega) @ X.T, y @ small.T, atol=1e-13 * scale)
 
 
-def test_find_visible_counts_down_to_none() -> None:
-    visible, h = np.zeros(3, np.int64), np.zeros(3)
-    assert find_visible(np.zeros(3), visible, h) == 0
-    assert find_visible(np.array([0, 0.5, 0]), visible, h) == 1
-    assert find_visible(np.array([0.5, 0, 2]), visible, h) == 2
-    assert visible[:2].tolist() == [0, 2]
+def test_visible_landmarks_are_counted() -> None:
+    nothing = np.zeros((0, 3))
+    for omega, seen in (([0, 0, 0], 0), ([0, 0.5, 0], 1), ([0.5, 0, 2], 2)):
+        assert parts.reduce(nothing, np.array(omega, float), np.zeros((0, 0))) == seen

@@ -1,6 +1,6 @@
 """Objectives at a gap of 1e-10 against those of the solver that this one replaced.
 
-objectives.json holds what version 0.1.0 before the compiled core (commit 0fff6c6) reached. To make it
+objectives.json holds what commit 0fff6c6, before the compiled core, reached. To make it
 anew, run `python -m tests.convex.test_objectives FOLDER` with that version installed.
 """
 
@@ -48,8 +48,9 @@ def real_problems(folder: Path) -> Iterator[tuple[str, Problem]]:
     weights[:, :3] = 1.0
     for loss in Loss:
         yield f"views, {loss.value}", build_problem(landmarks, atoms, 0.1, loss=loss)
-        yield f"weighted views, {loss.value}", build_problem(
-            landmarks, atoms, 0.1, weights=weights, loss=loss
+        yield (
+            f"weighted views, {loss.value}",
+            build_problem(landmarks, atoms, 0.1, weights=weights, loss=loss),
         )
     for lam in (1e-6, 1e-3, 1.0):
         yield f"views, lambda {lam:g}", build_problem(landmarks[::4], atoms, lam)
@@ -70,7 +71,10 @@ def made_problems() -> Iterator[tuple[str, Problem]]:
         landmarks, atoms, rng = made(16, 16, 12)
         weights = 10 ** rng.uniform(-3, 3, (16, 12))
         name = loss.value
-        yield f"six orders, {name}", build_problem(landmarks, atoms, 0.1, weights=weights, loss=loss)
+        yield (
+            f"six orders, {name}",
+            build_problem(landmarks, atoms, 0.1, weights=weights, loss=loss),
+        )
         yield f"lambda 1e-6, {name}", build_problem(landmarks, atoms, 1e-6, loss=loss)
         again = np.concatenate([landmarks, landmarks[..., :4]], axis=2)
         atoms_again = np.concatenate([atoms, atoms[..., :4]], axis=2)
@@ -79,8 +83,12 @@ def made_problems() -> Iterator[tuple[str, Problem]]:
     gross = landmarks + 5 * (rng.random((2, 1, 256)) < 0.3)
     yield "256 landmarks, l1", build_problem(gross, atoms, 0.1, loss=Loss.ABSOLUTE)
     landmarks, atoms, _ = made(16, 16, 12)
-    exact = landmarks - landmarks + np.einsum(
-        "nkab,kbp->nap", np.random.default_rng(8).standard_normal((16, 3, 2, 3)), atoms[:3]
+    exact = (
+        landmarks
+        - landmarks
+        + np.einsum(
+            "nkab,kbp->nap", np.random.default_rng(8).standard_normal((16, 3, 2, 3)), atoms[:3]
+        )
     )
     yield "exact", build_problem(exact, atoms, 1.0, loss=Loss.EXACT)
 

@@ -343,14 +343,3 @@ def test_with_many_starts_turning_the_image_turns_the_result(scene, settings, rn
     np.testing.assert_allclose(found.objective, base.objective, rtol=1e-6)
     one = choose_method("alternate", replace(settings, views=2))(problem)
     assert (base.objective < 0.99 * one.objective).any()
-
-
-def test_the_exact_loss_proves_nothing_before_its_constraint_holds(rng):
-    landmarks, atoms = rng.standard_normal((5, 2, 9)), rng.standard_normal((20, 3, 9))
-    problem = build_problem(landmarks, atoms, 1.0, loss=Loss.EXACT)
-    for steps in (1, 1000):
-        solve = partial(solve_newton, max_iterations=steps)
-        found = choose_method("convex", Settings(solve=solve, mean_shape=atoms[0]))(problem)
-        solved = np.array([status is Status.OPTIMAL for status in found.status])
-        assert solved.all() if steps == 1000 else not solved.all()
-        np.testing.assert_array_equal(np.isnan(found.relative_gap), ~solved)

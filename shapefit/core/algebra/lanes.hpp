@@ -47,7 +47,7 @@ constexpr long padded(long n) { return (n + PADDING - 1) / PADDING * PADDING; }
 [[gnu::always_inline]] inline Lanes smaller(Lanes a, Lanes b) { return a < b ? a : b; }
 [[gnu::always_inline]] inline Lanes magnitude(Lanes x) { return x < 0.0 ? -x : x; }
 // All lanes alike.
-[[gnu::always_inline]] inline Lanes spread(double x) { return x - Lanes{}; }
+[[gnu::always_inline]] inline Lanes all(double x) { return Lanes{} + x; }
 [[gnu::always_inline]] inline double largest(Lanes x) {
     double result = x[0];
     for (int lane = 1; lane < WIDTH; ++lane) result = larger(result, x[lane]);
@@ -59,13 +59,6 @@ constexpr long padded(long n) { return (n + PADDING - 1) / PADDING * PADDING; }
     return total;
 }
 
-[[gnu::always_inline]] inline Lanes all(double x) { return Lanes{} + x; }
-[[gnu::always_inline]] inline Lanes root(Lanes x) {
-    for (int lane = 0; lane < WIDTH; ++lane) x[lane] = ::sqrt(x[lane]);
-    return x;
-}
-[[gnu::always_inline]] inline Lanes larger(Lanes a, Lanes b) { return a > b ? a : b; }
-[[gnu::always_inline]] inline Lanes magnitude(Lanes x) { return x < 0 ? -x : x; }
 [[gnu::always_inline]] inline Lanes square(Lanes x) { return x * x; }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

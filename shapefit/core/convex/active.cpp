@@ -72,7 +72,8 @@ ActiveBlocks::ActiveBlocks(Workspace& workspace, long padded_atoms) : room(padde
     const auto rows = [&](long count) { return workspace.zeros<double>(count * room); };
     argument = rows(6), prox = rows(6), weight = rows(6);
     v = rows(3), w = rows(3), z = rows(3);
-    cosine = rows(1), sine = rows(1), first = rows(1), second = rows(1), norm = rows(1);
+    cosine = rows(1), sine = rows(1), norm = rows(1);
+    first = rows(1), second = rows(1), difference = rows(1);
     row_ = rows(42);
 }
 
@@ -103,12 +104,12 @@ void ActiveBlocks::decompose(long c, double t) {
     // u1 = (cosine, sine) is the eigenvector of [[A, D], [D, C]] for s1^2.
     const Lanes a = half >= 0.0 ? half + radius : D, b = half >= 0.0 ? D : radius - half;
     const Lanes span = root(a * a + b * b);
-    const Lanes u = span > 0.0 ? a / span : spread(1), s = span > 0.0 ? b / span : Lanes{};
+    const Lanes u = span > 0.0 ? a / span : all(1), s = span > 0.0 ? b / span : Lanes{};
 
     const Lanes none = {};
     Vector3 right = combine(u, x, s, y), other = combine(u, y, -s, x);
     right = combine(1.0 / root(dot(right, right)), right, none, right);
-    other = combine(spread(1), other, -dot(other, right), right);
+    other = combine(all(1), other, -dot(other, right), right);
     const auto thin = root(dot(other, other)) <= RANK_ONE * s1;
     const auto flat = magnitude(right.x[0]) < 0.7;
     const Vector3 any = {{flat ? none : -right.x[1], flat ? -right.x[2] : right.x[0],
@@ -120,7 +121,8 @@ void ActiveBlocks::decompose(long c, double t) {
     const Lanes both = larger(0.5 * (plus - t), none);
     const Lanes f1 = equal ? both : s1 - t, f2 = equal ? both : s2;
     store(cosine + c, u), store(sine + c, s);
-    store(first + c, s1), store(second + c, s2), store(norm + c, f1);
+    store(first + c, s1), store(second + c, s2), store(difference + c, minus);
+    store(norm + c, f1);
     store3(v, n, c, right), store3(w, n, c, other), store3(z, n, c, cross(right, other));
     store3(prox, n, c, combine(f1 * u, right, -f2 * s, other));
     store3(prox + 3 * n, n, c, combine(f1 * s, right, f2 * u, other));
@@ -130,22 +132,23 @@ void ActiveBlocks::weigh(double t, Weighing weighing) {
     const long n = room;
     const bool resolvent = weighing == Weighing::resolvent;
     const double whole = resolvent ? MOST_WEIGHT : 1;
-    const Lanes none = {}, all = spread(whole);
+    const Lanes none = {}, most = all(whole);
     // The eigenvalue is part / (part + rest).
     const auto weigh_one = [&](Lanes part, Lanes rest) {
         const Lanes base = resolvent ? rest : part + rest;
-        return base > 0.0 ? smaller(part / base, all) : part > 0.0 ? all : none;
+        return base > 0.0 ? smaller(part / base, most) : part > 0.0 ? most : none;
     };
     for (long c = 0; c < count; c += WIDTH) {
         const Lanes s1 = load(first + c), s2 = load(second + c), f1 = load(norm + c);
-        const Lanes plus = s1 + s2, minus = s1 - s2, level = spread(t);
+        const Lanes plus = s1 + s2, minus = load(difference + c), level = all(t);
         const auto equal = minus <= t;
-        store(weight + c, all);
+        store(weight + c, most);
         store(weight + n + c, weigh_one(larger(plus - t, none), level));
         store(weight + 2 * n + c, weigh_one(f1, equal ? 0.5 * (minus + t) : level));
-        const Lanes third = equal ? weigh_one(f1, larger(0.5 * (t - minus), none)) : all;
-        store(weight + 3 * n + c, s2 > 0.0 ? third : none);
-        store(weight + 4 * n + c, equal ? none : all);
+        const Lanes rest = larger(0.5 * (t - minus), none);
+        const Lanes third = s2 > 0.0 ? weigh_one(f1, rest) : none;
+        store(weight + 3 * n + c, equal ? third : most);
+        store(weight + 4 * n + c, equal ? none : most);
         store(weight + 5 * n + c, equal ? none : weigh_one(minus - t, level));
     }
 }
@@ -213,7 +216,7 @@ void ActiveBlocks::apply_weights(const double* X, double* out) const {
         const Lanes differ = scaled(4, 0.5 * (G.first.x[0] - G.second.x[1]));
         const Lanes symmetric = scaled(5, 0.5 * (G.first.x[1] + G.second.x[0]));
         const Vector3 v1 = load3(v, n, c), w1 = load3(w, n, c), z1 = load3(z, n, c);
-        const Lanes one = spread(1);
+        const Lanes one = all(1);
         const Vector3 along = combine(one, combine(same + differ, v1, symmetric + skew, w1),
                                       scaled(2, G.first.x[2]), z1);
         const Vector3 across = combine(one, combine(symmetric - skew, v1, same - differ, w1),

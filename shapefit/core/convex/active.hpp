@@ -46,6 +46,7 @@ struct ActiveBlocks {
     double *v, *w, *z;        // (3, room) right frame; u1 = (cosine, sine), u2 = (-sine, cosine)
     double *cosine, *sine;    // (room,)
     double *first, *second;   // (room,) singular values s1, s2 of the argument
+    double* difference;       // (room,) s1 - s2
     double* norm;             // (room,) f1
     double* weight;           // (6, room) of the directions in the order above
 

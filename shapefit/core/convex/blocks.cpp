@@ -12,7 +12,7 @@ double moreau(const double* M, const double* N, double step, const double* dN, d
         for (int e = 0; e < 6; ++e) q[e] = m.q[e] + sigma * (n.q[e] + step * d.q[e]);
         const Invariants<Lanes> block = invariants(q);
         const Lanes plus = nuclear_norm(block);
-        const Lanes minus = block.spread / larger(plus, spread(TINY));
+        const Lanes minus = block.spread / larger(plus, all(TINY));
         store(total + i, plus);
         // both singular values become (plus - t) / 2, or the first alone falls by t
         const Lanes excess = larger(plus - t, Lanes{}), first = 0.5 * (plus + minus) - t;

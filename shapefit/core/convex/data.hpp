@@ -45,6 +45,32 @@ struct ConvexEnd {
     Vector<long> status;  // (n,) 0 optimal, 1 iteration limit, 2 degenerate, 3 numerical failure
 };
 
+// What the parts read that the tests judge one at a time (parts.hpp).
+struct MoreauData {
+    Matrix<const double> M, N, dN;  // (6, k)
+    double step, sigma, t;
+};
+struct DerivativeData {
+    Vector<const double> argument, moved;  // (6,)
+    double t, sigma;
+    bool resolvent;
+    Matrix<const double> atom;  // (3, n)
+    Vector<double> prox, weighted;
+    Matrix<double> rows;
+};
+struct GramData {
+    Matrix<const double> F;
+    Vector<const double> f, r;
+    Matrix<const double> C;
+    double shift;
+    bool by_rows;
+};
+struct SoftData {
+    Matrix<const double> E, Y, D;  // (2, p)
+    Vector<const double> rho;
+    double step, threshold;
+};
+
 struct ConvexTask {
     ConvexProgram program;
     ConvexOptions options;

@@ -18,7 +18,6 @@ struct ErrorsPoint {
 
 struct NoErrors {
     static constexpr bool robust = false;
-    long most_rows() const { return 0; }
     void begin(double, const double*, long) {}
     double value(double) const { return 0; }
     ErrorsPoint find(double*, long) { return {}; }
@@ -28,8 +27,20 @@ struct NoErrors {
     void accept() {}
     long count_curved() { return 0; }
     void append_rows(long, ShiftedGram&) const {}
-    void write_matrix(double, double*, long) const {}
+    void write_matrix(double, double*) const {}
 };
+
+// sum_aj soft(E_aj + rho_j (Y_aj + step D_aj))^2 / rho_j; E, Y, D (2, p), rho (p,).
+double soft_squared(const double* E, const double* Y, double step, const double* D,
+                    const double* rho, double threshold, long p);
+
+// The second derivative sum_am c_am f f^T of the errors, c (2, p) of the visible landmarks in turn:
+// f = e_m - h_m h is row m of the reflection without its last entry, placed in the half of axis a.
+// As rows sqrt(c_am) f where c_am > 0, from row `first` on; and as a matrix shift I + it (n, n).
+void append_curved_rows(const Reduction& reduction, const double* curvature, long p, long first,
+                        ShiftedGram& gram);
+void write_curved_matrix(const Reduction& reduction, const double* curvature, long p, double shift,
+                         double* C);
 
 class SparseErrors {
   public:
@@ -40,10 +51,9 @@ class SparseErrors {
     // The image: E (2, p) in landmark space, overwritten, and its bounds (p,).
     void attach(const Reduction& reduction, const double* bounds, double* E);
 
-    long most_rows() const { return 2 * p_; }
     // Take up y (2, q), with rho_j bound_j = threshold.
     void begin(double threshold, const double* y, long q);
-    // sum_aj soft(E_aj + rho_j (Y_aj + step D_aj))^2 / rho_j over the aim D, halved.
+    // Half of soft_squared along the aim D.
     double value(double step) const;
     // fresh E = soft(E + rho Y), reduced and added to the gradient g (2, q).
     ErrorsPoint find(double* g, long q);
@@ -57,8 +67,7 @@ class SparseErrors {
     // The second derivative: rho_j at the landmarks of fresh errors, turned by the reduction.
     long count_curved();
     void append_rows(long first, ShiftedGram& gram) const;
-    // C = shift I + that (n, n).
-    void write_matrix(double shift, double* C, long n) const;
+    void write_matrix(double shift, double* C) const;
 
   private:
     long p_;

@@ -173,7 +173,7 @@ class Lagrangian {
             quadratic ? program_.delta : sigma_ * (1e-13 + 1e-7 * smaller(1, gradient));
         const long curved = errors_.count_curved();
         if (curved > 0 && !(quadratic && rows + curved < n_)) {
-            errors_.write_matrix(shift, room_.matrix, n_);
+            errors_.write_matrix(shift, room_.matrix);
             gram.solve(rows, room_.matrix, room_.gradient, room_.direction);
         } else {
             errors_.append_rows(rows, gram);

@@ -7,6 +7,7 @@
 
 #include "../errors.hpp"
 #include "../kernels.hpp"
+#include "processor.hpp"
 
 namespace shapefit {
 
@@ -26,9 +27,8 @@ int available_levels(const Level** levels, int room) {
     const auto offer = [&](bool runs, const Level& found) {
         if (runs && count < room) levels[count++] = &found;
     };
-    __builtin_cpu_init();
-    offer(__builtin_cpu_supports("x86-64-v4"), x86_64_v4::table);
-    offer(__builtin_cpu_supports("x86-64-v3"), x86_64_v3::table);
+    offer(runs_x86_64_v4(), x86_64_v4::table);
+    offer(runs_x86_64_v3(), x86_64_v3::table);
     offer(true, x86_64_v2::table);
     return count;
 }

@@ -1,10 +1,12 @@
 // The extension module shapefit.core._core.
 #include "module.hpp"
 
+#include "../algebra/views.hpp"
 #include "../kernels.hpp"
 
 NB_MODULE(_core, module) {
     nanobind::module_ parts = module.def_submodule("parts", "Single steps of the kernels, for tests.");
+    module.attr("STRETCH") = shapefit::STRETCH;
     module.attr("LEVEL") = shapefit::level().name;
     const shapefit::Level* levels[4];
     nanobind::list names;

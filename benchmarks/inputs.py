@@ -1,0 +1,63 @@
+"""The arrays of each job, in files that every measured version reads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.cases import LAMBDA, Case, cars_case, hide, normalise_seen, read_cars
+from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import build_problem
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.procrustes import generalised_procrustes
+from shapefit.io import read_shapes
+from shapefit.lifting.methods import Settings, choose_method
+from shapefit.lifting.perspective import Camera, depth_sign, mean_coefficients
+from shapefit.pipelines.intrinsics import read_intrinsics
+from shapefit.pipelines.training_shapes import every_nth
+
+Arrays = dict[str, Any]
+
+
+def program(build: Callable[[], Case], hidden: float = 0.0, lam: float = LAMBDA) -> Arrays:
+    """The convex program of a case, with a share of the landmarks hidden."""
+    case = hide(build(), hidden) if hidden else build()
+    return {"landmarks": case.landmarks, "atoms": case.atoms, "lam": np.array(lam)}
+
+
+def cars(folder: Path, lam: float) -> Arrays:
+    """Annotated cars, once each, with the mean of their models."""
+    arrays = program(partial(cars_case, folder, 1), lam=lam)
+    return arrays | {"mean_shape": arrays["atoms"].mean(axis=0)}
+
+
+def cars_in_perspective(folder: Path) -> Arrays:
+    """Cars, their cameras in normalised units, and the rotations that the refinement starts from.
+
+    The optical axis is at 0, 0 (see configs/cars/fit.yaml).
+    """
+    images, _ = read_cars(folder)
+    arrays, norm = cars(folder, 1.0), normalise_seen(images)
+    atoms, mean = arrays["atoms"], arrays["mean_shape"]
+    settings = Settings(solve=partial(solve_newton, tolerance=1e-4), mean_shape=mean)
+    found = choose_method("convex+refine", settings)(build_problem(arrays["landmarks"], atoms, 1.0))
+    focal, _ = read_intrinsics(images, "camera_matrix")
+    camera = Camera(focal, np.zeros_like(focal), depth_sign(images.y_axis)).normalised_as(norm)
+    return arrays | {
+        "rotation": found.rotation,
+        "prior": mean_coefficients(atoms, mean),
+        "focal": camera.focal,
+        "centre": camera.centre,
+        "sign": np.array(camera.sign),
+    }
+
+
+def training(folder: Path) -> Arrays:
+    """The paper's training shapes, as learn-dict aligns them."""
+    shapes = read_shapes([folder / "subject86_24fps.h5"])
+    kept = every_nth(shapes.sequences or (), 3)
+    return {"shapes": generalised_procrustes(normalise(shapes.shapes[kept]).points).shapes}

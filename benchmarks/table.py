@@ -1,0 +1,82 @@
+"""The table of a run, a line for each case, and what is wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from benchmarks.pairs import Comparison
+
+NOISE = 0.9
+"""Ratio to the release before under which a case is slower, whatever its floor."""
+
+SAME = 1e-3
+"""Relative difference up to which two certified sums of objectives are those of one program."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a case took before and takes now, and the ratio.
+
+    certified is the share of images solved to their gap, None where there is no certificate;
+    least the ratio that it must have even without a floor.
+    """
+
+    case: str
+    before: str
+    now: str
+    ratio: float
+    certified: float | None = None
+    least: float = 0.0
+    fault: str = ""
+
+
+@dataclass
+class Table:
+    """Rows as they come, judged by the floors of their cases."""
+
+    floors: Mapping[str, float]
+    rows: list[Row] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+
+    heading = "| case | before | now | ratio | floor | certified |\n|---|--:|--:|--:|--:|--:|"
+
+    def add(self, row: Row) -> str:
+        """Judge a row and return its line."""
+        self.rows.append(row)
+        floor = self.floors.get(row.case)
+        least = max(row.least, floor or 0.0)
+        if row.ratio < least:
+            self.faults.append(f"{row.case}: ratio {row.ratio:.2f} is under {least:.2f}.")
+        if row.certified is not None and row.certified < 1:
+            self.faults.append(f"{row.case}: only {row.certified:.2%} of the images are certified.")
+        if row.fault:
+            self.faults.append(f"{row.case}: {row.fault}.")
+        certified = "" if row.certified is None else f"{row.certified:.0%}"
+        shown = "" if floor is None else f"{floor:.2f}"
+        return (
+            f"| {row.case} | {row.before} | {row.now} | {row.ratio:.2f} | {shown} | {certified} |"
+        )
+
+
+def compared(
+    case: str,
+    found: Comparison,
+    *,
+    images: int = 0,
+    certified: bool = False,
+    least: float = NOISE,
+    unit: str = "s",
+) -> Row:
+    """Make a row of a comparison: images a second where their number is known, else seconds."""
+    before, now = (
+        f"{images / seconds:,.0f}/s" if images else f"{seconds:.3g} {unit}"
+        for seconds in (found.before, found.now)
+    )
+    fault = ""
+    if found.well < found.well_before:
+        fault = f"{found.well:.2%} of the images end well, {found.well_before:.2%} did"
+    if certified and abs(found.change) > SAME:
+        fault = f"the sum of the objectives changed by {found.change:.1e} of it"
+    share = found.well if certified else None
+    return Row(case, before, now, found.ratio, share, least, fault)

@@ -1,0 +1,137 @@
+"""What is measured from the outside: commands, the demonstration, and the size on the disk."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+import h5py
+
+from benchmarks.environments import PROJECT, Environment, dependency_bytes, git
+from benchmarks.pairs import Comparison, Turn, compare
+from benchmarks.table import Row, compared
+
+
+def fit_cases(
+    old: Environment, new: Environment, mocap: Path | None, folder: Path, repeats: int
+) -> Iterator[tuple[str, Callable[[], Row]]]:
+    """Whole fits, on files that the release before has made."""
+    (folder / "fit.yaml").write_text("method: convex\nlambda: 0.1\n", encoding="utf-8")
+    if mocap:
+        case = "shapefit fit, subject 13, HDF5"
+        yield case, partial(compare_many, case, old, new, mocap, folder, repeats)
+    case = "one image, CSV to CSV"
+    yield case, partial(compare_one, case, old, new, folder, 3 * repeats)
+    case = "import numpy over one image, CSV to CSV"
+    yield case, partial(compare_one, case, old, new, folder, 3 * repeats)
+
+
+def compare_many(
+    case: str, old: Environment, new: Environment, mocap: Path, folder: Path, repeats: int
+) -> Row:
+    """All images of subject 13, HDF5 to HDF5."""
+    landmarks, dictionary = mocap_files(old, mocap, folder)
+    command: list[str | Path] = [
+        "fit",
+        landmarks,
+        "-d",
+        dictionary,
+        "-c",
+        folder / "fit.yaml",
+        "-o",
+    ]
+    before, now = (partial(fit, one, command, folder / "out.h5") for one in (old, new))
+    return compared(case, compare(before, now, repeats), certified=True)
+
+
+def compare_one(case: str, old: Environment, new: Environment, folder: Path, repeats: int) -> Row:
+    """One image from CSV to CSV, against the release before or against the import of NumPy."""
+    dictionary = folder / "people.h5"
+    learning = old.source / "configs/demo/learn-dict.yaml"
+    run([old.command, "learn-dict", "-c", learning, "-o", dictionary], folder)
+    image = PROJECT / "sample_data/one_person.csv"
+    command: list[str | Path] = ["fit", image, "-d", dictionary, "-c", folder / "fit.yaml", "-o"]
+    before, now = (partial(fit, one, command, folder / "out.csv") for one in (old, new))
+    if "numpy" not in case:
+        return compared(case, compare(before, now, repeats))
+    numpy = partial(timed, [new.python, "-c", "import numpy"], folder)
+    return compared(case, compare(numpy, now, repeats), least=0.0)
+
+
+def install_cases(
+    old: Environment, new: Environment, folder: Path
+) -> Iterator[tuple[str, Callable[[], Row]]]:
+    """What a newcomer meets: the size of the dependencies, and the demonstration."""
+    yield "installed dependencies", partial(compare_sizes, "installed dependencies", old, new)
+    yield "make demo, fresh clone", partial(compare_demos, "make demo, fresh clone", old, folder)
+
+
+def compare_demos(case: str, old: Environment, folder: Path) -> Row:
+    """Time `make demo` in fresh clones, once each: set-up, packages from pip's cache, and chain."""
+    before, now = partial(demo, old.name, folder / "old"), partial(demo, "HEAD", folder / "new")
+    return compared(case, compare(before, now, 1))
+
+
+def compare_sizes(case: str, old: Environment, new: Environment) -> Row:
+    """Weigh the installed dependencies."""
+    before, now = (dependency_bytes(one) / 1e9 for one in (old, new))
+    return compared(case, Comparison(before / now, before, now, 1.0, 1.0), unit="GB")
+
+
+def mocap_files(old: Environment, mocap: Path, folder: Path) -> tuple[Path, Path]:
+    """Make the landmarks of subject 13 and the dictionary of subject 86 with the old commands."""
+    landmarks, dictionary = folder / "landmarks.h5", folder / "dictionary.h5"
+    configs = old.source / "configs/mocap"
+    shapes = [mocap / "subject13_24fps.h5"]
+    run([old.command, "project", "-c", configs / "project.yaml", *shapes, "-o", landmarks], folder)
+    shapes = [mocap / "subject86_24fps.h5"]
+    learn: list[str | Path] = [
+        old.command,
+        "learn-dict",
+        "-c",
+        configs / "learn-dict.yaml",
+        *shapes,
+    ]
+    run([*learn, "-o", dictionary], folder)
+    return landmarks, dictionary
+
+
+def fit(environment: Environment, command: Sequence[str | Path], output: Path) -> Turn:
+    """Time a fit; the share of optimal images is read from a result that holds one."""
+    turn = timed([environment.command, *command, output], output.parent)
+    if output.suffix != ".h5":
+        return turn
+    with h5py.File(output) as result:
+        counts = Counter(result["status"].asstr()[:].tolist())
+    return Turn(turn.seconds, well=counts["optimal"] / counts.total())
+
+
+def demo(revision: str, folder: Path) -> Turn:
+    """Clone a revision and time `make demo` in it."""
+    shutil.rmtree(folder, ignore_errors=True)
+    run(["git", "clone", "--quiet", "--no-checkout", PROJECT, folder], PROJECT)
+    commit = git("rev-parse", revision).stdout.decode().strip()
+    run(["git", "checkout", "--quiet", commit], folder)
+    return timed(["make", "demo"], folder)
+
+
+def timed(command: Sequence[str | Path], folder: Path) -> Turn:
+    """Time a command."""
+    began = time.perf_counter()
+    run(command, folder)
+    return Turn(time.perf_counter() - began)
+
+
+def run(command: Sequence[str | Path], folder: Path) -> None:
+    """Run a command, silent unless it fails."""
+    with tempfile.TemporaryFile() as told:
+        done = subprocess.run(command, cwd=folder, stdout=told, stderr=told, check=False)
+        if done.returncode:
+            told.seek(0)
+            raise RuntimeError(f"{command} failed:\n{told.read().decode()}")

@@ -1,0 +1,50 @@
+"""The instruction set: forced by the environment, and the solver's tests at each one."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from shapefit import core
+
+SHOW = "from shapefit import core; print(core.LEVEL)"
+
+# Certificates, planted problems and many starts judge every level alike; quick ones run here,
+# `make test-levels` runs them all.
+QUICK = ["tests/convex/test_newton.py", "tests/lifting/test_synchronisation.py"]
+
+
+def at_level(level: str, arguments: list[str], **options) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "SHAPEFIT_LEVEL": level}
+    return subprocess.run(
+        [sys.executable, *arguments], env=environment, capture_output=True, text=True, **options
+    )
+
+
+def test_the_best_level_is_the_default():
+    shown = at_level("", ["-c", SHOW], check=True)
+    assert shown.stdout.strip() == core.LEVELS[0]
+
+
+@pytest.mark.parametrize("level", core.LEVELS)
+def test_the_environment_forces_a_level(level):
+    assert at_level(level, ["-c", SHOW], check=True).stdout.strip() == level
+
+
+def test_an_unknown_level_says_which_there_are():
+    refused = at_level("x86_64_v9", ["-c", SHOW])
+    assert refused.returncode == 1
+    assert (
+        f"SHAPEFIT_LEVEL is x86_64_v9; this build and processor have {', '.join(core.LEVELS)}"
+        in (refused.stderr)
+    )
+
+
+@pytest.mark.parametrize("level", [level for level in core.LEVELS if level != core.LEVEL])
+def test_the_solvers_pass_at_every_other_level(level, project):
+    options = ["-n", "0", "-q", "-p", "no:cacheprovider"]
+    done = at_level(level, ["-m", "pytest", *options, *QUICK], cwd=project, timeout=300)
+    assert done.returncode == 0, done.stdout

@@ -1,0 +1,89 @@
+"""The wheel: complete, and at work without a compiler and without the checkout."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path, PurePosixPath
+
+import pytest
+
+PACKAGES = ("shapefit", "shapefit_cli")
+SOURCES = {".cpp", ".hpp"}
+
+IMPORT_ALL = """
+import importlib, pkgutil, shapefit, shapefit_cli
+for package in (shapefit, shapefit_cli):
+    for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        importlib.import_module(module.name)
+print(shapefit.__file__)
+"""
+
+
+@pytest.fixture(scope="module")
+def wheel(project: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the wheel where the editable install was built, so that nothing compiles twice."""
+    folder = tmp_path_factory.mktemp("wheel")
+    subprocess.run(
+        [sys.executable, "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check",
+         "--no-deps", "--no-build-isolation", "-C", "build-dir=build/{wheel_tag}",
+         "--wheel-dir", str(folder), str(project)],
+        check=True,
+    )  # fmt: skip
+    (built,) = folder.glob("shapefit-*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def environment(project: Path, wheel: Path) -> dict[str, str]:
+    """Variables of an environment with the wheel in it, and nothing else on the path."""
+    folder = wheel.with_name("environment")
+    install = str(project / "building/second_install.py")
+    subprocess.run([sys.executable, install, str(folder), str(wheel)], check=True)
+    kept = {name: os.environ[name] for name in ("HOME", "LANG") if name in os.environ}
+    assert not shutil.which("c++", path=str(folder / "bin"))
+    return {**kept, "PATH": str(folder / "bin")}
+
+
+def run(command: list[str], environment: dict[str, str], folder: Path) -> str:
+    program = shutil.which(command[0], path=environment["PATH"])
+    assert program, f"no {command[0]} in the environment"
+    done = subprocess.run(
+        [program, *command[1:]], cwd=folder, env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, f"{shlex.join(command)}\n{done.stderr}"
+    return done.stdout
+
+
+def test_the_wheel_has_every_file_but_the_sources_of_the_core(project: Path, wheel: Path):
+    here = {
+        path.relative_to(project).as_posix()
+        for package in PACKAGES
+        for path in (project / package).rglob("*")
+        if path.is_file() and path.suffix not in SOURCES and path.name != "CMakeLists.txt"
+        if "__pycache__" not in path.parts
+    }
+    packed = {PurePosixPath(name) for name in zipfile.ZipFile(wheel).namelist()}
+    installed = {str(name) for name in packed if not name.parts[0].endswith(".dist-info")}
+    (module,) = installed - here
+    assert module.startswith("shapefit/core/_core.")
+    assert not sorted(here - installed)
+
+
+def test_every_module_imports_from_the_wheel(wheel: Path, environment, tmp_path: Path):
+    (where,) = run(["python", "-P", "-c", IMPORT_ALL], environment, tmp_path).splitlines()
+    assert Path(where).is_relative_to(wheel.parent)
+
+
+def test_the_example_of_the_readme_runs(project: Path, readme_commands, environment, tmp_path):
+    for name in ("configs", "sample_data"):
+        shutil.copytree(project / name, tmp_path / name)
+    printed = ""
+    for command in [line for line in readme_commands if line.startswith("shapefit ")][:3]:
+        printed += run(shlex.split(command), environment, tmp_path)
+    assert printed.startswith("item,landmark,x,y,z\n")
+    assert (tmp_path / "shapes.csv").read_text(encoding="utf-8").count("\n") > 12 * 15
