@@ -238,7 +238,7 @@ def spoiled_hdf5(rng: Random, path: Path) -> None:
     """Spoil an HDF5 file."""
     with h5py.File(path, "a") as file:
         for _ in range(rng.choice((1, 1, 2, 3))):
-            with suppress(IndexError, KeyError):
+            with suppress(IndexError, KeyError, TypeError, ValueError, RuntimeError, OSError):
                 rng.choice(CHANGES)(rng, file)
     if rng.random() < 0.15:
         _spoil_bytes(rng, path)
