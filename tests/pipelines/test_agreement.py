@@ -83,10 +83,12 @@ def test_the_order_of_landmarks_has_no_part_in_the_result(bench, order, loss):
     found = fit(images.arrange(names), loss=loss, solver={"tolerance": 1e-8})
     back = np.argsort(order)
     assert found.landmark_names in (names, NAMES)
-    shapes = found.shapes[..., back] if found.landmark_names == names else found.shapes
+    fitted = found.landmarks_fitted
+    fitted = fitted[..., back] if found.landmark_names == names else fitted
     np.testing.assert_allclose(found.objective, expected.objective, rtol=1e-7)
     if loss == "squared":  # the others have more than one answer
-        np.testing.assert_allclose(shapes, expected.shapes, atol=0.05)
+        seen = np.isfinite(images.landmarks[:, :1]).repeat(2, axis=1)  # and so may these
+        np.testing.assert_allclose(fitted[seen], expected.landmarks_fitted[seen], atol=0.05)
 
 
 @settings(
@@ -113,8 +115,9 @@ def test_units_and_origin_move_with_the_shapes(bench, loss, scale, shift):
     np.testing.assert_allclose(found.scale, scale * expected.scale, rtol=1e-9)
     fitted = scale * expected.landmarks_fitted + shift
     if loss == "squared":
+        seen = np.isfinite(images.landmarks[:, :1]).repeat(2, axis=1)  # the others may differ
         size = 0.001 * scale * np.nanstd(images.landmarks) + 1e-9 * abs(shift)
-        np.testing.assert_allclose(found.landmarks_fitted, fitted, atol=size)
+        np.testing.assert_allclose(found.landmarks_fitted[seen], fitted[seen], atol=size)
 
 
 def test_confidence_zero_is_unseen(bench):
