@@ -144,6 +144,9 @@ def become(folder: Path) -> None:
     sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
     sys.stderr = open(2, "w", closefd=False, errors="backslashreplace")  # noqa: SIM115
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, 2 * SECONDS))
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    limit = pages * os.sysconf("SC_PAGE_SIZE") + BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     faulthandler.dump_traceback_later(2 * SECONDS)  # where it stands still
     signal.signal(signal.SIGXCPU, signal.SIG_DFL)

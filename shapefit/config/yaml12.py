@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.error import MarkedYAMLError, YAMLError, YAMLWarning
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from shapefit.config.places import Location, Place
@@ -57,9 +58,11 @@ def read_yaml(text: str, place: Callable[[int, int], str]) -> Document:
     document = Document()
     yaml = YAML(typ="safe", pure=True)
     try:
-        root = yaml.compose(text)
-        if root is not None:
-            _Reader(yaml, place, document).read(root)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", YAMLWarning)  # on YAML 1.1, and anchors given again
+            root = yaml.compose(text)
+            if root is not None:
+                _Reader(yaml, place, document).read(root)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = place(mark.line + 1, mark.column + 1) if mark else place(1, 1)

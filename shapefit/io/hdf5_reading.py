@@ -25,12 +25,16 @@ from shapefit.io.layout import (
     Format,
     plain_name,
 )
-from shapefit.io.memory import check_fits
+from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.problems import input_problems
 from shapefit.io.sources import is_hdf5, source_name
 
 BLOCK, BLOCK_BYTES = 16384, 1 << 24
 """Most items, and most bytes of them, that a check reads at a time."""
+
+
+MOST_COMPRESSED = 2000
+"""No filter of HDF5 makes data smaller by more: beyond that they were never written."""
 
 
 class Hdf5Reader:
@@ -186,13 +190,24 @@ class Hdf5Reader:
         largest = max(sizes, key=lambda name: sizes[name], default="")
         check_fits(self.place(largest), sum(sizes.values()), "with the other datasets it")
 
+    def _check_written(self, name: str) -> None:
+        """Raise InputError for a large dataset that takes next to no place in the file."""
+        dataset = self._file[name]
+        if dataset.nbytes > MOST_COMPRESSED * dataset.id.get_storage_size():
+            stored = in_words(dataset.id.get_storage_size())
+            found = f"of its {in_words(dataset.nbytes)} the file holds {stored}"
+            raise input_error(self.place(name), found, "write its values, or make it smaller")
+
     def _size(self, name: str, rows: slice | tuple[()]) -> int:
         with self._damage(name):
             dataset = self._file[name]
             return size_in_memory(dataset, rows, text=_is_text(dataset))
 
     def _values(self, name: str, rows: slice | tuple[()]) -> Any:
-        check_fits(self.place(name), self._size(name, rows))
+        size = self._size(name, rows)
+        check_fits(self.place(name), size)
+        if size > ALWAYS_FITS:
+            self._check_written(name)
         try:
             with self._damage(name):
                 dataset = self._file[name]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import pytest
@@ -93,3 +94,10 @@ def test_a_value_that_may_be_many_things_is_wrong_once():
         "--set vary={fit.lambda: [[1], 2]}: expected a mapping of one key to a list of values, "
         "found a list"
     ]
+
+
+@pytest.mark.parametrize("text", ["%YAML 1.1\n---\nlam: 1e400\n", "a: &a 1\nb: &a 2\nc: *a\n"])
+def test_what_yaml_only_frowns_on_is_not_told(text):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert problems_of(text) == []

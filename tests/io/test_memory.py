@@ -130,3 +130,12 @@ def test_a_limit_of_the_group_counts(tmp_path, monkeypatch):
 )
 def test_sizes_in_words(size, words):
     assert memory.in_words(size) == words
+
+
+def test_values_that_nobody_wrote_are_not_read(sparse, problems):
+    path = sparse(further=(10**5, 100))
+    (line,) = problems(read_shapes, [path])
+    assert line == (
+        f"{path}:/further: of its 80 MB the file holds 0 bytes; "
+        "write its values, or make it smaller"
+    )

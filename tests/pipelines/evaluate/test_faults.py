@@ -79,3 +79,13 @@ def test_a_time_that_is_none_is_unknown(desk, results, seconds):
     desk.write("convex.h5", replace(results, attributes={"solve_seconds": seconds}))
     desk.run()
     assert "solving alone" not in (desk.config.output / "report.md").read_text()
+
+
+def test_what_overflows_is_a_failure_of_the_image(desk, results):
+    fitted = results.landmarks_fitted.copy()
+    fitted[2] = 1e300
+    desk.write("convex.h5", replace(results, landmarks_fitted=fitted))
+    outcomes = desk.run(metrics=["similarity", "reprojection"])
+    (failure,) = [failure for outcome in outcomes for failure in outcome.failures]
+    assert failure.item == "item2"
+    assert "reprojection" in failure.reason
