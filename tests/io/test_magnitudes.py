@@ -29,11 +29,11 @@ def test_vertices_and_atoms_are_named(
     vertices = shapes.mesh_vertices.swapaxes(1, 2).copy()
     vertices[2, 4, 0] = 1e151
     (line,) = problems(read_shapes, [edit(shape_file, mesh_vertices=vertices)])
-    assert line.startswith(f"{shape_file}: item 'walk/2', vertex 4 is (1e+151, ")
+    assert line.startswith(f"{shape_file}:/mesh_vertices[2]: vertex 4 is (1e+151, ")
     atoms = dictionary.atoms.swapaxes(1, 2).copy()
     atoms[3, 1] = 1e200
     (line,) = problems(read_dictionary, edit(dictionary_file, atoms=atoms))
-    assert line.startswith(f"{dictionary_file}: atom 3, landmark 'left hand' is (1e+200, 1e+200, ")
+    assert line.startswith(f"{dictionary_file}:/atoms[3]: landmark 'left hand' is (1e+200, ")
 
 
 @pytest.mark.parametrize("mean", [np.ones((4, 3)), np.zeros((4, 3))])
