@@ -28,8 +28,10 @@ FIT = ("fit", "views.h5", "-d", "dict.h5")
 MESHES = ("--set", "export.folder=out/meshes")
 LEARN = ("learn-dict", "shapes.h5", "-o", "out/d.h5", "--set", "iterations=2", "--set", "k=3")
 EVAL = ("eval", "--truth", "shapes.h5", "-o", "out/report", "--set=plots=false")
-SIMULATE = ("simulate", "-o", "out/s", "--set=k=6", "--set=landmarks=[5]", "--set=active_atoms=[1]")
-SIMULATE += ("--set=plots=false", "--set=threads=1")
+SIMULATE = (
+    *("simulate", "-o", "out/s", "--set=k=6", "--set=landmarks=[5]", "--set=active_atoms=[1]"),
+    *("--set=plots=false", "--set=threads=1"),
+)
 PROJECT = ("project", "shapes.h5")
 
 COMMANDS = {

@@ -24,6 +24,7 @@ from .simulate import simulate
 from .start import handle_stopping
 from .streams import occupy_closed_streams, output_fault, tell
 from .sweep import sweep
+from .verify import verify
 
 INPUT_ERROR = 2
 INTERNAL_ERROR = 3
@@ -57,7 +58,7 @@ def commands() -> None:
     """
 
 
-for command in (learn_dict, project, fit, evaluate, simulate, sweep):
+for command in (learn_dict, project, fit, evaluate, simulate, sweep, verify):
     commands.add_command(command)
 
 

@@ -19,17 +19,20 @@ def _show_tracebacks(_context: click.Context, _option: click.Parameter, wanted: 
         os.environ[TRACEBACK_VARIABLE] = "1"
 
 
+traceback_option = click.option(
+    "--traceback",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_show_tracebacks,
+    help=f"Show where an internal error arose (as {TRACEBACK_VARIABLE}=1 does).",
+)
+
+
 def common_options(command: Command) -> Command:
     """Add -c, --set, --print-config and --traceback to a command."""
     for option in (
-        click.option(
-            "--traceback",
-            is_flag=True,
-            is_eager=True,
-            expose_value=False,
-            callback=_show_tracebacks,
-            help=f"Show where an internal error arose (as {TRACEBACK_VARIABLE}=1 does).",
-        ),
+        traceback_option,
         click.option(
             "--print-config",
             is_flag=True,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -127,6 +128,42 @@ def test_the_package_neither_prints_nor_knows_click(path):
 def test_start_up_imports_nothing_heavy(path):
     package = path.name == "__init__.py"
     assert heavy_imports(path.read_text("utf-8"), module_of(path), package=package) == []
+
+
+NEEDED_TO_VERIFY = ("errors", "geometry", "io", "verification")
+"""What verification may import of the package: nothing that made what it checks."""
+
+
+def imports_of_the_maker(source: str, module: str) -> list[str]:
+    """Return the imports of parts of the package that verification must not know."""
+    allowed = tuple(f"shapefit.{room}" for room in NEEDED_TO_VERIFY)
+    return [
+        f"line {line}: {name}"
+        for line, name in imports(ast.parse(source), module)
+        if name.split(".")[0] == "shapefit" and not name.startswith(allowed)
+    ]
+
+
+@each(sorted((PROJECT / "shapefit/verification").glob("*.py")))
+def test_verification_uses_nothing_of_the_solver(path):
+    assert imports_of_the_maker(path.read_text("utf-8"), module_of(path)) == []
+
+
+def test_an_import_of_the_solver_is_seen():
+    source = "def f():\n    from shapefit.convex.spectral_norm import nuclear_norm"
+    assert len(imports_of_the_maker(source, "shapefit.verification.program")) == 1
+
+
+def test_verification_loads_nothing_of_the_solver():
+    modules = [
+        module_of(path) for path in sorted((PROJECT / "shapefit/verification").glob("[a-z]*.py"))
+    ]
+    source = f"import sys, {', '.join(modules)}\nprint(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", source], capture_output=True, text=True, check=True
+    )
+    rooms = {name.split(".")[1] for name in done.stdout.split() if name.startswith("shapefit.")}
+    assert not rooms & {"core", "convex", "lifting", "evaluation", "pipelines"}
 
 
 @pytest.mark.parametrize(

@@ -216,6 +216,11 @@ class FitConfig(CommandConfig):
     transforms: bool = Field(
         default=False, description="Also write the (k, 2, 3) transforms of every image (large)."
     )
+    proof: bool = Field(
+        default=True,
+        description="Also write what proves the optimum of the convex program, the dual and the "
+        "active transforms, for `shapefit verify` (HDF5 only).",
+    )
 
     @property
     def labels_outliers(self) -> bool:

@@ -50,7 +50,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         for name in ("landmarks", "weights", "atoms", "lam"):
-            # one memory layout, because a kernel is compiled anew for each
+            # one memory layout, the one that kernels read
             values = np.require(getattr(self, name), np.float64, ("C", "W"))
             object.__setattr__(self, name, values)
         n, two, p = self.landmarks.shape

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -141,10 +141,17 @@ class Hdf5Reader:
         with self._damage(name):
             return bool(self._file[name].id.get_storage_size())
 
-    def fields(self, rows: slice = slice(None)) -> dict[str, Any]:
-        """Return these rows of all datasets of the format, by field of the record."""
+    def fields(
+        self, rows: slice = slice(None), *, without: Collection[Dataset] = ()
+    ) -> dict[str, Any]:
+        """Return these rows of all datasets of the format, by field of the record.
+
+        Datasets that are counted by another one come whole. Those in `without` are not read.
+        """
         chosen = {
-            dataset: rows if dataset.per_item else slice(None) for dataset in self.form.datasets
+            dataset: rows if dataset.per_item else slice(None)
+            for dataset in self.form.datasets
+            if dataset not in without
         }
         self._check_fits({dataset.name: part for dataset, part in chosen.items()})
         return {dataset.attribute: self.read(dataset.name, chosen[dataset]) for dataset in chosen}

@@ -15,7 +15,10 @@ class Dataset:
     `axes` are as in the file: letters for sizes that agree over the file (n items, p landmarks,
     q mesh vertices, k atoms, ...), numbers for fixed sizes. `points` marks coordinates, one point
     a row in the file (..., p, 3) and one a column in memory (..., 3, p). `field` names the field
-    of the record. A "label" is text or an integer code.
+    of the record. A "label" is text or an integer code. `counted_by` names the dataset that says
+    how many rows of this one belong to each item, one item after the other. `stored` is the NumPy
+    type in the file where it is smaller than that in memory; `sparse` numbers are mostly 0 and are
+    compressed there.
     """
 
     name: str
@@ -24,6 +27,9 @@ class Dataset:
     required: bool = False
     points: bool = False
     field: str = ""
+    counted_by: str = ""
+    sparse: bool = False
+    stored: str = ""
 
     @property
     def attribute(self) -> str:
@@ -34,6 +40,11 @@ class Dataset:
     def per_item(self) -> bool:
         """Whether its first axis runs over the items."""
         return self.axes[0] == "n"
+
+    @property
+    def grows(self) -> bool:
+        """Whether it gets longer with more items."""
+        return self.per_item or bool(self.counted_by)
 
     @property
     def memory_axes(self) -> tuple[str | int, ...]:
@@ -54,6 +65,16 @@ class Format:
     def per_item(self) -> tuple[Dataset, ...]:
         """Datasets with a row for each item."""
         return tuple(dataset for dataset in self.datasets if dataset.per_item)
+
+    @property
+    def growing(self) -> tuple[Dataset, ...]:
+        """Datasets that get longer with more items."""
+        return tuple(dataset for dataset in self.datasets if dataset.grows)
+
+    @property
+    def sparse(self) -> frozenset[str]:
+        """Names of the datasets that are mostly 0."""
+        return frozenset(dataset.name for dataset in self.datasets if dataset.sparse)
 
     @property
     def names(self) -> frozenset[str]:
@@ -81,6 +102,7 @@ AXES = {
     "e": "edges",
     "f": "faces",
     "t": "half-steps",
+    "a": "active transforms",
 }
 
 _LANDMARK_NAMES = Dataset("landmark_names", ("p",), "text", required=True)
@@ -114,6 +136,19 @@ LANDMARKS = Format(
     ),
 )
 
+TRANSFORM_COUNT = Dataset("transform_count", ("n",), "index", stored="int32")
+
+PROOF = (
+    Dataset("dual", ("n", "p", 2), points=True),
+    Dataset("convex_translation", ("n", 2)),
+    Dataset("convex_objective", ("n",)),
+    Dataset("convex_relative_gap", ("n",)),
+    TRANSFORM_COUNT,
+    Dataset("transform_atom", ("a",), "index", counted_by=TRANSFORM_COUNT.name, stored="int32"),
+    Dataset("active_transforms", ("a", 2, 3), counted_by=TRANSFORM_COUNT.name),
+)
+"""What proves the optimum of the convex program of a result, beside its landmarks and lambda."""
+
 RESULTS = Format(
     "shapefit-result",
     (
@@ -121,7 +156,7 @@ RESULTS = Format(
         _ITEM,
         Dataset("shapes", ("n", "p", 3), required=True, points=True),
         Dataset("landmarks_fitted", ("n", "p", 2), points=True),
-        Dataset("coefficients", ("n", "k")),
+        Dataset("coefficients", ("n", "k"), sparse=True),
         Dataset("rotation", ("n", 3, 3)),
         Dataset("translation", ("n", 2)),
         Dataset("scale", ("n",)),
@@ -132,6 +167,7 @@ RESULTS = Format(
         _SEQUENCE,
         Dataset("transforms", ("n", "k", 2, 3)),
         _MESH_VERTICES,
+        *PROOF,
     ),
 )
 

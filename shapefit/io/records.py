@@ -118,7 +118,14 @@ class ResultSet:
     NaN where an item failed. landmarks_fitted (n, 2, p); coefficients (n, k); rotation (n, 3, 3);
     translation (n, 2); scale, objective, relative_gap, iterations, status (n); transforms
     (n, k, 2, 3); mesh_vertices (n, 3, q). All but the shapes are None where they are not known,
-    as in a CSV file. attributes are stored with the file (method, times, config, digests).
+    as in a CSV file.
+
+    What proves the optimum of the convex program, in normalised units: dual (n, 2, p), feasible;
+    convex_translation (n, 2), convex_objective and convex_relative_gap (n,), the last two where
+    objective and relative_gap are not those of the program; the transforms that are not 0, one
+    image after the other: active_transforms (a, 2, 3) of the atoms transform_atom (a,), and
+    transform_count (n,) of them for each image. attributes are stored with the file (method,
+    times, config, digests).
     """
 
     shapes: Floats
@@ -136,6 +143,13 @@ class ResultSet:
     sequences: Names | None = None
     transforms: Floats | None = None
     mesh_vertices: Floats | None = None
+    dual: Floats | None = None
+    convex_translation: Floats | None = None
+    convex_objective: Floats | None = None
+    convex_relative_gap: Floats | None = None
+    transform_count: Integers | None = None
+    transform_atom: Integers | None = None
+    active_transforms: Floats | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
     unit: str = UNKNOWN_UNIT
     y_axis: Literal["up", "down"] = "up"
@@ -193,7 +207,7 @@ def concatenate(parts: Sequence[Record]) -> Record:
     if len(parts) == 1:
         return first
     changes: dict[str, Any] = {}
-    for dataset in _FORMATS[type(first)].per_item:
+    for dataset in _FORMATS[type(first)].growing:
         values = [getattr(part, dataset.attribute) for part in parts]
         if values[0] is None:
             continue
@@ -222,14 +236,24 @@ def _some(names: Sequence[str]) -> str:
 def _take(records: Record, indices: Rows) -> Record:
     rows = np.arange(len(records))[indices]
     changes: dict[str, Any] = {}
-    for dataset in _FORMATS[type(records)].per_item:
+    for dataset in _FORMATS[type(records)].growing:
         value = getattr(records, dataset.attribute)
         if value is None:
             continue
-        text = dataset.kind == "text"
-        changes[dataset.attribute] = tuple(value[row] for row in rows) if text else value[rows]
+        if dataset.kind == "text":
+            changes[dataset.attribute] = tuple(value[row] for row in rows)
+        else:
+            counts = getattr(records, dataset.counted_by) if dataset.counted_by else None
+            changes[dataset.attribute] = value[rows if counts is None else _pieces(counts, rows)]
     extras = Extras.of(records.extras, len(records))
     return replace(records, **changes, extras=extras.take(rows))
+
+
+def _pieces(counts: Integers, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the rows of what is counted by `counts` (n,) that belong to these items."""
+    ends = np.cumsum(counts)
+    pieces = [np.arange(ends[row] - counts[row], ends[row]) for row in rows]
+    return np.concatenate([np.empty(0, dtype=np.intp), *pieces])
 
 
 def _complete(records: ShapeSet | LandmarkSet | ResultSet) -> None:

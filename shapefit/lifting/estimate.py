@@ -10,12 +10,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solution import Solution, Status
 
 Floats = NDArray[np.float64]
 
 STATUS = (Status.CONVERGED, Status.ITERATION_LIMIT, Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 """What the codes of the kernels of local methods mean."""
+
+
+@dataclass(frozen=True)
+class ConvexProof:
+    """What proves the optimum of the convex program for n images, in normalised units.
+
+    transforms M (n, k, 2, 3) and translation T (n, 2), at which the objective P (n,) is taken;
+    dual Y (n, 2, p), feasible, whose value D makes the relative_gap (P - D) / P (n,).
+    """
+
+    transforms: Floats
+    translation: Floats
+    dual: Floats
+    objective: Floats
+    relative_gap: Floats
+
+    @classmethod
+    def of(cls, solution: Solution) -> ConvexProof:
+        """Return what a solution proves."""
+        return cls(**{field.name: getattr(solution, field.name) for field in fields(cls)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +50,7 @@ class Estimate:
     None where the method has no such thing: coefficients (n, k) and active_atoms (n,), how many
     of them are not 0; transforms M (n, k, 2, 3); relative_gap (n,); tight (n,), as in
     Reconstruction; outliers (n, p), the landmarks that a robust loss or a search
-    before the fit set aside.
+    before the fit set aside; convex_proof, of the convex program that it is or starts from.
     """
 
     shapes: Floats
@@ -46,6 +66,7 @@ class Estimate:
     relative_gap: Floats | None = None
     tight: NDArray[np.bool_] | None = None
     outliers: NDArray[np.bool_] | None = None
+    convex_proof: ConvexProof | None = None
 
 
 Estimator = Callable[[Problem], Estimate]

@@ -13,7 +13,7 @@ from shapefit.convex.solution import Solution, Status
 from shapefit.lifting.alternation import alternate
 from shapefit.lifting.combination import combine
 from shapefit.lifting.degeneracy import find_degenerate
-from shapefit.lifting.estimate import Estimate, Estimator, place, put
+from shapefit.lifting.estimate import ConvexProof, Estimate, Estimator, place, put
 from shapefit.lifting.matching_pursuit import matching_pursuit
 from shapefit.lifting.pose import find_moments, find_pose, spread_views, turn_in_plane
 from shapefit.lifting.reconstruction import is_active, reconstruct
@@ -74,6 +74,7 @@ def convex(problem: Problem, settings: Settings) -> Estimate:
         relative_gap=solution.relative_gap,
         tight=found.tight,
         outliers=find_outliers(problem, solution),
+        convex_proof=ConvexProof.of(solution),
     )
 
 
@@ -197,7 +198,12 @@ def _alternate_from_convex(problem: Problem, settings: Settings, *, signed: bool
         first if first in (Status.DEGENERATE, Status.NUMERICAL_FAILURE) else second
         for first, second in zip(solution.status, found.status, strict=True)
     )
-    return replace(found, status=status, iterations=solution.iterations + found.iterations)
+    return replace(
+        found,
+        status=status,
+        iterations=solution.iterations + found.iterations,
+        convex_proof=ConvexProof.of(solution),
+    )
 
 
 def _alternate_or_restart(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import time
@@ -80,6 +81,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             method=config.method,
             version=__version__,
             config=config.as_json(),
+            config_digest=hashlib.sha256(config.as_json().encode()).hexdigest(),
             inputs=json.dumps(digests((*config.landmarks, config.dictionary))),
             solve_seconds=solve_seconds,
             images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from shapefit.io.layout import RESULTS
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.pipelines.landmark_weights import find_seen
+from shapefit.pipelines.left_out_items import find_left_out
 
 if TYPE_CHECKING:
     from shapefit.lifting.path import Path
@@ -24,7 +26,7 @@ Floats = NDArray[np.float64]
 OF_A_RESULT = RESULTS.names | {
     *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
     *("path_lambda", "path_objective", "path_relative_gap", "path_residual", "path_active_atoms"),
-    *("camera_translation", "focal", "principal_point", "position"),
+    *("camera_translation", "focal", "principal_point", "position", "left_out"),
 }
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
 
@@ -46,7 +48,7 @@ def as_result(
         shape = (-1,) + (1,) * (values.ndim - 1)
         return np.where(failed.reshape(shape), np.nan, values)
 
-    return ResultSet(
+    record = ResultSet(
         shapes=lifting.shapes,
         landmarks_fitted=lifting.landmarks_fitted,
         coefficients=where_fitted(found.coefficients),
@@ -63,12 +65,42 @@ def as_result(
         transforms=where_fitted(found.transforms) if config.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
-        extras=further_datasets(images, lifting, path, dictionary),
+        extras=further_datasets(images, lifting, path, config, dictionary),
+    )
+    return with_proof(record, lifting, config) if config.proof else record
+
+
+def with_proof(record: ResultSet, lifting: Lifting, config: FitConfig) -> ResultSet:
+    """Add what proves the optimum of the convex program, where the method solves one.
+
+    Images without a shape have no proof: nan, and no transforms.
+    """
+    proof = lifting.estimate.convex_proof
+    if proof is None:
+        return record
+    failed = np.isnan(lifting.scale)
+    active = proof.transforms.any(axis=(2, 3)) & ~failed[:, None]
+    of_the_program = config.method == "convex" and lifting.perspective is None
+    return replace(
+        record,
+        dual=np.where(failed[:, None, None], np.nan, proof.dual),
+        convex_translation=np.where(failed[:, None], np.nan, proof.translation),
+        convex_objective=None if of_the_program else np.where(failed, np.nan, proof.objective),
+        convex_relative_gap=(
+            None if of_the_program else np.where(failed, np.nan, proof.relative_gap)
+        ),
+        transform_count=active.sum(axis=1),
+        transform_atom=np.nonzero(active)[1],
+        active_transforms=proof.transforms[active],
     )
 
 
 def further_datasets(
-    images: LandmarkSet, lifting: Lifting, path: Path | None, dictionary: Dictionary
+    images: LandmarkSet,
+    lifting: Lifting,
+    path: Path | None,
+    config: FitConfig,
+    dictionary: Dictionary,
 ) -> Extras:
     """Join what came with the landmarks with what only some fits have."""
     found = lifting.estimate
@@ -88,6 +120,8 @@ def further_datasets(
         own["path_relative_gap"] = path.relative_gap
         own["path_residual"] = path.residual
         own["path_active_atoms"] = path.active_atoms
+    if config.leave_out is not None:
+        own["left_out"] = find_left_out(images, config.leave_out, dictionary).astype(object)
     if lifting.perspective is not None:
         own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
     present = {name: values for name, values in own.items() if values is not None}

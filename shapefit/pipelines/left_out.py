@@ -12,10 +12,8 @@ from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.merging import Group, merge
+from shapefit.pipelines.left_out_items import KEY, find_items, find_known, find_left_out
 from shapefit.pipelines.lifter import Lifter
-from shapefit.pipelines.named_items import named_items
-
-KEY = "leave_out"
 
 
 def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary, threads: int) -> Lifter:
@@ -34,8 +32,7 @@ def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary, threads: i
         raise input_error(KEY, found, "learn the dictionary from more models")
 
     def lift_without(images: LandmarkSet, whole: Dictionary) -> Lifting:
-        items = find_items(images, dataset)
-        items[~find_known(items, whole)] = ""
+        items = find_left_out(images, dataset, whole)
 
         def lift_group(rows: NDArray[np.intp]) -> Group:
             item = str(items[rows[0]])
@@ -83,13 +80,3 @@ class Strangers:
             fix = f"name the dataset whose texts are items of the dictionary, as {items}"
             raise input_error(KEY, found, fix)
         return (f"{KEY}: {found}; they were fitted with all atoms",)
-
-
-def find_items(images: LandmarkSet, dataset: str) -> NDArray[np.str_]:
-    """Return the item that the dataset names for each image (n,); raises as `named_items`."""
-    return np.array(named_items(images.items, images.extras, dataset, KEY, KEY), dtype=str)
-
-
-def find_known(items: NDArray[np.str_], dictionary: Dictionary) -> NDArray[np.bool_]:
-    """Return the mask (n,) of the items that atoms of the dictionary have."""
-    return np.isin(items, np.array(dictionary.atom_items, dtype=str))

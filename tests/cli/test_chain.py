@@ -53,6 +53,15 @@ def similarity_errors(report: Path) -> dict[str, float]:
         }
 
 
+def test_the_proofs_of_the_demo_hold(demo):
+    folder, _ = demo
+    done = shapefit(
+        "verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5", folder=folder
+    )
+    assert "| the objective is P | 640 | 0 |" in done.stdout
+    assert "Failed" not in done.stderr
+
+
 def test_the_demo_lifts_people(demo):
     folder, table = demo
     assert "| " in table

@@ -94,6 +94,23 @@ def test_taking_a_result_slices_every_field(results):
     assert part.attributes == results.attributes
 
 
+def test_transforms_go_with_their_images(results):
+    counts = [2, 0, 1, 3, 0]
+    images = np.repeat(np.arange(5), counts)
+    proved = replace(
+        results,
+        transform_count=np.array(counts),
+        transform_atom=np.array([4, 5, 6, 0, 1, 2]),
+        active_transforms=10.0 * images[:, None, None] + np.zeros((6, 2, 3)),
+    )
+    part = proved.take([3, 1, 0])
+    assert part.transform_count.tolist() == [3, 0, 2]
+    assert part.transform_atom.tolist() == [0, 1, 2, 4, 5]
+    assert part.active_transforms[:, 0, 0].tolist() == [30, 30, 30, 0, 0]
+    whole = concatenate([proved.take([0, 1]), proved.take([2, 3, 4])])
+    assert whole.transform_atom.tolist() == proved.transform_atom.tolist()
+
+
 @pytest.mark.parametrize("kind", ["shapes", "landmarks", "results"])
 def test_concatenate_undoes_take(request, kind, same):
     record = request.getfixturevalue(kind)

@@ -42,7 +42,6 @@ def files(tmp_path, rng):
         output=str(tmp_path / "result.h5"),
         lam=0.3,
         transforms=True,
-        solver={"tolerance": 1e-9},
     )
     list(run(config))
     return config.output, atoms
@@ -56,21 +55,28 @@ def test_objective_and_gap_follow_from_the_datasets(files):
     seen = np.isfinite(W).all(axis=1)
     assert seen.sum(axis=1).tolist() == [P - 2] * N
     omega = np.where(seen, data["confidence"], 0.0)
+    starts = np.cumsum(data["transform_count"]) - data["transform_count"]
     for i in range(N):
         w, at, weights = W[i][:, seen[i]], atoms[:, :, seen[i]], omega[i, seen[i]]
         w = (w - w.mean(axis=1, keepdims=True)) / w.std(axis=1).mean()
-        fitted = np.einsum("kab,kbp->ap", data["transforms"][i], at)
-        T = ((w - fitted) * weights**2).sum(axis=1) / (weights**2).sum()
-        residual = weights * (w - fitted - T[:, None])
-        norms = np.linalg.norm(data["transforms"][i], ord=2, axis=(1, 2))
+        mine = slice(starts[i], starts[i] + data["transform_count"][i])
+        M, used = data["active_transforms"][mine], data["transform_atom"][mine]
+        np.testing.assert_array_equal(data["transforms"][i, used], M)
+        assert np.count_nonzero(data["transforms"][i].any(axis=(1, 2))) == len(M)
+        fitted = np.einsum("kab,kbp->ap", M, at[used])
+        residual = weights * (w - fitted - data["convex_translation"][i][:, None])
+        norms = np.linalg.norm(M, ord=2, axis=(1, 2))
         lam = data["lambda"][i]
         primal = 0.5 * (residual**2).sum() + lam * norms.sum()
-        assert primal == pytest.approx(data["objective"][i], rel=1e-9)
-        nuclear = np.linalg.svd((residual * weights) @ at.transpose(0, 2, 1), compute_uv=False)
-        Y = residual * min(1.0, lam / nuclear.sum(axis=1).max())
+        assert primal == pytest.approx(data["objective"][i], rel=1e-12)
+        Y = data["dual"][i].T[:, seen[i]]
+        assert np.abs(Y @ weights).max() <= 1e-12
+        nuclear = np.linalg.svd((Y * weights) @ at.transpose(0, 2, 1), compute_uv=False)
+        assert nuclear.sum(axis=1).max() <= lam * (1 + 1e-12)
         dual = (Y * weights * w).sum() - 0.5 * (Y**2).sum()
-        assert -1e-12 <= primal - dual <= 1e-5 * primal  # a plainer Y than fit has
-        assert data["relative_gap"][i] <= 1e-9
+        gap = (primal - dual) / primal
+        assert gap == pytest.approx(data["relative_gap"][i], abs=1e-12)
+        assert 0 <= gap <= 1e-4
 
 
 @pytest.mark.parametrize("key", ["path", "transforms"])

@@ -1,8 +1,9 @@
 // Memory of a kernel: blocks of zeros that live as long as the workspace.
 #pragma once
 
-#include <stdlib.h>
 #include <string.h>
+
+#include <new>
 
 #include "../algebra/views.hpp"
 #include "../errors.hpp"
@@ -17,7 +18,7 @@ class Workspace {
     ~Workspace() {
         while (last_) {
             Block* before = last_->before;
-            ::free(last_);
+            ::operator delete(last_, std::align_val_t{64});
             last_ = before;
         }
     }
@@ -26,7 +27,8 @@ class Workspace {
     template <class T>
     T* zeros(long count) {
         const size_t bytes = (static_cast<size_t>(count) * sizeof(T) + 63) / 64 * 64 + 64;
-        Block* block = static_cast<Block*>(::aligned_alloc(64, sizeof(Block) + bytes));
+        Block* block = static_cast<Block*>(
+            ::operator new(sizeof(Block) + bytes, std::align_val_t{64}, std::nothrow));
         if (!block) raise_out_of_memory(static_cast<long>(bytes));
         block->before = last_;
         last_ = block;

@@ -189,18 +189,26 @@ long ActiveBlocks::write_rows(double sigma, LaidAtoms& atoms, const double* move
     long rows = 0;
     for (long c = 0; c < count; ++c) {
         const double* B = atoms.at(index[c]);
+        const double* number[6];
+        double* row[6];
+        int taken = 0;
         for (int r = 0; r < 6; ++r) {
             if (weight[r * n + c] == 0) continue;
-            const double* number = row_ + 7 * r * n + c;
-            double* row = gram.row(rows++);
-            for (int half = 0; half < 2; ++half)  // the second writes over what pads the first
-                for (long j = 0; j < stride; j += WIDTH)
-                    store(row + half * q + j, number[3 * half * n] * load(B + j) +
-                                                  number[(3 * half + 1) * n] * load(B + stride + j) +
-                                                  number[(3 * half + 2) * n] *
-                                                      load(B + 2 * stride + j));
-            for (long j = unknowns; j < right; ++j) row[j] = 0;
-            row[right] = number[6 * n];
+            number[taken] = row_ + 7 * r * n + c;
+            row[taken++] = gram.row(rows++);
+        }
+        for (int half = 0; half < 2; ++half)  // the second writes over what pads the first
+            for (long j = 0; j < stride; j += WIDTH) {
+                const Lanes b0 = load(B + j), b1 = load(B + stride + j);
+                const Lanes b2 = load(B + 2 * stride + j);
+                for (int r = 0; r < taken; ++r) {
+                    const double* t = number[r] + 3 * half * n;
+                    store(row[r] + half * q + j, t[0] * b0 + t[n] * b1 + t[2 * n] * b2);
+                }
+            }
+        for (int r = 0; r < taken; ++r) {
+            for (long j = unknowns; j < right; ++j) row[r][j] = 0;
+            row[r][right] = number[r][6 * n];
         }
     }
     return rows;

@@ -1,6 +1,8 @@
 // What the kernels of the convex program read and write, as Python lays it out.
 #pragma once
 
+#include <stdint.h>
+
 #include "../algebra/views.hpp"
 
 namespace shapefit {
@@ -41,8 +43,8 @@ struct ConvexOptions {
 };
 
 struct ConvexEnd {
-    Vector<long> steps;   // (n,) Newton steps
-    Vector<long> status;  // (n,) 0 optimal, 1 iteration limit, 2 degenerate, 3 numerical failure
+    Vector<int64_t> steps;   // (n,) Newton steps
+    Vector<int64_t> status;  // (n,) 0 optimal, 1 iteration limit, 2 degenerate, 3 numerical failure
 };
 
 // What the parts read that the tests judge one at a time (parts.hpp).

@@ -239,7 +239,7 @@ def test_a_folder_where_a_mesh_goes_leaves_everything_as_it_was(tmp_path, export
     ("error", "raised"),
     [
         (OSError(errno.EACCES, "Permission denied"), InputError),
-        (OSError(errno.EIO, "Input/output error"), OSError),
+        (OSError(errno.EIO, "Input/output error"), InputError),
         (KeyboardInterrupt(), KeyboardInterrupt),
     ],
 )

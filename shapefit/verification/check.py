@@ -1,0 +1,71 @@
+"""One claim of a result about many images, and by how much they miss it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Check:
+    """How far n images are from what a claim says: `off` (n,) may be at most `allowed` (n,).
+
+    An `off` that is nan misses every claim, and what cannot be bounded allows nothing. `made` (n,)
+    are the images of which the claim is made.
+    """
+
+    claim: str
+    off: Floats
+    allowed: Floats
+    made: Flags
+
+    @property
+    def missed(self) -> Flags:
+        """The images (n,) that the claim is made of and does not hold for."""
+        holds = (self.off <= self.allowed) & np.isfinite(self.allowed)
+        return np.asarray(self.made & ~holds)
+
+    def reason(self, image: int) -> str:
+        """Say how one image misses the claim."""
+        return (
+            f"{self.claim}: off by {self.off[image]:.2g}, rounding allows {self.allowed[image]:.1g}"
+        )
+
+    def of_images(self, rows: NDArray[np.intp], count: int) -> Check:
+        """Return the check of `count` images, of which these were the images `rows`."""
+        off, allowed = np.zeros(count), np.zeros(count)
+        made = np.zeros(count, dtype=bool)
+        off[rows], allowed[rows], made[rows] = self.off, self.allowed, self.made
+        return Check(self.claim, off, allowed, made)
+
+
+def check(claim: str, off: Floats, allowed: Floats | float, made: Flags | None = None) -> Check:
+    """Return the check of differences (n, ...), each allowed so much; the worst of an image counts.
+
+    `made` None is all images.
+    """
+    n, shape = len(off), off.shape
+    off = off.reshape(n, math.prod(shape[1:]))
+    allowed = np.asarray(allowed, dtype=float)
+    if allowed.size <= max(n, 1) and off.shape[1] > 1:
+        off, allowed = off.max(axis=1), allowed.reshape(-1)  # nan where one is
+    else:
+        allowed = np.broadcast_to(allowed, (n, *shape[1:])).reshape(off.shape)
+        with np.errstate(invalid="ignore"):
+            excess = off - allowed
+        worst = np.where(np.isnan(excess), np.inf, excess).argmax(axis=1)[:, None]
+        off, allowed = (np.take_along_axis(x, worst, axis=1)[:, 0] for x in (off, allowed))
+    if made is None:
+        made = np.ones(n, dtype=bool)
+    return Check(claim, off, np.array(np.broadcast_to(allowed, n)), made)
+
+
+def flagged(claim: str, holds: Flags) -> Check:
+    """Return the check of what holds or does not, with nothing between."""
+    return check(claim, np.where(holds, 0.0, np.inf), 0.0)

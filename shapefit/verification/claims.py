@@ -1,0 +1,93 @@
+"""All that a result claims of its images, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.io import ResultSet
+from shapefit.verification.check import Check, check, flagged
+from shapefit.verification.convex_claims import check_fit, check_start
+from shapefit.verification.images import read_images
+from shapefit.verification.one_rotation_claims import check_one_rotation
+from shapefit.verification.program import dual_bound
+from shapefit.verification.statements import (
+    check_absence,
+    check_lambda,
+    check_left_out,
+    check_words,
+    find_kept,
+)
+from shapefit.verification.subject import Subject, stated_by
+from shapefit.verification.terms import Terms
+from shapefit.verification.transforms import Atoms, Transforms
+
+Floats = NDArray[np.float64]
+
+
+def verify_images(
+    result: ResultSet,
+    atoms: Floats,
+    atom_items: Sequence[str] | None,
+    terms: Terms,
+    file: Path,
+) -> list[Check]:
+    """Return the checks of all that a result claims of its n images.
+
+    atoms (k, 3, p) of its dictionary, and the training shapes that they are, where they are such.
+    Raises InputError where the file lacks what every result has, or has it in another shape.
+    """
+    with np.errstate(all="ignore"):  # what is not finite holds for nothing
+        fitted = np.isfinite(stated_by(result, "scale", file))
+        rows = np.flatnonzero(fitted)
+        images = read_images(result, rows, terms, file)
+        kept = find_kept(result, rows, atom_items, terms, file)
+        subject = Subject(result, rows, images, Atoms.of(atoms), kept, terms, file)
+        checks = [check_lambda(images, terms)]
+        if terms.left_out:
+            checks.append(check_left_out(result, rows, atom_items or (), terms, file))
+        checks += check_subject(subject)
+        return [
+            check_words(result, fitted, terms, file),
+            check_absence(result, fitted),
+            *(one.of_images(rows, len(result)) for one in checks),
+        ]
+
+
+def check_subject(subject: Subject) -> list[Check]:
+    """Check the proof of the convex program, and all that follows from the fit."""
+    terms, checks, bound = subject.terms, [], None
+    if terms.has_program:
+        M = subject.transforms()
+        checks += check_atoms(subject, M)
+        bound, feasible = dual_bound(
+            subject.images, subject.stated("dual"), subject.atoms, subject.kept, terms
+        )
+        checks += feasible
+        if terms.is_program:
+            return checks + check_fit(subject, M, bound)
+        checks += check_start(subject, M, bound)
+    if terms.has_one_rotation:
+        return checks + check_one_rotation(subject, bound)
+    return [*checks, *check_points_alone(subject)]
+
+
+def check_atoms(subject: Subject, M: Transforms) -> list[Check]:
+    """Check that an image has at most one transform an atom, and none of an atom left out."""
+    checks = [flagged("the transforms are in order", M.in_order())]
+    if subject.kept is not None:
+        without = np.ones(len(subject.rows), dtype=bool)
+        without[M.image[~subject.kept[M.image, M.atom]]] = False
+        checks.append(flagged("atoms that are left out have no transform", without))
+    return checks
+
+
+def check_points_alone(subject: Subject) -> list[Check]:
+    """Check what holds of a method of which the result does not hold the whole answer."""
+    if subject.terms.depths:
+        return []
+    off = np.abs(subject.stated("landmarks_fitted") - subject.stated("shapes")[:, :2])
+    return [check("landmarks_fitted are x and y of the shapes", off, 0.0)]

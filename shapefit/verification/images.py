@@ -1,0 +1,112 @@
+"""The landmarks of a result, weighted and normalised as its fit did it, with bounds on rounding."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import input_error
+from shapefit.io import ResultSet
+from shapefit.verification.rounding import rounding_factor
+from shapefit.verification.terms import Terms
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Images:
+    """n images with a shape: landmarks = size x points + centroid, at most points_error off.
+
+    points V (n, 2, p), 0 where hidden; weights omega (n, p) of the convex program, inliers (n, p)
+    those of what refines it; centroid (n, 2), size and lam (n,); extent (n,), the largest
+    coordinate of the landmarks; factor (n,), see rounding.py; points_error (n,).
+    """
+
+    points: Floats
+    weights: Floats
+    inliers: Floats
+    centroid: Floats
+    size: Floats
+    lam: Floats
+    extent: Floats
+    factor: Floats
+    points_error: Floats
+
+    @property
+    def reach(self) -> Floats:
+        """Largest coordinate of the points (n,)."""
+        reach: Floats = np.abs(self.points).max(axis=(1, 2))
+        return reach
+
+    def judged_by_inliers(self) -> Images:
+        """Return the images with the weights of what refines the program."""
+        return replace(self, weights=self.inliers)
+
+
+def read_images(result: ResultSet, rows: NDArray[np.intp], terms: Terms, file: Path) -> Images:
+    """Weigh and normalise the landmarks of the images `rows` (n,) of a result.
+
+    omega is the confidence, 1 without one or if the loss is `exact`, and 0 where a landmark is
+    unseen or was set aside before the fit. The points have their centroid, over visible ones, at
+    0 and a mean over coordinates of 1 of the standard deviations.
+    """
+    p = len(result.landmark_names)
+    raw = needed(result, "landmarks", file, p, 2)[rows].swapaxes(1, 2)
+    seen = np.isfinite(raw).all(axis=1)
+    weights = seen.astype(float)
+    if "confidence" in result.extras:
+        weights *= np.where(seen, needed(result, "confidence", file, p)[rows], 0.0)
+    labelled = np.zeros(seen.shape, dtype=bool)
+    if "outliers" in result.extras:
+        labelled = needed(result, "outliers", file, p)[rows] != 0
+    if terms.searched:
+        weights = np.where(labelled, 0.0, weights)
+    if terms.loss == "exact":
+        weights = (weights > 0).astype(float)
+    visible = weights > 0
+    W = np.where(visible[:, None], raw, 0.0)
+    count = np.maximum(visible.sum(axis=1), 1)[:, None]
+    centroid = W.sum(axis=2) / count
+    centred = np.where(visible[:, None], W - centroid[..., None], 0.0)
+    size = np.sqrt((centred**2).sum(axis=2) / count).mean(axis=1)
+    points = centred / size[:, None, None]
+    counted = np.zeros(len(rows), dtype=np.int64)
+    if result.transform_count is not None:
+        counted = result.transform_count[rows]
+    factor = rounding_factor(W.shape[2], counted)
+    extent = np.abs(W).max(axis=(1, 2))
+    reach = np.abs(points).max(axis=(1, 2))
+    error = factor * (extent / size * (1 + 2 * reach) + reach)
+    return Images(
+        points=points,
+        weights=weights,
+        inliers=np.where(labelled, 0.0, weights),
+        centroid=centroid,
+        size=size,
+        lam=needed(result, "lambda", file)[rows],
+        extent=extent,
+        factor=factor,
+        points_error=error,
+    )
+
+
+def needed(
+    result: ResultSet, name: str, file: Path, *shape: int, text: bool = False
+) -> NDArray[Any]:
+    """Return a dataset (n, *shape) that every such result of a fit has, of numbers or of texts.
+
+    Raises InputError where it is absent, or otherwise.
+    """
+    fix = "give a result that `shapefit fit` wrote"
+    values = result.extras.get(name)
+    if values is None:
+        raise input_error(file, f"there is no dataset '{name}'", fix)
+    if values.shape != (len(result), *shape) or (values.dtype.kind not in "biuf") != text:
+        found = f"holds {values.dtype} of the shape {values.shape}"
+        raise input_error(f"{file}:/{name}", found, fix)
+    return values.astype(str) if text else values.astype(float)

@@ -1,0 +1,77 @@
+"""What is verified together: some images of a result, with the atoms and the terms of their fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import input_error
+from shapefit.io import ResultSet
+from shapefit.verification.images import Images, needed
+from shapefit.verification.terms import Terms
+from shapefit.verification.transforms import Atoms, Transforms
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The images `rows` (n,) of a result, those that have a shape.
+
+    kept (n, k): the atoms that each image could use, None for all; file: named in messages.
+    """
+
+    result: ResultSet
+    rows: Rows
+    images: Images
+    atoms: Atoms
+    kept: Flags | None
+    terms: Terms
+    file: Path
+
+    def stated(self, name: str) -> Floats:
+        """Return what the result says of the images, a field of its format."""
+        return stated_by(self.result, name, self.file)[self.rows]
+
+    def stated_extra(self, name: str, *shape: int) -> Floats:
+        """Return what the result says of the images, a dataset (n, *shape) of numbers."""
+        return needed(self.result, name, self.file, *shape)[self.rows]
+
+    def words(self) -> NDArray[np.str_]:
+        """Return the status of each image."""
+        return words_of(self.result, self.file)[self.rows]
+
+    def transforms(self) -> Transforms:
+        """Return the active transforms. Raises InputError for atoms that are not there."""
+        r = self.result
+        assert r.transform_count is not None
+        assert r.transform_atom is not None
+        assert r.active_transforms is not None
+        k = self.atoms.count
+        if ((r.transform_atom < 0) | (r.transform_atom >= k)).any():
+            found = f"transforms of atoms that are not among the {k}"
+            raise input_error(self.file, found, "give the dictionary of the fit")
+        fitted = np.zeros(len(r), dtype=bool)
+        fitted[self.rows] = True
+        mine = np.repeat(fitted, r.transform_count)
+        counts = r.transform_count[self.rows]
+        return Transforms.of(r.active_transforms[mine], r.transform_atom[mine], counts, k)
+
+
+def stated_by(result: ResultSet, name: str, file: Path) -> Floats:
+    """Return a field of the result. Raises InputError where the file lacks it."""
+    values: Floats | None = getattr(result, name)
+    if values is None:
+        found = f"there is no dataset '{name}'"
+        raise input_error(file, found, "give a result that `shapefit fit` wrote")
+    return values
+
+
+def words_of(result: ResultSet, file: Path) -> NDArray[np.str_]:
+    """Return the status of each image of a result."""
+    return np.asarray(stated_by(result, "status", file)).astype(str)

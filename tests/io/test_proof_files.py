@@ -1,0 +1,88 @@
+"""Results with their proofs, written in chunks and read in others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.errors import InputError
+from shapefit.io import read_results, result_writer
+from shapefit.io.proof_files import open_proofs
+
+COUNTS = np.array([2, 0, 1, 3, 0])
+
+
+@pytest.fixture
+def proved(results, rng):
+    """Results with a dual and six transforms in all."""
+    return replace(
+        results,
+        dual=rng.normal(size=(5, 2, 4)),
+        convex_translation=rng.normal(size=(5, 2)),
+        transform_count=COUNTS,
+        transform_atom=np.array([4, 5, 6, 0, 1, 2]),
+        active_transforms=rng.normal(size=(6, 2, 3)),
+    )
+
+
+@pytest.fixture
+def path(tmp_path, proved):
+    path = tmp_path / "result.h5"
+    with result_writer(path) as writer:
+        writer.append(proved.take([0, 1]))
+        writer.append(proved.take([2]))
+        writer.append(proved.take([3, 4]))
+    return path
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 5, 9])
+def test_chunks_hold_the_transforms_of_their_images(path, proved, size):
+    with open_proofs(path) as results:
+        chunks = list(results.chunks(size))
+        assert results.count == 5
+        assert results.landmark_names == proved.landmark_names
+        assert results.attributes["method"] == "convex"
+    start = 0
+    for chunk in chunks:
+        part = proved.take(slice(start, start + len(chunk)))
+        start += len(chunk)
+        for name in ("dual", "convex_translation", "transform_count", "transform_atom",
+                     "active_transforms", "shapes", "coefficients"):  # fmt: skip
+            np.testing.assert_array_equal(getattr(chunk, name), getattr(part, name))
+        assert chunk.items == part.items
+    assert start == 5
+
+
+def test_counts_and_indices_are_small_in_the_file(path):
+    with h5py.File(path) as file:
+        assert file["transform_count"].dtype == file["transform_atom"].dtype == np.int32
+
+
+def test_results_are_read_without_their_proofs(path, proved):
+    found = read_results(path)
+    assert found.dual is None
+    assert found.transform_count is None
+    assert found.active_transforms is None
+    np.testing.assert_array_equal(found.shapes, proved.shapes)
+
+
+def test_results_without_a_proof_are_read(tmp_path, results):
+    with result_writer(tmp_path / "old.h5") as writer:
+        writer.append(results)
+    with open_proofs(tmp_path / "old.h5") as found:
+        (chunk,) = found.chunks(9)
+    assert chunk.dual is None
+    assert chunk.transform_count is None
+
+
+@pytest.mark.parametrize(("count", "message"), [(-1, "is -1, not a number"), (9, "is 9, not a"),
+                                                (1, "holds 6 transforms, and"),
+                                                (4, "holds 6 transforms, and")])  # fmt: skip
+def test_counts_that_do_not_fit_are_refused(path, count, message):
+    with h5py.File(path, "r+") as file:
+        file["transform_count"][3] = count
+    with open_proofs(path) as results, pytest.raises(InputError, match=message):
+        list(results.chunks(2))
