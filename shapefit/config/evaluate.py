@@ -10,8 +10,9 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.expectation import Expected
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots
 from shapefit.config.paths import InputPath, InputPaths, OutputPath, PathWords, expand_path
+from shapefit.errors import path_text
 
 ErrorMetric = Literal["similarity", "camera", "rotation", "reprojection"]
 """Metrics of every fit."""
@@ -41,12 +42,13 @@ def _named(value: Any) -> Any:
         raise ValueError(f"expected {_RESULTS}, found an empty list")
     named: dict[str, Path] = {}
     for path in dict.fromkeys(file for pattern in patterns for file in expand_path(pattern)):
-        if path.stem in named:
+        name = path_text(path.stem)
+        if name in named:
             raise ValueError(
-                f"{named[path.stem]} and {path} would both be called {path.stem!r}; "
+                f"{named[name]} and {path} would both be called {name!r}; "
                 "name them in the config, `results: {name: path}`"
             )
-        named[path.stem] = path
+        named[name] = path
     return named
 
 
@@ -118,8 +120,10 @@ class EvalConfig(CommandConfig):
     caveats: Annotated[tuple[str, ...], FromLists] = Field(
         default=(), description="What a reader of the numbers must know; printed with them."
     )
-    plots: bool = Field(
-        default=True, description="Also draw the errors, and the examples (PNG and SVG)."
+    plots: Plots = Field(
+        default="auto",
+        description="Also draw the errors, and the examples (PNG and SVG); "
+        "auto: where matplotlib is installed.",
     )
     examples: Annotated[
         int | tuple[str, ...],

@@ -12,6 +12,7 @@ from shapefit import __version__
 from shapefit.config import SweepConfig
 from shapefit.config.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.sweep import Value
+from shapefit.errors import input_error
 from shapefit.evaluation import labels, plots
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.sweep import (
@@ -25,9 +26,17 @@ from shapefit.evaluation.sweep import (
 )
 from shapefit.evaluation.sweep_plots import sweep_plot
 from shapefit.evaluation.tables import write_per_image
-from shapefit.io import ResultSet, digest, read_dictionary, read_results, read_shapes
+from shapefit.io import (
+    ResultSet,
+    digests,
+    open_landmarks,
+    read_dictionary,
+    read_results,
+    read_shapes,
+)
 from shapefit.io.extras import CORRUPTED
 from shapefit.pipelines import fit, learn_dict, project
+from shapefit.pipelines.drawing import draws_plots, plots_left_out
 from shapefit.pipelines.image_errors import find_grouping, image_errors
 from shapefit.pipelines.judgement import judge
 from shapefit.pipelines.outcome import Failure, Outcome
@@ -54,11 +63,12 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
     A step that the key has no say in is done once, for all values. The files between stand in the
     folder `work` of the output. One outcome a stretch of the fits, and a last one with the
     Markdown table as its note. Raises InputError as the commands of the chain do, for an output
-    folder that cannot be written, and plots without matplotlib.
+    folder that cannot be written, and plots that are asked for without matplotlib.
     """
     check_folder(config.output)
-    if config.plots:
-        plots.require_matplotlib()
+    draws = draws_plots(config.plots)
+    if not config.project:
+        _check_match(config, config.fit.landmarks)
     work = config.output / "work"
     files: Files | None = None
     truth = read_shapes(config.truth)
@@ -68,6 +78,7 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         folder = work / f"{number}_{_file_name(value)}"
         folder.mkdir(parents=True, exist_ok=True)
         files = yield from _prepare(config, value, files, folder, work)
+        _check_match(config, (files.landmarks,))
         result = folder / "result.h5"
         failed = yield from _fit(config, value, files, result)
         results = read_results(result)
@@ -83,8 +94,17 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         judged += errors
         found += [point for e in errors for point in points(value, e, grouping, seconds)]
     sweep = Sweep(config.key, tuple(found), config.caveats, _provenance(config))
-    written = tuple(write_folder(config.output, _writers(sweep, judged, with_plot=config.plots)))
-    yield Outcome(note=markdown(sweep).rstrip(), written=written)
+    written = write_folder(config.output, _writers(sweep, judged, with_plot=draws))
+    missing = plots_left_out(config.plots)
+    yield Outcome(note=markdown(sweep).rstrip(), warnings=missing, written=written)
+
+
+def _check_match(config: SweepConfig, landmarks: Sequence[Path]) -> None:
+    """Raise InputError where the landmarks have no dataset that names the truth of an image."""
+    with open_landmarks(landmarks) as source:
+        if config.match not in ("item", *source.further_datasets):
+            found = f"the landmarks have no dataset '{config.match}'"
+            raise input_error("match", found, "name one that holds items of the truth, or `item`")
 
 
 def _prepare(
@@ -201,7 +221,7 @@ def _provenance(config: SweepConfig) -> dict[str, object]:
     return {
         "version": __version__,
         "config": json.loads(config.as_json()),
-        "inputs": {str(file): digest(file) for file in dict.fromkeys(files)},
+        "inputs": digests(files),
     }
 
 
