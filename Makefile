@@ -7,6 +7,8 @@
 #   make test-levels  the solvers' tests at every instruction set of this processor, and at the plain one
 #   make sanitize     the solvers' tests under the address and undefined-behaviour sanitizers (GCC)
 #   make arm64        compile the kernels for arm64 (needs g++-aarch64-linux-gnu)
+#   make fuzz         50,000 spoiled files, configs and options, each in a process of its own
+#   make faults       each call that writes fails with each error, and 200 kills; outputs stay whole
 #   make docs         write the generated pages of docs/
 #   make recovery     the paper's figure of exact recovery on planted instances
 #   make paper        every table and figure of the paper, with an index (DATA=FOLDER as below)
@@ -29,7 +31,7 @@ CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper cars bench clean
+.PHONY: demo test fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper cars bench clean
 
 demo: $(RUNS)
 	$(call chain,demo)
@@ -126,6 +128,13 @@ lint: $(READY)
 
 types: $(READY)
 	$(BIN)/mypy shapefit shapefit_cli benchmarks building
+
+fuzz: $(READY)
+	$(BIN)/python -m fuzz --cases 50000
+
+faults: $(READY)
+	$(BIN)/python -m fuzz.faults
+	$(BIN)/python -m fuzz.faults --kill 200
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py

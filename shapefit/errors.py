@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from os import PathLike
 
@@ -25,3 +26,23 @@ def input_error(place: str | PathLike[str], found: str, fix: str) -> InputError:
     `place` is a file, `file:line`, `file:line:column` or `file:/dataset`.
     """
     return InputError(f"{place}: {found}; {fix}")
+
+
+def path_text(path: str | PathLike[str]) -> str:
+    r"""Return a path as text that any file can hold: bytes that are not UTF-8 as \xe9."""
+    return os.fsencode(path).decode("utf-8", "backslashreplace")
+
+
+def printable(text: object) -> str:
+    """Return a text on one line that a terminal shows as it is: what is not printable as escapes.
+
+    Names come from files and folders: they may hold colours, line ends, and bytes of no encoding.
+    """
+    plain = text if isinstance(text, str) else str(text)
+    return "".join(letter if letter.isprintable() else _escape(letter) for letter in plain)
+
+
+def _escape(letter: str) -> str:
+    if "\udc80" <= letter <= "\udcff":  # a byte that is not UTF-8, as Python names files
+        return f"\\x{ord(letter) - 0xDC00:02x}"
+    return letter.encode("unicode_escape").decode()

@@ -21,6 +21,7 @@ from .learn_dict import learn_dict
 from .options import TRACEBACK_VARIABLE
 from .project import project
 from .simulate import simulate
+from .start import handle_stopping
 from .streams import occupy_closed_streams, output_fault, tell
 from .sweep import sweep
 from .verify import verify
@@ -28,7 +29,6 @@ from .view import view
 
 INPUT_ERROR = 2
 INTERNAL_ERROR = 3
-INTERRUPTED = 128 + signal.SIGINT
 PIPE_CLOSED = 128 + signal.SIGPIPE
 
 
@@ -68,7 +68,11 @@ def run(arguments: Sequence[str]) -> int:
     code, error = INTERNAL_ERROR, None
     try:
         code = _run(arguments)
+    except KeyboardInterrupt:
+        return _stopped(signal.SIGINT)
     except Exception as raised:
+        if _signals:  # what the interruption became, in the middle of an import or of C
+            return _stopped(_signals[0])
         error = raised
     fault = output_fault(error)
     if isinstance(fault, BrokenPipeError):
@@ -89,13 +93,13 @@ def _run(arguments: Sequence[str]) -> int:
     except click.ClickException as error:
         error.show()
         return INPUT_ERROR
+    except MemoryError as error:
+        tell(f"Error: memory: {error or 'there is not enough'}; give fewer items at a time")
+        return INPUT_ERROR
     except InputError as error:
         for problem in error.problems:
             tell(f"Error: {problem}")
         return INPUT_ERROR
-    except KeyboardInterrupt:
-        tell("Interrupted; no file is left half written.")
-        return INTERRUPTED
 
 
 def _internal_error(error: Exception) -> int:
@@ -111,13 +115,30 @@ def _internal_error(error: Exception) -> int:
     return INTERNAL_ERROR
 
 
-def _terminate(signal_number: int, _frame: FrameType | None) -> NoReturn:
-    raise SystemExit(128 + signal_number)
+_signals: list[int] = []
+"""The signals that came to end this run."""
+
+
+def _unwind(number: int, _frame: FrameType | None) -> NoReturn:
+    _signals.append(number)
+    raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
+
+
+def _stopped(number: int) -> int:
+    """Say that a signal ended the run; return the exit code."""
+    word = "Interrupted" if number == signal.SIGINT else f"Ended by {signal.Signals(number).name}"
+    tell(f"{word}; no file is left half written.")
+    return 128 + number
 
 
 def main() -> NoReturn:
-    """Run the command line of this process; a SIGTERM unwinds, so that no half file is left."""
+    """Run the command line of this process; signals unwind it, so that no half file is left."""
     gc.disable()  # `run_command` enables it: what is imported until then stays
     occupy_closed_streams()
-    signal.signal(signal.SIGTERM, _terminate)
-    sys.exit(run(sys.argv[1:]))
+    handle_stopping(_unwind)
+    try:
+        code = run(sys.argv[1:])
+    except SystemExit:
+        code = _stopped(_signals[0])
+    handle_stopping(signal.SIG_DFL)  # all is done, and nothing is left to unwind
+    sys.exit(code)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from types import TracebackType
 from typing import Any, Self
 
+from shapefit.errors import printable
+
 from .streams import tells_progress
 
 
@@ -38,5 +40,5 @@ class Progress:
             return
         if total is not None:
             self._bar.total = total
-        self._bar.set_postfix_str(note, refresh=False)
+        self._bar.set_postfix_str(printable(note), refresh=False)
         self._bar.update(done)

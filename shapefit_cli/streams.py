@@ -8,6 +8,8 @@ import traceback
 
 import click
 
+from shapefit.errors import printable
+
 
 def occupy_closed_streams() -> None:
     """Put the null device in the place of each standard stream that the shell has closed.
@@ -23,9 +25,12 @@ def occupy_closed_streams() -> None:
 
 
 def tell(text: str) -> None:
-    """Write a line for a human to standard error, if there is anybody to read it."""
+    """Write a line for a human to standard error, if there is anybody to read it.
+
+    Names in it come from files: what is not printable is shown as escapes, and stays one line.
+    """
     try:
-        click.echo(text, err=True)
+        click.echo(printable(text), err=True)
     except OSError:
         _discard(sys.stderr.fileno())
 

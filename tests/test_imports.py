@@ -15,6 +15,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 
 LIGHT = {*sys.stdlib_module_names, "click", "shapefit_cli"}
 LIGHT_OF_THE_PACKAGE = {"shapefit", "shapefit.__version__", "shapefit.errors.InputError"}
+LIGHT_OF_THE_PACKAGE |= {"shapefit.errors.printable"}
 """With LIGHT, what `cli` and `shapefit/__init__.py` may import when they are loaded."""
 
 

@@ -44,6 +44,8 @@ def load_model(
 def check(model: type[Config], settings: Settings) -> Config:
     """Return the config that the settings make; raises InputError with every problem at once."""
     problems = settings.problems
+    if not settings.readable:  # what the schema misses may well be there
+        raise InputError(problems)
     try:
         config = model.model_validate(settings.with_data(), by_alias=True, by_name=False)
     except ValidationError as error:

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.expectation import Expected
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import InputPath, InputPaths, OutputPath
 
@@ -95,8 +95,10 @@ class EvalConfig(CommandConfig):
     caveats: Annotated[tuple[str, ...], FromLists] = Field(
         default=(), description="What a reader of the numbers must know; printed with them."
     )
-    plots: bool = Field(
-        default=True, description="Also draw the errors, and the examples (PNG and SVG)."
+    plots: Plots = Field(
+        default="auto",
+        description="Also draw the errors, and the examples (PNG and SVG); "
+        "auto: where matplotlib is installed.",
     )
     examples: Annotated[
         int | tuple[str, ...],

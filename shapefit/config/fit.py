@@ -14,7 +14,7 @@ from shapefit.config.expectation import Expected
 from shapefit.config.fit_camera import ViewingConfig
 from shapefit.config.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.fit_outliers import OutlierSearchConfig
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists
+from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, FromLists
 from shapefit.config.paths import InputPath, InputPaths, OutputPath
 
 
@@ -44,7 +44,9 @@ class SolverConfig(ConfigModel):
         description="What the tolerance bounds: the relative duality gap, or the paper's rule on "
         "the change between iterations (admm only).",
     )
-    max_iterations: int = Field(default=1000, ge=1, description="Most iterations for one image.")
+    max_iterations: int = Field(
+        default=1000, ge=1, le=MOST_STEPS, description="Most iterations for one image."
+    )
 
     @field_validator("stop")
     @classmethod
@@ -63,6 +65,7 @@ class AlternationConfig(ConfigModel):
     views: int = Field(
         default=6,
         ge=1,
+        le=1000,
         description="Views, spread evenly, from which the pose of the mean shape is sought.",
     )
     multi_start: bool = Field(
@@ -74,7 +77,9 @@ class AlternationConfig(ConfigModel):
         gt=0,
         description="Relative fall of the objective at which a round is the last.",
     )
-    max_rounds: int = Field(default=500, ge=1, description="Most rounds for one image.")
+    max_rounds: int = Field(
+        default=500, ge=1, le=MOST_STEPS, description="Most rounds for one image."
+    )
 
 
 class TemporalConfig(ConfigModel):
@@ -101,7 +106,9 @@ class TemporalConfig(ConfigModel):
         description="Change of a depth beyond which the estimate of the single image is taken "
         "for a gross error, in units of the size of the landmarks.",
     )
-    max_rounds: int = Field(default=100, ge=1, description="Most rounds for one sequence.")
+    max_rounds: int = Field(
+        default=100, ge=1, le=MOST_STEPS, description="Most rounds for one sequence."
+    )
 
 
 class FitConfig(CommandConfig):
@@ -192,10 +199,13 @@ class FitConfig(CommandConfig):
     pictures: PicturesConfig = Field(
         default_factory=PicturesConfig.model_construct, description="Pictures of the fitted shapes."
     )
-    threads: int = Field(default=0, ge=0, description="Threads to solve with; 0 is one per core.")
+    threads: int = Field(
+        default=0, ge=0, le=MOST_THREADS, description="Threads to solve with; 0 is one per core."
+    )
     chunk: int = Field(
         default=4096,
         ge=1,
+        le=10_000_000,
         description="Images held in memory at a time, rounded up to a multiple of 64; no result "
         "depends on it, except with `leave_out`, within the tolerance of the solver. With "
         "`temporal.depths` whole sequences are held instead.",
@@ -233,18 +243,25 @@ class FitConfig(CommandConfig):
         robust = self.loss in ("l1", "sparse-error")
         refinable = robust and self.method == "convex+refine"
         if self.loss != "squared" and self.method != "convex" and not refinable:
-            raise ValueError(f"the method {self.method} does not know `loss: {self.loss}`")
+            raise ValueError(
+                f"the method {self.method} does not know `loss: {self.loss}`; "
+                "take `loss: squared` or `method: convex`"
+            )
         if robust and self.outliers.method != "none":
             raise ValueError(
                 f"`loss: {self.loss}` and `outliers: {{method: {self.outliers.method}}}` both look "
                 "for outliers; leave out one of them"
             )
         if self.path and self.method != "convex":
-            raise ValueError("`path` belongs to the method convex")
+            raise ValueError("`path` belongs to the method convex; leave it out")
         if self.path and (self.loss == "exact" or self.solver.name == "admm"):
-            raise ValueError("`path` needs the solver newton and a loss that lambda weighs against")
+            raise ValueError(
+                "`path` needs the solver newton and a loss that lambda weighs against; leave it out"
+            )
         if self.path and (self.leave_out or self.outliers.method != "none"):
-            raise ValueError("`path` goes with neither `leave_out` nor a search for outliers")
+            raise ValueError(
+                "`path` goes with neither `leave_out` nor a search for outliers; leave it out"
+            )
         weak = self.camera.model == "weak-perspective"
         if self.temporal.depths and not weak:
             raise ValueError(
@@ -257,5 +274,7 @@ class FitConfig(CommandConfig):
                 "the others have one rotation an image: set shared"
             )
         if self.camera.model == "perspective" and self.method == "pmp":
-            raise ValueError("`camera: {model: perspective}` does not go with the method pmp")
+            raise ValueError(
+                "`camera: {model: perspective}` does not go with the method pmp; take another"
+            )
         return self

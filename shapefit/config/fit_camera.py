@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from shapefit.config.expectation import Expected
-from shapefit.config.model import ConfigModel, FromLists
+from shapefit.config.model import MOST_STEPS, ConfigModel, FromLists
 
 
 class ViewingConfig(ConfigModel):
@@ -48,7 +48,7 @@ class ViewingConfig(ConfigModel):
         "loses its pull (Cauchy's loss).",
     )
     max_rounds: int = Field(
-        default=1000, ge=1, description="perspective: most rounds for one image."
+        default=1000, ge=1, le=MOST_STEPS, description="perspective: most rounds for one image."
     )
 
     @field_validator("principal_point", "ridge", "softness", "max_rounds")

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from shapefit.config.expectation import Expected
-from shapefit.config.model import CommandConfig
+from shapefit.config.model import MOST_STEPS, CommandConfig
 from shapefit.config.paths import InputPaths, OutputPath
 
 _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
@@ -67,6 +67,7 @@ class LearnDictConfig(CommandConfig):
     iterations: int = Field(
         default=15,
         ge=1,
+        le=MOST_STEPS,
         description="Most rounds of coding all shapes and updating all atoms (sparse-coding only).",
     )
     tolerance: float = Field(

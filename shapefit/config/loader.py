@@ -73,5 +73,5 @@ def dump_config(config: CommandConfig) -> str:
     from ruamel.yaml import YAML
 
     text = io.StringIO()
-    YAML().dump(config.model_dump(mode="json"), text)
+    YAML().dump(config.as_plain(), text)
     return text.getvalue()

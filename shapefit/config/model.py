@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from shapefit.config.expectation import Expected
 from shapefit.config.paths import STANDARD_STREAM, Folder
+from shapefit.errors import path_text
 
 
 def _tuples(value: Any) -> Any:
@@ -18,6 +21,14 @@ def _tuples(value: Any) -> Any:
 
 FromLists = BeforeValidator(_tuples)
 """Annotation metadata: lists (of lists ...) become tuples, so that a config cannot change."""
+
+MOST_STEPS = 1_000_000
+"""Rounds or iterations that nobody waits for; some are counted in memory that is got beforehand."""
+
+MOST_THREADS = 1024
+
+Plots = Annotated[bool | Literal["auto"], Expected("true, false or auto")]
+"""Whether plots are drawn."""
 
 
 class ConfigModel(BaseModel):
@@ -65,7 +76,22 @@ class CommandConfig(ConfigModel):
 
     def as_json(self) -> str:
         """Return the config as one line of JSON, with every default."""
-        return self.model_dump_json()
+        return json.dumps(self.as_plain(), ensure_ascii=False, separators=(",", ":"))
+
+    def as_plain(self) -> dict[str, Any]:
+        """Return the config as JSON has it; a path that is not UTF-8 with escapes (`path_text`)."""
+        return {key: plain(value, path_text) for key, value in self.model_dump().items()}
+
+
+def plain(value: Any, text: Callable[[Path], str]) -> Any:
+    """Return a value of a config as YAML or JSON has it, with `text` for each path."""
+    if isinstance(value, Path):
+        return text(value)
+    if isinstance(value, Mapping):
+        return {key: plain(inner, text) for key, inner in value.items()}
+    if isinstance(value, tuple | list):
+        return [plain(item, text) for item in value]
+    return value
 
 
 def _paths(values: Iterable[Any]) -> Iterator[Path]:

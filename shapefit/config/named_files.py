@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator
 
 from shapefit.config.paths import InputPaths, PathWords, expand_path
+from shapefit.errors import path_text
 
 _EXPECTED = "a path or glob, a list of them, or a mapping name -> path(s)"
 
@@ -24,12 +25,13 @@ def _named(value: Any) -> Any:
         raise ValueError(f"expected {_EXPECTED}, found an empty list")
     named: dict[str, Path] = {}
     for path in dict.fromkeys(file for pattern in patterns for file in expand_path(pattern)):
-        if path.stem in named:
+        name = path_text(path.stem)
+        if name in named:
             raise ValueError(
-                f"{named[path.stem]} and {path} would both be called {path.stem!r}; "
+                f"{named[name]} and {path} would both be called {name!r}; "
                 "name them in the config, `results: {name: path}`"
             )
-        named[path.stem] = path
+        named[name] = path
     return named
 
 

@@ -19,7 +19,7 @@ def schema_problems(
     model: type[BaseModel], error: ValidationError, settings: Settings
 ) -> list[str]:
     """Return one line for each thing that the schema of `model` rejects in `settings`."""
-    return [_problem(model, detail, settings) for detail in error.errors()]
+    return list(dict.fromkeys(_problem(model, detail, settings) for detail in error.errors()))
 
 
 def _problem(model: type[BaseModel], detail: ErrorDetails, settings: Settings) -> str:

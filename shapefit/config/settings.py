@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -16,17 +17,22 @@ from shapefit.errors import input_error
 
 COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"
 
+MOST_BYTES = 1 << 20
+"""Of a config: beyond that it is something else."""
+
 
 @dataclass
 class Settings:
     """Values for a config before they are checked; `problems` is what is wrong already.
 
-    `path_keys` are the keys that hold paths.
+    `path_keys` are the keys that hold paths. Where a file is not `readable`, the keys that it
+    gives are unknown.
     """
 
     path_keys: PathKeys
     values: dict[str, Any] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+    readable: bool = True
     _places: dict[Location, Place] = field(
         default_factory=lambda: {(): Place(COMMAND_LINE, COMMAND_LINE)}
     )
@@ -54,6 +60,7 @@ class Settings:
         name = STANDARD_INPUT if path == STANDARD_STREAM else str(path)
         document = read_yaml(_text(path), lambda line, column: f"{name}:{line}:{column}")
         self.problems += document.problems
+        self.readable = document.readable
         self._places |= document.places
         if document.value is None:
             self._places[()] = Place(f"{name}:1:1", f"{name}:1:1")
@@ -147,7 +154,11 @@ def _text(path: Path) -> str:
     if stream and sys.stdin is None:
         raise input_error(name, "is closed", "send a config there, or name a file")
     try:
-        return (sys.stdin.buffer.read() if stream else path.read_bytes()).decode("utf-8-sig")
+        with nullcontext(sys.stdin.buffer) if stream else path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
+            raise input_error(name, f"larger than {MOST_BYTES} bytes", "give a config in YAML")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise input_error(name, "not a text in UTF-8", "save it as UTF-8") from None
     except OSError as error:

@@ -8,7 +8,14 @@ from annotated_types import Ge, Le
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from shapefit.config.expectation import Expected
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists
+from shapefit.config.model import (
+    MOST_STEPS,
+    MOST_THREADS,
+    CommandConfig,
+    ConfigModel,
+    FromLists,
+    Plots,
+)
 from shapefit.config.paths import OutputPath
 
 
@@ -47,7 +54,7 @@ class ExactSolverConfig(ConfigModel):
         "fall to this.",
     )
     max_iterations: int = Field(
-        default=10000, ge=1, description="Most iterations for one instance."
+        default=10000, ge=1, le=MOST_STEPS, description="Most iterations for one instance."
     )
 
 
@@ -83,7 +90,9 @@ class SimulateConfig(CommandConfig):
         default=tuple(range(5, 51, 5)), description="Numbers of landmarks (p), one a row."
     )
     active_atoms: ActiveAtoms = Field(
-        default=tuple(range(1, 11)), description="Numbers of atoms in use (z), one a column."
+        default=tuple(range(1, 11)),
+        validate_default=True,
+        description="Numbers of atoms in use (z), one a column.",
     )
     trials: int = Field(default=100, ge=1, description="Random instances in each cell.")
     translation: Literal["free", "none"] = Field(
@@ -104,8 +113,13 @@ class SimulateConfig(CommandConfig):
         description="Shares quoted from a publication.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
-    threads: int = Field(default=0, ge=0, description="Threads to solve with; 0 is one per core.")
-    plots: bool = Field(default=True, description="Also draw the heat map (PNG and SVG).")
+    threads: int = Field(
+        default=0, ge=0, le=MOST_THREADS, description="Threads to solve with; 0 is one per core."
+    )
+    plots: Plots = Field(
+        default="auto",
+        description="Also draw the heat map (PNG and SVG); auto: where matplotlib is installed.",
+    )
 
     @field_validator("landmarks", "active_atoms")
     @classmethod

@@ -17,7 +17,7 @@ from shapefit.config.evaluate import ErrorMetric
 from shapefit.config.expectation import Expected
 from shapefit.config.fit import FitConfig
 from shapefit.config.learn_dict import LearnDictConfig
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, plain
 from shapefit.config.paths import (
     STANDARD_STREAM,
     InputPath,
@@ -135,7 +135,10 @@ class SweepConfig(CommandConfig):
         default=(), description="What a reader of the numbers must know; printed with them."
     )
     output: OutputPath = Field(description="Folder to write the report and the files between to.")
-    plots: bool = Field(default=True, description="Also draw the errors (PNG and SVG).")
+    plots: Plots = Field(
+        default="auto",
+        description="Also draw the errors (PNG and SVG); auto: where matplotlib is installed.",
+    )
     view: bool = Field(
         default=True,
         description="Also draw the worst, median and best images in report.html, and write "
@@ -247,7 +250,7 @@ def _changed(section: Section, name: str, key: str, value: Value) -> Section:
     """Return the section with another value of a key; raises InputError if it does not fit."""
     model = type(section)
     settings = Settings(path_keys(model))
-    settings.take_section(name, section.model_dump(mode="json"))
+    settings.take_section(name, plain(section.model_dump(), str))
     settings.set_option(f"{key}={_as_yaml(value)}")
     return check(model, settings)
 

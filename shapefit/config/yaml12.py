@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.error import MarkedYAMLError, YAMLError, YAMLWarning
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from shapefit.config.places import Location, Place
@@ -25,13 +26,27 @@ _NUMBER = re.compile(
 )
 
 
+MOST_VALUES = 100_000
+"""Aliases of aliases make more of them than memory holds, from a few lines."""
+
+LARGEST_INTEGER = 2**63 - 1
+
+
+class _TooMuch(Exception):
+    """A document has more than `MOST_VALUES` values."""
+
+
 @dataclass
 class Document:
-    """What one YAML text says: plain values, the place of each, and what is wrong with it."""
+    """What one YAML text says: plain values, the place of each, and what is wrong with it.
+
+    Where it is not `readable`, nothing is known about its values.
+    """
 
     value: Any = None
     places: dict[Location, Place] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+    readable: bool = True
 
 
 def read_yaml(text: str, place: Callable[[int, int], str]) -> Document:
@@ -43,18 +58,25 @@ def read_yaml(text: str, place: Callable[[int, int], str]) -> Document:
     document = Document()
     yaml = YAML(typ="safe", pure=True)
     try:
-        root = yaml.compose(text)
-        if root is not None:
-            _Reader(yaml, place, document).read(root)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", YAMLWarning)  # on YAML 1.1, and anchors given again
+            root = yaml.compose(text)
+            if root is not None:
+                _Reader(yaml, place, document).read(root)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = place(mark.line + 1, mark.column + 1) if mark else place(1, 1)
         document.problems.append(f"{where}: not valid YAML: {error.problem or error.context}")
     except YAMLError as error:
         document.problems.append(f"{place(1, 1)}: not valid YAML: {str(error).splitlines()[0]}")
+    except _TooMuch:
+        found = f"more than {MOST_VALUES} values, aliases written out"
+        document.problems.append(f"{place(1, 1)}: {found}; a config is small")
     except RecursionError:
         document.problems.append(f"{place(1, 1)}: lists or mappings lie too deep in each other")
-    return document
+    else:
+        return document
+    return replace(document, value=None, readable=False)
 
 
 def _is_absent(node: Node) -> bool:
@@ -67,6 +89,7 @@ class _Reader:
         self._place = place
         self._document = document
         self._around: list[Node] = []
+        self._count = 0
 
     def read(self, root: Node) -> None:
         self._document.value = self._value(root, ())
@@ -76,6 +99,9 @@ class _Reader:
         return self._place(node.start_mark.line + 1, node.start_mark.column + 1)
 
     def _value(self, node: Node, location: Location) -> Any:
+        self._count += 1
+        if self._count > MOST_VALUES:
+            raise _TooMuch
         if node in self._around:
             self._document.problems.append(
                 f"{self._at(node)}: an alias stands for what it stands in; write it out"
@@ -120,14 +146,29 @@ class _Reader:
             values.append(self._value(item, child))
         return values
 
+    def _text(self, node: Node) -> str | None:
+        """Return a text that UTF-8 can hold; `\ud800` in double quotes stands for half a letter."""
+        text = str(node.value)
+        if any("\ud800" <= letter <= "\udfff" for letter in text):
+            self._document.problems.append(
+                f"{self._at(node)}: {text!r} has half a letter in it (a surrogate); write it whole"
+            )
+            return None
+        return text
+
     def _scalar(self, node: Node) -> Any:
         if node.tag not in _SCALAR_TAGS:
-            return node.value
+            return self._text(node)
         try:
             value = self._construct(node)
         except (ValueError, KeyError, IndexError):  # of !!int x, !!bool x, !!int ""
             self._document.problems.append(
                 f"{self._at(node)}: {node.value!r} is not what its tag says"
+            )
+            return None
+        if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+            self._document.problems.append(
+                f"{self._at(node)}: a whole number beyond {LARGEST_INTEGER}; write a smaller one"
             )
             return None
         is_text = node.tag in _NUMBER_TAGS and not _NUMBER.fullmatch(node.value)

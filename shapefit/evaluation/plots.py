@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from shapefit.errors import input_error
 from shapefit.evaluation.labels import SHARE
 from shapefit.evaluation.summary import ALL, Summary
 
@@ -66,15 +65,6 @@ class _Group:
     name: str
     clusters: tuple[_Cluster, ...]
     slots: float
-
-
-def require_matplotlib() -> None:
-    """Raise InputError where matplotlib is not installed."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        fix = "install it with `pip install shapefit[plots]`, or set `plots: false`"
-        raise input_error("plots", "matplotlib is not installed", fix) from None
 
 
 def bar_plot(summaries: Sequence[Summary]) -> Figure:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.convex.solution import Status
+from shapefit.geometry.normalisation import LARGEST
 
 Floats = NDArray[np.float64]
 
@@ -55,7 +56,7 @@ def sum_up(runs: Sequence[Run]) -> Solving:
     statuses = [run.status for run in runs if run.status is not None]
     seconds = [run.seconds for run in runs if run.seconds is not None]
     known = np.concatenate(objectives) if len(objectives) == len(runs) else np.empty(0)
-    known = known[~np.isnan(known)]
+    known = known[np.abs(known) <= LARGEST]
     solved = [np.isin(np.asarray(status, dtype=str), SOLVED).sum() for status in statuses]
     return Solving(
         mean_objective=float(known.mean()) if len(known) else None,

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+# Coordinates and their distances are squared and summed, which must neither overflow nor vanish.
+LARGEST, SMALLEST = 1e150, 1e-150
+
 
 @dataclass(frozen=True)
 class Normalised:

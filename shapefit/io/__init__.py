@@ -1,11 +1,11 @@
 """Files in and out; h5py is imported when the first HDF5 file is handled."""
 
-from shapefit.io.atomic import atomic_path, check_output, digest
+from shapefit.io.atomic import atomic_path, check_output, digest, digests
 from shapefit.io.dictionary_files import read_dictionary, write_dictionary
 from shapefit.io.landmark_files import LandmarkSource, open_landmarks
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, match_landmarks
 from shapefit.io.result_files import read_results
-from shapefit.io.shape_files import read_shapes, write_shapes
+from shapefit.io.shape_files import ShapeSource, open_shapes, read_shapes, write_shapes
 from shapefit.io.writing import landmark_writer, result_writer
 
 __all__ = [
@@ -13,12 +13,15 @@ __all__ = [
     "LandmarkSource",
     "ResultSet",
     "ShapeSet",
+    "ShapeSource",
     "atomic_path",
     "check_output",
     "digest",
+    "digests",
     "landmark_writer",
     "match_landmarks",
     "open_landmarks",
+    "open_shapes",
     "read_dictionary",
     "read_results",
     "read_shapes",

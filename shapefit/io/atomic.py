@@ -7,13 +7,18 @@ import hashlib
 import os
 import secrets
 import stat
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from shapefit.errors import input_error
+from shapefit.errors import input_error, path_text
+from shapefit.io.litter import lock, lock_new, remove_litter
 from shapefit.io.sources import is_stream, require_file
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer as Buffer
 
 NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
@@ -27,6 +32,7 @@ FIXES = {
         (errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENOTEMPTY),
         "choose another name, or move away what is there",
     ),
+    errno.EIO: "look after the disk, or choose another",
     errno.ENOENT: "choose a folder that exists and stays",
     errno.ENAMETOOLONG: "choose a shorter name",
 }
@@ -88,7 +94,8 @@ def storage_errors(
         if numbers is not None and error.errno not in numbers:
             raise
         fix = FIXES.get(error.errno or 0, "choose another folder")
-        raise input_error(target, f"cannot be {done}: {error.strerror}", fix) from error
+        reason = error.strerror or str(error)  # libraries raise OSError without a number, too
+        raise input_error(target, f"cannot be {done}: {reason}", fix) from error
 
 
 @contextmanager
@@ -100,21 +107,22 @@ def atomic_path(target: Path) -> Iterator[Path]:
     `check_output` does, and where the disk is full.
     """
     resolved = check_output(target)
-    temporary = _temporary_name(resolved)
+    _remove_litter(resolved)
     with storage_errors(target, None, "created"):
-        descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+        temporary, descriptor = lock_new(lambda: _temporary_file(resolved))
     try:
         _copy_mode(resolved, descriptor)
-        os.close(descriptor)
         with storage_errors(target):
             yield temporary
+        with storage_errors(target, None):
             with temporary.open("rb") as written:
                 os.fsync(written.fileno())
-        with storage_errors(target, FIXES):
             temporary.replace(resolved)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager
@@ -128,14 +136,32 @@ def atomic_file(target: Path) -> Iterator[FileIO]:
     with storage_errors(target, None, "created"):
         descriptor = _unnamed_file(resolved)
     if descriptor is None:
-        with atomic_path(target) as temporary, FileIO(temporary, "r+") as file:
+        with atomic_path(target) as temporary, _Output(temporary, target) as file:
             yield file
         return
-    with FileIO(descriptor, "r+") as file, storage_errors(target):
+    _remove_litter(resolved)
+    with _Output(descriptor, target) as file, storage_errors(target):
         yield file
-        os.fsync(descriptor)
-        with storage_errors(target, FIXES):
+        with storage_errors(target, None):
+            os.fsync(descriptor)
+            lock(descriptor)
             _name_file(descriptor, resolved)
+
+
+class _Output(FileIO):
+    """A file open to read and write whose own faults are InputErrors at the target."""
+
+    def __init__(self, file: int | Path, target: Path) -> None:
+        super().__init__(file, "r+")
+        self._target = target
+
+    def write(self, data: Buffer, /) -> int:
+        with storage_errors(self._target, None):
+            return super().write(data)
+
+    def truncate(self, size: int | None = None, /) -> int:
+        with storage_errors(self._target, None):
+            return super().truncate(size)
 
 
 def write_all(file: FileIO, data: bytes | memoryview) -> None:
@@ -143,6 +169,11 @@ def write_all(file: FileIO, data: bytes | memoryview) -> None:
     rest = memoryview(data)
     while rest:
         rest = rest[file.write(rest) :]
+
+
+def digests(paths: Iterable[Path]) -> dict[str, str]:
+    """Return the digest of each file under its path, as JSON can hold it."""
+    return {path_text(path): digest(path) for path in dict.fromkeys(paths)}
 
 
 def digest(path: Path) -> str:
@@ -158,8 +189,25 @@ def digest(path: Path) -> str:
 
 def _temporary_name(target: Path) -> Path:
     """Return a new hidden name beside `target`, with its suffix."""
+    start, end = _around_token(target)
+    return target.with_name(f"{start}{secrets.token_hex(4)}{end}")
+
+
+def _around_token(target: Path) -> tuple[str, str]:
     stem, suffix = shortened(target.stem), shortened(target.suffix)
-    return target.with_name(f".{stem}-{secrets.token_hex(4)}.partial{suffix}")
+    return f".{stem}-", f".partial{suffix}"
+
+
+def _temporary_file(target: Path) -> Path:
+    """Make an empty temporary file beside `target`."""
+    path = _temporary_name(target)
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    return path
+
+
+def _remove_litter(target: Path) -> None:
+    """Remove what killed runs left beside `target`."""
+    remove_litter(target.parent, *_around_token(target), os.unlink)
 
 
 def _is_too_long(path: Path) -> bool:

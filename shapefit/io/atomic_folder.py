@@ -5,14 +5,19 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 from shapefit.errors import input_error
 from shapefit.io.atomic import is_writable, shortened, storage_errors
 from shapefit.io.held_signals import held_signals
+from shapefit.io.litter import lock_new, remove_litter
 from shapefit.io.staged_names import StagedNames
+
+NEW, REPLACED, NAMES = "new", "replaced", "names"
+"""In the staging folder: the files to come, those that they replaced, and the list of them."""
 
 Write = Callable[[Path], object]
 
@@ -23,9 +28,10 @@ class StagedFiles:
     def __init__(self, folder: Path, staging: Path, hold: ExitStack) -> None:
         """Take a folder to write to, and what will hold back signals once files move."""
         self.folder = folder
-        self._new, self._old = staging / "new", staging / "replaced"
+        self._staging = staging
+        self._new, self._old = staging / NEW, staging / REPLACED
         self._new.mkdir()
-        self._names = StagedNames(staging / "names")
+        self._names = StagedNames(staging / NAMES)
         self._hold = hold
         self._made: list[Path] = []
         self._published = False
@@ -84,12 +90,7 @@ class StagedFiles:
         """
         if not self._published:
             return
-        stuck: OSError | None = None
-        for name, _ in self._names:
-            try:
-                self._put_back(name)
-            except OSError as error:
-                stuck = error
+        stuck = _put_all_back(self.folder, self._staging, self._names)
         for made in reversed(self._made):
             with suppress(OSError):  # another run may have come to use it
                 made.rmdir()
@@ -98,12 +99,11 @@ class StagedFiles:
             found = f"the earlier files in it cannot be put back: {stuck.strerror}"
             raise input_error(self._old, found, f"move them to {self.folder}") from stuck
 
-    def _put_back(self, name: str) -> None:
-        target, old = self.folder / name, self._old / name
-        if os.path.lexists(old):
-            old.replace(target)
-        elif not os.path.lexists(self._new / name):
-            target.unlink(missing_ok=True)
+    def settle(self) -> None:
+        """Give up what was replaced: from now on nothing is put back."""
+        if self._published and self._old.exists():
+            with suppress(OSError):
+                self._old.rename(self._staging / "obsolete")
 
     def close(self) -> None:
         """Let go of the list of files."""
@@ -164,9 +164,12 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
     ones. Raises InputError as `StagedFiles` does.
     """
     around = folder if folder.is_dir() else folder.parent
+    start, end = f".{shortened(folder.name)}-", ".partial"
+    for place in (folder, folder.parent):
+        remove_litter(place, start, end, partial(_undo, folder))
     with storage_errors(folder, None):
-        prefix = f".{shortened(folder.name)}-"
-        staging = Path(tempfile.mkdtemp(".partial", prefix, around))
+        make = partial(tempfile.mkdtemp, end, start, around)
+        staging, held = lock_new(lambda: Path(make()))
     # Signals that were held back act when the staging folder is gone.
     with ExitStack() as hold:
         files = None
@@ -175,6 +178,7 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
                 files = StagedFiles(folder, staging, hold)
             yield files
             files.publish()
+            files.settle()
         except BaseException:
             if files is not None:
                 files.withdraw()
@@ -184,6 +188,31 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
                 files.close()
             if files is None or not files.stuck:
                 shutil.rmtree(staging, ignore_errors=True)
+            os.close(held)
+
+
+def _undo(folder: Path, staging: Path) -> None:
+    """Remove what a killed run left; where it was moving files, put back those it replaced."""
+    if (staging / REPLACED).exists():
+        names = StagedNames.left_in(staging / NAMES)
+        if _put_all_back(folder, staging, names) is not None:
+            return
+    shutil.rmtree(staging)
+
+
+def _put_all_back(folder: Path, staging: Path, names: Iterable[tuple[str, str]]) -> OSError | None:
+    """Leave the folder as it was before files of these names moved to it; return what failed."""
+    stuck = None
+    for name, _ in names:
+        target, old = folder / name, staging / REPLACED / name
+        try:
+            if os.path.lexists(old):
+                old.replace(target)
+            elif not os.path.lexists(staging / NEW / name):
+                target.unlink(missing_ok=True)
+        except OSError as error:
+            stuck = error
+    return stuck
 
 
 def _keep(target: Path, aside: Path) -> None:

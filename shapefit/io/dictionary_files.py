@@ -8,6 +8,7 @@ import numpy as np
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
+from shapefit.geometry.procrustes import coincide
 from shapefit.io.layout import DICTIONARY
 from shapefit.io.sources import is_csv_target
 from shapefit.io.writing import record_writer
@@ -30,8 +31,11 @@ def read_dictionary(path: Path) -> Dictionary:
         hdf5_checks.check_finite(reader, "mean_shape", [fields["mean_shape"][None]])
         if fields["mesh_vertices"] is not None:
             hdf5_checks.check_finite(reader, "mesh_vertices", [fields["mesh_vertices"]])
+        if coincide(fields["mean_shape"]):
+            found = "all its landmarks lie on one point"
+            raise input_error(reader.place("mean_shape"), found, "make the dictionary again")
         hdf5_checks.check_positive(reader, "atom_scale")
-        hdf5_checks.check_named(reader, [fields["atom_items"] or ()], "atom_item")
+        hdf5_checks.check_named(reader, [fields["atom_items"] or ()], "atom_item", "k")
         hdf5_checks.check_indices(reader, "edges", "p")
         hdf5_checks.check_indices(reader, "mesh_faces", "q")
         if fields["objective_trace"] is None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
+from shapefit.geometry.normalisation import LARGEST
 from shapefit.io.hdf5_reading import Hdf5Reader
 from shapefit.io.problems import Problems
 
@@ -17,9 +18,12 @@ Bad = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
 def check_finite(reader: Hdf5Reader, name: str, blocks: Blocks) -> None:
-    """Raise InputError where a coordinate of the points (n, d, p) is NaN or infinite."""
-    fix = "write a finite number, or leave the item out"
-    _check(reader, name, blocks, lambda values: ~np.isfinite(values), fix)
+    """Raise InputError where a coordinate of the points (n, d, p) is no number to compute with.
+
+    That is NaN, infinite, or so large that its square is.
+    """
+    fix = f"write a finite number, at most {LARGEST:g}, or leave the item out"
+    _check(reader, name, blocks, lambda values: ~(np.abs(values) <= LARGEST), fix)
 
 
 def check_not_infinite(reader: Hdf5Reader, name: str, blocks: Blocks) -> None:
@@ -64,9 +68,14 @@ def check_indices(reader: Hdf5Reader, name: str, axis: str) -> None:
         raise input_error(reader.place(name, int(rows[0])), found, fix)
 
 
-def check_named(reader: Hdf5Reader, blocks: Iterable[Sequence[str]], dataset: str = "item") -> None:
+def check_named(
+    reader: Hdf5Reader, blocks: Iterable[Sequence[str]], dataset: str = "item", axis: str = "n"
+) -> None:
     """Raise InputError where an item of the dataset has no name."""
     problems = Problems()
+    if reader.has(dataset) and reader.size(axis) and not reader.is_written(dataset):
+        found, fix = "was never written", "name every item"
+        raise input_error(reader.place(dataset), found, fix)
     start = 0
     for block in blocks:
         rows = [start + row for row, item in enumerate(block) if not item]

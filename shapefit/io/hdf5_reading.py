@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -12,8 +12,9 @@ from typing import Any, Literal, Self
 import h5py
 import numpy as np
 
-from shapefit.errors import input_error
+from shapefit.errors import input_error, printable
 from shapefit.io.extras import Extras, is_per_item
+from shapefit.io.hdf5_sizes import size_in_memory
 from shapefit.io.layout import (
     AXES,
     PER_ITEM_FLAG,
@@ -24,10 +25,16 @@ from shapefit.io.layout import (
     Format,
     plain_name,
 )
+from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.problems import input_problems
 from shapefit.io.sources import is_hdf5, source_name
 
-BLOCK = 16384
+BLOCK, BLOCK_BYTES = 16384, 1 << 24
+"""Most items, and most bytes of them, that a check reads at a time."""
+
+
+MOST_COMPRESSED = 2000
+"""No filter of HDF5 makes data smaller by more: beyond that they were never written."""
 
 
 class Hdf5Reader:
@@ -120,12 +127,19 @@ class Hdf5Reader:
             return tuple(values)
         if dataset.kind == "label":
             return values.astype(str) if values.dtype.kind == "O" else values
-        array = np.asarray(values, np.int64 if dataset.kind == "index" else np.float64)
+        with np.errstate(invalid="ignore", over="ignore"):  # nan and inf are found by the checks
+            array = np.asarray(values, np.int64 if dataset.kind == "index" else np.float64)
         return np.ascontiguousarray(array.swapaxes(-1, -2)) if dataset.points else array
 
     def read_blocks(self, name: str) -> Iterator[Any]:
-        """Read a dataset per item from the start to the end, some thousand items at a time."""
-        return (self.read(name, slice(row, row + BLOCK)) for row in range(0, self.count, BLOCK))
+        """Read a dataset per item from the start to the end, at most some MB at a time."""
+        rows = max(1, min(BLOCK, BLOCK_BYTES // max(self._size(name, slice(1)), 1)))
+        return (self.read(name, slice(row, row + rows)) for row in range(0, self.count, rows))
+
+    def is_written(self, name: str) -> bool:
+        """Whether anything was ever written to a dataset; a sparse file can be without limits."""
+        with self._damage(name):
+            return bool(self._file[name].id.get_storage_size())
 
     def fields(
         self, rows: slice = slice(None), *, without: Collection[Dataset] = ()
@@ -134,15 +148,18 @@ class Hdf5Reader:
 
         Datasets that are counted by another one come whole. Those in `without` are not read.
         """
-        return {
-            dataset.attribute: self.read(dataset.name, rows if dataset.per_item else slice(None))
+        chosen = {
+            dataset: rows if dataset.per_item else slice(None)
             for dataset in self.form.datasets
             if dataset not in without
         }
+        self._check_fits({dataset.name: part for dataset, part in chosen.items()})
+        return {dataset.attribute: self.read(dataset.name, chosen[dataset]) for dataset in chosen}
 
     def extras(self, rows: slice = slice(None)) -> Extras:
         """Return these rows of the datasets that the format does not know."""
         per_item, whole = self._extra_names
+        self._check_fits(dict.fromkeys(per_item, rows) | dict.fromkeys(whole, ()))
         return Extras(
             {name: self._values(name, rows) for name in per_item},
             {name: np.asarray(self._values(name, ())) for name in whole},
@@ -156,6 +173,9 @@ class Hdf5Reader:
         per_item: list[str] = []
         whole: list[str] = []
         for name, dataset in found:
+            if not isinstance(name, str) or not _is_text_of_files(name):
+                strange = f"there is a name that is not plain UTF-8: {printable(name)}"
+                raise input_error(self.path, strange, "rename it or remove it")
             if name in self.form.names or not isinstance(dataset, h5py.Dataset):
                 continue
             with self._damage(name):
@@ -170,23 +190,52 @@ class Hdf5Reader:
             (per_item if mine else whole).append(name)
         return per_item, whole
 
+    def _check_fits(self, chosen: Mapping[str, slice | tuple[()]]) -> None:
+        """Raise InputError where these rows of datasets are more than memory holds."""
+        present = {name: rows for name, rows in chosen.items() if name in self._file}
+        sizes = {name: self._size(name, rows) for name, rows in present.items()}
+        largest = max(sizes, key=lambda name: sizes[name], default="")
+        check_fits(self.place(largest), sum(sizes.values()), "with the other datasets it")
+
+    def _check_written(self, name: str) -> None:
+        """Raise InputError for a large dataset that takes next to no place in the file."""
+        dataset = self._file[name]
+        if dataset.nbytes > MOST_COMPRESSED * dataset.id.get_storage_size():
+            stored = in_words(dataset.id.get_storage_size())
+            found = f"of its {in_words(dataset.nbytes)} the file holds {stored}"
+            raise input_error(self.place(name), found, "write its values, or make it smaller")
+
+    def _size(self, name: str, rows: slice | tuple[()]) -> int:
+        with self._damage(name):
+            dataset = self._file[name]
+            return size_in_memory(dataset, rows, text=_is_text(dataset))
+
     def _values(self, name: str, rows: slice | tuple[()]) -> Any:
+        size = self._size(name, rows)
+        check_fits(self.place(name), size)
+        if size > ALWAYS_FITS:
+            self._check_written(name)
         try:
             with self._damage(name):
                 dataset = self._file[name]
-                return dataset.asstr()[rows] if _is_text(dataset) else dataset[rows]
+                if not _is_text(dataset):
+                    return dataset[rows]
+                texts = dataset.asstr()[rows]
         except UnicodeDecodeError as error:
             fix = "write its texts as UTF-8"
             raise input_error(self.place(name), "holds text that is not UTF-8", fix) from error
+        if "\0" in "".join(np.ravel(texts)):
+            raise input_error(self.place(name), "holds a text with a zero byte in it", "remove it")
+        return texts
 
     def _check_format(self) -> None:
         with self._damage():
             stored = {name: _plain(value) for name, value in self._file.attrs.items()}
         self._root = {name: value for name, value in stored.items() if value is not None}
         for name, value in self._root.items():
-            if isinstance(value, str) and not _is_unicode(value):
+            if isinstance(value, str) and not _is_text_of_files(value):
                 place, fix = f"{self.path}: root attribute {name}", "write it as UTF-8"
-                raise input_error(place, "is not UTF-8 text", fix)
+                raise input_error(place, "is not UTF-8 text, or has a zero byte", fix)
         found = self._root.get("format")
         if found is None:
             fix = f"set it to {self.form.name} if the file is laid out so"
@@ -235,13 +284,15 @@ class Hdf5Reader:
 
     def _read_landmark_names(self) -> tuple[str, ...]:
         names: tuple[str, ...] = self.read("landmark_names")
+        known: set[str] = set()
         for row, name in enumerate(names):
             place = self.place("landmark_names", row)
             if not name:
                 raise input_error(place, "is empty", "give every landmark a name")
-            if name in names[:row]:
+            if name in known:
                 fix = "give every landmark a name of its own"
                 raise input_error(place, f"repeats the name '{name}'", fix)
+            known.add(name)
         return names
 
     @contextmanager
@@ -296,6 +347,6 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _is_unicode(text: str) -> bool:
+def _is_text_of_files(text: str) -> bool:
     # h5py gives bytes that are not UTF-8 as lone surrogates, which no file can hold.
-    return not any("\ud800" <= letter <= "\udfff" for letter in text)
+    return not any("\ud800" <= letter <= "\udfff" or letter == "\0" for letter in text)

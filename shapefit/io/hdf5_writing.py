@@ -71,6 +71,7 @@ class Hdf5Writer:
         with self._spool_errors():
             if self._first is None:
                 self._begin(record, rows)
+                self._check_spool()
             if rows.keys() != self._datasets.keys():
                 raise ValueError("the datasets of this record are not those of the first")
             if record.landmark_names != self._first.landmark_names:
@@ -80,6 +81,7 @@ class Hdf5Writer:
                 start = len(dataset)
                 dataset.resize(start + len(values), axis=0)
                 dataset[start:] = values
+                self._check_spool()
         self.attributes.update(getattr(record, "attributes", {}))
 
     def _begin(self, record: Any, rows: dict[str, Array]) -> None:
@@ -140,7 +142,9 @@ class Hdf5Writer:
         )
 
     def _whole(self, name: str, values: Array) -> Any:
-        return self._file.create_dataset(name, data=values, dtype=_file_type(values))
+        dataset = self._file.create_dataset(name, data=values, dtype=_file_type(values))
+        self._check_spool()
+        return dataset
 
     @contextmanager
     def _spool_errors(self) -> Iterator[None]:
@@ -148,8 +152,11 @@ class Hdf5Writer:
         try:
             yield
         finally:
-            if self._spool.error:
-                raise self._spool.error
+            self._check_spool()
+
+    def _check_spool(self) -> None:
+        if self._spool.error:
+            raise self._spool.error
 
 
 def _in_file(dataset: Dataset, value: Any) -> Array:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 
 from shapefit.io.agreement import agreed, check_same_extras
-from shapefit.io.duplicates import ItemList, check_unique_items
+from shapefit.io.chunked import ChunkedSource, SourceFile
+from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
 from shapefit.io.layout import LANDMARKS, UNKNOWN_UNIT
-from shapefit.io.records import LandmarkSet, concatenate
+from shapefit.io.records import LandmarkSet
 from shapefit.io.sources import is_hdf5, source_name
 
 Read = Callable[[slice], LandmarkSet]
@@ -23,15 +23,10 @@ Direction = Literal["up", "down"]
 
 
 @dataclass(frozen=True)
-class _File:
-    """One file of a source: `head` has all but the images, `open` gives a reader of rows."""
+class _File(SourceFile[LandmarkSet]):
+    """One file of a source, and the direction of y where it states one."""
 
-    name: str
-    head: LandmarkSet
-    y_axis: Direction | None
-    count: int
-    items: ItemList
-    open: Callable[[], AbstractContextManager[Read]]
+    y_axis: Direction | None = None
 
 
 def open_landmarks(paths: Sequence[Path]) -> LandmarkSource:
@@ -44,7 +39,7 @@ def open_landmarks(paths: Sequence[Path]) -> LandmarkSource:
     return LandmarkSource([_open(path) for path in paths])
 
 
-class LandmarkSource:
+class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
     """The images of one or more files: `with open_landmarks(paths) as source: ...`.
 
     Landmarks are matched by name: `landmark_names` are those of all files in order of
@@ -52,20 +47,18 @@ class LandmarkSource:
     """
 
     def __init__(self, files: Sequence[_File]) -> None:
-        self._files = files
-        self._running: list[Generator[LandmarkSet, None, None]] = []
-        check_unique_items([file.items for file in files])
-        self._check_agreement()
+        super().__init__(files)
+        self._head = _common_head([file for file in files if file.count] or files)
+
+    @property
+    def head(self) -> LandmarkSet:
+        """All of the source but its images."""
+        return self._head
 
     @property
     def landmark_names(self) -> tuple[str, ...]:
         """Names of the landmarks, in the order of the arrays."""
         return self._head.landmark_names
-
-    @property
-    def count(self) -> int:
-        """Number of images."""
-        return sum(file.count for file in self._files)
 
     @property
     def unit(self) -> str:
@@ -82,68 +75,6 @@ class LandmarkSource:
         """Names of the datasets that the format does not know."""
         return tuple(self._head.extras)
 
-    def chunks(self, size: int) -> Iterator[LandmarkSet]:
-        """Give out the images in order, `size` at a time (fewer in the last chunk).
-
-        A source without images gives one empty set, so that what is made of it can be written.
-        """
-        if size < 1:
-            raise ValueError(f"size must be at least 1, not {size}")
-        chunks = self._read(size)
-        self._running.append(chunks)
-        return chunks
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        for chunks in self._running:
-            chunks.close()
-
-    def _read(self, size: int) -> Generator[LandmarkSet, None, None]:
-        if self.count == 0:
-            yield self._head
-        parts: list[LandmarkSet] = []
-        room = size
-        for file in self._files:
-            with file.open() as read:
-                start = 0
-                while start < file.count:
-                    stop = min(start + room, file.count)
-                    parts.append(self._conform(read(slice(start, stop)), file.name))
-                    room -= stop - start
-                    start = stop
-                    if room == 0:
-                        yield concatenate(parts)
-                        parts, room = [], size
-        if parts:
-            yield concatenate(parts)
-
-    def _check_agreement(self) -> None:
-        """Set the head of the whole source; InputError where its files do not go together."""
-        files = [file for file in self._files if file.count] or self._files
-        units = [(file.name, _stated_unit(file.head)) for file in files]
-        check_same_extras([(file.name, Extras.of(file.head.extras, 0)) for file in files])
-        first = files[0].head
-        names = dict.fromkeys(name for file in files for name in file.head.landmark_names)
-        sequences = any(file.head.sequences is not None for file in files)
-        confidence = any(file.head.confidence is not None for file in files)
-        self._head = LandmarkSet(
-            landmarks=np.empty((0, 2, len(names))),
-            confidence=np.empty((0, len(names))) if confidence else None,
-            landmark_names=tuple(names),
-            items=(),
-            sequences=() if sequences else None,
-            unit=agreed("unit", units, UNKNOWN_UNIT),
-            y_axis=agreed("y_axis", [(file.name, file.y_axis) for file in files], "up"),
-            extras=first.arrange(tuple(names)).extras,
-        )
-
     def _conform(self, part: LandmarkSet, place: str) -> LandmarkSet:
         """Give a part of one file the landmarks and fields of the whole source."""
         changes: dict[str, Any] = {"unit": self._head.unit, "y_axis": self._head.y_axis}
@@ -152,6 +83,26 @@ class LandmarkSource:
         if self._head.sequences is not None and part.sequences is None:
             changes["sequences"] = ("",) * len(part)
         return replace(part, **changes).arrange(self._head.landmark_names, place)
+
+
+def _common_head(files: Sequence[_File]) -> LandmarkSet:
+    """Return the head of a whole source; InputError where its files do not go together."""
+    units = [(file.name, _stated_unit(file.head)) for file in files]
+    check_same_extras([(file.name, Extras.of(file.head.extras, 0)) for file in files])
+    first = files[0].head
+    names = dict.fromkeys(name for file in files for name in file.head.landmark_names)
+    sequences = any(file.head.sequences is not None for file in files)
+    confidence = any(file.head.confidence is not None for file in files)
+    return LandmarkSet(
+        landmarks=np.empty((0, 2, len(names))),
+        confidence=np.empty((0, len(names))) if confidence else None,
+        landmark_names=tuple(names),
+        items=(),
+        sequences=() if sequences else None,
+        unit=agreed("unit", units, UNKNOWN_UNIT),
+        y_axis=agreed("y_axis", [(file.name, file.y_axis) for file in files], "up"),
+        extras=first.arrange(tuple(names)).extras,
+    )
 
 
 def _stated_unit(head: LandmarkSet) -> str | None:
@@ -168,9 +119,7 @@ def _open_table(path: Path) -> _File:
     table = read_landmark_table(path)
     name = source_name(path)
     items = ItemList(lambda: [table.items], lambda _: name)
-    return _File(
-        name, table.take(slice(0)), None, len(table), items, lambda: nullcontext(table.take)
-    )
+    return _File(name, table.take(slice(0)), len(table), items, lambda: nullcontext(table.take))
 
 
 def _open_hdf5(path: Path) -> _File:
@@ -193,7 +142,7 @@ def _open_hdf5(path: Path) -> _File:
             hdf5_checks.check_confidence(reader, reader.read_blocks("confidence"))
         head = _read_rows(reader, slice(0))
         item_list = ItemList(items, lambda row: f"{path}:/item[{row}]")
-        return _File(str(path), head, head.y_axis, reader.count, item_list, opened)
+        return _File(str(path), head, reader.count, item_list, opened, head.y_axis)
 
 
 def _read_rows(reader: Any, rows: slice) -> LandmarkSet:

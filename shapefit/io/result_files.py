@@ -6,8 +6,9 @@ from pathlib import Path
 
 from shapefit.io.duplicates import ItemList, check_unique_items
 from shapefit.io.layout import PROOF, RESULTS
+from shapefit.io.magnitudes import Axis, check_magnitudes
 from shapefit.io.records import ResultSet
-from shapefit.io.sources import is_hdf5
+from shapefit.io.sources import is_hdf5, source_name
 
 
 def read_results(path: Path) -> ResultSet:
@@ -17,6 +18,13 @@ def read_results(path: Path) -> ResultSet:
     the file: see proof_files.py. Raises InputError for what is
     wrong with the file, and for items that occur twice.
     """
+    results = _read(path)
+    items, landmarks = Axis("item", results.items), Axis("landmark", results.landmark_names)
+    check_magnitudes(source_name(path), results.shapes, items, landmarks)
+    return results
+
+
+def _read(path: Path) -> ResultSet:
     if not is_hdf5(path):
         from shapefit.io.csv_tables import read_result_table
 

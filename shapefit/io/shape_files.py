@@ -2,37 +2,79 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from shapefit.errors import input_error
 from shapefit.io.agreement import agreed, check_same_array, check_same_extras
-from shapefit.io.duplicates import ItemList, check_unique_items
+from shapefit.io.chunked import ChunkedSource, SourceFile
+from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Array, Extras
 from shapefit.io.layout import SHAPES, UNKNOWN_UNIT
-from shapefit.io.records import ShapeSet, concatenate, match_landmarks
+from shapefit.io.magnitudes import Axis, check_magnitudes
+from shapefit.io.records import ShapeSet, match_landmarks
 from shapefit.io.sources import is_hdf5, source_name
 from shapefit.io.writing import record_writer
 
 
+@dataclass(frozen=True)
+class _File(SourceFile[ShapeSet]):
+    """One file of a source; `sequences` reads those of all its shapes, if it has any."""
+
+    sequences: Callable[[], Iterable[Sequence[str]]]
+
+
 def read_shapes(paths: Sequence[Path]) -> ShapeSet:
-    """Read shapes from HDF5 and CSV files (`-` is standard input) as one set.
+    """Read shapes from HDF5 and CSV files as one set, as `open_shapes` opens them."""
+    with open_shapes(paths) as source:
+        (shapes,) = source.chunks(max(source.count, 1))
+        return shapes
+
+
+def open_shapes(paths: Sequence[Path]) -> ShapeSource:
+    """Open HDF5 and CSV files of shapes (`-` is standard input) as one source.
 
     Landmarks are matched by name and stand in the order of the first file, items in the order of
-    the files; where only some files have sequences, those of the others are empty texts. Raises
-    InputError for what is wrong with a file, for items that occur twice, and for files that do
-    not go together (other landmarks, units, meshes or further datasets).
+    the files; where only some files have sequences, those of the others are empty texts.
+    Everything is checked before the first shape is given out. Raises InputError for what is wrong
+    with a file, for items that occur twice, and for files that do not go together (other
+    landmarks, units, meshes or further datasets). HDF5 is read a chunk at a time, CSV whole.
     """
-    sets = [_read(path) for path in paths]
-    check_unique_items([_item_list(path, part) for path, part in zip(paths, sets, strict=True)])
-    files = [(source_name(path), part) for path, part in zip(paths, sets, strict=True)]
-    files = [file for file in files if len(file[1])] or files[:1]
-    landmark_names = files[0][1].landmark_names
-    files = [(name, _arranged(shapes, landmark_names, name)) for name, shapes in files]
-    return concatenate(_completed(files))
+    return ShapeSource([_open(path) for path in paths])
+
+
+class ShapeSource(ChunkedSource[ShapeSet, _File]):
+    """The shapes of one or more files: `with open_shapes(paths) as source: ...`."""
+
+    def __init__(self, files: Sequence[_File]) -> None:
+        super().__init__(files)
+        self._head = _common_head([file for file in files if file.count] or files[:1])
+
+    @property
+    def head(self) -> ShapeSet:
+        """All of the source but its shapes."""
+        return self._head
+
+    def sequences(self) -> Iterator[Sequence[str]]:
+        """Read the sequences of all shapes, block by block; an empty text where there is none."""
+        for file in self._files:
+            if file.head.sequences is None:
+                yield ("",) * file.count
+            else:
+                yield from file.sequences()
+
+    def _conform(self, part: ShapeSet, place: str) -> ShapeSet:
+        part = _arranged(part, self._head.landmark_names, place)
+        sequences = part.sequences
+        if self._head.sequences is not None and sequences is None:
+            sequences = ("",) * len(part)
+        edges, unit = self._head.edges, self._head.unit
+        return replace(part, sequences=sequences, edges=edges, unit=unit)
 
 
 def write_shapes(path: Path, shapes: ShapeSet) -> None:
@@ -44,29 +86,59 @@ def write_shapes(path: Path, shapes: ShapeSet) -> None:
         writer.append(shapes)
 
 
-def _read(path: Path) -> ShapeSet:
-    if not is_hdf5(path):
-        from shapefit.io.csv_tables import read_shape_table
+def _open(path: Path) -> _File:
+    return _open_hdf5(path) if is_hdf5(path) else _open_table(path)
 
-        return read_shape_table(path)
+
+def _open_table(path: Path) -> _File:
+    from shapefit.io.csv_tables import read_shape_table
+
+    table = read_shape_table(path)
+    name, landmarks = source_name(path), Axis("landmark", table.landmark_names)
+    check_magnitudes(name, table.shapes, Axis("item", table.items), landmarks)
+    items = ItemList(lambda: [table.items], lambda _: name)
+    return _File(
+        name,
+        table.take(slice(0)),
+        len(table),
+        items,
+        lambda: nullcontext(table.take),
+        lambda: [table.sequences or ()],
+    )
+
+
+def _open_hdf5(path: Path) -> _File:
     from shapefit.io import hdf5_checks
     from shapefit.io.hdf5_reading import Hdf5Reader
 
+    @contextmanager
+    def opened() -> Iterator[Callable[[slice], ShapeSet]]:
+        with Hdf5Reader(path, SHAPES) as reader:
+            yield lambda rows: _read_rows(reader, rows)
+
+    def texts(name: str) -> Iterator[tuple[str, ...]]:
+        with Hdf5Reader(path, SHAPES) as reader:
+            yield from reader.read_blocks(name)
+
     with Hdf5Reader(path, SHAPES) as reader:
-        shapes = ShapeSet(**reader.fields(), unit=reader.unit, extras=reader.extras())
-        hdf5_checks.check_named(reader, [shapes.items])
-        hdf5_checks.check_finite(reader, "shapes", [shapes.shapes])
-        if shapes.mesh_vertices is not None:
-            hdf5_checks.check_finite(reader, "mesh_vertices", [shapes.mesh_vertices])
+        hdf5_checks.check_named(reader, reader.read_blocks("item"))
+        hdf5_checks.check_finite(reader, "shapes", reader.read_blocks("shapes"))
+        if reader.has("mesh_vertices"):
+            hdf5_checks.check_finite(reader, "mesh_vertices", reader.read_blocks("mesh_vertices"))
         hdf5_checks.check_indices(reader, "edges", "p")
         hdf5_checks.check_indices(reader, "mesh_faces", "q")
-    return shapes
+        return _File(
+            str(path),
+            _read_rows(reader, slice(0)),
+            reader.count,
+            ItemList(lambda: texts("item"), lambda row: f"{path}:/item[{row}]"),
+            opened,
+            lambda: texts("sequence"),
+        )
 
 
-def _item_list(path: Path, shapes: ShapeSet) -> ItemList:
-    hdf5 = is_hdf5(path)
-    name = source_name(path)
-    return ItemList(lambda: [shapes.items], lambda row: f"{name}:/item[{row}]" if hdf5 else name)
+def _read_rows(reader: Any, rows: slice) -> ShapeSet:
+    return ShapeSet(**reader.fields(rows), unit=reader.unit, extras=reader.extras(rows))
 
 
 def _arranged(shapes: ShapeSet, names: tuple[str, ...], place: str) -> ShapeSet:
@@ -100,17 +172,17 @@ def _mirror_index(index: Array, names: tuple[str, ...], place: str) -> Array:
     return index
 
 
-def _completed(files: Sequence[tuple[str, ShapeSet]]) -> list[ShapeSet]:
-    """Give all parts the same unit, edges and optional fields; InputError where they disagree."""
-    units = [(name, None if part.unit == UNKNOWN_UNIT else part.unit) for name, part in files]
+def _common_head(files: Sequence[_File]) -> ShapeSet:
+    """Return the head of a whole source; InputError where its files do not go together."""
+    names = files[0].head.landmark_names
+    heads = [(file.name, _arranged(file.head, names, file.name)) for file in files]
+    units = [(name, None if head.unit == UNKNOWN_UNIT else head.unit) for name, head in heads]
     unit = agreed("unit", units, UNKNOWN_UNIT)
-    meshes = [(name, part.mesh_vertices) for name, part in files]
+    meshes = [(name, head.mesh_vertices) for name, head in heads]
     sizes = [(name, None if mesh is None else np.array(mesh.shape[1:])) for name, mesh in meshes]
     check_same_array("mesh", sizes)
-    check_same_array("mesh_faces", [(name, part.mesh_faces) for name, part in files])
-    check_same_extras([(name, Extras.of(part.extras, len(part))) for name, part in files])
-    edges = next((part.edges for _, part in files if part.edges is not None), None)
-    parts = [replace(part, unit=unit, edges=edges) for _, part in files]
-    if any(part.sequences is not None for part in parts):
-        parts = [replace(part, sequences=part.sequences or ("",) * len(part)) for part in parts]
-    return parts
+    check_same_array("mesh_faces", [(name, head.mesh_faces) for name, head in heads])
+    check_same_extras([(name, Extras.of(head.extras, 0)) for name, head in heads])
+    edges = next((head.edges for _, head in heads if head.edges is not None), None)
+    sequences = () if any(head.sequences is not None for _, head in heads) else None
+    return replace(heads[0][1], unit=unit, edges=edges, sequences=sequences)

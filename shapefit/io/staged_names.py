@@ -29,10 +29,16 @@ class StagedNames:
     def __iter__(self) -> Iterator[tuple[str, str]]:
         """Yield name and item; raises OSError as `add` does."""
         self._file.flush()
-        with self._path.open() as lines:
+        return self.left_in(self._path)
+
+    @staticmethod
+    def left_in(path: Path) -> Iterator[tuple[str, str]]:
+        """Yield name and item of a list in a file; a last line that was cut off is no entry."""
+        with path.open() as lines:
             for line in lines:
-                name, item = json.loads(line)
-                yield name, item
+                if line.endswith("\n"):
+                    name, item = json.loads(line)
+                    yield name, item
 
     def close(self) -> None:
         """Let go of the file."""

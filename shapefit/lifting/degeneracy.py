@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.geometry.normalisation import LARGEST, SMALLEST
+
 Floats = NDArray[np.float64]
 
 FEWEST = 3
@@ -13,9 +15,6 @@ BEYOND_CHANCE = FEWEST + 1
 
 # Landmarks lie on a line where their second singular value is this small beside the first.
 FLAT = 1e-9
-
-# Coordinates and their distances are squared and summed, which must neither overflow nor vanish.
-LARGEST, SMALLEST = 1e150, 1e-150
 
 
 def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:

@@ -62,6 +62,8 @@ def refine_sequences(
         if not len(landmarks):
             continue
         scale = _size(landmarks)
+        if not scale > 0:  # empty shapes, all landmarks on one point: there are no depths
+            continue
         lengths = longest_lengths(landmarks, bones) / scale
         for part in runs(known[clip]):
             part = slice(clip.start + part.start, clip.start + part.stop)

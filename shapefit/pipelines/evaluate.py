@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from shapefit import __version__
 from shapefit.config import EvalConfig, ViewConfig
-from shapefit.errors import input_error
+from shapefit.errors import input_error, path_text, printable
 from shapefit.evaluation import plots, tables
 from shapefit.evaluation.box_plots import box_plot
 from shapefit.evaluation.errors_document import document, markdown
@@ -17,7 +18,8 @@ from shapefit.evaluation.report import NORMALISED, Method, Report
 from shapefit.evaluation.solving import Run, sum_up
 from shapefit.evaluation.summary import ImageErrors, summarise
 from shapefit.io import ResultSet, ShapeSet, read_results, read_shapes
-from shapefit.io.atomic import digest
+from shapefit.io.atomic import digests
+from shapefit.pipelines.drawing import check_can_draw, draws_plots, plots_left_out
 from shapefit.pipelines.examples import Lifted, check_examples, examples_picture, keep
 from shapefit.pipelines.floors import Shown, floor_errors, shown_in
 from shapefit.pipelines.image_errors import find_grouping, image_errors
@@ -38,16 +40,17 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     tables as its note. Nothing is written before all results were judged. Raises InputError for
     files that cannot be read or compared, images that leave every metric undefined, a dictionary
     that gives no floors, groups that no sequence belongs to, examples that cannot be drawn, an
-    output folder that cannot be written, and plots without matplotlib.
+    output folder that cannot be written, and plots that are asked for without matplotlib.
     """
     check_folder(config.output)
-    if config.plots:
-        plots.require_matplotlib()
-    truth = read_shapes(config.truth)
+    draws = draws_plots(config.plots)
     examples = config.examples if config.plots else 0
+    if examples:
+        check_can_draw("examples")
+    truth = read_shapes(config.truth)
     check_examples(examples, truth, config.truth)
     found = _Found()
-    yield from _judge_all(config, truth, found)
+    yield from _judge_all(config, truth, found, keep_all=bool(examples))
     errors = found.errors
     if not errors:
         nothing = f"no image has anything to judge in {', '.join(config.metrics)}"
@@ -60,20 +63,19 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         summaries=tuple(s for e in errors for s in summarise(e, grouping)),
         published=config.published,
         caveats=config.caveats,
-        warnings=(*found.warnings, *ungrouped),
+        warnings=tuple(map(printable, (*found.warnings, *ungrouped))),
         provenance=_provenance(config),
     )
     writers = _tables(errors, report)
-    if config.plots:
+    if draws:
         writers |= _plots(errors, grouping)
     if examples:
         writers |= plots.writers("examples", examples_picture(examples, found.lifted, truth))
     blocks = [*document(report, MOST_FAILURES), *contact_sheets(found.fitted_with, config.output)]
     pages = report_pages("report", blocks, writers, errors, view_of(config), report.provenance)
-    written = tuple(write_folder(config.output, writers | pages.writers))
-    yield Outcome(
-        warnings=ungrouped + pages.warnings, note=markdown(report).rstrip(), written=written
-    )
+    written = write_folder(config.output, writers | pages.writers)
+    warnings = ungrouped + plots_left_out(config.plots) + pages.warnings
+    yield Outcome(warnings=warnings, note=markdown(report).rstrip(), written=written)
 
 
 def view_of(config: EvalConfig) -> ViewConfig | None:
@@ -100,8 +102,13 @@ class _Found:
     fitted_with: dict[str, list[str]] = field(default_factory=dict)
 
 
-def _judge_all(config: EvalConfig, truth: ShapeSet, found: _Found) -> Iterator[Outcome]:
-    """Judge every result file and add to what was found; one outcome a file."""
+def _judge_all(
+    config: EvalConfig, truth: ShapeSet, found: _Found, *, keep_all: bool
+) -> Iterator[Outcome]:
+    """Judge every result file and add to what was found; one outcome a file.
+
+    With `keep_all` the shapes stay, to draw examples of them.
+    """
     for name, files in config.results.items():
         judgements, runs, lifted = [], [], []
         for file in files:
@@ -112,7 +119,7 @@ def _judge_all(config: EvalConfig, truth: ShapeSet, found: _Found) -> Iterator[O
             results, too_few = visible_enough(file, results, config.least_visible)
             judgement = judge(file, results, truth, config.match, config.metrics)
             judgements.append(judgement)
-            if config.plots and config.examples:
+            if keep_all:
                 lifted.append(keep(results, judgement, truth))
             if config.floors:
                 found.shown |= shown_in(results, judgement, config.floors.leave_out)
@@ -148,14 +155,21 @@ def _run_of(results: ResultSet) -> Run:
         images=len(results),
         objective=results.objective,
         status=results.status,
-        seconds=float(seconds) if isinstance(seconds, int | float) else None,
+        seconds=_seconds(seconds),
     )
+
+
+def _seconds(stated: object) -> float | None:
+    """Return what a file states; None where that is no time."""
+    if isinstance(stated, int | float) and math.isfinite(stated) and stated >= 0:
+        return float(stated)
+    return None
 
 
 def _method(name: str, judgements: Sequence[Judgement], runs: Sequence[Run]) -> Method:
     return Method(
         name=name,
-        files=tuple(str(j.file) for j in judgements),
+        files=tuple(path_text(j.file) for j in judgements),
         images=sum(len(j.items) for j in judgements),
         failures={item: why for j in judgements for item, why in j.failures.items()},
         solving=sum_up(runs),
@@ -168,7 +182,7 @@ def _provenance(config: EvalConfig) -> dict[str, object]:
     return {
         "version": __version__,
         "config": json.loads(config.as_json()),
-        "inputs": {str(file): digest(file) for file in files},
+        "inputs": digests(files),
     }
 
 

@@ -18,14 +18,14 @@ from shapefit.errors import input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
-    digest,
+    digests,
     open_landmarks,
     read_dictionary,
     result_writer,
 )
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
-from shapefit.pipelines.counted import counted
+from shapefit.pipelines.counted import counted, nothing_in
 from shapefit.pipelines.dictionary_kind import mismatch
 from shapefit.pipelines.fit_export import open_exports
 from shapefit.pipelines.fit_record import as_result, find_renamed
@@ -82,9 +82,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             version=__version__,
             config=config.as_json(),
             config_digest=hashlib.sha256(config.as_json().encode()).hexdigest(),
-            inputs=json.dumps(
-                {str(path): digest(path) for path in (*config.landmarks, config.dictionary)}
-            ),
+            inputs=json.dumps(digests((*config.landmarks, config.dictionary))),
             solve_seconds=solve_seconds,
             images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,
         )
@@ -92,7 +90,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         exports.publish()
     yield Outcome(
         total=source.count,
-        warnings=mismatch(config, dictionary)
+        warnings=nothing_in(source.count, "images")
+        + mismatch(config, dictionary)
         + find_renamed(source, config)
         + left_in
         + exports.warnings,
@@ -157,6 +156,11 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
         worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
         told.append(
             f"{counted(len(limited), 'image')} not optimal, the worst: {describe(lifting, worst)}"
+        )
+    if images.confidence is not None and (images.confidence > 1).any():
+        told.append(
+            "confidences above 1: they are weights, and larger ones pull harder against `lambda`; "
+            "divide them by their largest value if that is not meant"
         )
     empty = find_empty(lifting)
     if empty:

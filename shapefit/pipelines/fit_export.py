@@ -18,6 +18,7 @@ from shapefit.errors import input_error
 from shapefit.io import ResultSet
 from shapefit.io.atomic_folder import StagedFiles, staged_files
 from shapefit.io.sources import is_stream
+from shapefit.pipelines.drawing import check_can_draw
 from shapefit.pipelines.report_folder import check_folder
 
 if TYPE_CHECKING:
@@ -82,9 +83,9 @@ def open_exports(config: FitConfig, dictionary: Dictionary, count: int) -> Itera
     if pictures is not None:
         _check_folder(pictures, "pictures.folder", config.output)
         _check_output(config.output, pictures, config.pictures.format)
-        from shapefit.pipelines.picture_export import PictureExport, check_pictures
+        from shapefit.pipelines.picture_export import PictureExport
 
-        check_pictures()
+        check_can_draw("pictures")
     exporters: list[MeshExport | PictureExport] = []
     staged: dict[str, StagedFiles] = {}
     with ExitStack() as stack:

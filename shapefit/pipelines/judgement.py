@@ -71,7 +71,9 @@ def judge(
             datasets = " and ".join(f"`{name}`" for name in lacking)
             unmeasured.append(f"no {metric} without the dataset {datasets}")
             continue
-        errors |= measure(metric, estimate, true, data, (truth.unit, results.unit))
+        with np.errstate(all="ignore"):  # what overflows is no error that can be told
+            measured = measure(metric, estimate, true, data, (truth.unit, results.unit))
+        errors |= {kind: np.where(np.isfinite(v), v, np.nan) for kind, v in measured.items()}
     if not errors:
         found = "; ".join(unmeasured)
         raise input_error(file, found, "add the metric `similarity`, which needs only shapes")

@@ -17,7 +17,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.pca_bases import principal_components
 from shapefit.errors import input_error
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import check_output, digest, write_dictionary
+from shapefit.io import check_output, digests, write_dictionary
 from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.counted import counted
 from shapefit.pipelines.outcome import Outcome
@@ -151,6 +151,6 @@ def _dictionary(config: LearnDictConfig, training: TrainingShapes, atoms: Floats
             "method": config.method,
             "version": __version__,
             "config": config.as_json(),
-            "inputs": json.dumps({str(path): digest(path) for path in config.shapes}),
+            "inputs": json.dumps(digests(config.shapes)),
         },
     )

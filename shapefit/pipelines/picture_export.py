@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import input_error
 from shapefit.evaluation.plots import save
 from shapefit.io import ResultSet
 from shapefit.io.atomic_folder import StagedFiles
@@ -29,13 +27,6 @@ Floats = NDArray[np.float64]
 
 SHEETS = (PurePosixPath("contact_sheet"), PurePosixPath("contact_sheet%"))
 """Names of the contact sheet: the usual one, and what the file of an item is never called."""
-
-
-def check_pictures() -> None:
-    """Raise InputError where matplotlib is not installed; does not import it."""
-    if find_spec("matplotlib") is None:
-        fix = "install it with `pip install shapefit[plots]`, or leave `pictures` out"
-        raise input_error("pictures", "matplotlib is not installed", fix)
 
 
 class PictureExport:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +15,17 @@ from shapefit import __version__
 from shapefit.config import ProjectConfig
 from shapefit.geometry import cameras
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import LandmarkSet, ShapeSet, check_output, digest, landmark_writer, read_shapes
+from shapefit.io import (
+    LandmarkSet,
+    ShapeSet,
+    ShapeSource,
+    check_output,
+    digests,
+    landmark_writer,
+    open_shapes,
+)
 from shapefit.io.extras import CORRUPTED, Extras
+from shapefit.pipelines.counted import nothing_in
 from shapefit.pipelines.imperfections import (
     BLOCK,
     Purpose,
@@ -45,14 +55,13 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
     gives px. Raises InputError for files that cannot be read or written.
     """
     check_output(config.output)
-    shapes = read_shapes(config.shapes)
-    total = len(shapes) * config.repeat
-    starts = range(0, max(len(shapes), 1), BLOCK)
-    with landmark_writer(config.output) as writer:
+    with open_shapes(config.shapes) as source, landmark_writer(config.output) as writer:
+        total = source.count * config.repeat
+        blocks = max(math.ceil(source.count / BLOCK), 1)
+        lengths = sequence_lengths(source)
         for turn in range(config.repeat):
-            turntable = Turntable(_sequences(shapes), turn / config.repeat)
-            for block, start in enumerate(starts, turn * len(starts)):
-                part = shapes.take(slice(start, start + BLOCK))
+            turntable = Turntable(lengths, turn / config.repeat)
+            for block, part in enumerate(source.chunks(BLOCK), turn * blocks):
                 rotations = _rotations(config, turntable.turns(_sequences(part)), block)
                 images = _images(part, rotations, config, block)
                 writer.append(_name_pass(images, turn) if config.repeat > 1 else images)
@@ -60,17 +69,27 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
         writer.attributes.update(
             version=__version__,
             config=config.as_json(),
-            inputs=json.dumps({str(path): digest(path) for path in config.shapes}),
+            inputs=json.dumps(digests(config.shapes)),
         )
-    yield Outcome(total=total, written=(config.output,))
+    yield Outcome(
+        total=total, warnings=nothing_in(source.count, "shapes"), written=(config.output,)
+    )
+
+
+def sequence_lengths(source: ShapeSource) -> Counter[str]:
+    """Count the frames of each sequence."""
+    lengths: Counter[str] = Counter()
+    for names in source.sequences():
+        lengths.update(names)
+    return lengths
 
 
 class Turntable:
     """Counts the frames of each sequence: frame t of n has made start + t / n of a turn."""
 
-    def __init__(self, sequences: Sequence[str], start: float = 0.0) -> None:
+    def __init__(self, lengths: Mapping[str, int], start: float = 0.0) -> None:
         self._start = start
-        self._length = Counter(sequences)
+        self._length = lengths
         self._seen: Counter[str] = Counter()
 
     def turns(self, sequences: Sequence[str]) -> Floats:

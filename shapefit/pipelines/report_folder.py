@@ -1,13 +1,15 @@
-"""The folder of a report: checked before the work, filled file by file after it."""
+"""The folder of a report: checked before the work, filled at once after it."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path, PurePosixPath
 
 from shapefit.errors import input_error
-from shapefit.io.atomic import atomic_path, check_output
+from shapefit.io.atomic import check_output
+from shapefit.io.atomic_folder import staged_files
 from shapefit.io.sources import is_stream
 
 Writer = Callable[[Path], object]
@@ -22,17 +24,19 @@ def check_folder(folder: Path) -> None:
     check_output(folder / "report" if os.path.isdir(folder) else folder)
 
 
-def write_folder(folder: Path, writers: Mapping[str, Writer]) -> Iterator[Path]:
-    """Make the folder and write each file, name -> writer; yields the files as they are complete.
+def write_folder(folder: Path, writers: Mapping[str, Writer]) -> tuple[Path, ...]:
+    """Write each file, name -> writer, to the folder, which is made; return their paths.
 
-    Raises InputError where that is not possible.
+    They appear together. Raises InputError where that is not possible; the folder then stays as
+    it was.
     """
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        found = f"the folder cannot be made: {error.strerror}"
-        raise input_error(folder, found, "choose another folder") from error
-    for name, write in writers.items():
-        with atomic_path(folder / name) as path:
-            write(path)
-        yield folder / name
+    with staged_files(folder) as staged:
+        for name, write in writers.items():
+            staged.write(PurePosixPath(name), partial(_write_and_sync, write), name)
+    return tuple(folder / name for name in writers)
+
+
+def _write_and_sync(write: Writer, path: Path) -> None:
+    write(path)
+    with path.open("rb") as written:
+        os.fsync(written.fileno())

@@ -17,9 +17,14 @@ from shapefit.evaluation import plots, recovery_grid
 from shapefit.evaluation.heat_maps import heat_maps
 from shapefit.evaluation.recovery import Attempt, plant, recover
 from shapefit.evaluation.recovery_grid import Cell, PublishedShares, RecoveryGrid
+from shapefit.io.memory import check_fits
 from shapefit.pipelines.counted import counted
+from shapefit.pipelines.drawing import draws_plots, plots_left_out
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
+
+COPIES = 8
+"""Of the atoms of an instance, that the solver holds at a time: a generous guess."""
 
 PROGRAMS = {
     "free": "min sum ||M_i||_2 subject to W = sum M_i B_i + T 1^T (the paper's program on centred "
@@ -32,12 +37,12 @@ def run(config: SimulateConfig) -> Iterator[Outcome]:
     """Attempt all trials of each cell, then write the tables and the heat map to the folder.
 
     One outcome a cell, with the trials that could not be solved, and a last one with the Markdown
-    table as its note. Raises InputError for a folder that cannot be written, and plots without
-    matplotlib.
+    table as its note. Raises InputError for a folder that cannot be written, and plots that are
+    asked for without matplotlib.
     """
     check_folder(config.output)
-    if config.plots:
-        plots.require_matplotlib()
+    draws = draws_plots(config.plots)
+    _check_memory(config)
     began = time.perf_counter()
     places = [(p, z) for p in config.landmarks for z in config.active_atoms]
     cells: list[Cell] = []
@@ -63,8 +68,19 @@ def run(config: SimulateConfig) -> Iterator[Outcome]:
             "seconds": time.perf_counter() - began,
         },
     )
-    written = tuple(write_folder(config.output, _writers(grid, with_plot=config.plots)))
-    yield Outcome(note=recovery_grid.markdown(grid).rstrip(), written=written)
+    written = write_folder(config.output, _writers(grid, with_plot=draws))
+    yield Outcome(
+        note=recovery_grid.markdown(grid).rstrip(),
+        warnings=plots_left_out(config.plots),
+        written=written,
+    )
+
+
+def _check_memory(config: SimulateConfig) -> None:
+    """Raise InputError for numbers of atoms and landmarks that do not fit in memory."""
+    threads = config.threads or os.cpu_count() or 1
+    size = COPIES * threads * 8 * 3 * config.k * max(config.landmarks)
+    check_fits("landmarks", size, f"k = {config.k} with {max(config.landmarks)} landmarks")
 
 
 def attempt(config: SimulateConfig, p: int, z: int, trial: int) -> Attempt:

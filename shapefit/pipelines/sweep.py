@@ -13,6 +13,7 @@ from shapefit import __version__
 from shapefit.config import SweepConfig, ViewConfig
 from shapefit.config.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.sweep import Value
+from shapefit.errors import input_error
 from shapefit.evaluation import labels, plots
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.sweep import (
@@ -27,9 +28,17 @@ from shapefit.evaluation.sweep import (
 )
 from shapefit.evaluation.sweep_plots import sweep_plot
 from shapefit.evaluation.tables import write_per_image
-from shapefit.io import ResultSet, digest, read_dictionary, read_results, read_shapes
+from shapefit.io import (
+    ResultSet,
+    digests,
+    open_landmarks,
+    read_dictionary,
+    read_results,
+    read_shapes,
+)
 from shapefit.io.extras import CORRUPTED
 from shapefit.pipelines import fit, learn_dict, project
+from shapefit.pipelines.drawing import draws_plots, plots_left_out
 from shapefit.pipelines.image_errors import find_grouping, image_errors
 from shapefit.pipelines.judgement import judge
 from shapefit.pipelines.outcome import Failure, Outcome
@@ -57,11 +66,12 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
     A step that the key has no say in is done once, for all values. The files between stand in the
     folder `work` of the output. One outcome a stretch of the fits, and a last one with the
     Markdown table as its note. Raises InputError as the commands of the chain do, for an output
-    folder that cannot be written, and plots without matplotlib.
+    folder that cannot be written, and plots that are asked for without matplotlib.
     """
     check_folder(config.output)
-    if config.plots:
-        plots.require_matplotlib()
+    draws = draws_plots(config.plots)
+    if not config.project:
+        _check_match(config, config.fit.landmarks)
     work = config.output / "work"
     files: Files | None = None
     truth = read_shapes(config.truth)
@@ -71,6 +81,7 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         folder = _folder(config, value)
         folder.mkdir(parents=True, exist_ok=True)
         files = yield from _prepare(config, value, files, folder, work)
+        _check_match(config, (files.landmarks,))
         result = folder / "result.h5"
         failed = yield from _fit(config, value, files, result)
         results = read_results(result)
@@ -86,7 +97,7 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         judged += errors
         found += [point for e in errors for point in points(value, e, grouping, seconds)]
     sweep = Sweep(config.key, tuple(found), config.caveats, _provenance(config))
-    writers = _writers(sweep, judged, with_plot=config.plots)
+    writers = _writers(sweep, judged, with_plot=draws)
     best = best_value(sweep)
     pages = report_pages(
         "sweep",
@@ -96,8 +107,9 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         _view_of(config, best) if config.view else None,
         sweep.provenance,
     )
-    written = tuple(write_folder(config.output, writers | pages.writers))
-    yield Outcome(note=markdown(sweep).rstrip(), warnings=pages.warnings, written=written)
+    written = write_folder(config.output, writers | pages.writers)
+    warnings = plots_left_out(config.plots) + pages.warnings
+    yield Outcome(note=markdown(sweep).rstrip(), warnings=warnings, written=written)
 
 
 def best_value(sweep: Sweep) -> Value:
@@ -122,6 +134,14 @@ def _folder(config: SweepConfig, value: Value) -> Path:
     """Return the folder of the files between, of one value."""
     number = config.values.index(value) + 1
     return config.output / "work" / f"{number}_{_file_name(value)}"
+
+
+def _check_match(config: SweepConfig, landmarks: Sequence[Path]) -> None:
+    """Raise InputError where the landmarks have no dataset that names the truth of an image."""
+    with open_landmarks(landmarks) as source:
+        if config.match not in ("item", *source.further_datasets):
+            found = f"the landmarks have no dataset '{config.match}'"
+            raise input_error("match", found, "name one that holds items of the truth, or `item`")
 
 
 def _prepare(
@@ -238,7 +258,7 @@ def _provenance(config: SweepConfig) -> dict[str, object]:
     return {
         "version": __version__,
         "config": json.loads(config.as_json()),
-        "inputs": {str(file): digest(file) for file in dict.fromkeys(files)},
+        "inputs": digests(files),
     }
 
 

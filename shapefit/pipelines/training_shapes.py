@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shapefit.config import LearnDictConfig
 from shapefit.errors import input_error
-from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.normalisation import SMALLEST, normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
 from shapefit.io import ShapeSet, match_landmarks, read_shapes
 from shapefit.meshes.dense import carry_mesh
@@ -88,15 +88,18 @@ def every_nth(sequences: tuple[str, ...], n: int) -> list[int]:
 
 def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
     """Return the shapes that can be normalised, and the others as failures."""
-    finite = np.all(np.isfinite(shapes.shapes), axis=(-2, -1))
-    usable = finite & ~coincide(shapes.shapes)
-    failures = tuple(
-        Failure(
-            shapes.items[i],
-            "all its landmarks lie on one point" if finite[i] else "a coordinate is not finite",
-        )
-        for i in np.flatnonzero(~usable)
-    )
+    apart = ~coincide(shapes.shapes)
+    extent = np.ptp(shapes.shapes, axis=-1).max(axis=-1, initial=0.0)
+    usable = apart & np.isfinite(extent) & (extent >= SMALLEST)
+
+    def reason(i: int) -> str:
+        if not np.isfinite(extent[i]):
+            return "a coordinate is not finite"
+        if not apart[i]:
+            return "all its landmarks lie on one point"
+        return f"its landmarks are too close together, within {extent[i]:.2g}: use a smaller unit"
+
+    failures = tuple(Failure(shapes.items[i], reason(i)) for i in np.flatnonzero(~usable).tolist())
     return shapes.take(usable), failures
 
 

@@ -22,8 +22,8 @@ def test_a_wrong_config_stops_before_the_pipeline(shapefit, fake_pipeline):
     result = shapefit("fit", "-c", "fit.yaml", "--set", "threads=-1", "--set", "chunk=0")
     assert (result.code, configs) == (2, [])
     assert result.err == (
-        "Error: --set threads=-1: expected a whole number >= 0, found -1\n"
-        "Error: --set chunk=0: expected a whole number >= 1, found 0\n"
+        "Error: --set threads=-1: expected a whole number >= 0 and <= 1024, found -1\n"
+        "Error: --set chunk=0: expected a whole number >= 1 and <= 10000000, found 0\n"
     )
 
 
@@ -51,6 +51,15 @@ def test_an_internal_error_is_one_line(shapefit, fake_pipeline):
     assert result.err == (
         "Internal error: ZeroDivisionError: division by zero "
         "(this is a bug in shapefit; --traceback or SHAPEFIT_TRACEBACK=1 shows where)\n"
+    )
+
+
+def test_a_lack_of_memory_is_no_internal_error(shapefit, fake_pipeline):
+    fake_pipeline("fit", [MemoryError("Unable to allocate 6.71 GiB for an array")])
+    result = shapefit("fit", "-c", "fit.yaml")
+    assert result.code == 2
+    assert result.err == (
+        "Error: memory: Unable to allocate 6.71 GiB for an array; give fewer items at a time\n"
     )
 
 

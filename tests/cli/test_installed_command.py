@@ -76,20 +76,31 @@ def test_a_reader_that_stops_reading_is_not_an_internal_error(folder, lines):
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 128 + signal.SIGTERM)]
+    ("number", "told"),
+    [
+        (signal.SIGINT, "Interrupted"),
+        (signal.SIGTERM, "Ended by SIGTERM"),
+        (signal.SIGHUP, "Ended by SIGHUP"),
+    ],
 )
-def test_a_signal_unwinds_the_pipeline(folder, number, code):
-    body = """
+@pytest.mark.parametrize("becomes", ["itself", "an ImportError"])
+def test_a_signal_unwinds_the_pipeline(folder, number, told, becomes):
+    body = f"""
     try:
         print("ready", flush=True)
         time.sleep(60)
         yield Outcome(done=1)
+    except BaseException as error:
+        if {becomes == "an ImportError"}:
+            raise ImportError("numpy could not be imported") from error
+        raise
     finally:
         print("unwound", flush=True)
     """
     process = subprocess.Popen(
         driver(folder, body),
         stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
         # where the tests run in the background, SIGINT is ignored, and by their children too
         preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
@@ -98,7 +109,52 @@ def test_a_signal_unwinds_the_pipeline(folder, number, code):
     process.send_signal(number)
     assert process.stdout.read() == "unwound\n"
     process.stdout.close()
-    assert process.wait() == code
+    assert process.stderr.read() == f"{told}; no file is left half written.\n"
+    process.stderr.close()
+    assert process.wait() == 128 + number
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_before_all_is_imported_ends_the_process_without_a_traceback(number):
+    code = """
+import sys, time
+from shapefit_cli import start
+
+class Slow:
+    def find_spec(self, name, path=None, target=None):
+        if name == "shapefit_cli.main":
+            print("ready", flush=True)
+            time.sleep(60)
+
+sys.meta_path.insert(0, Slow())
+start.main()
+"""
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
+    )
+    assert process.stdout.readline() == b"ready\n"
+    process.send_signal(number)
+    assert process.communicate() == (b"", b"")
+    assert process.returncode == 128 + number
+
+
+def test_an_ignored_signal_stays_ignored(folder):
+    body = """
+    import os, signal
+    os.kill(os.getpid(), signal.SIGHUP)
+    yield Outcome(done=1)
+    """
+    done = subprocess.run(
+        driver(folder, body),
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
+        check=False,
+    )
+    assert (done.returncode, done.stderr.partition(" in ")[0]) == (0, "fit: 1 image")
 
 
 BAR_BODY = """

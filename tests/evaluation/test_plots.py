@@ -7,7 +7,6 @@ import sys
 import numpy as np
 import pytest
 
-from shapefit.errors import InputError
 from shapefit.evaluation import plots
 from shapefit.evaluation.summary import ImageErrors, group_sequences, summarise
 
@@ -132,12 +131,6 @@ def test_files_are_png_and_svg_and_the_same_every_time(tmp_path):
     for file_format in plots.FORMATS:
         first, second = (tmp_path / f"{turn}.{file_format}" for turn in ("first", "second"))
         assert first.read_bytes() == second.read_bytes()
-
-
-def test_missing_matplotlib_names_the_fix(monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(InputError, match=r"pip install shapefit\[plots\].*plots: false"):
-        plots.require_matplotlib()
 
 
 def test_importing_the_evaluation_does_not_import_matplotlib():

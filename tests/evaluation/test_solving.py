@@ -31,7 +31,9 @@ def test_what_one_file_does_not_tell_is_unknown_for_the_method():
 
 
 def test_without_a_known_objective_there_is_no_mean():
-    assert sum_up([Run(1, np.array([np.nan]), STATUS[3:], 0.5)]) == Solving(None, 500.0, 0.0)
+    for objective in (np.nan, np.inf, 1e300):
+        run = Run(1, np.array([objective]), STATUS[3:], 0.5)
+        assert sum_up([run]) == Solving(None, 500.0, 0.0)
 
 
 @pytest.mark.parametrize(

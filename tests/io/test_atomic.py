@@ -82,7 +82,7 @@ def test_a_failing_rename_leaves_nothing(tmp_path, writer, monkeypatch):
         raise OSError(errno.EIO, "broken")
 
     monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(OSError, match="broken"):
+    with pytest.raises(InputError, match="cannot be written: broken"):
         writer(target)
     assert target.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["out.bin"]
@@ -240,3 +240,45 @@ def test_a_folder_that_comes_to_stand_in_the_place_of_the_file(tmp_path, writer)
     with pytest.raises(InputError, match="cannot be written: Is a directory"), atomic_file(target):
         target.mkdir()
     assert os.listdir(tmp_path) == ["out.bin"]
+
+
+def test_what_a_killed_run_left_is_removed_by_the_next(tmp_path, writer):
+    target = tmp_path / "out.bin"
+    others = {".out-0123abcd.partial.txt", ".out-0123.partial.bin", ".in-0123abcd.partial.bin"}
+    for name in (".out-0123abcd.partial.bin", ".out-deadbeef.partial.bin", *others):
+        (tmp_path / name).write_bytes(b"litter")
+    for write in (writer, by_path):
+        (tmp_path / ".out-0123abcd.partial.bin").write_bytes(b"litter")
+        write(target)
+        assert set(os.listdir(tmp_path)) == {"out.bin", *others}
+
+
+def test_what_a_running_process_writes_is_no_litter(tmp_path):
+    target = tmp_path / "out.bin"
+    with atomic_path(target) as first:
+        with atomic_path(target) as second:
+            second.write_bytes(b"second")
+        assert target.read_bytes() == b"second"
+        first.write_bytes(b"first")
+    assert target.read_bytes() == b"first"
+    assert os.listdir(tmp_path) == ["out.bin"]
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.EACCES, errno.ENOSPC])
+@pytest.mark.parametrize("call", ["fsync", "link"])
+def test_faults_of_the_output_itself_are_input_errors(
+    tmp_path, problems, monkeypatch, number, call
+):
+    def fail(*_, **__):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, call, fail)
+    target = tmp_path / "out.bin"
+    (line,) = problems(lambda: write_new(target))
+    assert line.startswith(f"{target}: cannot be written: {os.strerror(number)}; ")
+    assert os.listdir(tmp_path) == []
+
+
+def write_new(target):
+    with atomic_file(target) as file:
+        write_all(file, b"new")

@@ -289,6 +289,23 @@ def test_a_process_killed_while_it_moves_leaves_what_it_replaced(tmp_path, run_p
     assert (staging / "replaced/a").read_text() == "old"
 
 
+def test_the_next_run_puts_back_what_a_killed_one_replaced(tmp_path, run_python):
+    for name in "ab":
+        (tmp_path / name).write_text("old")
+    run_python(KILLED, tmp_path)
+    with staged_files(tmp_path):
+        pass
+    assert content(tmp_path) == {"a": "old", "b": "old"}
+
+
+def test_a_folder_of_another_run_at_work_is_no_litter(tmp_path, run_python):
+    with staged_files(tmp_path) as first:
+        first.write(PurePosixPath("a"), lambda path: path.write_text("first"), "a")
+        with staged_files(tmp_path) as second:
+            second.write(PurePosixPath("b"), lambda path: path.write_text("second"), "b")
+    assert content(tmp_path) == {"a": "first", "b": "second"}
+
+
 @pytest.mark.parametrize("name", ["n" * 250, "ü" * 120])
 def test_a_folder_may_have_a_long_name(tmp_path, name):
     write(tmp_path / name, "a.txt")

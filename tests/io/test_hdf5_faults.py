@@ -134,7 +134,8 @@ def test_a_root_attribute_that_is_not_utf8(landmark_file, problems):
     with h5py.File(landmark_file, "a") as file:
         file.attrs.create("unit", b"\xff", dtype=h5py.string_dtype())
     assert problems(read_landmarks, landmark_file) == (
-        f"{landmark_file}: root attribute unit: is not UTF-8 text; write it as UTF-8",
+        f"{landmark_file}: root attribute unit: is not UTF-8 text, or has a zero byte; "
+        "write it as UTF-8",
     )
 
 
@@ -232,7 +233,7 @@ def test_coordinates_of_shapes_must_be_finite(shape_file, shapes, problems, valu
     x, y, _ = bad[3, 1]
     assert line == (
         f"{shape_file}:/shapes[3]: landmark 'left hand' is ({x}, {y}, {value}); "
-        "write a finite number, or leave the item out"
+        "write a finite number, at most 1e+150, or leave the item out"
     )
 
 

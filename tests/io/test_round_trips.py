@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.normalisation import LARGEST
+from shapefit.geometry.procrustes import coincide
 from shapefit.io import (
     landmark_writer,
     open_landmarks,
@@ -26,7 +28,7 @@ from shapefit.io import (
 from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, concatenate
 
-finite = st.floats(allow_nan=False, allow_infinity=False)
+finite = st.floats(-LARGEST, LARGEST)
 positive = st.floats(0, exclude_min=True, allow_infinity=False)
 anything = st.floats()
 texts = st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=6)
@@ -128,10 +130,11 @@ def attributes(values):
 @st.composite
 def dictionaries(draw):
     k, p, q = (draw(st.integers(1, 3)) for _ in range(3))
+    p += 1
     return Dictionary(
         atoms=draw(numbers((k, 3, p))),
         landmark_names=draw(distinct(p)),
-        mean_shape=draw(numbers((3, p))),
+        mean_shape=draw(numbers((3, p)).filter(lambda mean: not coincide(mean))),
         edges=draw(optional(indices(2, p))),
         mesh_vertices=draw(numbers((k, 3, q))),
         mesh_faces=draw(optional(indices(3, q))),

@@ -13,7 +13,7 @@ import pytest
 
 from shapefit.io import landmark_writer, open_landmarks, read_results, result_writer
 from shapefit.io.records import LandmarkSet, ResultSet
-from shapefit.io.spool import Spool
+from shapefit.io.spool import PAGE, Spool
 
 MAKE = """
 import os, resource, signal, sys
@@ -73,7 +73,7 @@ def test_the_disk_test_can_pass(tmp_path, run_python):
     assert len(read_results(tmp_path / "result.h5")) == 8000
 
 
-def test_after_an_error_the_spool_drops_what_hdf5_writes(tmp_path):
+def test_after_an_error_the_spool_keeps_in_memory_what_hdf5_writes(tmp_path):
     class Failing(FileIO):
         full = False
 
@@ -85,6 +85,10 @@ def test_after_an_error_the_spool_drops_what_hdf5_writes(tmp_path):
         def truncate(self, size=None):
             raise OSError(errno.EIO, "second")
 
+    def content(spool, start, size):
+        spool.seek(start)
+        return spool.read(size)
+
     with Failing(tmp_path / "file", "w+") as file:
         spool = Spool(file)
         assert spool.write(memoryview(b"abc")) == 3
@@ -93,7 +97,15 @@ def test_after_an_error_the_spool_drops_what_hdf5_writes(tmp_path):
         assert spool.write(memoryview(b"def")) == 3
         file.full = False
         assert spool.write(memoryview(b"ghi")) == 3
-        assert spool.truncate(9) == 9
+        assert (spool.tell(), spool.seek(0, os.SEEK_END)) == (9, 9)
+        spool.seek(1)
+        assert spool.write(memoryview(b"B")) == 1
+        assert content(spool, 0, 20) == b"aBcdefghi"
+        spool.seek(3 * PAGE - 1)
+        assert spool.write(memoryview(b"xyz")) == 3
+        assert content(spool, 3 * PAGE - 2, 9) == b"\0xyz"
+        assert spool.truncate(2) == 2
+        assert content(spool, 0, 9) == b"aB"
         assert spool.error.strerror == "first"
     assert (tmp_path / "file").read_bytes() == b"abc"
 

@@ -152,3 +152,9 @@ def test_runs_of_equal_neighbours():
 def test_names_must_match_the_shapes(estimate):
     with pytest.raises(ValueError, match="2 sequence names for 120 shapes"):
         refine(estimate, ("a", "b"))
+
+
+def test_empty_shapes_have_no_depths_to_refine():
+    shapes = np.zeros((4, 3, 6)) + np.array([1.0, 2.0, 0.0])[:, None]
+    refined = refine_sequences(shapes, ("a",) * 4, BONES, SETTINGS)
+    np.testing.assert_array_equal(refined, shapes)

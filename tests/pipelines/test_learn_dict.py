@@ -278,6 +278,18 @@ class TestFailures:
         assert failures(outcomes) == dict.fromkeys(("item4", "item7"), "a coordinate is not finite")
         assert np.isfinite(dictionary.atoms).all()
 
+    def test_a_shape_whose_squares_vanish_is_left_out(self, config, shapes, tmp_path):
+        points = shapes.shapes.copy()
+        points[4] *= 1e-160
+        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
+        outcomes, dictionary = learned(config())
+        ((item, reason),) = failures(outcomes).items()
+        assert (item, reason.partition(", within")[0]) == (
+            "item4",
+            "its landmarks are too close together",
+        )
+        assert np.isfinite(dictionary.atoms).all()
+
     def test_shapes_that_are_not_kept_cannot_fail(self, config, shapes, tmp_path):
         points = shapes.shapes.copy()
         points[4] = 0

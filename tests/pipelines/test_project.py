@@ -9,7 +9,7 @@ import pytest
 
 from shapefit.config import ProjectConfig
 from shapefit.errors import InputError
-from shapefit.io import open_landmarks, write_shapes
+from shapefit.io import open_landmarks, shape_files, write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.imperfections import BLOCK
 from shapefit.pipelines.project import run
@@ -247,3 +247,19 @@ def test_what_came_with_the_shapes_is_no_truth_of_the_view(tmp_path, shapes):
     np.testing.assert_array_equal(images.extras["input_corrupted"], marks)
     np.testing.assert_array_equal(images.extras["mass"], marks)
     assert "corrupted" not in images.extras
+
+
+def test_shapes_are_read_block_by_block(tmp_path, many, monkeypatch):
+    """What is held at a time is a block, however many shapes there are."""
+    sizes = []
+    read = shape_files._read_rows
+
+    def counted(reader, rows):
+        part = read(reader, rows)
+        sizes.append(len(part))
+        return part
+
+    monkeypatch.setattr(shape_files, "_read_rows", counted)
+    _, outcomes = view(tmp_path, many, repeat=2)
+    assert sum(outcome.done for outcome in outcomes) == 2 * len(many)
+    assert max(sizes) == BLOCK

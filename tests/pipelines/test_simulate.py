@@ -125,7 +125,7 @@ def test_the_heat_map_is_drawn(config):
 
 def test_plots_without_matplotlib_stop_before_the_work(config, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(InputError, match="plots: false"):
+    with pytest.raises(InputError, match="pip install matplotlib"):
         next(run(changed(config, plots=True)))
 
 

@@ -216,7 +216,7 @@ def test_wrong_folders_and_groups_and_no_matplotlib_are_input_errors(sweep, tmp_
     with pytest.raises(InputError, match="mkdir -p"):
         sweep({"fit.lambda": [0.1]}, output=str(tmp_path / "no/out"))
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(InputError, match="plots: false"):
+    with pytest.raises(InputError, match="pip install matplotlib"):
         sweep({"fit.lambda": [0.1]}, plots=True)
 
 

@@ -1,5 +1,6 @@
 """What stops an evaluation, and what it leaves behind then."""
 
+import errno
 from dataclasses import replace
 
 import pytest
@@ -30,6 +31,22 @@ def test_a_crash_while_writing_leaves_old_files_and_no_half_ones(desk, monkeypat
     assert (desk.config.output / "report.md").read_bytes() == old["report.md"]
 
 
+@pytest.mark.parametrize(
+    "fault", [OSError(errno.ENOSPC, "No space left on device"), OSError("No space left (os 28)")]
+)
+def test_a_full_disk_is_told_and_replaces_nothing(desk, monkeypatch, fault):
+    desk.run()
+    old = {path.name: path.read_bytes() for path in desk.config.output.iterdir()}
+
+    def fill(report):
+        raise fault
+
+    monkeypatch.setattr(tables, "report_json", fill)
+    with pytest.raises(InputError, match=r"report/report.json: cannot be written: No space left"):
+        desk.run(metrics=["similarity"])
+    assert {path.name: path.read_bytes() for path in desk.config.output.iterdir()} == old
+
+
 class TestInputErrors:
     def test_groups_match_no_sequence(self, desk):
         with pytest.raises(InputError, match=r"groups: no sequence matches.*13_01, 13_02, 14_01"):
@@ -55,3 +72,20 @@ class TestInputErrors:
     def test_output_is_standard_output(self, desk):
         with pytest.raises(InputError, match="folder"):
             desk.begin(output="-")
+
+
+@pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0, "soon"])
+def test_a_time_that_is_none_is_unknown(desk, results, seconds):
+    desk.write("convex.h5", replace(results, attributes={"solve_seconds": seconds}))
+    desk.run()
+    assert "solving alone" not in (desk.config.output / "report.md").read_text()
+
+
+def test_what_overflows_is_a_failure_of_the_image(desk, results):
+    fitted = results.landmarks_fitted.copy()
+    fitted[2] = 1e300
+    desk.write("convex.h5", replace(results, landmarks_fitted=fitted))
+    outcomes = desk.run(metrics=["similarity", "reprojection"])
+    (failure,) = [failure for outcome in outcomes for failure in outcome.failures]
+    assert failure.item == "item2"
+    assert "reprojection" in failure.reason

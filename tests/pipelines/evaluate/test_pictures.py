@@ -71,6 +71,19 @@ class TestExamples:
 
 def test_without_matplotlib_nothing_is_written(desk, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(InputError, match=r"shapefit\[plots\]"):
+    with pytest.raises(
+        InputError, match=r"plots: matplotlib is not installed; .*`pip install matplotlib`"
+    ):
         desk.run(plots=True)
+    with pytest.raises(InputError, match="examples: matplotlib is not installed"):
+        desk.run(plots="auto", examples=1)
     assert not desk.config.output.exists()
+
+
+def test_by_default_plots_are_left_out_without_matplotlib(desk, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    *_, last = desk.run(plots="auto")
+    (warning,) = last.warnings
+    assert warning.startswith("no plots: matplotlib is not installed; install it with `pip ")
+    written = {path.name for path in desk.config.output.iterdir()}
+    assert written == {"per_image.csv", "report.csv", "report.json", "report.md"}

@@ -127,7 +127,9 @@ class TestRefused:
 
     def test_pictures_without_matplotlib(self, tmp_path, run, monkeypatch):
         monkeypatch.setitem(sys.modules, "matplotlib", None)
-        with pytest.raises(InputError, match=r"pictures: matplotlib is not.*shapefit\[plots\]"):
+        with pytest.raises(
+            InputError, match=r"pictures: matplotlib is not.*pip install matplotlib"
+        ):
             run(pictures={"folder": str(tmp_path / "pictures")})
 
 
@@ -237,7 +239,7 @@ def test_a_folder_where_a_mesh_goes_leaves_everything_as_it_was(tmp_path, export
     ("error", "raised"),
     [
         (OSError(errno.EACCES, "Permission denied"), InputError),
-        (OSError(errno.EIO, "Input/output error"), OSError),
+        (OSError(errno.EIO, "Input/output error"), InputError),
         (KeyboardInterrupt(), KeyboardInterrupt),
     ],
 )

@@ -1,0 +1,208 @@
+"""`python -m fuzz.faults`: every call that writes fails once; outputs are old or new, never half.
+
+The process runs with `failing_calls.c` preloaded; each case is forked from it. `--kill` kills
+commands at so many of these moments instead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+ERRORS = (errno.ENOSPC, errno.EIO, errno.EACCES)
+
+SHIM = Path(__file__).with_name("failing_calls.c")
+
+OLD, NEW = ("--set=threads=1", "--set=lambda=0.3"), ("--set=threads=1", "--set=lambda=0.1")
+FIT = ("fit", "views.h5", "-d", "dict.h5")
+MESHES = ("--set", "export.folder=out/meshes")
+LEARN = ("learn-dict", "shapes.h5", "-o", "out/d.h5", "--set", "iterations=2", "--set", "k=3")
+EVAL = ("eval", "--truth", "shapes.h5", "-o", "out/report", "--set=plots=false")
+SIMULATE = (
+    *("simulate", "-o", "out/s", "--set=k=6", "--set=landmarks=[5]", "--set=active_atoms=[1]"),
+    *("--set=plots=false", "--set=threads=1"),
+)
+PROJECT = ("project", "shapes.h5")
+
+COMMANDS = {
+    "fit to HDF5": ((*FIT, "-o", "out/r.h5", *OLD), (*FIT, "-o", "out/r.h5", *NEW)),
+    "fit to CSV": ((*FIT, "-o", "out/r.csv", *OLD), (*FIT, "-o", "out/r.csv", *NEW)),
+    "fit with meshes": (
+        (*FIT, "-o", "out/r.h5", *MESHES, *OLD),
+        (*FIT, "-o", "out/r.h5", *MESHES, *NEW),
+    ),
+    "learn-dict": ((*LEARN, "--set=beta=0.3"), (*LEARN, "--set=beta=0.1")),
+    "project": ((*PROJECT, "-o", "out/v.h5"), (*PROJECT, "-o", "out/v.h5", "--set=noise=0.1")),
+    "eval": ((*EVAL, "result.csv"), (*EVAL, "result.h5")),
+    "simulate": ((*SIMULATE, "--set=trials=1"), (*SIMULATE, "--set=trials=2")),
+}
+"""Commands whose outputs are there already, made by the first, when the second runs."""
+
+
+def main() -> int:
+    """Preload the shim, then run every case; exit code 1 where one of them fails."""
+    parser = argparse.ArgumentParser(prog="python -m fuzz.faults", description=__doc__)
+    parser.add_argument("--commands", nargs="+", default=list(COMMANDS), choices=list(COMMANDS))
+    parser.add_argument("--kill", type=int, default=0, help="kill -9 at so many moments instead")
+    parser.add_argument("--quick", action="store_true", help="one of the errors for each call")
+    arguments = parser.parse_args()
+    if "failing_calls" not in os.environ.get("LD_PRELOAD", ""):
+        with tempfile.TemporaryDirectory() as folder:
+            library = build(Path(folder))
+            return subprocess.call(
+                [sys.executable, "-m", "fuzz.faults", *sys.argv[1:]],
+                env=os.environ | {"LD_PRELOAD": str(library)},
+            )
+    return run(arguments.commands, arguments.kill, quick=arguments.quick)
+
+
+def build(folder: Path) -> Path:
+    """Compile the shim; returns its path."""
+    library = folder / "failing_calls.so"
+    compiler = (sysconfig.get_config_var("CC") or "cc").split()[0]
+    compiler = compiler if shutil.which(compiler) else "cc"
+    command = [compiler, "-shared", "-fPIC", "-O1", "-o", library, SHIM, "-ldl"]
+    subprocess.run(command, check=True)
+    return library
+
+
+def run(commands: Sequence[str], kills: int, *, quick: bool) -> int:
+    """Run the cases of these commands; returns the exit code."""
+    from .__main__ import silenced
+    from .base_files import make_base_files
+
+    shim = ctypes.CDLL(os.environ["LD_PRELOAD"])
+    failed = cases = 0
+    with tempfile.TemporaryDirectory() as folder:
+        base = Path(folder) / "base"
+        base.mkdir()
+        with silenced():
+            make_base_files(base)
+        for name in commands:
+            bench = Bench(shim, *COMMANDS[name], base, Path(folder) / "case")
+            if kills:
+                share = -(-kills // len(commands))
+                moments = [number * bench.calls // share for number in range(share)]
+                plan = [(call, -signal.SIGKILL) for call in moments]
+            else:
+                plan = [(call, error) for call in range(bench.calls) for error in ERRORS]
+                plan = plan[:: len(ERRORS) + 1] if quick else plan
+            wrong = [problem for case in plan if (problem := bench.try_case(*case))]
+            for problem in wrong[:20]:
+                print(f"{name}: {problem}", flush=True)
+            cases += len(plan)
+            failed += len(wrong)
+            print(f"{name}: {bench.calls} calls, {len(plan)} cases, {len(wrong)} wrong", flush=True)
+    print(f"{cases} cases, {failed} wrong")
+    return 1 if failed else 0
+
+
+class Bench:
+    """One command, whose outputs are there already, and what becomes of them."""
+
+    def __init__(
+        self,
+        shim: ctypes.CDLL,
+        old: tuple[str, ...],
+        new: tuple[str, ...],
+        base: Path,
+        folder: Path,
+    ) -> None:
+        """Make the old outputs, and count the calls of the new run."""
+        self._shim, self._command, self._folder = shim, new, folder
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(base, folder)
+        (folder / "out").mkdir()
+        assert self._run(old)[0] == 0
+        self._kept = folder.with_name("kept")
+        shutil.rmtree(self._kept, ignore_errors=True)
+        shutil.copytree(folder / "out", self._kept)
+        self._old = content(self._kept)
+        code, self.calls = self._run(new)
+        assert code == 0
+        self._new = content(folder / "out")
+
+    def try_case(self, call: int, error: int) -> str:
+        """Let one call fail; returns what is wrong, an empty text where all is well."""
+        out = self._folder / "out"
+        shutil.rmtree(out)
+        shutil.copytree(self._kept, out)
+        code, _ = self._run(self._command, call, error)
+        word = f"call {call}, error {error}, exit code {code}"
+        killed = error < 0 and code == error
+        if code not in (0, 2) and not killed:
+            return word
+        found = content(out)
+        hidden = {name for name in found if ".partial" in name}
+        if hidden and not killed:
+            return f"{word}: leaves {sorted(hidden)}"
+        if killed:
+            # The next run removes what this one left, and puts back what it was replacing.
+            again, _ = self._run(self._command)
+            left = [name for name in content(out) if ".partial" in name]
+            return f"{word}: the next run ends with {again}, leaves {left}" if again or left else ""
+        states = {self._state(name, found.get(name)) for name in self._old.keys() | self._new}
+        states -= {"same"}
+        wanted = {"new"} if code == 0 else {"old"}
+        return "" if states <= wanted else f"{word}: outputs are {sorted(states)}"
+
+    def _state(self, name: str, data: bytes | None) -> str:
+        old, new = self._old.get(name), self._new.get(name)
+        if old == new:
+            return "same" if data == old else "damaged"
+        if data == old:
+            return "old"
+        return "new" if data is not None and is_whole(self._folder / "out" / name) else "damaged"
+
+    def _run(self, command: tuple[str, ...], call: int = -1, error: int = 0) -> tuple[int, int]:
+        """Run a command in a fork, with a call that fails; return exit code and number of calls."""
+        from .campaign import become
+
+        counts = self._folder / "calls"
+        child = os.fork()
+        if child == 0:
+            code = 70
+            try:
+                from shapefit_cli.main import run as run_command
+
+                become(self._folder)
+                self._shim.arm(ctypes.c_long(call), ctypes.c_int(error))
+                code = run_command(command)
+                number = self._shim.counted()
+                self._shim.arm(ctypes.c_long(-1), 0)
+                counts.write_text(str(number))
+            finally:
+                os._exit(code)
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        return code, int(counts.read_text()) if code >= 0 else 0
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """Return path -> bytes of every file below."""
+    paths = (path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
+def is_whole(path: Path) -> bool:
+    """Whether a file that is not the old one is a whole one: HDF5 opens, text ends with a line."""
+    if path.suffix == ".h5":
+        import h5py
+
+        with h5py.File(path) as file:
+            return "format" in file.attrs and all(node.shape is not None for node in file.values())
+    data = path.read_bytes()
+    return path.suffix not in (".csv", ".md") or data.endswith(b"\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

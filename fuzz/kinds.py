@@ -1,0 +1,16 @@
+"""The table of what is fuzzed: a file format is added by one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from . import config_cases, csv_cases, hdf5_cases
+from .case import Make
+
+KINDS: Mapping[str, Make] = {
+    "csv": csv_cases.make,
+    "hdf5": hdf5_cases.make,
+    "yaml": config_cases.make_yaml,
+    "set": config_cases.make_options,
+}
+"""Kind -> what spoils the files of a folder and returns the command line that reads them."""

@@ -1,0 +1,95 @@
+"""Several files of records, read as one, some items at a time."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Generic, Self, TypeVar
+
+from shapefit.io.duplicates import ItemList, check_unique_items
+from shapefit.io.records import LandmarkSet, ShapeSet, concatenate
+
+Record = TypeVar("Record", ShapeSet, LandmarkSet)
+
+
+@dataclass(frozen=True)
+class SourceFile(Generic[Record]):
+    """One file of a source: `head` has all but the items, `open` gives a reader of rows."""
+
+    name: str
+    head: Record
+    count: int
+    items: ItemList
+    open: Callable[[], AbstractContextManager[Callable[[slice], Record]]]
+
+
+File = TypeVar("File", bound=SourceFile[Any])
+
+
+class ChunkedSource(ABC, Generic[Record, File]):
+    """The items of one or more files; a context manager, which closes the files."""
+
+    def __init__(self, files: Sequence[File]) -> None:
+        """Take files; raises InputError for items that occur twice."""
+        self._files = files
+        self._running: list[Generator[Record, None, None]] = []
+        check_unique_items([file.items for file in files])
+
+    @property
+    @abstractmethod
+    def head(self) -> Record:
+        """All of the source but its items."""
+
+    @abstractmethod
+    def _conform(self, part: Record, place: str) -> Record:
+        """Give a part of one file the landmarks and fields of the whole source."""
+
+    @property
+    def count(self) -> int:
+        """Number of items."""
+        return sum(file.count for file in self._files)
+
+    def chunks(self, size: int) -> Iterator[Record]:
+        """Give out the items in order, `size` at a time (fewer in the last chunk).
+
+        A source without items gives one empty set, so that what is made of it can be written.
+        """
+        if size < 1:
+            raise ValueError(f"size must be at least 1, not {size}")
+        chunks = self._read(size)
+        self._running.append(chunks)
+        return chunks
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for chunks in self._running:
+            chunks.close()
+
+    def _read(self, size: int) -> Generator[Record, None, None]:
+        if self.count == 0:
+            yield self.head
+        parts: list[Record] = []
+        room = size
+        for file in self._files:
+            with file.open() as read:
+                start = 0
+                while start < file.count:
+                    stop = min(start + room, file.count)
+                    parts.append(self._conform(read(slice(start, stop)), file.name))
+                    room -= stop - start
+                    start = stop
+                    if room == 0:
+                        yield concatenate(parts)
+                        parts, room = [], size
+        if parts:
+            yield concatenate(parts)
