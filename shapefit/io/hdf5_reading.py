@@ -199,10 +199,11 @@ class Hdf5Reader:
 
     def _check_written(self, name: str) -> None:
         """Raise InputError for a large dataset that takes next to no place in the file."""
-        dataset = self._file[name]
-        if dataset.nbytes > MOST_COMPRESSED * dataset.id.get_storage_size():
-            stored = in_words(dataset.id.get_storage_size())
-            found = f"of its {in_words(dataset.nbytes)} the file holds {stored}"
+        with self._damage(name):
+            dataset = self._file[name]
+            size, stored = dataset.nbytes, dataset.id.get_storage_size()
+        if size > MOST_COMPRESSED * stored:
+            found = f"of its {in_words(size)} the file holds {in_words(stored)}"
             raise input_error(self.place(name), found, "write its values, or make it smaller")
 
     def _size(self, name: str, rows: slice | tuple[()]) -> int:

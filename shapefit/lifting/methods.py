@@ -227,6 +227,14 @@ def _alternate_or_restart(
     return put(replace(again, iterations=found.iterations[rows] + again.iterations), rows, found)
 
 
+def share_rotation(coefficients: Floats, rotation: Floats) -> Floats:
+    """M_i = c_i Rbar (n, k, 2, 3) of c (n, k) and R (n, 3, 3); most c_i are 0."""
+    transforms = np.zeros((*coefficients.shape, 2, 3))
+    image, atom = np.nonzero(coefficients)
+    transforms[image, atom] = coefficients[image, atom, None, None] * rotation[image, :2]
+    return transforms
+
+
 def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: bool) -> Estimate:
     """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
     found = alternate(
@@ -251,5 +259,5 @@ def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: 
         status=found.status,
         coefficients=c,
         active_atoms=is_active(c).sum(axis=1),
-        transforms=c[:, :, None, None] * R[:, None, :2],
+        transforms=share_rotation(c, R),
     )

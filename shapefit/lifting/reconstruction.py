@@ -69,7 +69,8 @@ def reconstruct(M: Floats, atoms: Floats, *, orthogonal: bool = False) -> Recons
     are 0, so the work is done on the list of the others.
     """
     n, k = M.shape[:2]
-    image, atom = np.nonzero(M.any(axis=(2, 3)))
+    flat = M.reshape(n, k, 6)
+    image, atom = np.nonzero(np.einsum("nke,nke->nk", flat, flat))
     blocks = M[image, atom]
     c = spectral_norm(blocks)
     coefficients = np.zeros((n, k))

@@ -8,11 +8,9 @@ import signal
 import time
 from io import FileIO
 
-import numpy as np
 import pytest
 
-from shapefit.io import landmark_writer, open_landmarks, read_results, result_writer
-from shapefit.io.records import LandmarkSet, ResultSet
+from shapefit.io import landmark_writer, read_results, result_writer
 from shapefit.io.spool import PAGE, Spool
 
 MAKE = """
@@ -190,39 +188,6 @@ print(*heavy & set(sys.modules))
     done = run_python(script, tmp_path / name)
     assert done.stderr == ""
     assert done.stdout.split() == [library]
-
-
-def test_a_subject_of_the_motion_capture_is_read_and_written_quickly(tmp_path, rng):
-    n, p, k = 21_740, 15, 64
-    landmarks = LandmarkSet(
-        landmarks=rng.normal(size=(n, 2, p)),
-        landmark_names=tuple(f"joint {i}" for i in range(p)),
-        items=tuple(f"13_01/{i:06}" for i in range(n)),
-        sequences=("13_01",) * n,
-    )
-    with landmark_writer(tmp_path / "views.h5") as writer:
-        writer.append(landmarks)
-    results = ResultSet(
-        shapes=rng.normal(size=(n, 3, p)),
-        landmarks_fitted=landmarks.landmarks,
-        coefficients=np.where(rng.random((n, k)) < 0.17, rng.normal(size=(n, k)), 0.0),
-        landmark_names=landmarks.landmark_names,
-        items=landmarks.items,
-        sequences=landmarks.sequences,
-        status=np.full(n, "solved"),
-    )
-
-    def read():
-        with open_landmarks([tmp_path / "views.h5"]) as source:
-            assert sum(len(chunk) for chunk in source.chunks(4096)) == n
-
-    def write():
-        with result_writer(tmp_path / "result.h5") as writer:
-            for row in range(0, n, 4096):
-                writer.append(results.take(slice(row, row + 4096)))
-
-    assert min(seconds(read) for _ in range(3)) < 0.5
-    assert min(seconds(write) for _ in range(3)) < 0.5
 
 
 def seconds(action):

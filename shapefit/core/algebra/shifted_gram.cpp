@@ -14,29 +14,40 @@ constexpr double LEAST_PIVOT = 1e-14;
 
 constexpr long blocks_of(long n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
 
+// sums += sign * share^T row for one row of F or of the factor.
+template <int count>
+[[gnu::always_inline]] inline void add_row(const double* row, const double* share, double sign,
+                                           Lanes (&sums)[BLOCK][count]) {
+    for (int v = 0; v < count; ++v) {
+        const Lanes columns = load(row + v * WIDTH);
+        for (int r = 0; r < BLOCK; ++r) sums[r][v] += (sign * share[r]) * columns;
+    }
+}
+
 // Rows i .. i + 3 and `count` vectors of columns from j: what `factor` holds there, + F^T F,
-// - what the rows above have taken.
+// - what the rows above have taken. Narrow tiles take turns between several sums, or each addition
+// would wait for the one before.
 template <int count>
 [[gnu::always_inline]] inline void sum_tile(const GramSystem& s, long i, long j,
                                             Lanes (&sums)[BLOCK][count]) {
+    constexpr int TURNS = count == 1 ? 4 : count == 2 ? 2 : 1;
+    Lanes parts[TURNS][BLOCK][count] = {};
+    long f = 0;
+    for (; f + TURNS <= s.rows; f += TURNS)
+        for (int t = 0; t < TURNS; ++t)
+            add_row<count>(s.F + (f + t) * s.stride + j, s.F + (f + t) * s.stride + i, 1, parts[t]);
+    for (; f < s.rows; ++f)
+        add_row<count>(s.F + f * s.stride + j, s.F + f * s.stride + i, 1, parts[0]);
+    static_assert(BLOCK % TURNS == 0);  // i is a multiple of BLOCK
+    for (long m = 0; m < i; m += TURNS)
+        for (int t = 0; t < TURNS; ++t)
+            add_row<count>(s.factor + (m + t) * s.factor_stride + j,
+                           s.scaled + (m + t) * s.factor_stride + i, -1, parts[t]);
     for (int r = 0; r < BLOCK; ++r)
-        for (int v = 0; v < count; ++v)
+        for (int v = 0; v < count; ++v) {
             sums[r][v] = load(s.factor + (i + r) * s.factor_stride + j + v * WIDTH);
-    for (long f = 0; f < s.rows; ++f) {
-        const double* row = s.F + f * s.stride;
-        for (int v = 0; v < count; ++v) {
-            const Lanes columns = load(row + j + v * WIDTH);
-            for (int r = 0; r < BLOCK; ++r) sums[r][v] += row[i + r] * columns;
+            for (int t = 0; t < TURNS; ++t) sums[r][v] += parts[t][r][v];
         }
-    }
-    for (long m = 0; m < i; ++m) {
-        const double* row = s.factor + m * s.factor_stride;
-        const double* share = s.scaled + m * s.factor_stride + i;
-        for (int v = 0; v < count; ++v) {
-            const Lanes columns = load(row + j + v * WIDTH);
-            for (int r = 0; r < BLOCK; ++r) sums[r][v] -= share[r] * columns;
-        }
-    }
 }
 
 // L D L^T of the diagonal block: share[m][r] is what row r gives up of row m.
@@ -79,31 +90,24 @@ void finish_tile(const GramSystem& s, long i, long j, double (&share)[BLOCK][BLO
     eliminate_and_store<count>(s, i, j, share, sums);
 }
 
+// `count` vectors of columns from j, as many as are left but at most TILE; not one alone if it can be.
+template <bool first>
+long finish_tiles(const GramSystem& s, long i, long j, long left, double (&share)[BLOCK][BLOCK]) {
+    const long count = left > TILE && left % TILE == 1 && TILE > 2 ? TILE - 1 : left;
+    if (count >= TILE) return finish_tile<TILE, first>(s, i, j, share), TILE;
+    if (count == 3) return finish_tile<3, first>(s, i, j, share), 3;
+    if (count == 2) return finish_tile<2, first>(s, i, j, share), 2;
+    return finish_tile<first ? DIAGONAL : 1, first>(s, i, j, share), first ? DIAGONAL : 1;
+}
+
 void factorise_block(const GramSystem& s, long i) {
     double share[BLOCK][BLOCK];
-    long j = i;
     long left = (s.columns + 1 - i + WIDTH - 1) / WIDTH;  // vectors of columns, r among them
-    const auto take = [&](long count) { j += count * WIDTH, left -= count; };
-    if (left >= TILE) {
-        finish_tile<TILE, true>(s, i, j, share);
-        take(TILE);
-    } else if (left == 3 && TILE > 3) {
-        finish_tile<3, true>(s, i, j, share);
-        take(3);
-    } else if (left == 2 && TILE > 2) {
-        finish_tile<2, true>(s, i, j, share);
-        take(2);
-    } else {
-        finish_tile<DIAGONAL, true>(s, i, j, share);
-        take(DIAGONAL);
-    }
-    while (left >= TILE) {
-        finish_tile<TILE, false>(s, i, j, share);
-        take(TILE);
-    }
-    while (left > 0) {
-        finish_tile<1, false>(s, i, j, share);
-        take(1);
+    long taken = finish_tiles<true>(s, i, i, left, share);
+    for (long j = i; left > taken;) {
+        j += taken * WIDTH;
+        left -= taken;
+        taken = finish_tiles<false>(s, i, j, left, share);
     }
 }
 
