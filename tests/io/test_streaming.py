@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import signal
-import time
 from io import FileIO
 
 import pytest
@@ -188,9 +187,3 @@ print(*heavy & set(sys.modules))
     done = run_python(script, tmp_path / name)
     assert done.stderr == ""
     assert done.stdout.split() == [library]
-
-
-def seconds(action):
-    start = time.perf_counter()
-    action()
-    return time.perf_counter() - start
