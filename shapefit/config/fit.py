@@ -34,7 +34,7 @@ class SolverConfig(ConfigModel):
         default="newton", description="The fast solver, or the paper's ADMM."
     )
     tolerance: float = Field(
-        default=1e-4,
+        default=1e-6,
         gt=0,
         description="An image is solved when its relative duality gap (stop: gap) or its relative "
         "residuals (stop: change) fall to this.",

@@ -50,7 +50,7 @@ def test_defaults_are_those_of_the_reference(folder):
     assert isinstance(config, FitConfig)
     assert (config.lam, config.method, config.chunk, config.threads) == (0.1, "convex", 4096, 0)
     assert config.solver.name == "newton"
-    assert config.solver.tolerance == 1e-4
+    assert config.solver.tolerance == 1e-6
 
 
 def test_yaml_is_1_2(folder):
@@ -197,7 +197,7 @@ def test_the_config_is_frozen(folder):
 def test_json_holds_every_key_under_its_yaml_name(folder):
     values = json.loads(load_config("fit", write(folder, FIT)).as_json())
     assert values["lambda"] == 0.1
-    assert values["solver"]["tolerance"] == 1e-4
+    assert values["solver"]["tolerance"] == 1e-6
     assert values["landmarks"] == [str(folder / "configs/a.h5")]
 
 

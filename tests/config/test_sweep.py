@@ -70,7 +70,7 @@ def test_steps_differ_in_the_key_alone(folder):
     assert first[:2] == second[:2] == (config.learn_dict, config.project)
     deep = load(folder, "vary={fit.solver.tolerance: [1e-3]}")
     assert deep.steps(1e-3).fit.solver.tolerance == 1e-3
-    assert deep.fit.solver.tolerance == 1e-4
+    assert deep.fit.solver.tolerance == 1e-6
 
 
 def test_a_section_may_be_a_path_whose_files_the_sweep_makes(folder):

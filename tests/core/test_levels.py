@@ -12,9 +12,15 @@ from shapefit import core
 
 SHOW = "from shapefit import core; print(core.LEVEL)"
 
-# Certificates, planted problems and many starts judge every level alike; quick ones run here,
-# `make test-levels` runs them all.
-QUICK = ["tests/convex/test_newton.py", "tests/lifting/test_synchronisation.py"]
+# Certificates, planted problems and many starts judge every level alike, and the optima are those of
+# one file, so that levels agree with one another; quick tests run here, `make test-levels` runs all.
+QUICK = [
+    "tests/convex/test_kernels.py",
+    "tests/convex/test_newton.py",
+    "tests/convex/test_objectives.py",
+    "tests/dictionary/test_coding.py",
+    "tests/lifting/test_synchronisation.py",
+]
 
 
 def at_level(level: str, arguments: list[str], **options) -> subprocess.CompletedProcess[str]:
