@@ -116,6 +116,7 @@ def rank(errors: ImageErrors) -> dict[str, list[int]]:
     }
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def galleries(
     scene: Scene, ranked: Sequence[tuple[ImageErrors, Mapping[str, Sequence[int]]]]
 ) -> list[Gallery]:

@@ -7,6 +7,8 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from shapefit.config import ViewConfig
 from shapefit.errors import input_error
 from shapefit.io.atomic import atomic_path, check_output
@@ -65,6 +67,7 @@ class Page:
     scene: Scene
 
 
+@np.errstate(over="ignore", invalid="ignore")  # beyond 32-bit floats a value is not finite: missing
 def make_page(config: ViewConfig, kept: Collection[str] = ()) -> Page:
     """Return the page; the items `kept` are never left out."""
     listings = {name: tuple(map(list_file, files)) for name, files in config.files.items()}
