@@ -12,8 +12,8 @@ from shapefit import core
 
 SHOW = "from shapefit import core; print(core.LEVEL)"
 
-# Certificates, planted problems and many starts judge every level alike, and the optima are those of
-# one file, so that levels agree with one another; quick tests run here, `make test-levels` runs all.
+# Certificates, planted problems and many starts judge every level alike, and the optima are those
+# of one file, so that levels agree with one another; `make test-levels` runs more than these.
 QUICK = [
     "tests/convex/test_kernels.py",
     "tests/convex/test_newton.py",

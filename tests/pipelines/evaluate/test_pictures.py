@@ -87,4 +87,4 @@ def test_by_default_plots_are_left_out_without_matplotlib(desk, monkeypatch):
     assert warning.startswith("no plots: matplotlib is not installed; install it with `pip ")
     written = {path.name for path in desk.config.output.iterdir()}
     pages = {"report.html", "report.md", "view.html"}
-        assert written == {"per_image.csv", "report.csv", "report.json", *pages}
+    assert written == {"per_image.csv", "report.csv", "report.json", *pages}
