@@ -197,7 +197,7 @@ def test_another_file_of_landmarks_is_found(
 
 def test_a_changed_config_is_found(fitted, changed, verify, dictionaries):
     def loosen(file):
-        file.attrs["config"] = file.attrs["config"].replace("0.0001", "0.1")
+        file.attrs["config"] = file.attrs["config"].replace("1e-06", "0.1")
 
     found = verify(changed(fitted("people"), loosen), dictionaries["people"])
     assert list(found.failures) == ["config"]
