@@ -17,7 +17,6 @@ from benchmarks.environments import PROJECT, Environment, dependency_bytes, git
 from benchmarks.pairs import Comparison, Turn, compare
 from benchmarks.table import Row, compared
 
-
 FIT = "method: convex\nlambda: 0.1\nsolver: {tolerance: 1e-4}\n"
 """The same gap for all releases, whatever their default."""
 
