@@ -6,6 +6,7 @@
 // the unit of the dual is free there.
 #pragma once
 
+#include "../algebra/vectors.hpp"
 #include "active.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
@@ -42,11 +43,5 @@ struct Room {
 
     Room(Workspace& workspace, long padded_atoms, long q, long further_rows);
 };
-
-inline double dot(const double* x, const double* y, long n) {
-    double total = 0;
-    for (long i = 0; i < n; ++i) total += x[i] * y[i];
-    return total;
-}
 
 }  // namespace shapefit::SHAPEFIT_LEVEL
