@@ -24,14 +24,14 @@ from shapefit.evaluation import metrics
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import open_landmarks, read_shapes
-from shapefit.lifting.perspective import (
+from shapefit.lifting.perspective.refinement import (
     Camera,
     Options,
     mean_coefficients,
     project,
     refine_perspective,
 )
-from shapefit.pipelines.lifting_chain import choose_options
+from shapefit.pipelines.fit.chain import choose_options
 
 Floats = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.io import read_shapes
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective import Camera, depth_sign, mean_coefficients
-from shapefit.pipelines.intrinsics import read_intrinsics
-from shapefit.pipelines.training_shapes import every_nth
+from shapefit.lifting.perspective.refinement import Camera, depth_sign, mean_coefficients
+from shapefit.pipelines.fit.intrinsics import read_intrinsics
+from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
 Arrays = dict[str, Any]
 

@@ -17,7 +17,7 @@ from shapefit.lifting.estimate import Estimate, Estimator
 from shapefit.lifting.noise_level import lambda_for_noise
 
 if TYPE_CHECKING:
-    from shapefit.lifting.perspective import Camera
+    from shapefit.lifting.perspective.refinement import Camera
 
 Floats = NDArray[np.float64]
 

@@ -10,14 +10,19 @@ from numpy.typing import NDArray
 
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Solution, Status
-from shapefit.lifting.alternation import alternate
 from shapefit.lifting.combination import combine
 from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import ConvexProof, Estimate, Estimator, place, put
 from shapefit.lifting.matching_pursuit import matching_pursuit
-from shapefit.lifting.pose import find_moments, find_pose, spread_views, turn_in_plane
 from shapefit.lifting.reconstruction import is_active, reconstruct
-from shapefit.lifting.synchronisation import synchronise
+from shapefit.lifting.shared_rotation.alternation import alternate
+from shapefit.lifting.shared_rotation.pose import (
+    find_moments,
+    find_pose,
+    spread_views,
+    turn_in_plane,
+)
+from shapefit.lifting.shared_rotation.synchronisation import synchronise
 
 Floats = NDArray[np.float64]
 Solve = Callable[[Problem], Solution]

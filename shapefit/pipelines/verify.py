@@ -21,7 +21,7 @@ from shapefit.io import (
     open_landmarks,
     read_dictionary,
 )
-from shapefit.io.proof_files import ProofFile, open_proofs
+from shapefit.io.kinds.proofs import ProofFile, open_proofs
 from shapefit.pipelines.counted import counted
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.verification.check import Check

@@ -10,7 +10,7 @@ import pytest
 
 from shapefit.config import EvalConfig
 from shapefit.io import ResultSet, ShapeSet, result_writer, write_shapes
-from shapefit.pipelines import evaluate
+from shapefit.pipelines.evaluate import run as evaluate
 
 ATTACK = "window.hacked = true"
 HOSTILE = (
