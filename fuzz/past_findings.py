@@ -106,7 +106,7 @@ def _depths_of_empty_shapes(folder: Path) -> Command:
     cells = [row.split(",") for row in rows]
     rows = [",".join((*row[:place], row[0], *row[place + 1 :])) for row in cells]
     path.write_text("\n".join((head, *rows)) + "\n")
-    settings = ("--set=temporal.depths=true", "--set=loss=l1", "--set=lambda=50")
+    settings = ("--set=temporal.depths=true", "--set=loss=l1", "--set=lambda=5")
     return ("fit", "views.csv", "-d", "dict.h5", "-o", "out.csv", *settings)
 
 
