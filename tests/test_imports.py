@@ -151,7 +151,7 @@ def test_verification_uses_nothing_of_the_solver(path):
 
 def test_an_import_of_the_solver_is_seen():
     source = "def f():\n    from shapefit.convex.spectral_norm import nuclear_norm"
-    assert len(imports_of_the_maker(source, "shapefit.verification.program")) == 1
+    assert len(imports_of_the_maker(source, "shapefit.verification.proofs.program")) == 1
 
 
 def test_verification_loads_nothing_of_the_solver():

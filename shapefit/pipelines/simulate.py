@@ -13,6 +13,7 @@ import numpy as np
 
 from shapefit import __version__
 from shapefit.config import SimulateConfig
+from shapefit.errors import counted
 from shapefit.evaluation.experiments import recovery_grid
 from shapefit.evaluation.experiments.recovery import Attempt, plant, recover
 from shapefit.evaluation.experiments.recovery_grid import Cell, PublishedShares, RecoveryGrid
@@ -20,7 +21,6 @@ from shapefit.evaluation.plots import bars as plots
 from shapefit.evaluation.plots.heat_maps import heat_maps
 from shapefit.io.memory import check_fits
 from shapefit.io.whole.report_folder import Writer, check_folder, write_folder
-from shapefit.pipelines.counted import counted
 from shapefit.pipelines.drawing import draws_plots, plots_left_out
 from shapefit.pipelines.outcome import Failure, Outcome
 

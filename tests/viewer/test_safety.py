@@ -1,4 +1,4 @@
-"""Names are written by strangers: none of them becomes markup or script, none asks for anything."""
+"""Names are written by unknown: none of them becomes markup or script, none asks for anything."""
 
 from __future__ import annotations
 

@@ -12,17 +12,12 @@ from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
-from shapefit.lifting.combination import combine
+from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.estimate import Estimate, place
 from shapefit.lifting.lift import Lifting, PerspectiveView
-from shapefit.lifting.perspective.refinement import (
-    Camera,
-    Options,
-    mean_coefficients,
-    project,
-    refine_perspective,
-)
-from shapefit.lifting.reconstruction import is_active
+from shapefit.lifting.perspective.refinement import PerspectiveOptions, refine_perspective
+from shapefit.lifting.perspective.start import mean_coefficients
+from shapefit.lifting.reconstruction import combine, is_active
 from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
 
 Floats = NDArray[np.float64]
@@ -42,7 +37,7 @@ def refine_view(
     landmarks: Floats,
     camera: Camera,
     dictionary: Dictionary,
-    options: Options,
+    options: PerspectiveOptions,
     *,
     views: int,
 ) -> Lifting:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS
-from shapefit.pipelines.abbreviation import abbreviate
 
 
 def common_landmarks(file: Path, own: Sequence[str], true: Sequence[str]) -> tuple[str, ...]:

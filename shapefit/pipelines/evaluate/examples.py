@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.config.commands.evaluate import MOST_EXAMPLES
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, input_error
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.meshes.pictures import Pose, skeleton_picture
 from shapefit.meshes.views import YAxis
-from shapefit.pipelines.abbreviation import abbreviate
-from shapefit.pipelines.chosen_items import fits, spread
 from shapefit.pipelines.evaluate.judgement import Judgement
 from shapefit.pipelines.evaluate.result_datasets import find_dataset
+from shapefit.pipelines.items import matches, spread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -120,7 +119,7 @@ def choose(wanted: int | Sequence[str], items: Sequence[str]) -> tuple[str, ...]
         return tuple(items[place] for place in spread(wanted, len(items)))
     chosen: dict[str, None] = {}
     for name in wanted:
-        fitting = [item for item in items if fits(item, name)]
+        fitting = [item for item in items if matches(item, name)]
         if not fitting:
             near = get_close_matches(name, items, n=5, cutoff=0.0)
             found = f"no image with the truth and a shape of every method is called '{name}'"

@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 
 from shapefit.config.commands.evaluate import BEST_COMBINATION, MEAN_SHAPE, NEAREST_ATOM
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.floors import best_combination, nearest_atom
 from shapefit.evaluation.metrics import similarity
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import read_dictionary
 from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
-from shapefit.pipelines.abbreviation import abbreviate
 from shapefit.pipelines.evaluate.common_landmarks import common_landmarks
 from shapefit.pipelines.evaluate.judgement import Judgement
 from shapefit.pipelines.evaluate.measurement import in_both_units
-from shapefit.pipelines.named_items import named_items
+from shapefit.pipelines.items import named_items
 
 Floats = NDArray[np.float64]
 

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation import labels
 from shapefit.evaluation.summary import ImageErrors, group_sequences
-from shapefit.pipelines.abbreviation import abbreviate
 from shapefit.pipelines.evaluate.judgement import Judgement
 
 

@@ -9,17 +9,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation import labels
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 from shapefit.evaluation.summary import ALL
 from shapefit.geometry.procrustes import coincide
 from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
-from shapefit.pipelines.abbreviation import abbreviate
 from shapefit.pipelines.evaluate.common_landmarks import common_landmarks
 from shapefit.pipelines.evaluate.measurement import NEEDS, Kind, datasets_of, measure
 from shapefit.pipelines.evaluate.result_datasets import find_dataset
-from shapefit.pipelines.named_items import named_items
+from shapefit.pipelines.items import named_items
 
 Floats = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.io import ResultSet
-from shapefit.lifting.perspective.refinement import Camera, depth_sign
 from shapefit.meshes.dense import (
     around_centroid,
     camera_frame,

@@ -17,9 +17,9 @@ from shapefit.io.whole.folder import StagedFiles
 from shapefit.io.whole.item_files import file_stem
 from shapefit.meshes.export import Files, MeshFormat, line_files, mesh_files
 from shapefit.meshes.wireframe import tubes
-from shapefit.pipelines.chosen_items import ChosenItems
 from shapefit.pipelines.export.carried_mesh import find_meshes, find_obstacle, mixes_atoms
 from shapefit.pipelines.export.placement import ModelPlacement
+from shapefit.pipelines.items import ChosenItems
 
 Floats = NDArray[np.float64]
 Encode = Callable[[Floats, Floats | None], Files]

@@ -16,9 +16,9 @@ from shapefit.io import ResultSet
 from shapefit.io.whole.folder import StagedFiles
 from shapefit.io.whole.item_files import file_stem
 from shapefit.meshes.pictures import FittedImage, Model, contact_sheet, fit_picture
-from shapefit.pipelines.chosen_items import ChosenItems, spread
 from shapefit.pipelines.export.fitted_images import fitted_image
 from shapefit.pipelines.export.meshes import has_shape
+from shapefit.pipelines.items import ChosenItems, spread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

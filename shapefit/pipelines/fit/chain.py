@@ -16,18 +16,18 @@ from shapefit.convex.problem import Loss
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
-from shapefit.lifting.lift import Lifting, Program, lift
+from shapefit.lifting.lift import Lifting, Program, fail_nonfinite, lift
 from shapefit.lifting.methods import Settings, Solve, choose_method
-from shapefit.lifting.withholding import withhold_broken
-from shapefit.pipelines.fit.lifter import Lifter
-from shapefit.pipelines.landmark_weights import find_weights
 
 if TYPE_CHECKING:
     from shapefit.lifting.path import WarmSolve
-    from shapefit.lifting.perspective.refinement import Options
+    from shapefit.lifting.perspective.refinement import PerspectiveOptions
     from shapefit.lifting.temporal import Sequencing
 
 Floats = NDArray[np.float64]
+Lifter = Callable[[LandmarkSet, Dictionary], Lifting]
+"""Lifts images, whose landmarks are those of the dictionary."""
+
 View = Callable[[Lifting, LandmarkSet, Dictionary], Lifting]
 Refinement = Callable[[Lifting, LandmarkSet], Lifting]
 
@@ -55,7 +55,7 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
         def lift_weighted(weights: Floats) -> Lifting:
             return lift(images.landmarks, weights, part.atoms, program, estimator)
 
-        weights = find_weights(images)
+        weights = images.weights()
         if search is None:
             lifting = lift_weighted(weights)
         else:
@@ -67,7 +67,7 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
         from shapefit.pipelines.fit.left_out import leaving_out
 
         lifter = leaving_out(lift_with, config.leave_out, dictionary, config.threads)
-    return lambda images, whole: withhold_broken(refinement(lifter(images, whole), images))
+    return lambda images, whole: fail_nonfinite(refinement(lifter(images, whole), images))
 
 
 def choose_view(config: FitConfig) -> View:
@@ -88,11 +88,11 @@ def choose_view(config: FitConfig) -> View:
     return view
 
 
-def choose_options(config: FitConfig) -> Options:
+def choose_options(config: FitConfig) -> PerspectiveOptions:
     """Return how the config wants shapes refined under perspective."""
-    from shapefit.lifting.perspective.refinement import Options
+    from shapefit.lifting.perspective.refinement import PerspectiveOptions
 
-    return Options(
+    return PerspectiveOptions(
         ridge=config.camera.ridge,
         softness=config.camera.softness,
         max_rounds=config.camera.max_rounds,

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from shapefit.config.commands.fit_camera import ViewingConfig
 from shapefit.errors import input_error
+from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.io import LandmarkSet
-from shapefit.lifting.perspective.refinement import Camera, depth_sign
 
 Floats = NDArray[np.float64]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +15,9 @@ from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.merging import Group, merge
 from shapefit.pipelines.fit.left_out_items import KEY, find_items, find_known, find_left_out
-from shapefit.pipelines.fit.lifter import Lifter
+
+if TYPE_CHECKING:
+    from shapefit.pipelines.fit.chain import Lifter
 
 
 def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary, threads: int) -> Lifter:
@@ -48,7 +52,7 @@ def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary, threads: i
     return lift_without
 
 
-class Strangers:
+class UnknownItems:
     """Counts the images that show no item of the dictionary, and so were lifted with all atoms."""
 
     def __init__(self, dataset: str, dictionary: Dictionary) -> None:
@@ -59,7 +63,7 @@ class Strangers:
         self._count = 0
 
     def add(self, images: LandmarkSet) -> None:
-        """Count the strangers among more images. Raises InputError where they lack the dataset."""
+        """Count those among more images. Raises InputError where they lack the dataset."""
         items = find_items(images, self._dataset)
         strange = items[~find_known(items, self._dictionary)]
         self._images += len(images)

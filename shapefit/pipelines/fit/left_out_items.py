@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
-from shapefit.pipelines.named_items import named_items
+from shapefit.pipelines.items import named_items
 
 KEY = "leave_out"
 

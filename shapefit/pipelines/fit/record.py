@@ -16,7 +16,6 @@ from shapefit.io.layout import RESULTS
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.pipelines.fit.left_out_items import find_left_out
-from shapefit.pipelines.landmark_weights import find_seen
 
 if TYPE_CHECKING:
     from shapefit.lifting.path import Path
@@ -104,7 +103,7 @@ def further_datasets(
 ) -> Extras:
     """Join what came with the landmarks with what only some fits have."""
     found = lifting.estimate
-    seen = find_seen(images)[:, None, :]
+    seen = images.seen()[:, None, :]
     own: dict[str, NDArray[Any] | None] = {
         "landmarks": np.where(seen, images.landmarks, np.nan).swapaxes(1, 2),
         "confidence": images.confidence,

@@ -14,7 +14,7 @@ from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
 from shapefit.core import STRETCH
-from shapefit.errors import input_error
+from shapefit.errors import counted, input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
@@ -25,13 +25,12 @@ from shapefit.io import (
 )
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
-from shapefit.pipelines.counted import counted, nothing_in
 from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import choose_lifter, choose_newton
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
-from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.outcome import Failure, Outcome, nothing_in
 
 GATHERED = 4096
 """Images that are read before the first whole sequences of them are lifted."""
@@ -43,11 +42,11 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     dictionary = read_dictionary(config.dictionary)
     lifter = choose_lifter(config, dictionary)
     newton = choose_newton(config)
-    strangers = None
+    unknown = None
     if config.leave_out:
-        from shapefit.pipelines.fit.left_out import Strangers
+        from shapefit.pipelines.fit.left_out import UnknownItems
 
-        strangers = Strangers(config.leave_out, dictionary)
+        unknown = UnknownItems(config.leave_out, dictionary)
     solve_seconds, done = 0.0, 0
     with (
         open_landmarks(config.landmarks) as source,
@@ -59,8 +58,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             began = time.perf_counter()
             lifting = lifter(images, dictionary)
             solve_seconds += time.perf_counter() - began
-            if strangers:
-                strangers.add(images)
+            if unknown:
+                unknown.add(images)
             path = None
             if config.path:
                 from shapefit.lifting.path import follow_path
@@ -76,7 +75,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 failures=find_failures(images, lifting, config),
                 warnings=find_warnings(images, lifting, config),
             )
-        left_in = strangers.warnings if strangers else ()
+        left_in = unknown.warnings if unknown else ()
         writer.attributes.update(
             method=config.method,
             version=__version__,

@@ -15,11 +15,10 @@ from shapefit.dictionary.atom_scale import scale_of_atoms
 from shapefit.dictionary.learning import Learned, learn
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.pca_bases import principal_components
-from shapefit.errors import input_error
+from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import check_output, digests, write_dictionary
 from shapefit.meshes.dense import mesh_of_atoms
-from shapefit.pipelines.counted import counted
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
 from shapefit.pipelines.outcome import Outcome
 

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.config import LearnDictConfig
-from shapefit.errors import input_error
+from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import SMALLEST, normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
 from shapefit.io import ShapeSet, match_landmarks, read_shapes
 from shapefit.meshes.dense import carry_mesh
-from shapefit.pipelines.counted import counted
 from shapefit.pipelines.learn_dict.symmetry import apply_symmetry
 from shapefit.pipelines.outcome import Failure
 

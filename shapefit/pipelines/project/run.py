@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,15 +17,13 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.io import (
     LandmarkSet,
     ShapeSet,
-    ShapeSource,
     check_output,
     digests,
     landmark_writer,
     open_shapes,
 )
 from shapefit.io.extras import CORRUPTED, Extras
-from shapefit.pipelines.counted import nothing_in
-from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.outcome import Outcome, nothing_in
 from shapefit.pipelines.project.imperfections import (
     BLOCK,
     Purpose,
@@ -35,6 +32,7 @@ from shapefit.pipelines.project.imperfections import (
     hide,
     stream,
 )
+from shapefit.pipelines.project.turntable import Turntable, sequence_lengths
 
 Floats = NDArray[np.float64]
 
@@ -74,31 +72,6 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
     yield Outcome(
         total=total, warnings=nothing_in(source.count, "shapes"), written=(config.output,)
     )
-
-
-def sequence_lengths(source: ShapeSource) -> Counter[str]:
-    """Count the frames of each sequence."""
-    lengths: Counter[str] = Counter()
-    for names in source.sequences():
-        lengths.update(names)
-    return lengths
-
-
-class Turntable:
-    """Counts the frames of each sequence: frame t of n has made start + t / n of a turn."""
-
-    def __init__(self, lengths: Mapping[str, int], start: float = 0.0) -> None:
-        self._start = start
-        self._length = lengths
-        self._seen: Counter[str] = Counter()
-
-    def turns(self, sequences: Sequence[str]) -> Floats:
-        """Return the turns (n,) of the next n frames, which belong to these sequences."""
-        turns = np.empty(len(sequences))
-        for frame, name in enumerate(sequences):
-            turns[frame] = self._start + self._seen[name] / self._length[name]
-            self._seen[name] += 1
-        return turns
 
 
 def _name_pass(images: LandmarkSet, turn: int) -> LandmarkSet:

@@ -12,7 +12,6 @@ from shapefit.config.commands.corruption import CorruptionConfig
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, landmark_writer, open_landmarks
 from shapefit.io.extras import CORRUPTED, Extras
-from shapefit.pipelines.landmark_weights import find_seen
 from shapefit.pipelines.project.imperfections import BLOCK, Purpose, corrupt, stream
 
 WARM_UP = 8
@@ -49,7 +48,7 @@ def choose_images(
         landmark_writer(warm_up) as first_ones,
     ):
         for block, images in enumerate(source.chunks(BLOCK)):
-            visible = find_seen(images).sum(axis=1)
+            visible = images.seen().sum(axis=1)
             rows = np.flatnonzero(visible >= choice.least_visible)
             number = enough + np.arange(len(rows)) - choice.first
             enough += len(rows)
@@ -70,7 +69,7 @@ def choose_images(
 def corrupted(images: LandmarkSet, config: CorruptionConfig, block: int) -> LandmarkSet:
     """Return the images of a block with some landmarks replaced, and the dataset that says so."""
     rng = stream(config.seed, Purpose.CORRUPTION, block)
-    seen = find_seen(images)
+    seen = images.seen()
     landmarks, wrong = corrupt(images.landmarks, seen, config.share, config.margin, rng)
     extras = Extras.of(images.extras, len(images))
     before = extras.get(CORRUPTED)

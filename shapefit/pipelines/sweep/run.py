@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-import re
-from collections.abc import Generator, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from shapefit import __version__
 from shapefit.config import SweepConfig, ViewConfig
-from shapefit.config.commands.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.commands.sweep import Value
 from shapefit.errors import input_error
 from shapefit.evaluation import labels
@@ -33,7 +30,6 @@ from shapefit.io import (
     ResultSet,
     digests,
     open_landmarks,
-    read_dictionary,
     read_results,
     read_shapes,
 )
@@ -43,24 +39,8 @@ from shapefit.pipelines.drawing import draws_plots, plots_left_out
 from shapefit.pipelines.evaluate.image_errors import find_grouping, image_errors
 from shapefit.pipelines.evaluate.judgement import judge
 from shapefit.pipelines.evaluate.report_pages import report_pages
-from shapefit.pipelines.fit import run as fit
-from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.outcome import Failure, Outcome
-from shapefit.pipelines.project import run as project
-from shapefit.pipelines.sweep.images import Choice, choose_images
-
-
-@dataclass(frozen=True)
-class Files:
-    """What the steps before `fit` made.
-
-    `warm_up` holds images to fit before the clock runs, so that nothing is compiled while it does.
-    """
-
-    dictionary: Path
-    seen: tuple[Path, ...]
-    landmarks: Path
-    warm_up: Path
+from shapefit.pipelines.sweep.steps import Files, fit_value, named, prepare, setting, value_folder
 
 
 def run(config: SweepConfig) -> Iterator[Outcome]:
@@ -81,19 +61,19 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
     judged: list[ImageErrors] = []
     found: list[Point] = []
     for value in config.values:
-        folder = _folder(config, value)
+        folder = value_folder(config, value)
         folder.mkdir(parents=True, exist_ok=True)
-        files = yield from _prepare(config, value, files, folder, work)
+        files = yield from prepare(config, value, files, folder, work)
         _check_match(config, (files.landmarks,))
         result = folder / "result.h5"
-        failed = yield from _fit(config, value, files, result)
+        failed = yield from fit_value(config, value, files, result)
         results = read_results(result)
         judgement = judge(result, results, truth, config.match, _metrics(config, value, results))
         new = (Failure(i, why) for i, why in judgement.failures.items() if i not in failed)
         errors = _in_first_units(image_errors(value_text(value), [judgement]))
         grouping, ungrouped = find_grouping(config.groups, errors)
         yield Outcome(
-            failures=_named(new, _setting(config, value)),
+            failures=named(new, setting(config, value)),
             warnings=judgement.warnings + ungrouped,
         )
         seconds = 1 / float(results.attributes["images_per_second"])
@@ -129,14 +109,8 @@ def _view_of(config: SweepConfig, value: Value) -> ViewConfig | None:
     """Return what the viewer shows: the fit at one value. None where the truth was a pipe."""
     if not all(file.is_file() for file in config.truth):
         return None
-    result = _folder(config, value) / "result.h5"
+    result = value_folder(config, value) / "result.h5"
     return ViewConfig(files={value_text(value): (result,)}, truth=config.truth, match=config.match)
-
-
-def _folder(config: SweepConfig, value: Value) -> Path:
-    """Return the folder of the files between, of one value."""
-    number = config.values.index(value) + 1
-    return config.output / "work" / f"{number}_{_file_name(value)}"
 
 
 def _check_match(config: SweepConfig, landmarks: Sequence[Path]) -> None:
@@ -145,86 +119,6 @@ def _check_match(config: SweepConfig, landmarks: Sequence[Path]) -> None:
         if config.match not in ("item", *source.further_datasets):
             found = f"the landmarks have no dataset '{config.match}'"
             raise input_error("match", found, "name one that holds items of the truth, or `item`")
-
-
-def _prepare(
-    config: SweepConfig, value: Value, before: Files | None, folder: Path, work: Path
-) -> Generator[Outcome, None, Files]:
-    """Learn and project where this value is the first, or has a say in it."""
-    steps = config.steps(value)
-
-    def place(section: str) -> Path | None:
-        if config.varied_section == section:
-            return folder
-        return None if before else work
-
-    dictionary = before.dictionary if before else steps.fit.dictionary
-    at = place("learn_dict")
-    if steps.learn_dict and at:
-        dictionary = at / "dictionary.h5"
-        learning = steps.learn_dict.model_copy(update={"output": dictionary})
-        yield from _as_preparation(
-            learn_dict.run(learning), f"{_setting(config, value)}: learn-dict"
-        )
-    at = place("project")
-    seen = before.seen if before else steps.fit.landmarks
-    if steps.project and at:
-        seen = (at / "all_landmarks.h5",)
-        seeing = steps.project.model_copy(update={"output": seen[0]})
-        yield from _as_preparation(project.run(seeing), f"{_setting(config, value)}: project")
-    if config.varied_section in ("project", "corrupt"):
-        at = folder
-    elif before:
-        return replace(before, dictionary=dictionary)
-    else:
-        at = work
-    files = Files(dictionary, seen, at / "landmarks.h5", at / "warm_up.h5")
-    choose_images(
-        seen,
-        Choice(config.least_visible, config.first, config.frames),
-        steps.corrupt if config.corrupts else None,
-        read_dictionary(dictionary).landmark_names,
-        files.landmarks,
-        files.warm_up,
-    )
-    return files
-
-
-def _as_preparation(outcomes: Iterable[Outcome], name: str) -> Iterator[Outcome]:
-    """Pass on what went wrong in a step before `fit`; its items are not the images that count."""
-    for outcome in outcomes:
-        failures = _named(outcome.failures, name)
-        yield Outcome(failures=failures, warnings=outcome.warnings, note=name)
-
-
-def _fit(
-    config: SweepConfig, value: Value, files: Files, result: Path
-) -> Generator[Outcome, None, set[str]]:
-    """Fit the images at one value, once all it takes is compiled; return the items that failed."""
-    fitting = config.steps(value).fit.model_copy(
-        update={
-            "landmarks": (files.warm_up,),
-            "dictionary": files.dictionary,
-            "output": result,
-            # each value would write over the meshes and pictures of the one before
-            "export": ExportConfig(),
-            "pictures": PicturesConfig(),
-        }
-    )
-    # the few images to warm up with may all be of models that the dictionary does not have
-    for _ in fit.run(fitting.model_copy(update={"leave_out": None})):
-        pass
-    failed: set[str] = set()
-    for outcome in fit.run(fitting.model_copy(update={"landmarks": (files.landmarks,)})):
-        failed |= {failure.item for failure in outcome.failures}
-        yield Outcome(
-            done=outcome.done,
-            total=outcome.total and outcome.total * len(config.values),
-            failures=_named(outcome.failures, _setting(config, value)),
-            warnings=outcome.warnings,
-            note=_setting(config, value),
-        )
-    return failed
 
 
 def _metrics(config: SweepConfig, value: Value, results: ResultSet) -> Sequence[str]:
@@ -239,18 +133,6 @@ def _in_first_units(errors: Iterable[ImageErrors]) -> list[ImageErrors]:
     for each in errors:
         found.setdefault(each.metric, each)
     return list(found.values())
-
-
-def _named(failures: Iterable[Failure], name: str) -> tuple[Failure, ...]:
-    return tuple(Failure(f"{name}: {failure.item}", failure.reason) for failure in failures)
-
-
-def _setting(config: SweepConfig, value: Value) -> str:
-    return f"{config.key}={value_text(value)}"
-
-
-def _file_name(value: Value) -> str:
-    return re.sub(r"[^\w.+-]", "_", value_text(value))
 
 
 def _provenance(config: SweepConfig) -> dict[str, object]:

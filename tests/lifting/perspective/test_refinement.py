@@ -12,19 +12,13 @@ from scipy.spatial.transform import Rotation
 from shapefit import core
 from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
-from shapefit.lifting.perspective.refinement import (
-    FAILED,
-    Camera,
-    Options,
-    mean_coefficients,
-    place_in_depth,
-    project,
-    refine_perspective,
-)
+from shapefit.lifting.perspective.refinement import FAILED, PerspectiveOptions, refine_perspective
+from shapefit.lifting.perspective.start import mean_coefficients, place_in_depth
 
 K, P = 6, 16
-OPTIONS = Options(ridge=0.3, softness=0.1, max_rounds=500)
+OPTIONS = PerspectiveOptions(ridge=0.3, softness=0.1, max_rounds=500)
 FLIP = np.diag([1.0, -1.0, -1.0])  # y down and z forward <-> y up and z to the viewer
 
 

@@ -10,15 +10,16 @@ from shapefit.convex.problem import build_problem
 from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective.refinement import Camera, Options, project
+from shapefit.lifting.perspective.refinement import PerspectiveOptions
 from shapefit.lifting.perspective.view import find_rotations, refine_view
 from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
 
 N, K, P = 6, 5, 14
-OPTIONS = Options(ridge=1e-3, softness=0.1, max_rounds=500)
+OPTIONS = PerspectiveOptions(ridge=1e-3, softness=0.1, max_rounds=500)
 
 
 @pytest.fixture

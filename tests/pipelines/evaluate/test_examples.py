@@ -9,9 +9,9 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io.records import ResultSet, ShapeSet
+from shapefit.pipelines.evaluate import examples
 from shapefit.pipelines.evaluate.examples import check_examples, choose, examples_picture, keep
 from shapefit.pipelines.evaluate.judgement import judge
-from shapefit.pipelines.evaluate.run import examples
 
 NAMES = ("head", "left", "right", "foot", "hand")
 EDGES = np.array([[0, 1], [0, 2], [1, 3], [2, 4]])

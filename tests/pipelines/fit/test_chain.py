@@ -16,7 +16,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective.refinement import Options
+from shapefit.lifting.perspective.refinement import PerspectiveOptions
 from shapefit.lifting.temporal import Sequencing
 from shapefit.pipelines.fit.chain import (
     choose_newton,
@@ -73,7 +73,7 @@ def test_the_program(config):
 def test_options_of_the_perspective_camera(config):
     told = {"ridge": 0.7, "softness": 0.3, "max_rounds": 29}
     camera = {"model": "perspective", "focal": 500.0, **told}
-    assert choose_options(config(camera=camera)) == Options(**told, threads=3)
+    assert choose_options(config(camera=camera)) == PerspectiveOptions(**told, threads=3)
 
 
 def test_options_of_the_depths_along_a_sequence(config, dictionary):

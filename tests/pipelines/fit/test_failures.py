@@ -89,7 +89,7 @@ class TestItemsThatFail:
 
         monkeypatch.setattr("shapefit.pipelines.fit.chain.lift", lift_badly)
         found, outcomes = fit(tmp_path, dictionary, images)
-        assert failures(outcomes) == {"image5": "the shape found is not finite"}
+        assert failures(outcomes) == {"image5": "the fitted shape contains NaN or infinity"}
         assert found.status[5] == Status.NUMERICAL_FAILURE.value
         for values in (found.shapes, found.coefficients, found.rotation, found.objective):
             lost = np.isnan(values.reshape(8, -1)).all(axis=1)

@@ -7,8 +7,8 @@ import pytest
 
 from shapefit.config.commands.fit_camera import ViewingConfig
 from shapefit.errors import InputError
+from shapefit.geometry.pinhole import Camera
 from shapefit.io import LandmarkSet
-from shapefit.lifting.perspective.refinement import Camera
 from shapefit.pipelines.fit.intrinsics import all_aside, find_camera
 
 N = 4

@@ -238,7 +238,7 @@ def test_models_that_the_dictionary_lacks_are_fitted_with_all_atoms(run, images)
     check_same(found, known, [0, 1, 2, 4, 6, 8], [0, 1, 2, 4, 6, 8])
 
 
-def test_strangers_are_fitted_with_the_mean_shape_of_the_dictionary_too(run, models, images):
+def test_unknown_are_fitted_with_the_mean_shape_of_the_dictionary_too(run, models, images):
     """It need not be the mean of the atoms, which stands in where a model is left out."""
     other = replace(models, mean_shape=models.atoms[0])
     views = replace(images, extras={"true_model": np.array(("kadett", *SHOWN[1:]), dtype=object)})

@@ -15,7 +15,6 @@ from shapefit.io import landmark_writer, open_landmarks, read_results, write_dic
 from shapefit.pipelines.fit import outlier_search
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.fit.outlier_search import choose_search, find_seeds
-from shapefit.pipelines.landmark_weights import find_seen
 from shapefit.pipelines.project.imperfections import corrupt
 
 METHODS = ("ransac", "truncated")
@@ -50,7 +49,7 @@ def run(tmp_path, made_cars):
 
 
 def spoil(views, share, rng):
-    landmarks, wrong = corrupt(views.landmarks, find_seen(views), share, 0.1, rng)
+    landmarks, wrong = corrupt(views.landmarks, views.seen(), share, 0.1, rng)
     return replace(views, landmarks=landmarks), wrong
 
 
@@ -100,7 +99,7 @@ def test_the_search_does_without_the_model_left_out(method, run, views, rng, mad
 def labels_of(image, dictionary, method):
     """Labels of one image with a dictionary that never had the model."""
     search = choose_search(OutlierSearchConfig(method=method), solve_newton, 1)
-    visible = find_seen(image)
+    visible = image.seen()
     return (visible & ~search(image, visible.astype(float), dictionary))[0]
 
 
@@ -113,7 +112,7 @@ def test_the_rounds_of_a_truncated_search_are_those_of_the_config(views, made_ca
         return solve_newton(problem)
 
     search = choose_search(OutlierSearchConfig(method="truncated", max_rounds=3), solve, 1)
-    search(spoilt, find_seen(spoilt).astype(float), made_cars)
+    search(spoilt, spoilt.seen().astype(float), made_cars)
     assert solved == 3 * [64] + 3 * [44]  # stretch by stretch
 
 
@@ -131,7 +130,7 @@ def test_the_search_is_told_what_the_config_says(
     told = {}
     monkeypatch.setattr(outlier_search, function, lambda *_, **given: told.update(given))
     search = choose_search(OutlierSearchConfig(method=method, **options), solve_newton, 1)
-    search(views, find_seen(views).astype(float), made_cars)
+    search(views, views.seen().astype(float), made_cars)
     assert {key: told[key] for key in keys} == {key: options[key] for key in keys}
 
 

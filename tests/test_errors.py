@@ -1,6 +1,6 @@
 """Numbers with their nouns."""
 
-from shapefit.pipelines.counted import counted
+from shapefit.errors import counted
 
 
 def test_one_is_not_many():

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.verification.check import Check, check
-from shapefit.verification.program import (
+from shapefit.verification.proofs.program import (
     Value,
     at_most,
     equal,
@@ -17,10 +17,10 @@ from shapefit.verification.program import (
     relative_residual,
     residual,
 )
-from shapefit.verification.reconstruction import check_nearest, check_place, check_shapes
+from shapefit.verification.proofs.reconstruction import check_nearest, check_place, check_shapes
+from shapefit.verification.proofs.transforms import Transforms
 from shapefit.verification.statements import OPTIMAL
 from shapefit.verification.subject import Subject
-from shapefit.verification.transforms import Transforms
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shapefit.verification.block_norms import (
+from shapefit.verification.proofs.block_norms import (
     nuclear_norms,
     polar_rows,
     spectral_norms,

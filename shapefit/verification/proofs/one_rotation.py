@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.verification.camera import check_camera
 from shapefit.verification.check import Check, flagged
-from shapefit.verification.program import (
+from shapefit.verification.proofs.camera import check_camera
+from shapefit.verification.proofs.program import (
     Value,
     at_most,
     equal,
@@ -16,7 +16,7 @@ from shapefit.verification.program import (
     relative_residual,
     residual,
 )
-from shapefit.verification.reconstruction import (
+from shapefit.verification.proofs.reconstruction import (
     check_place,
     check_points,
     check_proper,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from shapefit.pipelines.chosen_items import ChosenItems, spread
+from shapefit.pipelines.items import ChosenItems, spread
 
 ITEMS = ("a1", "a[1]", "a2", "b/1", "b/2", "A1")
 

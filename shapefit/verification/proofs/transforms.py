@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.verification.block_norms import polar_rows, spectral_norms, third_rows
+from shapefit.verification.proofs.block_norms import polar_rows, spectral_norms, third_rows
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]

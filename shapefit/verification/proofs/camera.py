@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.verification.check import Check, check
-from shapefit.verification.program import Value
+from shapefit.verification.proofs.program import Value
 from shapefit.verification.subject import Subject
 
 Floats = NDArray[np.float64]

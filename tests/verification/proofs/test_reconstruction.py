@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.geometry.rotations import nearest_rotation, random_rotations, rotation_about
-from shapefit.verification.reconstruction import check_nearest, check_proper
+from shapefit.verification.proofs.reconstruction import check_nearest, check_proper
 
 N = 40
 BOUND = 1e-12

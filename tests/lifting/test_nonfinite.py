@@ -10,9 +10,8 @@ import pytest
 
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.solution import Status
-from shapefit.lifting.lift import Program, lift
+from shapefit.lifting.lift import NOT_FINITE, Program, fail_nonfinite, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.withholding import REASON, withhold_broken
 
 
 @pytest.fixture
@@ -25,15 +24,15 @@ def lifting(make_scene):
 
 
 def test_what_is_finite_stays(lifting):
-    assert withhold_broken(lifting) is lifting
+    assert fail_nonfinite(lifting) is lifting
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_one_coordinate_that_is_not_finite_fails_its_image(lifting, value):
     shapes = lifting.shapes.copy()
     shapes[1, 2, 4] = value
-    found = withhold_broken(replace(lifting, shapes=shapes))
-    assert found.failures == {1: REASON, 3: "all landmarks are hidden"}
+    found = fail_nonfinite(replace(lifting, shapes=shapes))
+    assert found.failures == {1: NOT_FINITE, 3: "all landmarks are hidden"}
     optimal = Status.OPTIMAL
     assert found.estimate.status == (
         optimal, Status.NUMERICAL_FAILURE, optimal, Status.DEGENERATE, optimal,

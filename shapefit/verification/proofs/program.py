@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.verification.block_norms import nuclear_norms
 from shapefit.verification.check import Check, check
 from shapefit.verification.images import Images
+from shapefit.verification.proofs.block_norms import nuclear_norms
+from shapefit.verification.proofs.transforms import Atoms
 from shapefit.verification.terms import Terms
-from shapefit.verification.transforms import Atoms
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
