@@ -34,6 +34,11 @@ def _dataset(rng: Random, file: Any) -> Any:
     return rng.choice([one for one in datasets if (one.size or 0) <= MOST_VALUES])
 
 
+def _read(dataset: Any) -> Any:
+    """Return the values as an array, a single text too."""
+    return np.asarray(dataset[()])
+
+
 def _put(file: Any, name: str, values: Any, **keys: Any) -> None:
     """Put a dataset in the place of what has its name."""
     if name in file:
@@ -48,7 +53,7 @@ def _delete(rng: Random, file: Any) -> None:
 
 def _values(rng: Random, file: Any) -> None:
     dataset = _dataset(rng, file)
-    values = dataset[()]
+    values = _read(dataset)
     if values.size and values.dtype.kind in "fiu":
         flat = values.reshape(-1)
         with np.errstate(all="ignore"):
@@ -69,13 +74,13 @@ def _scale(rng: Random, file: Any) -> None:
     dataset = _dataset(rng, file)
     if dataset.dtype.kind == "f":
         with np.errstate(all="ignore"):
-            _put(file, dataset.name, dataset[()] * 10.0 ** rng.uniform(-320, 300))
+            _put(file, dataset.name, _read(dataset) * 10.0 ** rng.uniform(-320, 300))
 
 
 def _bits(rng: Random, file: Any) -> None:
     dataset = _dataset(rng, file)
     if dataset.dtype.kind in "fiu" and dataset.size:
-        data = bytearray(dataset[()].tobytes())
+        data = bytearray(_read(dataset).tobytes())
         for _ in range(rng.choice((1, 2, 8))):
             data[rng.randrange(len(data))] = rng.randrange(256)
         _put(file, dataset.name, np.frombuffer(bytes(data), dataset.dtype).reshape(dataset.shape))
@@ -110,13 +115,13 @@ def _type(rng: Random, file: Any) -> None:
             dataset.name,
             np.zeros(dataset.shape, rng.choice(TYPES))
             if rng.random() < 0.3
-            else dataset[()].astype(rng.choice(TYPES)),
+            else _read(dataset).astype(rng.choice(TYPES)),
         )
 
 
 def _shape(rng: Random, file: Any) -> None:
     dataset = _dataset(rng, file)
-    values = dataset[()]
+    values = _read(dataset)
     changed = rng.choice(
         (
             lambda: values[..., :-1] if values.ndim else values,

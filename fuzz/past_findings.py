@@ -19,7 +19,7 @@ import numpy as np
 Command = tuple[str, ...]
 Finding = Callable[[Path], Command]
 
-SEEDS = (("hdf5", 620),)
+SEEDS = (("hdf5", 118), ("hdf5", 231), ("hdf5", 362), ("hdf5", 487))
 """Kinds and seeds of cases that failed."""
 
 FIT = ("fit", "views.h5", "-d", "dict.h5", "-o", "out.h5", "--set=threads=1")
@@ -80,6 +80,25 @@ def _path_that_is_not_utf8(folder: Path) -> Command:
     name = os.fsdecode(b"caf\xe9.csv")
     shutil.copy(folder / "views.csv", folder / name)
     return ("fit", name, "-d", "dict.h5", "-o", "out.h5", "--set=threads=1")
+
+
+def _format_that_is_no_text(folder: Path) -> Command:
+    with h5py.File(folder / "views.h5", "r+") as file:
+        file.attrs["format"] = h5py.Empty("f8")
+    return ("view", "views.h5", "result.h5", "-o", "out.html")
+
+
+def _a_chunk_for_each_value(folder: Path) -> Command:
+    with h5py.File(folder / "dict.h5", "r+") as file:
+        del file["objective_trace"]
+        file.create_dataset("objective_trace", (10**6,), "f8", chunks=(1,))
+    return FIT
+
+
+def _mesh_beyond_single_precision(folder: Path) -> Command:
+    with h5py.File(folder / "views.h5", "r+") as file:
+        file["landmarks"][0] = file["landmarks"][0] * 1e60
+    return (*FIT, "--set=export.folder=out_meshes")
 
 
 def _half_a_letter_in_an_option(_folder: Path) -> Command:
@@ -183,6 +202,9 @@ FINDINGS: Mapping[str, Finding] = {
         _further_dataset_without_end,
         _path_that_is_not_utf8,
         _half_a_letter_in_an_option,
+        _format_that_is_no_text,
+        _a_chunk_for_each_value,
+        _mesh_beyond_single_precision,
         _aliases_of_aliases,
         _fewer_atoms_than_are_active_by_default,
         _depths_of_empty_shapes,

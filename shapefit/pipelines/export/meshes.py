@@ -71,7 +71,7 @@ class MeshExport:
         self._files = files
         self._encode = choose_encoder(config, dictionary)
         self._items = ChosenItems("export.items", config.export.items)
-        self._farthest = np.inf if config.export.format == MeshFormat.OBJ else FARTHEST
+        self._farthest = np.inf if config.export.format == "obj" else FARTHEST
         self._written = self._missing = self._far = 0
 
     def add(self, found: ResultSet, transforms: Floats | None) -> None:
