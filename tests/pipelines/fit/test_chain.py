@@ -48,7 +48,9 @@ def test_settings_of_the_methods(config, dictionary):
     alternation = {
         "signed": True, "views": 9, "multi_start": True, "tolerance": 1e-3, "max_rounds": 17
     }  # fmt: skip
-    found = choose_settings(config(alternation=alternation, orthogonal=True), dictionary)
+    given = config(alternation=alternation, orthogonal=True)
+    found = choose_settings(given, dictionary, choose_newton(given))
+    assert found.solve.func is solve_newton
     assert {key: getattr(found, key) for key in alternation} == alternation
     assert (found.orthogonal, found.threads) == (True, 3)
     assert found.mean_shape is dictionary.mean_shape
