@@ -16,12 +16,12 @@ from shapefit.config.commands.fit_outliers import OutlierSearchConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, FromLists
 from shapefit.config.paths import InputPath, InputPaths, OutputPath
+from shapefit.errors import listed
 from shapefit.lifting.methods import (
     ALTERNATION,
     METHODS,
     ROBUST,
     AlternationOptions,
-    listed,
     summarise,
     those,
 )
