@@ -33,7 +33,7 @@ def find_dataset(file: Path, results: ResultSet, name: str) -> NDArray[Any] | No
     if name in LABELS:
         return np.asarray(data, dtype=np.bool_)
     numbers = np.asarray(data, dtype=np.float64)
-    # Carried datasets come as they stand in the file, one landmark a row.
+    # Carried datasets come as they stand in the file, one landmark per row.
     return np.swapaxes(numbers, -1, -2) if name == "landmarks" else numbers
 
 
