@@ -28,8 +28,9 @@ class ShapeSet:
     """n shapes of p landmarks: shapes (n, 3, p) in `unit`.
 
     items are unique; sequences (n) name the clip or group of each; edges (e, 2) and mesh_faces
-    (f, 3) hold indices of landmarks and mesh vertices; mesh_vertices (n, 3, q). extras are
-    further datasets as they stand in the file.
+    (f, 3) hold indices of landmarks and mesh vertices; mesh_vertices (n, 3, q). frame_rate, in
+    Hz, is that of the items of a sequence, None where it is unknown. extras are further datasets
+    as they stand in the file.
     """
 
     shapes: Floats
@@ -40,6 +41,7 @@ class ShapeSet:
     mesh_vertices: Floats | None = None
     mesh_faces: Integers | None = None
     unit: str = UNKNOWN_UNIT
+    frame_rate: float | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
 
     def __post_init__(self) -> None:
@@ -57,7 +59,8 @@ class ShapeSet:
 class LandmarkSet:
     """n images of p landmarks: landmarks (n, 2, p) in `unit`, NaN where unseen.
 
-    confidence (n, p) >= 0 or None, which means 1 for all; y_axis tells where y points.
+    confidence (n, p) >= 0 or None, which means 1 for all; y_axis tells where y points; frame_rate
+    as in a ShapeSet.
     """
 
     landmarks: Floats
@@ -67,6 +70,7 @@ class LandmarkSet:
     sequences: Names | None = None
     unit: str = UNKNOWN_UNIT
     y_axis: Literal["up", "down"] = "up"
+    frame_rate: float | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
 
     def __post_init__(self) -> None:
@@ -133,7 +137,7 @@ class ResultSet:
     convex_translation (n, 2), convex_objective and convex_relative_gap (n,), the last two where
     objective and relative_gap are not those of the program; the transforms that are not 0, one
     image after the other: active_transforms (a, 2, 3) of the atoms transform_atom (a,), and
-    transform_count (n,) of them for each image. attributes are stored with the file (method,
+    transform_count (n,) of them for each image. frame_rate as in a ShapeSet. attributes are stored with the file (method,
     times, config, digests).
     """
 
@@ -162,6 +166,7 @@ class ResultSet:
     extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
     unit: str = UNKNOWN_UNIT
     y_axis: Literal["up", "down"] = "up"
+    frame_rate: float | None = None
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from shapefit.io.agreement import agreed, check_same_extras
+from shapefit.io.agreement import agreed, agreed_rate, check_same_extras
 from shapefit.io.chunked import ChunkedSource, SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
@@ -71,13 +71,20 @@ class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
         return self._head.y_axis
 
     @property
+    def frame_rate(self) -> float | None:
+        """Frames a second of a sequence; None where no file states it."""
+        return self._head.frame_rate
+
+    @property
     def further_datasets(self) -> tuple[str, ...]:
         """Names of the datasets that the format does not know."""
         return tuple(self._head.extras)
 
     def _conform(self, part: LandmarkSet, place: str) -> LandmarkSet:
         """Give a part of one file the landmarks and fields of the whole source."""
-        changes: dict[str, Any] = {"unit": self._head.unit, "y_axis": self._head.y_axis}
+        changes: dict[str, Any] = {
+            name: getattr(self._head, name) for name in ("unit", "y_axis", "frame_rate")
+        }
         if self._head.confidence is not None and part.confidence is None:
             changes["confidence"] = np.ones((len(part), len(part.landmark_names)))
         if self._head.sequences is not None and part.sequences is None:
@@ -101,6 +108,7 @@ def _common_head(files: Sequence[_File]) -> LandmarkSet:
         sequences=() if sequences else None,
         unit=agreed("unit", units, UNKNOWN_UNIT),
         y_axis=agreed("y_axis", [(file.name, file.y_axis) for file in files], "up"),
+        frame_rate=agreed_rate([(file.name, file.head.frame_rate) for file in files]),
         extras=first.arrange(tuple(names)).extras,
     )
 
@@ -151,4 +159,10 @@ def _read_rows(reader: Any, rows: slice) -> LandmarkSet:
     unseen = np.isnan(landmarks).any(axis=1, keepdims=True)
     fields["landmarks"] = np.where(unseen, np.nan, landmarks)
     extras = reader.extras(rows)
-    return LandmarkSet(**fields, unit=reader.unit, y_axis=reader.y_axis, extras=extras)
+    return LandmarkSet(
+        **fields,
+        unit=reader.unit,
+        y_axis=reader.y_axis,
+        frame_rate=reader.frame_rate,
+        extras=extras,
+    )

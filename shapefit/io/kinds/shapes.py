@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.agreement import agreed, check_same_array, check_same_extras
+from shapefit.io.agreement import agreed, agreed_rate, check_same_array, check_same_extras
 from shapefit.io.chunked import ChunkedSource, SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Array, Extras
@@ -73,8 +73,14 @@ class ShapeSource(ChunkedSource[ShapeSet, _File]):
         sequences = part.sequences
         if self._head.sequences is not None and sequences is None:
             sequences = ("",) * len(part)
-        edges, unit = self._head.edges, self._head.unit
-        return replace(part, sequences=sequences, edges=edges, unit=unit)
+        head = self._head
+        return replace(
+            part,
+            sequences=sequences,
+            edges=head.edges,
+            unit=head.unit,
+            frame_rate=head.frame_rate,
+        )
 
 
 def write_shapes(path: Path, shapes: ShapeSet) -> None:
@@ -138,7 +144,12 @@ def _open_hdf5(path: Path) -> _File:
 
 
 def _read_rows(reader: Any, rows: slice) -> ShapeSet:
-    return ShapeSet(**reader.fields(rows), unit=reader.unit, extras=reader.extras(rows))
+    return ShapeSet(
+        **reader.fields(rows),
+        unit=reader.unit,
+        frame_rate=reader.frame_rate,
+        extras=reader.extras(rows),
+    )
 
 
 def _arranged(shapes: ShapeSet, names: tuple[str, ...], place: str) -> ShapeSet:
@@ -185,4 +196,5 @@ def _common_head(files: Sequence[_File]) -> ShapeSet:
     check_same_extras([(name, Extras.of(head.extras, 0)) for name, head in heads])
     edges = next((head.edges for _, head in heads if head.edges is not None), None)
     sequences = () if any(head.sequences is not None for _, head in heads) else None
-    return replace(heads[0][1], unit=unit, edges=edges, sequences=sequences)
+    rate = agreed_rate([(name, head.frame_rate) for name, head in heads])
+    return replace(heads[0][1], unit=unit, edges=edges, sequences=sequences, frame_rate=rate)
