@@ -34,7 +34,8 @@ BLOCK = 16384
 class Listing:
     """A file of results, shapes or landmarks: n items, and the root attributes.
 
-    y_axis is None for shapes; frame_rate as in the records; datasets are the names of all that an HDF5 file holds.
+    y_axis is None for shapes; frame_rate as in the records; datasets are the names of all that an
+    HDF5 file holds.
     """
 
     path: Path

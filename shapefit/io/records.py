@@ -92,21 +92,26 @@ class LandmarkSet:
         """Omega > 0 (n, p): the landmarks that have a place and confidence."""
         return self.weights() > 0
 
-    def arrange(self, names: Sequence[str], place: str = "landmark_names") -> LandmarkSet:
+    def arrange(
+        self, names: Sequence[str], place: str = "landmark_names", *, leave_out: bool = False
+    ) -> LandmarkSet:
         """Return the same images with the landmarks `names`, in that order.
 
         Landmarks that this set lacks are unseen (NaN, confidence 0) and have no label; extras but
-        `LABELS` stay as they are. Raises InputError at `place` where this set has a landmark that
-        `names` lacks.
+        `LABELS` stay as they are. Where this set has a landmark that `names` lacks, `leave_out`
+        leaves it out; without, that is an InputError at `place`.
         """
         names = tuple(names)
         if names == self.landmark_names:
             return self
-        columns = match_landmarks(names, self.landmark_names, place)
+        own = np.arange(len(self.landmark_names))
+        if leave_out:
+            own = np.flatnonzero([name in set(names) for name in self.landmark_names])
+        columns = match_landmarks(names, [self.landmark_names[j] for j in own], place)
 
         def arranged(values: NDArray[Any], absent: float) -> NDArray[Any]:
             every = np.full((*values.shape[:-1], len(names)), absent, values.dtype)
-            every[..., columns] = values
+            every[..., columns] = values[..., own]
             return every
 
         extras = Extras.of(self.extras, len(self))
@@ -137,8 +142,8 @@ class ResultSet:
     convex_translation (n, 2), convex_objective and convex_relative_gap (n,), the last two where
     objective and relative_gap are not those of the program; the transforms that are not 0, one
     image after the other: active_transforms (a, 2, 3) of the atoms transform_atom (a,), and
-    transform_count (n,) of them for each image. frame_rate as in a ShapeSet. attributes are stored with the file (method,
-    times, config, digests).
+    transform_count (n,) of them for each image. frame_rate as in a ShapeSet. attributes are
+    stored with the file (method, times, config, digests).
     """
 
     shapes: Floats
@@ -234,8 +239,13 @@ def concatenate(parts: Sequence[Record]) -> Record:
     return replace(first, **changes, extras=Extras(per_item, extras[0].whole))
 
 
+def nearest_names(name: str, known: Sequence[str]) -> list[str]:
+    """Return the up to three known names that look most like a name."""
+    return get_close_matches(name, known, n=3, cutoff=0.5)
+
+
 def _strange_landmark(place: str, name: str, known: Sequence[str]) -> str:
-    nearest = get_close_matches(name, known, n=3, cutoff=0.5)
+    nearest = nearest_names(name, known)
     if nearest:
         fix = "did you mean " + " or ".join(f"'{near}'" for near in nearest) + "?"
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +16,7 @@ from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
 from shapefit.io.layout import LANDMARKS, UNKNOWN_UNIT
 from shapefit.io.records import LandmarkSet
+from shapefit.io.renaming import check_known, renamed
 from shapefit.io.sources import is_hdf5, source_name
 
 Read = Callable[[slice], LandmarkSet]
@@ -29,14 +30,20 @@ class _File(SourceFile[LandmarkSet]):
     y_axis: Direction | None = None
 
 
-def open_landmarks(paths: Sequence[Path]) -> LandmarkSource:
+def open_landmarks(
+    paths: Sequence[Path], rename: Mapping[str, str] | None = None
+) -> LandmarkSource:
     """Open HDF5 and CSV files of landmarks (`-` is standard input) as one source.
 
     Everything is checked before the first image is given out. Raises InputError for what is
     wrong with a file, for items that occur twice, and for files that do not go together (other
-    units, directions of y, or further datasets). HDF5 is read a chunk at a time, CSV whole.
+    units, directions of y, frame rates, or further datasets). HDF5 is read a chunk at a time, CSV
+    whole. `rename` maps names of landmarks as files have them to those they are given out under;
+    a name that no file has is an error.
     """
-    return LandmarkSource([_open(path) for path in paths])
+    files = [_open(path) for path in paths]
+    check_known(rename or {}, [(file.name, file.head.landmark_names) for file in files])
+    return LandmarkSource([_renamed(file, rename or {}) for file in files])
 
 
 class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
@@ -115,6 +122,19 @@ def _common_head(files: Sequence[_File]) -> LandmarkSet:
 
 def _stated_unit(head: LandmarkSet) -> str | None:
     return None if head.unit == UNKNOWN_UNIT else head.unit
+
+
+def _renamed(file: _File, rename: Mapping[str, str]) -> _File:
+    """Return a file that gives its landmarks out under their new names."""
+
+    @contextmanager
+    def opened() -> Iterator[Read]:
+        with file.open() as read:
+            yield lambda rows: renamed(read(rows), rename, file.name)
+
+    return (
+        replace(file, head=renamed(file.head, rename, file.name), open=opened) if rename else file
+    )
 
 
 def _open(path: Path) -> _File:
