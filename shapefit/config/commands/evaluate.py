@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.expectation import Expected
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, Renaming
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import InputPath, InputPaths, OutputPath
 from shapefit.errors import listed
@@ -67,6 +67,11 @@ class EvalConfig(CommandConfig):
         "list, a file is called by its name without folder and ending."
     )
     truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
+    rename: Renaming = Field(
+        default_factory=dict,
+        description="Landmarks that the truth calls otherwise: name in the truth -> name in the "
+        "results.",
+    )
     output: OutputPath = Field(description="Folder to write the report to.")
     match: str = Field(
         default="item",

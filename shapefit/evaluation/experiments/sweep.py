@@ -131,7 +131,7 @@ COLUMNS = (
 
 
 def write_csv(path: Path, sweep: Sweep) -> None:
-    """Write sweep.csv, one row a value, group and metric; a number that does not exist is empty."""
+    """Write sweep.csv, one row per value, group and metric; a number that does not exist is empty."""
     known = (
         {"key": sweep.key, **asdict(point), "value": value_text(point.value)}
         for point in sweep.points
@@ -170,7 +170,7 @@ def document(sweep: Sweep) -> list[Block]:
             if not METRICS[metric].of_labels and any(point.failed for point in found):
                 shares = {point.value: _share_with_shape(point) for point in found}
                 columns[f"{of_which}with a shape"] = shares
-    columns["ms an image"] = {p.value: f"{1000 * p.seconds_per_image:.3g}" for p in sweep.points}
+    columns["ms per image"] = {p.value: f"{1000 * p.seconds_per_image:.3g}" for p in sweep.points}
     rows = [
         [value_text(v), *(column.get(v, ABSENT) for column in columns.values())] for v in values
     ]

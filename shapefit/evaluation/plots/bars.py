@@ -1,4 +1,4 @@
-"""Bar plots of the mean error of every sequence, one bar a method."""
+"""Bar plots of the mean error of every sequence, one bar per method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Box plots of the errors of all images of each group, one box a method."""
+"""Box plots of the errors of all images of each group, one box per method."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ FEWEST_SLOTS = 7
 def box_plot(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[str]]) -> Figure:
     """Draw the errors of the images of each group: quartiles, median with its number, whiskers.
 
-    errors of one metric and unit, one entry a method. Every image weighs the same, whichever its
+    errors of one metric and unit, one entry per method. Every image weighs the same, whichever its
     sequence. Failed images, nan, are left out, and so are groups without any image.
     """
     from matplotlib.figure import Figure

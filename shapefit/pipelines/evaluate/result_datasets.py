@@ -35,5 +35,5 @@ def find_dataset(file: Path, results: ResultSet, wanted: Dataset) -> NDArray[Any
     if wanted.labels:
         return np.asarray(data, dtype=np.bool_)
     numbers = np.asarray(data, dtype=np.float64)
-    # Carried datasets come as they stand in the file, one landmark a row.
+    # Carried datasets come as they stand in the file, one landmark per row.
     return np.swapaxes(numbers, -1, -2) if wanted.points else numbers

@@ -14,7 +14,7 @@ from shapefit.lifting.methods import METHODS, those
 
 
 class AtomMeshes(NamedTuple):
-    """One mesh an atom: vertices (k, 3, q), faces (f, 3)."""
+    """One mesh per atom: vertices (k, 3, q), faces (f, 3)."""
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]

@@ -89,11 +89,12 @@ def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
     """
     check_needs(config, dictionary)
     METHODS[config.method].load()
+    solve = choose_solver(config)
     return Chain(
         depths=choose_refinement(config, dictionary),
         program=choose_program(config),
-        search=choose_search(config),
-        method=lambda part: choose_method(config.method, choose_settings(config, part)),
+        search=choose_search(config, solve),
+        method=lambda part: choose_method(config.method, choose_settings(config, part, solve)),
         view=choose_view(config),
         leave_out=choose_groups(config, dictionary),
     )
@@ -111,14 +112,14 @@ def choose_groups(
     return partial(lift_left_out, dataset=config.leave_out, threads=config.threads)
 
 
-def choose_search(config: FitConfig) -> Search | None:
+def choose_search(config: FitConfig, solve: Solve) -> Search | None:
     """Return the search for outliers that the config names, if any."""
     if config.outliers.method == "none":
         return None
     from shapefit.pipelines.fit.outlier_search import choose_search as choose
     from shapefit.pipelines.fit.outlier_search import find_inliers
 
-    search = choose(config.outliers, choose_solver(config), config.threads)
+    search = choose(config.outliers, solve, config.threads)
     return partial(find_inliers, search)
 
 
@@ -195,7 +196,7 @@ def choose_program(config: FitConfig) -> Program:
     )
 
 
-def choose_settings(config: FitConfig, dictionary: Dictionary) -> Settings:
+def choose_settings(config: FitConfig, dictionary: Dictionary, solve: Solve) -> Settings:
     """Return what the methods need besides the problem."""
     method = METHODS[config.method]
     options = None
@@ -205,7 +206,7 @@ def choose_settings(config: FitConfig, dictionary: Dictionary) -> Settings:
             **{key.name: getattr(getattr(config, name), key.name) for key in fields(kind)}
         )
     return Settings(
-        solve=choose_solver(config),
+        solve=solve,
         mean_shape=dictionary.mean_shape,
         needs={need.name: getattr(dictionary, need.name) for need in method.needs},
         options=options,

@@ -57,7 +57,7 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         _check_match(config, config.fit.landmarks)
     work = config.output / "work"
     files: Files | None = None
-    truth = read_shapes(config.truth)
+    truth = read_shapes(config.truth, gaps=True)
     judged: list[ImageErrors] = []
     found: list[Point] = []
     for value in config.values:
