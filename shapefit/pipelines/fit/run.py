@@ -23,8 +23,8 @@ from shapefit.io import (
     read_dictionary,
     result_writer,
 )
+from shapefit.io.formats import find_target_format
 from shapefit.io.records import nearest_names
-from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import choose_chain, choose_newton, fit_images
@@ -109,7 +109,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
 def check_holds_all(config: FitConfig) -> None:
     """Raise InputError where the config asks for more than the output can hold."""
     for key in ("path", "transforms"):
-        if getattr(config, key) and is_csv_target(config.output):
+        if getattr(config, key) and find_target_format(config.output).points_only:
             found = f"asks for what {config.output} cannot hold: CSV is for points only"
             raise input_error(key, found, "name an HDF5 output, or leave it out")
 
