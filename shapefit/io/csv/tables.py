@@ -17,14 +17,20 @@ from shapefit.io.records import Floats, Integers, LandmarkSet, Names, ResultSet,
 
 FINITE_FIX = "write a finite number"
 UNSEEN_FIX = f"{FINITE_FIX}, or leave the cell empty where the landmark is unseen"
+UNKNOWN_FIX = f"{FINITE_FIX}, or leave the cell empty where the landmark is unknown"
 FAILED_FIX = f"{FINITE_FIX}, or leave the cell empty where the item failed"
 CONFIDENCE_FIX = "write 0 (hidden) or a positive number"
 
 
-def read_shape_table(path: Path) -> ShapeSet:
-    """Read `item,landmark,x,y,z[,sequence]`, every landmark of every item."""
-    table = _Tidy(path, ("x", "y", "z"), ("sequence",), FINITE_FIX, empty_allowed=False)
-    table.check_complete()
+def read_shape_table(path: Path, *, gaps: bool = False) -> ShapeSet:
+    """Read `item,landmark,x,y,z[,sequence]`, every landmark of every item.
+
+    With `gaps` a landmark that has no row, or an empty or nan coordinate, is unknown: NaN.
+    """
+    fix = UNKNOWN_FIX if gaps else FINITE_FIX
+    table = _Tidy(path, ("x", "y", "z"), ("sequence",), fix, empty_allowed=gaps)
+    if not gaps:
+        table.check_complete()
     return ShapeSet(table.points, table.landmarks, table.items, table.sequences)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
@@ -98,6 +99,20 @@ class Hdf5Reader:
             return "down"
         found = f"the root attribute y_axis is '{direction}'"
         raise input_error(self.path, found, "set it to up or down")
+
+    @property
+    def frame_rate(self) -> float | None:
+        """Frames a second of a sequence; None where the file states none.
+
+        Raises InputError for what is not a number > 0.
+        """
+        rate = self._root.get("frame_rate")
+        if rate is None:
+            return None
+        if isinstance(rate, int | float) and not isinstance(rate, bool) and 0 < rate < math.inf:
+            return float(rate)
+        found = f"the root attribute frame_rate is {rate!r}"
+        raise input_error(self.path, found, "set it to frames a second, a number > 0, or remove it")
 
     def has(self, name: str) -> bool:
         """Whether the file has this dataset of its format."""

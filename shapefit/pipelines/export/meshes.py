@@ -1,4 +1,4 @@
-"""Mesh files of fitted images: one an image, named after its item."""
+"""Mesh files of fitted images: one per image, named after its item."""
 
 from __future__ import annotations
 
