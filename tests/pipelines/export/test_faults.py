@@ -24,9 +24,7 @@ def no_fitting(monkeypatch):
     def refuse(*_arguments):
         raise AssertionError("an image was fitted before the complaint")
 
-    monkeypatch.setattr(
-        "shapefit.pipelines.fit.run.choose_lifter", lambda _config, _dictionary: refuse
-    )
+    monkeypatch.setattr("shapefit.pipelines.fit.run.fit_images", refuse)
 
 
 @pytest.fixture
