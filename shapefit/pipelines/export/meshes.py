@@ -88,7 +88,7 @@ class MeshExport:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was asked for and is not there."""
-        found = f"images without a shape (failed, or all coefficients 0): {self._missing}"
+        found = f"images without a shape (failed, or with all coefficients 0): {self._missing}"
         return ((f"{found}; they have no mesh",) if self._missing else ()) + self._items.warnings
 
     def _write(self, found: ResultSet, transforms: Floats | None) -> None:
@@ -125,7 +125,7 @@ def _check_size(config: FitConfig, dictionary: Dictionary) -> None:
     """Raise InputError where the size in the unit of the dictionary cannot be known."""
     fix = "set `export.unit: landmarks`"
     if dictionary.atom_scale is None:
-        found = "has no `atom_scale`, which tells how large its atoms are"
+        found = "has no `atom_scale`, the sizes of its atoms"
         raise input_error(config.dictionary, found, f"learn it with `method: exemplars`, or {fix}")
     if not mixes_atoms(config):
         found = f"`method: {config.method}` gives no coefficients, so the size is not known"

@@ -104,7 +104,7 @@ def choose_options(config: FitConfig) -> PerspectiveOptions:
 
 
 def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:
-    """Return what the images of a sequence tell about each other: nothing, or the depths."""
+    """Return how the images of a sequence inform one another: nothing, or the depths."""
     if not config.temporal.depths:
         return lambda lifting, _: lifting
     if dictionary.edges is None:

@@ -88,8 +88,8 @@ def lift_inliers(
     inliers[lost] = False
     lifting = lift(np.where(inliers, weights, 0.0))
     reasons = {
-        image: f"only {agree[image]} of {seen[image]} visible landmarks agree with each other; it "
-        f"takes {BEYOND_CHANCE}, not all on one line"
+        image: f"only {agree[image]} of {seen[image]} visible landmarks agree with each other; the "
+        f"minimum is {BEYOND_CHANCE}, not all on one line"
         for image in np.flatnonzero(lost).tolist()
     }
     return replace(
