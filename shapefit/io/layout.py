@@ -86,7 +86,7 @@ VERSION = 1
 UNKNOWN_UNIT = "unknown"
 
 # Root attributes that the formats define; others of the same name are stored with a prefix.
-PLAIN_ATTRIBUTES = frozenset({"format", "version", "unit", "y_axis"})
+PLAIN_ATTRIBUTES = frozenset({"format", "version", "unit", "y_axis", "frame_rate"})
 _PREFIX = "shapefit_"
 
 # Attribute of a carried dataset: False where it belongs to the file, whatever its shape suggests.

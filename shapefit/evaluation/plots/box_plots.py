@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.plots.bars import (
     BARS,
     GAP,
     INK,
     LETTER,
-    TITLES,
     add_head,
     axis_label,
     look,
@@ -63,7 +63,7 @@ def box_plot(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[str]
         start += width + GAP
     axis.set_xticks(list(ticks), list(ticks.values()), fontweight="bold", fontsize=9)
     methods = [e.method for e in errors]
-    add_head(figure, axis, f"{TITLES[errors[0].metric]}, image by image", methods)
+    add_head(figure, axis, f"{METRICS[errors[0].metric].title}, image by image", methods)
     return figure
 
 

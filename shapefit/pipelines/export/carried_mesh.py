@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
-from shapefit.lifting.methods import METHODS, listed, those
+from shapefit.errors import listed
+from shapefit.lifting.methods import METHODS, those
 
 
 class AtomMeshes(NamedTuple):

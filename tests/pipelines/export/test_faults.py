@@ -122,7 +122,9 @@ class TestRefused:
         (tmp_path / "both/sub").mkdir(parents=True)
         suffix = file_format.split("-")[0]
         output = tmp_path / f"both/sub/result.{suffix}"
-        with pytest.raises(InputError, match=rf"has the same name as the \.{suffix} files that go into"):
+        with pytest.raises(
+            InputError, match=rf"has the same name as the \.{suffix} files that go into"
+        ):
             run(
                 output=output,
                 **{section: {"folder": str(tmp_path / "both"), "format": file_format}},
