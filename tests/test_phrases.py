@@ -37,7 +37,7 @@ TICS = {
         r"\b(have|has|had|having) (a |no |any )?say\b|\bsay in\b"
     ),
     "`per image` for `an image`": (
-        rf"(?<!every )(?<!each )\b({COUNTED}) an? ({UNITS})\b"
+        rf"(?<!every )(?<!each )(?<!training )\b({COUNTED}) an? ({UNITS})\b"
         r"(?! (of|that|which|whose|to|is|at a time)\b)"
     ),
 }

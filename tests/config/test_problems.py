@@ -229,7 +229,7 @@ def test_every_problem_is_told_at_once():
         ("eval", "floors: {dictionary: none.h5}", "c.yaml:4:22: no file"),
         ("eval", "least_visible: -1", "c.yaml:4:16: expected"),
         ("eval", "metrics: []", "c.yaml:4:10: expected at least one metric, found an empty list"),
-        ("eval", "groups: {A: 3}", "c.yaml:4:13: expected a mapping, each value a text, found 3"),
+        ("eval", "groups: {A: 3}", "c.yaml:4:13: expected a mapping to strings, found 3"),
         (
             "eval",
             "groups: {A: a_*}\npublished: {Paper: {B: 0.2}}",
@@ -292,7 +292,7 @@ def test_a_wrong_argument_is_named():
         ("\tlambda: 1\n", "c.yaml:1:1: not valid YAML: "),
         ("- a\n- b\n", "c.yaml:1:1: expected keys with values (key: value), found a list"),
         ("--- {}\n--- {}\n", "c.yaml:2:1: not valid YAML: "),
-        ("? [a]\n: 1\n", "c.yaml:1:3: a key must be a text"),
+        ("? [a]\n: 1\n", "c.yaml:1:3: a key must be a string"),
         ("lambda: !!int x\n", "c.yaml:1:9: 'x' is not what its tag says"),
         ("lambda: !!bool x\n", "c.yaml:1:9: 'x' is not what its tag says"),
         ("lambda: !!float ''\n", "c.yaml:1:9: '' is not what its tag says"),
@@ -324,7 +324,7 @@ def test_a_config_that_cannot_be_read_is_named(folder):
     with pytest.raises(InputError, match="sub: Is a directory"):
         load_config("fit", Path("sub"))
     (folder / "latin.yaml").write_bytes(b"output: \xe9\n")
-    with pytest.raises(InputError, match=r"latin\.yaml: not a text in UTF-8"):
+    with pytest.raises(InputError, match=r"latin\.yaml: not UTF-8 text"):
         load_config("fit", Path("latin.yaml"))
 
 

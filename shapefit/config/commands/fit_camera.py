@@ -15,9 +15,9 @@ class ViewingConfig(ConfigModel):
 
     model: Literal["weak-perspective", "perspective"] = Field(
         default="weak-perspective",
-        description="Weak perspective, as in the convex program; or, from there, rotation, "
-        "translation and coefficients refined under the full projection, which needs the focal "
-        "length.",
+        description="Weak perspective, as in the convex program; or rotation, translation and "
+        "coefficients refined from there under the full projection, which requires "
+        "the focal length.",
     )
     focal: float | None = Field(
         default=None, gt=0, description="Focal length of all images, in the unit of the landmarks."
@@ -26,7 +26,7 @@ class ViewingConfig(ConfigModel):
         default=None,
         min_length=1,
         description="Dataset of the landmarks that holds focal lengths or 3x3 camera matrices, "
-        "one for the file or one an image; instead of `focal`.",
+        "one for the file or one per image; instead of `focal`.",
     )
     principal_point: Annotated[
         tuple[float, float] | None, Expected("two numbers, x and y"), FromLists
@@ -44,11 +44,11 @@ class ViewingConfig(ConfigModel):
     softness: float = Field(
         default=0.1,
         gt=0,
-        description="perspective: residual, for normalised landmarks, beyond which a landmark "
-        "loses its pull (Cauchy's loss).",
+        description="perspective: residual, for normalised landmarks, beyond which the pull of "
+        "a landmark decreases (Cauchy's loss).",
     )
     max_rounds: int = Field(
-        default=1000, ge=1, le=MOST_STEPS, description="perspective: most rounds for one image."
+        default=1000, ge=1, le=MOST_STEPS, description="perspective: maximum rounds per image."
     )
 
     @field_validator("principal_point", "ridge", "softness", "max_rounds")
@@ -57,7 +57,7 @@ class ViewingConfig(ConfigModel):
         key = str(info.field_name)
         default = cls.model_fields[key].default
         if value != default and info.data.get("model", value) == "weak-perspective":
-            raise ValueError(f"`{key}` belongs to `model: perspective`; leave it out")
+            raise ValueError(f"`{key}` requires `model: perspective`; leave it out")
         return value
 
     @model_validator(mode="after")

@@ -111,7 +111,9 @@ class Hdf5Reader:
         if isinstance(rate, int | float) and not isinstance(rate, bool) and 0 < rate < math.inf:
             return float(rate)
         found = f"the root attribute frame_rate is {rate!r}"
-        raise input_error(self.path, found, "set it to frames per second, a number > 0, or remove it")
+        raise input_error(
+            self.path, found, "set it to frames per second, a number > 0, or remove it"
+        )
 
     def has(self, name: str) -> bool:
         """Whether the file has this dataset of its format."""
