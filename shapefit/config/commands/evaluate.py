@@ -69,8 +69,7 @@ class EvalConfig(CommandConfig):
     truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
     rename: Renaming = Field(
         default_factory=dict,
-        description="Landmarks that the truth calls otherwise: name in the truth -> name in the "
-        "results.",
+        description="Landmarks to rename: name in the truth -> name in the results.",
     )
     output: OutputPath = Field(description="Folder to write the report to.")
     match: str = Field(

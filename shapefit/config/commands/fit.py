@@ -76,7 +76,7 @@ class SolverConfig(ConfigModel):
     @classmethod
     def _change_needs_admm(cls, stop: str, info: ValidationInfo) -> str:
         if stop == "change" and info.data.get("name") == "newton":
-            raise ValueError("`stop: change` requires the solver admm; use `gap` or name: admm")
+            raise ValueError("`stop: change` belongs to the solver admm; use `gap` or name: admm")
         return stop
 
 
@@ -147,8 +147,7 @@ class FitConfig(CommandConfig):
     dictionary: InputPath = Field(description="Dictionary file that learn-dict wrote.")
     rename: Renaming = Field(
         default_factory=dict,
-        description="Landmarks that the files call otherwise: name in the files -> name in the "
-        "dictionary.",
+        description="Landmarks to rename: name in the files -> name in the dictionary.",
     )
     output: OutputPath = Field(
         description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."

@@ -57,7 +57,7 @@ class ViewingConfig(ConfigModel):
         key = str(info.field_name)
         default = cls.model_fields[key].default
         if value != default and info.data.get("model", value) == "weak-perspective":
-            raise ValueError(f"`{key}` requires `model: perspective`; leave it out")
+            raise ValueError(f"`{key}` belongs to `model: perspective`; leave it out")
         return value
 
     @model_validator(mode="after")

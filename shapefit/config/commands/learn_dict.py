@@ -29,8 +29,7 @@ class LearnDictConfig(CommandConfig):
     shapes: InputPaths = Field(description="Files of 3D training shapes (HDF5 or CSV).")
     rename: Renaming = Field(
         default_factory=dict,
-        description="Landmarks that the dictionary shall call otherwise: name in the files -> name "
-        "in the dictionary.",
+        description="Landmarks to rename: name in the files -> name in the dictionary.",
     )
     output: OutputPath = Field(description="Dictionary file to write (HDF5).")
     method: Literal["sparse-coding", "exemplars", "pca-bases"] = Field(

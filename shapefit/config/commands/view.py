@@ -39,8 +39,7 @@ class ViewConfig(CommandConfig):
     )
     rename: Renaming = Field(
         default_factory=dict,
-        description="Landmarks that the truth calls otherwise: name in the truth -> name in the "
-        "files to show.",
+        description="Landmarks to rename: name in the truth -> name in the files to show.",
     )
     dictionary: OptionalInputPath = Field(
         default=None,
