@@ -1,4 +1,4 @@
-"""What a file holds, told without its numbers: kind, items, sequences, names of landmarks."""
+"""What a file holds, without its numbers: kind, items, sequences, names of landmarks."""
 
 from __future__ import annotations
 

@@ -112,7 +112,9 @@ class Hdf5Reader:
         if isinstance(rate, int | float) and not isinstance(rate, bool) and 0 < rate < math.inf:
             return float(rate)
         found = f"the root attribute frame_rate is {rate!r}"
-        raise input_error(self.path, found, "set it to frames a second, a number > 0, or remove it")
+        raise input_error(
+            self.path, found, "set it to frames per second, a number > 0, or remove it"
+        )
 
     def has(self, name: str) -> bool:
         """Whether the file has this dataset of its format."""
@@ -202,7 +204,7 @@ class Hdf5Reader:
                 flagged = bool(dataset.attrs.get(PER_ITEM_FLAG, True))
             if not carried:
                 fix = "store numbers or text, or remove it"
-                raise input_error(self.place(name), "cannot be carried along", fix)
+                raise input_error(self.place(name), "cannot be carried over", fix)
             mine = flagged and is_per_item(name, dataset.shape, self.count)
             (per_item if mine else whole).append(name)
         return per_item, whole
@@ -246,10 +248,10 @@ class Hdf5Reader:
             if not self._stored(name).text:
                 return texts
         except UnicodeDecodeError as error:
-            fix = "write its texts as UTF-8"
+            fix = "write its strings as UTF-8"
             raise input_error(self.place(name), "holds text that is not UTF-8", fix) from error
         if "\0" in "".join(np.ravel(texts)):
-            raise input_error(self.place(name), "holds a text with a zero byte in it", "remove it")
+            raise input_error(self.place(name), "holds a string with a zero byte", "remove it")
         return texts
 
     def _check_format(self) -> None:
@@ -262,7 +264,7 @@ class Hdf5Reader:
                 raise input_error(place, "is not UTF-8 text, or has a zero byte", fix)
         found = self._root.get("format")
         if found is None:
-            fix = f"set it to {self.form.name} if the file is laid out so"
+            fix = f"set it to {self.form.name} if the file has that layout"
             raise input_error(self.path, "has no root attribute format", fix)
         if found != self.form.name:
             raise input_error(self.path, f"is a {found} file", f"give a {self.form.name} file")
@@ -314,7 +316,7 @@ class Hdf5Reader:
             if not name:
                 raise input_error(place, "is empty", "give every landmark a name")
             if name in known:
-                fix = "give every landmark a name of its own"
+                fix = "give every landmark a unique name"
                 raise input_error(place, f"repeats the name '{name}'", fix)
             known.add(name)
         return names
