@@ -121,7 +121,7 @@ def lift(
 
 
 def choose_lambda(program: Program, atoms: Floats, scale: Floats, visible_share: Floats) -> Floats:
-    """Lambda of each image: as given, from the noise, or 1 where it has no say."""
+    """Lambda of each image: as given, from the noise, or 1 where it is ignored."""
     if program.loss is Loss.EXACT:
         return np.ones_like(scale)
     if program.lam is None:

@@ -16,9 +16,9 @@ class ViewingConfig(ConfigModel):
 
     model: Literal["weak-perspective", "perspective"] = Field(
         default="weak-perspective",
-        description="Weak perspective, as in the convex program; or, from there, rotation, "
-        "translation and coefficients refined under the full projection, which needs the focal "
-        "length.",
+        description="Weak perspective, as in the convex program; or rotation, translation and "
+        "coefficients refined from there under the full projection, which requires "
+        "the focal length.",
     )
     focal: float | None = Field(
         default=None, gt=0, description="Focal length of all images, in the unit of the landmarks."
@@ -27,7 +27,7 @@ class ViewingConfig(ConfigModel):
         default=None,
         min_length=1,
         description="Dataset of the landmarks that holds focal lengths or 3x3 camera matrices, "
-        "one for the file or one an image; instead of `focal`.",
+        "one for the file or one per image; instead of `focal`.",
     )
     principal_point: Annotated[
         tuple[float, float] | None, Expected("two numbers, x and y"), FromLists
@@ -45,14 +45,14 @@ class ViewingConfig(ConfigModel):
     softness: float = Field(
         default=PerspectiveOptions.softness,
         gt=0,
-        description="perspective: residual, for normalised landmarks, beyond which a landmark "
-        "loses its pull (Cauchy's loss).",
+        description="perspective: residual, for normalised landmarks, beyond which the pull of "
+        "a landmark decreases (Cauchy's loss).",
     )
     max_rounds: int = Field(
         default=PerspectiveOptions.max_rounds,
         ge=1,
         le=MOST_STEPS,
-        description="perspective: most rounds for one image.",
+        description="perspective: maximum rounds per image.",
     )
 
     @field_validator("principal_point", "ridge", "softness", "max_rounds")

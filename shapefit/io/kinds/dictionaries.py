@@ -38,8 +38,8 @@ def read_hdf5(path: Path) -> Dictionary:
         if fields["mesh_vertices"] is not None:
             hdf5_checks.check_finite(reader, "mesh_vertices", [fields["mesh_vertices"]])
         if coincide(fields["mean_shape"]):
-            found = "all its landmarks lie on one point"
-            raise input_error(reader.place("mean_shape"), found, "make the dictionary again")
+            found = "all its landmarks are at one point"
+            raise input_error(reader.place("mean_shape"), found, "learn the dictionary again")
         hdf5_checks.check_positive(reader, "atom_scale")
         hdf5_checks.check_named(reader, [fields["atom_items"] or ()], "atom_item", "k")
         hdf5_checks.check_indices(reader, "edges", "p")

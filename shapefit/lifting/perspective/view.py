@@ -25,8 +25,8 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 REASONS = {
-    Status.DEGENERATE: "landmarks begin behind the camera: with so short a focal length it would "
-    "stand inside the object; give `camera.focal` or `camera.intrinsics` in the unit of the "
+    Status.DEGENERATE: "landmarks start behind the camera: with so short a focal length it would "
+    "be inside the object; give `camera.focal` or `camera.intrinsics` in the unit of the "
     "landmarks",
     Status.NUMERICAL_FAILURE: "numerical failure in the refinement under perspective",
 }

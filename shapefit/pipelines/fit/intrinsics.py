@@ -80,7 +80,7 @@ def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:
         raise input_error(place, "does not hold numbers", "name one with focal lengths or matrices")
     if np.iscomplexobj(values) or not np.isfinite(values).all():
         fix = "correct it, or leave out the images"
-        raise input_error(place, "holds numbers that are not real and finite", fix)
+        raise input_error(place, "holds numbers that are not real or not finite", fix)
     numbers = np.asarray(values, dtype=np.float64)
     if shape in ((), (1,), (n,)):
         focal = np.broadcast_to(numbers.reshape(-1, 1), (n, 2))
@@ -95,7 +95,7 @@ def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:
         if wrong.any():
             rows = ", ".join(" ".join(f"{x:g}" for x in row) for row in matrices[wrong.argmax()])
             fix = "give matrices with rows fx 0 cx, 0 fy cy, 0 0 1 (no skew)"
-            raise input_error(place, f"holds a matrix that no camera has, {rows}", fix)
+            raise input_error(place, f"holds an impossible camera matrix, {rows}", fix)
     else:
         found = f"has the shape {shape}"
         fix = f"give one number or 3x3 matrix, or {n} of them, one per image"

@@ -77,11 +77,11 @@ class UnknownItems:
         if not self._count:
             return ()
         found = (
-            f"{self._count} of {self._images} images show no item of the dictionary, "
-            f"the first '{self._first[0]}'"
+            f"{self._count} of {self._images} images show items that are not in the "
+            f"dictionary, the first '{self._first[0]}'"
         )
         if self._count == self._images:
             items = ", ".join(f"'{item}'" for item in list(self._dictionary.atom_items or ())[:3])
-            fix = f"name the dataset whose texts are items of the dictionary, as {items}"
+            fix = f"name the dataset that holds items of the dictionary, such as {items}"
             raise input_error(KEY, found, fix)
         return (f"{KEY}: {found}; they were fitted with all atoms",)

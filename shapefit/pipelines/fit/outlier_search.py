@@ -100,8 +100,8 @@ def find_inliers(
     lost &= searched
     inliers[lost] = False
     reasons = {
-        image: f"only {agree[image]} of {seen[image]} visible landmarks agree with each other; it "
-        f"takes {BEYOND_CHANCE}, not all on one line"
+        image: f"only {agree[image]} of {seen[image]} visible landmarks agree with each other; the "
+        f"minimum is {BEYOND_CHANCE}, not all on one line"
         for image in np.flatnonzero(lost).tolist()
     }
     return Agreement(visible, inliers, reasons)

@@ -41,7 +41,7 @@ READ_AHEAD = 4096
 
 
 def run(config: FitConfig) -> Iterator[Outcome]:
-    """Lift every image of the landmark files; yields an Outcome a chunk."""
+    """Lift every image of the landmark files; yields an Outcome per chunk."""
     check_holds_all(config)
     dictionary = read_dictionary(config.dictionary)
     chain = choose_chain(config, dictionary)
@@ -110,7 +110,7 @@ def check_holds_all(config: FitConfig) -> None:
     """Raise InputError where the config asks for more than the output can hold."""
     for key in ("path", "transforms"):
         if getattr(config, key) and find_target_format(config.output).points_only:
-            found = f"asks for what {config.output} cannot hold: CSV is for points only"
+            found = f"cannot be stored in {config.output}: CSV holds points only"
             raise input_error(key, found, "name an HDF5 output, or leave it out")
 
 
@@ -167,7 +167,7 @@ def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
 
 
 def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[str, ...]:
-    """Say how many images stopped at the iteration limit, and that the camera looks wrong."""
+    """Count images that stopped at the iteration limit, and warn where the camera looks wrong."""
     told = []
     limited = [
         image
@@ -182,21 +182,21 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
         )
     if images.confidence is not None and (images.confidence > 1).any():
         told.append(
-            "confidences above 1: they are weights, and larger ones pull harder against `lambda`; "
-            "divide them by their largest value if that is not meant"
+            "confidences above 1: they are weights, and larger ones count more against `lambda`; "
+            "divide them by their largest value if that is not intended"
         )
     empty = find_empty(lifting)
     if empty:
         told.append(
-            f"{counted(len(empty), 'image')} with an empty shape, all landmarks on one point: "
-            "lambda is above lambda_max there, or near it; lower `lambda`"
+            f"{counted(len(empty), 'image')} with an empty shape, all landmarks at one point: "
+            "lambda is at or above lambda_max of the image; lower `lambda`"
         )
     if lifting.perspective:
         from shapefit.pipelines.fit.intrinsics import all_aside
 
         if all_aside(images.landmarks, lifting.perspective.camera):
             told.append(
-                "all landmarks lie far to one side of the optical axis; is "
+                "all landmarks are far to one side of the optical axis; is "
                 "`camera.principal_point` right?"
             )
     return tuple(told)
@@ -217,5 +217,5 @@ def describe(lifting: Lifting, image: int) -> str:
         return reached
     gap = found.relative_gap[image]
     if np.isnan(gap):  # the exact loss, where nothing is proved
-        return f"{reached}, the landmarks are missed by {found.residual[image]:.2g} of their spread"
+        return f"{reached}, the landmarks are off by {found.residual[image]:.2g} of their spread"
     return f"{reached}, relative gap {gap:.2g}"

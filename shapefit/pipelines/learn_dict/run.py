@@ -87,7 +87,7 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Iterato
     write_dictionary(config.output, dictionary)
     warnings = [*_dead_atoms(learned)]
     if training.mesh_vertices is not None and mesh_vertices is None:
-        warnings.append("the meshes are left out: an atom is no mixture of the training shapes")
+        warnings.append("the meshes are left out: an atom is no combination of the training shapes")
     yield Outcome(
         total=config.iterations,
         warnings=tuple(warnings),
