@@ -14,7 +14,7 @@ from shapefit.errors import InputError, counted
 from shapefit.io import digest, read_dictionary
 from shapefit.io.agreement import agreed
 from shapefit.io.formats import find_format
-from shapefit.io.listing import Listing, list_file
+from shapefit.io.kinds.listing import Listing, list_file
 from shapefit.pipelines.view.frames import Frames
 from shapefit.pipelines.view.gathering import Gathered, gather
 from shapefit.pipelines.view.layers import (
