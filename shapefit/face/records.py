@@ -223,7 +223,8 @@ def _columns(given: Any, form: Format, place: str) -> dict[str, Any]:
     """
     values = {entry.name: getattr(given, entry.name) for entry in fields(given)}
     sizes: dict[str, int] = {}
-    for dataset in form.datasets:
+    # The points say how many items and landmarks there are, and the rest must agree.
+    for dataset in sorted(form.datasets, key=lambda dataset: not dataset.points):
         value = values.get(dataset.attribute)
         if value is None or dataset.kind == "label":
             continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -60,9 +61,11 @@ def test_csv_is_read_and_written(tmp_path, sample):
 
 
 def test_several_files_are_one_set(sample, tmp_path):
-    one = shapefit.read_landmarks(sample / "one_person.csv")
-    both = shapefit.read_landmarks(sample / "cars_views.h5", sample / "one_person.csv")
-    assert len(both.items) == 108 + len(one.items)
+    names = ("people_frames.csv", "people_test.h5")
+    apart = [shapefit.read_shapes(sample / name) for name in names]
+    shapefit.write_shapes(tmp_path / "b.csv", replace(apart[0], items=list("abcdefgh")))
+    both = shapefit.read_shapes(sample / "people_test.h5", tmp_path / "b.csv")
+    assert both.items == (*apart[1].items, *"abcdefgh")
 
 
 def test_a_file_that_is_not_there_is_an_error(tmp_path):
