@@ -16,7 +16,7 @@ from shapefit.errors import input_error
 from shapefit.evaluation.summary import Summary, summarise
 from shapefit.face.options import config_of, default
 from shapefit.face.records import Fit, Shapes, result_set, shape_set
-from shapefit.io.kinds.given import check_shapes
+from shapefit.io.kinds.given import given_shapes
 from shapefit.pipelines.evaluate.image_errors import find_grouping, image_errors
 from shapefit.pipelines.evaluate.judgement import judge
 from shapefit.pipelines.evaluate.visible_enough import visible_enough
@@ -62,17 +62,16 @@ def evaluate(
 
     result: a Fit, or shapes (n, p, 3) from elsewhere; truth (n, p, 3), in the order of the images,
     or Shapes, matched by `match` and landmarks by name; metrics as of the command, those that the
-    result lacks the datasets for left out with a warning; options are `groups` and
-    `least_visible`. Raises InputError.
+    result lacks the datasets for left out with a warning; options are `groups`,
+    `least_visible` and `rename`. Raises InputError.
     """
     given = {"metrics": metrics, "match": match}
     config = config_of(EvalConfig, "evaluate", given, options, FILES)
-    if beyond := options.keys() - {"groups", "least_visible"}:
-        fix = "use `groups` or `least_visible`, or the command line"
+    if beyond := options.keys() - {"groups", "least_visible", "rename"}:
+        fix = "use `groups`, `least_visible` or `rename`, or the command line"
         raise input_error(f"evaluate.{min(beyond)}", "is a key of reports only", fix)
     names = result.landmark_names if isinstance(result, Fit | Shapes) else None
-    true = shape_set(truth, names)
-    check_shapes(true, "truth")
+    true = given_shapes(shape_set(truth, names), "truth", config.rename, gaps=True)
     record = result_set(result, true.landmark_names)
     if not isinstance(truth, Shapes) or truth.items is None:
         if len(true) != len(record):

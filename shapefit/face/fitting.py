@@ -28,12 +28,15 @@ from shapefit.io.kinds.given import check_given_dictionary, given_landmarks
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.pipelines.fit.chain import choose_lifter, choose_newton
 from shapefit.pipelines.fit.dictionary_kind import mismatch
+from shapefit.pipelines.fit.left_out import UnknownItems
 from shapefit.pipelines.fit.record import as_result
 from shapefit.pipelines.fit.run import (
     attributes_of,
     find_chunks,
     find_failures,
+    find_strange,
     find_warnings,
+    left_out_landmarks,
     source_names,
 )
 
@@ -80,12 +83,17 @@ def fit(
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
     messages = dict.fromkeys(mismatch(config, atoms))
-    with given_landmarks(images, "landmarks") as source:
+    unknown = UnknownItems(config.leave_out, atoms) if config.leave_out else None
+    with given_landmarks(images, "landmarks", config.rename) as source:
+        names = atoms.landmark_names
+        strange = find_strange(source.landmark_names, names)
         for chunk in find_chunks(source, config):
-            arranged = chunk.arrange(atoms.landmark_names, source_names(config))
+            arranged = chunk.arrange(names, source_names(config), leave_out=bool(strange))
             began = time.perf_counter()
             lifting = lifter(arranged, atoms)
             seconds += time.perf_counter() - began
+            if unknown:
+                unknown.add(arranged)
             path = None
             if config.path:
                 from shapefit.lifting.path import follow_path
@@ -94,7 +102,8 @@ def fit(
             records.append(as_result(arranged, lifting, path, config, atoms))
             failures |= {f.item: f.reason for f in find_failures(arranged, lifting, config)}
             messages |= dict.fromkeys(find_warnings(arranged, lifting, config))
-    for message in messages:
+    left_in = unknown.warnings if unknown else ()
+    for message in (*messages, *left_out_landmarks(strange, names), *left_in):
         warnings.warn(message, stacklevel=2)
     record = concatenate(records)
     attributes = attributes_of(config, (), seconds, len(record))

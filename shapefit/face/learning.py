@@ -12,7 +12,7 @@ from shapefit.config import LearnDictConfig
 from shapefit.errors import counted
 from shapefit.face.options import config_of, default
 from shapefit.face.records import Dictionary, Shapes, rows_of, shape_set
-from shapefit.io.kinds.given import check_shapes
+from shapefit.io.kinds.given import given_shapes
 from shapefit.io.layout import DICTIONARY
 from shapefit.pipelines.learn_dict.run import make_dictionary
 from shapefit.pipelines.outcome import Failure, Outcome
@@ -37,8 +37,7 @@ def learn(
     # Those of another method do not know these keys: their defaults count as not given.
     given = {key: value for key, value in own.items() if value != default(LearnDictConfig, key)}
     config = config_of(LearnDictConfig, "learn", given, options, FILES)
-    training = shape_set(shapes)
-    check_shapes(training, "shapes")
+    training = given_shapes(shape_set(shapes), "shapes", config.rename)
     making = make_dictionary(training, config, {})
     failures: list[Failure] = []
     messages: list[str] = []

@@ -32,8 +32,8 @@ class Shapes:
     """n shapes of p landmarks: shapes (n, p, 3) in `unit`.
 
     items name the shapes, by default 0, 1, ...; sequences (n) the clip or group of each; edges
-    (e, 2) are pairs of landmarks; mesh_vertices (n, q, 3) and mesh_faces (f, 3) a mesh; extras are
-    further datasets.
+    (e, 2) are pairs of landmarks; mesh_vertices (n, q, 3) and mesh_faces (f, 3) a mesh; frame_rate
+    is that of a sequence, in Hz; extras are further datasets.
     """
 
     shapes: ArrayLike
@@ -44,6 +44,7 @@ class Shapes:
     mesh_vertices: ArrayLike | None = None
     mesh_faces: ArrayLike | None = None
     unit: str = UNKNOWN_UNIT
+    frame_rate: float | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
@@ -63,6 +64,7 @@ class Landmarks:
     sequences: Names | None = None
     unit: str = UNKNOWN_UNIT
     y_axis: Literal["up", "down"] = "up"
+    frame_rate: float | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
@@ -121,6 +123,7 @@ class Fit:
     failures: Mapping[str, str] = field(default_factory=dict)
     unit: str = UNKNOWN_UNIT
     y_axis: Literal["up", "down"] = "up"
+    frame_rate: float | None = None
     attributes: Mapping[str, str | float | int] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -167,6 +170,7 @@ def result_set(given: Fit | Shapes | ArrayLike, names: Names | None = None) -> R
             items=shapes.items,
             sequences=shapes.sequences,
             unit=shapes.unit,
+            frame_rate=shapes.frame_rate,
             extras=shapes.extras,
         )
     values = _columns(given, RESULTS, "result")

@@ -184,5 +184,5 @@ def test_a_dictionary_that_cannot_be_is_refused(people, views):
     images = shapefit.read_landmarks(views)
     with pytest.raises(shapefit.InputError, match=r"dictionary\.mean_shape: all its landmarks"):
         shapefit.fit(images, replace(atoms, mean_shape=np.ones((15, 3))))
-    with pytest.raises(shapefit.InputError, match=r"dictionary\.atoms: .*\(k, 15, 3\), one landm"):
+    with pytest.raises(shapefit.InputError, match=r"dictionary\.atoms: .*\(k, p, 3\), one landm"):
         shapefit.fit(images, replace(atoms, atoms=atoms.atoms.swapaxes(1, 2)))

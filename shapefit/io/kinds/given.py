@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from shapefit.dictionary.model import Dictionary
-from shapefit.io.duplicates import ItemList
+from shapefit.io.duplicates import ItemList, check_unique_items
 from shapefit.io.hdf5 import checks
 from shapefit.io.kinds.dictionaries import check_dictionary
 from shapefit.io.kinds.landmarks import LandmarkSource, one_file
 from shapefit.io.layout import DICTIONARY, LANDMARKS, SHAPES, Format
 from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.io.renaming import check_known, renamed
 
 
 class Given:
@@ -57,7 +61,7 @@ class Given:
         return True
 
 
-def given_landmarks(landmarks: LandmarkSet, name: str) -> LandmarkSource:
+def given_landmarks(landmarks: LandmarkSet, name: str, rename: Mapping[str, str]) -> LandmarkSource:
     """Return landmarks in memory as a source; `name` stands for its file in messages.
 
     Raises InputError as `open_landmarks` does for what a file holds.
@@ -67,20 +71,31 @@ def given_landmarks(landmarks: LandmarkSet, name: str) -> LandmarkSource:
     checks.check_not_infinite(given, "landmarks", [landmarks.landmarks])
     if landmarks.confidence is not None:
         checks.check_confidence(given, [landmarks.confidence])
+    check_known(rename, [(name, landmarks.landmark_names)])
+    landmarks = renamed(landmarks, rename, name)
     items = ItemList(lambda: [landmarks.items], lambda row: given.place("item", row))
     read = nullcontext(landmarks.take)
     return LandmarkSource([one_file(name, landmarks, items, lambda: read, landmarks.y_axis)])
 
 
-def check_shapes(shapes: ShapeSet, name: str) -> None:
-    """Raise InputError for what `read_shapes` would not read from a file."""
+def given_shapes(
+    shapes: ShapeSet, name: str, rename: Mapping[str, str], *, gaps: bool = False
+) -> ShapeSet:
+    """Return shapes in memory as `read_shapes` gives them, and with its errors."""
     given = Given(name, shapes, SHAPES)
     checks.check_named(given, [shapes.items])
-    checks.check_finite(given, "shapes", [shapes.shapes])
+    check_points = checks.check_finite_or_gap if gaps else checks.check_finite
+    check_points(given, "shapes", [shapes.shapes])
     if shapes.mesh_vertices is not None:
         checks.check_finite(given, "mesh_vertices", [shapes.mesh_vertices])
     checks.check_indices(given, "edges", "p")
     checks.check_indices(given, "mesh_faces", "q")
+    items = ItemList(lambda: [shapes.items], lambda row: given.place("item", row))
+    check_unique_items([items])
+    check_known(rename, [(name, shapes.landmark_names)])
+    unknown = np.isnan(shapes.shapes).any(axis=1, keepdims=True)
+    points = np.where(unknown, np.nan, shapes.shapes)
+    return renamed(replace(shapes, shapes=points), rename, name)
 
 
 def check_given_dictionary(dictionary: Dictionary, name: str) -> None:

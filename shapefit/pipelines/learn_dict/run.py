@@ -36,7 +36,9 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     cannot be read or written, and as `make_dictionary` does.
     """
     check_output(config.output)
-    making = make_dictionary(read_shapes(config.shapes), config, digests(config.shapes))
+    making = make_dictionary(
+        read_shapes(config.shapes, config.rename), config, digests(config.shapes)
+    )
     outcome = next(making)
     while True:
         try:
@@ -123,7 +125,7 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Making:
         note=(
             f"objective {learned.trace[-1]:.6g}, "
             f"relative error {learned.relative_error(shapes):.4f}, "
-            f"{learned.active_atoms:.1f} active atoms a shape"
+            f"{learned.active_atoms:.1f} active atoms per shape"
         ),
     )
     return dictionary
