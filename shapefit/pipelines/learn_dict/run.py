@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.atom_scale import scale_of_atoms
+from shapefit.dictionary.coding import duality_gaps, objectives
 from shapefit.dictionary.learning import Learned, learn
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.pca_bases import principal_components
@@ -125,10 +126,21 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Making:
         note=(
             f"objective {learned.trace[-1]:.6g}, "
             f"relative error {learned.relative_error(shapes):.4f}, "
+            f"{_largest_gap(learned, shapes, config.beta)}"
             f"{learned.active_atoms:.1f} active atoms per shape"
         ),
     )
     return dictionary
+
+
+def _largest_gap(learned: Learned, shapes: Floats, beta: float) -> str:
+    """Say how far the coding of any shape can be from its optimum; without beta nothing is known."""
+    if beta == 0:
+        return ""
+    gaps = duality_gaps(shapes, learned.atoms, beta, learned.coefficients)
+    objective = objectives(shapes, learned.atoms, beta, learned.coefficients)
+    relative = np.divide(gaps, objective, out=np.zeros_like(gaps), where=objective > 0)
+    return f"relative gap of the coding at most {max(relative.max(), 0.0):.1g}, "
 
 
 def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Making:
