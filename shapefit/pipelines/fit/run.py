@@ -7,6 +7,7 @@ import json
 import math
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -82,15 +83,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 warnings=find_warnings(images, lifting, config),
             )
         left_in = unknown.warnings if unknown else ()
-        writer.attributes.update(
-            method=config.method,
-            version=__version__,
-            config=config.as_json(),
-            config_digest=hashlib.sha256(config.as_json().encode()).hexdigest(),
-            inputs=json.dumps(digests((*config.landmarks, config.dictionary))),
-            solve_seconds=solve_seconds,
-            images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,
-        )
+        inputs = (*config.landmarks, config.dictionary)
+        writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
         # Taken back where the result cannot be completed, which happens on leaving this block.
         exports.publish()
     yield Outcome(
@@ -104,6 +98,21 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         note=exports.note,
         written=(config.output, *exports.folders, *exports.sheets),
     )
+
+
+def attributes_of(
+    config: FitConfig, inputs: Sequence[Path], seconds: float, images: int
+) -> dict[str, str | float | int]:
+    """Return what is stored of a fit beside its images, `inputs` by their digests."""
+    return {
+        "method": config.method,
+        "version": __version__,
+        "config": config.as_json(),
+        "config_digest": hashlib.sha256(config.as_json().encode()).hexdigest(),
+        "inputs": json.dumps(digests(inputs)),
+        "solve_seconds": seconds,
+        "images_per_second": images / seconds if seconds > 0 else 0.0,
+    }
 
 
 def check_holds_all(config: FitConfig) -> None:
