@@ -193,6 +193,11 @@ def _page_of_a_table_without_end(_folder: Path) -> Command:
     return ("view", "/dev/full", "-o", "out.html")
 
 
+def _match_by_matrices(_folder: Path) -> Command:
+    truth = ("--truth", "shapes.h5", "--set=match=true_rotation")
+    return ("view", "result.h5", *truth, "-o", "out.html")
+
+
 def _config_without_end(_folder: Path) -> Command:
     return ("fit", "-c", "/dev/zero")
 
@@ -224,6 +229,7 @@ FINDINGS: Mapping[str, Finding] = {
         _signalling_nan,
         _table_without_end,
         _page_of_a_table_without_end,
+        _match_by_matrices,
         _config_without_end,
     )
 }

@@ -7,6 +7,8 @@ import json
 import math
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,10 +16,12 @@ from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
 from shapefit.core import STRETCH
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
+    ResultSet,
     digests,
     open_landmarks,
     read_dictionary,
@@ -27,7 +31,7 @@ from shapefit.io.formats import find_target_format
 from shapefit.io.records import nearest_names
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.export.run import open_exports
-from shapefit.pipelines.fit.chain import choose_chain, choose_newton, fit_images
+from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
@@ -45,7 +49,6 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     check_holds_all(config)
     dictionary = read_dictionary(config.dictionary)
     chain = choose_chain(config, dictionary)
-    newton = choose_newton(config)
     unknown = None
     if config.leave_out:
         from shapefit.pipelines.fit.left_out import UnknownItems
@@ -57,23 +60,12 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         open_exports(config, dictionary, source.count) as exports,
         result_writer(config.output) as writer,
     ):
-        names = dictionary.landmark_names
-        strange = find_strange(source.landmark_names, names)
-        for chunk in find_chunks(source, config):
-            images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
-            began = time.perf_counter()
-            lifting = fit_images(images, dictionary, chain)
-            solve_seconds += time.perf_counter() - began
+        for images, lifting, record, seconds in fit_chunks(source, config, dictionary, chain):
             if unknown:
                 unknown.add(images)
-            path = None
-            if config.path:
-                from shapefit.lifting.path import follow_path
-
-                path = follow_path(lifting.problem, config.path, newton)
-            record = as_result(images, lifting, path, config, dictionary)
             writer.append(record)
             exports.add(record, lifting.estimate.transforms)
+            solve_seconds += seconds
             done += len(images)
             yield Outcome(
                 done=len(images),
@@ -81,16 +73,11 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 failures=find_failures(images, lifting, config),
                 warnings=find_warnings(images, lifting, config),
             )
+        names = dictionary.landmark_names
+        strange = find_strange(source.landmark_names, names)
         left_in = unknown.warnings if unknown else ()
-        writer.attributes.update(
-            method=config.method,
-            version=__version__,
-            config=config.as_json(),
-            config_digest=hashlib.sha256(config.as_json().encode()).hexdigest(),
-            inputs=json.dumps(digests((*config.landmarks, config.dictionary))),
-            solve_seconds=solve_seconds,
-            images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,
-        )
+        inputs = (*config.landmarks, config.dictionary)
+        writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
         # Taken back where the result cannot be completed, which happens on leaving this block.
         exports.publish()
     yield Outcome(
@@ -104,6 +91,46 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         note=exports.note,
         written=(config.output, *exports.folders, *exports.sheets),
     )
+
+
+class Fitted(NamedTuple):
+    """A chunk of images with what was found, and the seconds that it took to lift them."""
+
+    images: LandmarkSet
+    lifting: Lifting
+    record: ResultSet
+    seconds: float
+
+
+def fit_chunks(
+    source: LandmarkSource, config: FitConfig, dictionary: Dictionary, chain: Chain
+) -> Iterator[Fitted]:
+    """From landmarks to the records of a result, chunk by chunk."""
+    names = dictionary.landmark_names
+    strange = find_strange(source.landmark_names, names)
+    for chunk in find_chunks(source, config):
+        images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
+        began = time.perf_counter()
+        lifting = fit_images(images, dictionary, chain)
+        seconds = time.perf_counter() - began
+        path = None if chain.path is None else chain.path(lifting.problem)
+        record = as_result(images, lifting, path, config, dictionary)
+        yield Fitted(images, lifting, record, seconds)
+
+
+def attributes_of(
+    config: FitConfig, inputs: Sequence[Path], seconds: float, images: int
+) -> dict[str, str | float | int]:
+    """Return what is stored of a fit beside its images, `inputs` by their digests."""
+    return {
+        "method": config.method,
+        "version": __version__,
+        "config": config.as_json(),
+        "config_digest": hashlib.sha256(config.as_json().encode()).hexdigest(),
+        "inputs": json.dumps(digests(inputs)),
+        "solve_seconds": seconds,
+        "images_per_second": images / seconds if seconds > 0 else 0.0,
+    }
 
 
 def check_holds_all(config: FitConfig) -> None:
