@@ -84,7 +84,7 @@ CSV = FileFormat(
 )
 
 FORMATS: dict[str, FileFormat] = {"hdf5": HDF5, "csv": CSV}
-"""Those of the package come first; files of others are told from them by their recognisers."""
+"""Those of the package come first; the recognisers of others are asked before theirs."""
 
 
 def find_format(path: Path) -> FileFormat:
