@@ -39,7 +39,7 @@ def test_match_landmarks_says_at_once_that_nothing_is_known(problems):
     lines = problems(match_landmarks, ["head", "foot"], ["door", "roof"], "views.h5")
     assert lines == (
         "views.h5: none of the 2 landmarks (door, roof) is known; known are head, foot; "
-        "give files that fit together",
+        "give files with the same landmark names",
     )
 
 
@@ -54,7 +54,7 @@ def test_match_landmarks_says_at_once_that_nothing_is_known(problems):
 def test_match_landmarks_shows_spaces(problems, have, want, named):
     assert problems(match_landmarks, have, want, "views.csv") == (
         f"views.csv: names of landmarks differ from the known ones in spaces ({named}); "
-        "take away the spaces around names",
+        "remove the spaces around names",
     )
 
 

@@ -44,8 +44,8 @@ def check_dictionary(reader: Datasets) -> None:
     if reader.has("mesh_vertices"):
         checks.check_finite(reader, "mesh_vertices", [reader.read("mesh_vertices")])
     if coincide(mean):
-        found = "all its landmarks lie on one point"
-        raise input_error(reader.place("mean_shape"), found, "make the dictionary again")
+        found = "all its landmarks are at one point"
+        raise input_error(reader.place("mean_shape"), found, "learn the dictionary again")
     checks.check_positive(reader, "atom_scale")
     checks.check_named(reader, [reader.read("atom_item") or ()], "atom_item", "k")
     checks.check_indices(reader, "edges", "p")

@@ -119,7 +119,7 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Making:
     )
     warnings = [*_dead_atoms(learned)]
     if training.mesh_vertices is not None and mesh_vertices is None:
-        warnings.append("the meshes are left out: an atom is no mixture of the training shapes")
+        warnings.append("the meshes are left out: an atom is no combination of the training shapes")
     yield Outcome(
         total=config.iterations,
         warnings=tuple(warnings),

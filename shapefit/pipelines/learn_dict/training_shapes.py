@@ -94,7 +94,7 @@ def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
         if not np.isfinite(extent[i]):
             return "a coordinate is not finite"
         if not apart[i]:
-            return "all its landmarks lie on one point"
+            return "all its landmarks are at one point"
         return f"its landmarks are too close together, within {extent[i]:.2g}: use a smaller unit"
 
     failures = tuple(Failure(shapes.items[i], reason(i)) for i in np.flatnonzero(~usable).tolist())
@@ -115,9 +115,9 @@ def align(points: Floats, names: tuple[str, ...], config: LearnDictConfig) -> Al
 def find_warnings(given: ShapeSet, shapes: ShapeSet, alignment: Alignment) -> Iterator[str]:
     """Say what became worse on the way from the shapes given to those to learn from."""
     if not alignment.still:
-        yield f"the mean of the aligned shapes still moved after {alignment.rounds} rounds"
+        yield f"the mean of the aligned shapes was still moving after {alignment.rounds} rounds"
     if given.mesh_vertices is not None and shapes.mesh_vertices is None:
         yield (
-            "the meshes are left out: `symmetry` mirrors landmarks, whose partners are known, and "
-            "vertices have none; `symmetry: none` keeps them"
+            "the meshes are left out: `symmetry` mirrors landmarks, whose partners are known; "
+            "vertices have no partners; `symmetry: none` keeps the meshes"
         )

@@ -275,7 +275,7 @@ class TestFailures:
         points[4] = points[4, :, :1]
         write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
         outcomes, dictionary = learned(config())
-        assert failures(outcomes) == {"item4": "all its landmarks lie on one point"}
+        assert failures(outcomes) == {"item4": "all its landmarks are at one point"}
         assert [len(o.failures) for o in outcomes] == [1, 0, 0, 0, 0, 0]
         write_shapes(tmp_path / "train.h5", shapes.take(np.arange(30) != 4))
         _, expected = learned(config())
