@@ -26,7 +26,7 @@ from shapefit.face.records import (
 from shapefit.io.extras import Extras
 from shapefit.io.kinds.given import check_given_dictionary, given_landmarks
 from shapefit.io.records import LandmarkSet, concatenate
-from shapefit.pipelines.fit.chain import choose_lifter, choose_newton
+from shapefit.pipelines.fit.chain import choose_chain, choose_newton, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.left_out import UnknownItems
 from shapefit.pipelines.fit.record import as_result
@@ -79,7 +79,7 @@ def fit(
     if matrices is not None:
         extras = Extras.of(dict(images.extras) | {CAMERA: matrices}, len(images))
         images = replace(images, extras=extras)
-    lifter = choose_lifter(config, atoms)
+    chain = choose_chain(config, atoms)
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
     messages = dict.fromkeys(mismatch(config, atoms))
@@ -90,7 +90,7 @@ def fit(
         for chunk in find_chunks(source, config):
             arranged = chunk.arrange(names, source_names(config), leave_out=bool(strange))
             began = time.perf_counter()
-            lifting = lifter(arranged, atoms)
+            lifting = fit_images(arranged, atoms, chain)
             seconds += time.perf_counter() - began
             if unknown:
                 unknown.add(arranged)
