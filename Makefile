@@ -130,6 +130,7 @@ types: $(READY)
 	$(BIN)/mypy shapefit shapefit_cli benchmarks building
 
 fuzz: $(READY)
+	$(BIN)/python -m fuzz --past
 	$(BIN)/python -m fuzz --cases 50000
 
 faults: $(READY)

@@ -26,6 +26,9 @@ FORMATS: Mapping[str, tuple[Kind, Format]] = {
     LANDMARKS.name: ("landmarks", LANDMARKS),
 }
 
+LONGEST_HEADER = 1 << 16
+"""Characters of a first line that are looked at: a device may never end it."""
+
 BLOCK = 16384
 """Items that are read at a time."""
 
@@ -147,7 +150,7 @@ def _list_table(path: Path) -> Listing:
     from shapefit.io.csv.tables import read_landmark_table, read_result_table
 
     with path.open(encoding="utf-8", errors="replace") as file:
-        columns = file.readline().lstrip("\ufeff").strip().split(",")
+        columns = file.readline(LONGEST_HEADER).lstrip("\ufeff").strip().split(",")
     solid = "z" in {column.strip(' "') for column in columns}
     table = read_result_table(path) if solid else read_landmark_table(path)
     return Listing(

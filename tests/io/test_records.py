@@ -181,3 +181,16 @@ def test_datasets_per_item_are_added_to_extras():
     assert extras["a"].tolist() == [1, 1, 1]
     assert set(extras.per_item) == {"a", "c"}
     assert set(extras.whole) == {"b"}
+
+
+def test_a_mirror_index_belongs_to_the_file_where_there_are_as_many_shapes_as_landmarks():
+    partners = np.array([0, 2, 1, 3])
+    shapes = ShapeSet(
+        shapes=np.zeros((4, 3, 4)),
+        landmark_names=tuple("abcd"),
+        items=tuple("wxyz"),
+        extras={"mirror_index": partners, "mass": np.arange(4.0)},
+    )
+    some = shapes.take([2, 0])
+    np.testing.assert_array_equal(some.extras["mirror_index"], partners)
+    np.testing.assert_array_equal(some.extras["mass"], [2, 0])

@@ -32,6 +32,7 @@ from shapefit.lifting.methods import (
     summarise,
     those,
 )
+from shapefit.lifting.options import BETA, DepthOptions
 
 if TYPE_CHECKING:
     MethodName = str
@@ -121,22 +122,27 @@ class TemporalConfig(ConfigModel):
         "noise.",
     )
     smoothness: float = Field(
-        default=10.0,
+        default=DepthOptions.smoothness,
         ge=0,
         description="Weight of the second difference of depths from image to image; a higher "
         "frame rate needs more.",
     )
     rigidity: float = Field(
-        default=100.0, ge=0, description="Weight of the differences in the lengths of bones."
+        default=DepthOptions.rigidity,
+        ge=0,
+        description="Weight of the differences in the lengths of bones.",
     )
     tolerance: float = Field(
-        default=0.01,
+        default=DepthOptions.tolerance,
         gt=0,
         description="Change of a depth beyond which the estimate from the single image is "
         "treated as a gross error, in units of the size of the landmarks.",
     )
     max_rounds: int = Field(
-        default=100, ge=1, le=MOST_STEPS, description="Maximum rounds per sequence."
+        default=DepthOptions.max_rounds,
+        ge=1,
+        le=MOST_STEPS,
+        description="Maximum rounds per sequence.",
     )
 
 
@@ -177,7 +183,7 @@ class FitConfig(CommandConfig):
         "landmarks; `lambda: auto` needs it.",
     )
     beta: float = Field(
-        default=0.1,
+        default=BETA,
         gt=0,
         description="Residual, for normalised landmarks, beyond which a robust loss labels a "
         "landmark an outlier; the weight of the errors of sparse-error.",

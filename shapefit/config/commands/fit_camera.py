@@ -8,6 +8,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from shapefit.config.expectation import Expected
 from shapefit.config.model import MOST_STEPS, ConfigModel, FromLists
+from shapefit.lifting.options import PerspectiveOptions
 
 
 class ViewingConfig(ConfigModel):
@@ -36,19 +37,22 @@ class ViewingConfig(ConfigModel):
         "default that of the camera matrices, or 0, 0.",
     )
     ridge: float = Field(
-        default=0.3,
+        default=PerspectiveOptions.ridge,
         gt=0,
         description="perspective: weight of the squared distance of the coefficients to those of "
         "the mean shape.",
     )
     softness: float = Field(
-        default=0.1,
+        default=PerspectiveOptions.softness,
         gt=0,
         description="perspective: residual, for normalised landmarks, beyond which the pull of "
         "a landmark decreases (Cauchy's loss).",
     )
     max_rounds: int = Field(
-        default=1000, ge=1, le=MOST_STEPS, description="perspective: maximum rounds per image."
+        default=PerspectiveOptions.max_rounds,
+        ge=1,
+        le=MOST_STEPS,
+        description="perspective: maximum rounds per image.",
     )
 
     @field_validator("principal_point", "ridge", "softness", "max_rounds")

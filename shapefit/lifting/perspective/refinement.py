@@ -11,22 +11,13 @@ from shapefit import core
 from shapefit.convex.solution import Status
 from shapefit.geometry.pinhole import Camera
 from shapefit.lifting.estimate import STATUS
+from shapefit.lifting.options import PerspectiveOptions
 from shapefit.lifting.perspective.start import place_in_depth
 
 Floats = NDArray[np.float64]
 
 FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 """How a refinement without a result ends."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PerspectiveOptions:
-    """The options of `refine_perspective`."""
-
-    ridge: float
-    softness: float
-    max_rounds: int
-    threads: int = 0
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the config and the landmark files say about the camera of each image."""
+"""The camera of each image, from the config and the landmark files, and shapes refined for it."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.config.commands.fit_camera import ViewingConfig
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.io import LandmarkSet
+from shapefit.lifting.lift import Lifting
+from shapefit.lifting.options import PerspectiveOptions
+from shapefit.lifting.perspective.view import refine_view
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +36,20 @@ def find_camera(images: LandmarkSet, config: ViewingConfig) -> Camera:
     if config.principal_point is not None:
         centre = np.tile(np.array(config.principal_point), (n, 1))
     return Camera(focal, centre, depth_sign(images.y_axis))
+
+
+def refine_through_camera(
+    lifting: Lifting,
+    images: LandmarkSet,
+    dictionary: Dictionary,
+    *,
+    config: ViewingConfig,
+    options: PerspectiveOptions,
+    views: int,
+) -> Lifting:
+    """Refine what was lifted under the full projection of the cameras of the images."""
+    camera = find_camera(images, config)
+    return refine_view(lifting, images.landmarks, camera, dictionary, options, views=views)
 
 
 def all_aside(landmarks: Floats, camera: Camera) -> bool:

@@ -7,6 +7,7 @@ import json
 import math
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from shapefit.io.records import nearest_names
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.export.run import open_exports
-from shapefit.pipelines.fit.chain import choose_lifter, choose_newton
+from shapefit.pipelines.fit.chain import choose_chain, choose_newton, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
@@ -36,7 +37,7 @@ from shapefit.pipelines.outcome import Failure, Outcome, nothing_in
 FEWEST_LANDMARKS = 3
 """Of a file that the dictionary must know, so that it can do without the others."""
 
-GATHERED = 4096
+READ_AHEAD = 4096
 """Images that are read before the first whole sequences of them are lifted."""
 
 
@@ -44,7 +45,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     """Lift every image of the landmark files; yields an Outcome per chunk."""
     check_holds_all(config)
     dictionary = read_dictionary(config.dictionary)
-    lifter = choose_lifter(config, dictionary)
+    chain = choose_chain(config, dictionary)
     newton = choose_newton(config)
     unknown = None
     if config.leave_out:
@@ -62,7 +63,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         for chunk in find_chunks(source, config):
             images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
             began = time.perf_counter()
-            lifting = lifter(images, dictionary)
+            lifting = fit_images(images, dictionary, chain)
             solve_seconds += time.perf_counter() - began
             if unknown:
                 unknown.add(images)
@@ -82,15 +83,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 warnings=find_warnings(images, lifting, config),
             )
         left_in = unknown.warnings if unknown else ()
-        writer.attributes.update(
-            method=config.method,
-            version=__version__,
-            config=config.as_json(),
-            config_digest=hashlib.sha256(config.as_json().encode()).hexdigest(),
-            inputs=json.dumps(digests((*config.landmarks, config.dictionary))),
-            solve_seconds=solve_seconds,
-            images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,
-        )
+        inputs = (*config.landmarks, config.dictionary)
+        writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
         # Taken back where the result cannot be completed, which happens on leaving this block.
         exports.publish()
     yield Outcome(
@@ -106,6 +100,21 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     )
 
 
+def attributes_of(
+    config: FitConfig, inputs: Sequence[Path], seconds: float, images: int
+) -> dict[str, str | float | int]:
+    """Return what is stored of a fit beside its images, `inputs` by their digests."""
+    return {
+        "method": config.method,
+        "version": __version__,
+        "config": config.as_json(),
+        "config_digest": hashlib.sha256(config.as_json().encode()).hexdigest(),
+        "inputs": json.dumps(digests(inputs)),
+        "solve_seconds": seconds,
+        "images_per_second": images / seconds if seconds > 0 else 0.0,
+    }
+
+
 def check_holds_all(config: FitConfig) -> None:
     """Raise InputError where the config asks for more than the output can hold."""
     for key in ("path", "transforms"):
@@ -118,10 +127,10 @@ def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkS
     """Give out the images, cut where no result depends on `chunk`.
 
     An image starts from its neighbour's solution within a stretch, so chunks hold whole stretches.
-    With `temporal.depths` they hold whole sequences, GATHERED or more images at a time.
+    With `temporal.depths` they hold whole sequences, READ_AHEAD or more images at a time.
     """
     if config.temporal.depths:
-        return whole_sequences(map(with_sequences, source.chunks(GATHERED)))
+        return whole_sequences(map(with_sequences, source.chunks(READ_AHEAD)))
     return source.chunks(math.ceil(config.chunk / STRETCH) * STRETCH)
 
 

@@ -13,7 +13,7 @@ from shapefit.config import LearnDictConfig
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import SMALLEST, normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
-from shapefit.io import ShapeSet, match_landmarks, read_shapes
+from shapefit.io import ShapeSet, match_landmarks
 from shapefit.meshes.dense import carry_mesh
 from shapefit.pipelines.learn_dict.symmetry import apply_symmetry
 from shapefit.pipelines.outcome import Failure
@@ -41,16 +41,15 @@ class TrainingShapes:
         return len(self.original)
 
 
-def find_training_shapes(config: LearnDictConfig) -> TrainingShapes:
-    """Read every n-th shape of each sequence, made symmetric or doubled, normalised and aligned.
+def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingShapes:
+    """Take every n-th shape of each sequence, made symmetric or doubled, normalised and aligned.
 
-    Shapes that cannot be normalised are failures. Raises InputError for files that cannot be read,
-    shapes without the pairs of landmarks that `symmetry` needs, unknown landmarks in `align`,
-    0 shapes, and k above their number.
+    Shapes that cannot be normalised are failures. Raises InputError for shapes without the pairs
+    of landmarks that `symmetry` needs, unknown landmarks in `align`, 0 shapes, and k above their
+    number.
     """
-    kept = read_shapes(config.shapes, config.rename)
-    sequences = kept.sequences or ("",) * len(kept)
-    kept = kept.take(every_nth(sequences, config.every))
+    sequences = given.sequences or ("",) * len(given)
+    kept = given.take(every_nth(sequences, config.every))
     usable, failures = separate(kept)
     if not len(usable):
         found = "there are 0 shapes to learn from"

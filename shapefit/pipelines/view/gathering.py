@@ -118,7 +118,7 @@ def _take(
     if isinstance(records, ResultSet):
         _take_result(records, put, put_landmarks)
         for name, values in (("status", records.status), (match, records.extras.get(match))):
-            if values is not None:
+            if values is not None and np.ndim(values) == 1:  # one per item
                 texts = gathered.texts.setdefault(name, np.full(n, "", dtype=object))
                 texts[frames] = np.asarray(values).astype(str)
     edges = records.extras.get("edges")

@@ -14,7 +14,7 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective.refinement import PerspectiveOptions
+from shapefit.lifting.options import PerspectiveOptions
 from shapefit.lifting.perspective.view import find_rotations, refine_view
 from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
 

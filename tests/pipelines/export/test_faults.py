@@ -24,9 +24,7 @@ def no_fitting(monkeypatch):
     def refuse(*_arguments):
         raise AssertionError("an image was fitted before the complaint")
 
-    monkeypatch.setattr(
-        "shapefit.pipelines.fit.run.choose_lifter", lambda _config, _dictionary: refuse
-    )
+    monkeypatch.setattr("shapefit.pipelines.fit.run.fit_images", refuse)
 
 
 @pytest.fixture
@@ -271,6 +269,8 @@ def test_folders_stay_as_they_were_where_the_result_cannot_be_completed(
 INTERRUPTED = """
 import os, signal, sys
 from pathlib import Path
+# Where the tests run in the background SIGINT is ignored, and a child inherits that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from shapefit_cli import main
 replace = Path.replace
 def interrupt(path, target):
