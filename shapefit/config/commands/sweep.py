@@ -27,6 +27,7 @@ from shapefit.config.paths import (
     PathWords,
     absolute_path,
 )
+from shapefit.config.presets import ConfigFile
 from shapefit.config.settings import Settings
 from shapefit.errors import InputError
 
@@ -183,7 +184,7 @@ class SweepConfig(CommandConfig):
             made["landmarks"] = "-" if info.data.get("project") else None
             made["dictionary"] = "-" if info.data.get("learn_dict") else None
         try:
-            return load_model(COMMANDS[name], absolute_path(value), arguments=made)
+            return load_model(COMMANDS[name], ConfigFile(absolute_path(value)), arguments=made)
         except InputError as error:
             raise ValueError("; ".join(error.problems)) from None
 

@@ -30,7 +30,7 @@ from shapefit.pipelines.fit.chain import choose_lifter, choose_newton
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
-from shapefit.pipelines.outcome import Failure, Outcome, nothing_in
+from shapefit.pipelines.outcome import Counted, Failure, Outcome, nothing_in
 
 GATHERED = 4096
 """Images that are read before the first whole sequences of them are lifted."""
@@ -142,9 +142,11 @@ def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
     return tuple(Failure(images.items[image], reasons[image]) for image in sorted(reasons))
 
 
-def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[str, ...]:
+def find_warnings(
+    images: LandmarkSet, lifting: Lifting, config: FitConfig
+) -> tuple[str | Counted, ...]:
     """Say how many images stopped at the iteration limit, and that the camera looks wrong."""
-    told = []
+    found: list[str | Counted] = []
     limited = [
         image
         for image, status in enumerate(lifting.estimate.status)
@@ -153,29 +155,36 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
     if limited and not config.strict:
         gap = lifting.estimate.relative_gap
         worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
-        told.append(
-            f"{counted(len(limited), 'image')} not optimal, the worst: {describe(lifting, worst)}"
+        found.append(
+            Counted(
+                len(limited),
+                "image",
+                "not optimal",
+                worst=describe(lifting, worst),
+                severity=0.0 if gap is None or np.isnan(gap[worst]) else float(gap[worst]),
+            )
         )
     if images.confidence is not None and (images.confidence > 1).any():
-        told.append(
+        found.append(
             "confidences above 1: they are weights, and larger ones pull harder against `lambda`; "
             "divide them by their largest value if that is not meant"
         )
     empty = find_empty(lifting)
     if empty:
-        told.append(
-            f"{counted(len(empty), 'image')} with an empty shape, all landmarks on one point: "
-            "lambda is above lambda_max there, or near it; lower `lambda`"
+        text = (
+            "with an empty shape, all landmarks on one point: lambda is above lambda_max there, or "
+            "near it; lower `lambda`"
         )
+        found.append(Counted(len(empty), "image", text))
     if lifting.perspective:
         from shapefit.pipelines.fit.intrinsics import all_aside
 
         if all_aside(images.landmarks, lifting.perspective.camera):
-            told.append(
+            found.append(
                 "all landmarks lie far to one side of the optical axis; is "
                 "`camera.principal_point` right?"
             )
-    return tuple(told)
+    return tuple(found)
 
 
 def find_empty(lifting: Lifting) -> list[int]:
