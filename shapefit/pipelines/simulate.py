@@ -51,7 +51,7 @@ def run(config: SimulateConfig) -> Iterator[Outcome]:
     with ThreadPoolExecutor(config.threads or os.cpu_count()) as pool:
         for p, z in places:
             attempts = tuple(pool.map(partial(attempt, config, p, z), range(config.trials)))
-            cell = Cell(p, z, attempts, config.success_below)
+            cell = Cell(p, z, attempts, SUCCESS_BELOW)
             cells.append(cell)
             yield Outcome(
                 done=config.trials,
@@ -62,7 +62,6 @@ def run(config: SimulateConfig) -> Iterator[Outcome]:
     grid = RecoveryGrid(
         cells=tuple(cells),
         program=PROGRAMS[config.translation].format(k=config.k),
-        published=_published(config),
         provenance={
             "version": __version__,
             "config": json.loads(config.as_json()),
@@ -109,18 +108,6 @@ def _failure(cell: Cell, trial: int) -> Failure:
     )
 
 
-def _published(config: SimulateConfig) -> PublishedShares | None:
-    published = config.published
-    if not published.success:
-        return None
-    shares = {
-        (p, z): share
-        for p, row in zip(published.landmarks, published.success, strict=True)
-        for z, share in zip(published.active_atoms, row, strict=True)
-    }
-    return PublishedShares(published.source, shares)
-
-
 def _writers(grid: RecoveryGrid, *, with_plot: bool) -> dict[str, Writer]:
     writers: dict[str, Writer] = {
         "recovery.csv": lambda path: recovery_grid.write_csv(path, grid),
@@ -128,9 +115,6 @@ def _writers(grid: RecoveryGrid, *, with_plot: bool) -> dict[str, Writer]:
         "recovery.md": lambda path: path.write_text(recovery_grid.markdown(grid), "utf-8"),
     }
     if with_plot:
-        panels = {"Share recovered exactly": grid.shares}
-        if grid.published and grid.deviations:
-            panels["Published"] = {at: grid.published.shares[at] for at in grid.deviations}
-        figure = heat_maps(panels, "landmarks p", "atoms in use z")
+        figure = heat_maps({TITLE: grid.shares}, "landmarks p", "atoms in use z")
         writers |= plots.writers("recovery", figure)
     return writers

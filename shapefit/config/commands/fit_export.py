@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from shapefit.config.model import ConfigModel, FromLists
-from shapefit.config.paths import Folder
+from shapefit.config.paths import OF_THE_DATA, Folder
 
-Items = Annotated[tuple[str, ...], FromLists]
+Items = Annotated[tuple[str, ...], FromLists, OF_THE_DATA]
 
 MOST_ON_A_SHEET = 200
 """More would be too small to see, or too large to open."""
@@ -30,7 +30,7 @@ class _FilesConfig(ConfigModel):
 
 
 class ExportConfig(_FilesConfig):
-    """Mesh files of the fitted shapes, one an image."""
+    """Mesh files of the fitted shapes, one per image."""
 
     folder: Folder = Field(
         default=None, description="Folder to write mesh files to; none writes none."
@@ -55,11 +55,6 @@ class ExportConfig(_FilesConfig):
         default="tubes",
         description="What the edges between fitted landmarks become where the dictionary has no "
         "mesh.",
-    )
-    rotation: Literal["shared", "per-atom"] = Field(
-        default="shared",
-        description="convex: one rotation for the mesh; or one an atom, as for the landmarks of "
-        "the result, under which the mesh shears.",
     )
     items: Items = Field(default=("*",), description="Items to write: names or globs.")
 

@@ -20,6 +20,7 @@ from shapefit.config.commands.project import ProjectConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, plain
 from shapefit.config.paths import (
+    OF_THE_DATA,
     STANDARD_STREAM,
     InputPath,
     InputPaths,
@@ -101,13 +102,13 @@ class SweepConfig(CommandConfig):
         "Meshes and pictures are not written."
     )
     truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
-    match: str = Field(
+    match: Annotated[str, OF_THE_DATA] = Field(
         default="item",
         min_length=1,
         description="What tells the true shape of an image: `item`, or the name of a dataset of "
         "the landmarks that holds items of the truth.",
     )
-    groups: Mapping[str, str] = Field(
+    groups: Annotated[Mapping[str, str], OF_THE_DATA] = Field(
         default_factory=dict,
         description="Groups of sequences to average over: name -> glob on sequence names.",
     )
@@ -123,17 +124,14 @@ class SweepConfig(CommandConfig):
     least_visible: int = Field(
         default=0, ge=0, description="Visible landmarks that an image must have to be fitted."
     )
-    frames: int = Field(
+    every: int = Field(
         default=1, ge=1, description="Fit every n-th image of those that show enough landmarks."
     )
-    first: int = Field(
+    offset: int = Field(
         default=0,
         ge=0,
-        description="Images to pass over before the first that is fitted: with `frames: 2`, 0 and "
-        "1 are the two halves of the images.",
-    )
-    caveats: Annotated[tuple[str, ...], FromLists] = Field(
-        default=(), description="What a reader of the numbers must know; printed with them."
+        description="Images to skip before the first that is fitted: with `every: 2`, offsets 0 "
+        "and 1 are the two halves of the images.",
     )
     output: OutputPath = Field(description="Folder to write the report and the files between to.")
     plots: Plots = Field(

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field
 from shapefit.config.model import CommandConfig, FromLists
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import (
+    OF_THE_DATA,
     OptionalInputPath,
     OptionalInputPaths,
     OptionalPath,
@@ -30,7 +31,7 @@ class ViewConfig(CommandConfig):
         description="Files of the true 3D shapes, laid onto the first result by the best "
         "similarity.",
     )
-    match: str = Field(
+    match: Annotated[str, OF_THE_DATA] = Field(
         default="item",
         min_length=1,
         description="What tells the true shape of an image: `item`, or the name of a dataset of "
@@ -50,7 +51,7 @@ class ViewConfig(CommandConfig):
         description="Images that the landmarks were found in, PNG or JPEG: a folder, whose files "
         "are called by the items, or a path in which `{item}` stands for the item.",
     )
-    items: Annotated[tuple[str, ...], FromLists] = Field(
+    items: Annotated[tuple[str, ...], FromLists, OF_THE_DATA] = Field(
         default=("*",), description="Items to show: names or globs."
     )
     frame_rate: float | None = Field(

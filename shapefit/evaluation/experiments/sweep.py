@@ -61,7 +61,6 @@ class Sweep:
 
     key: str
     points: tuple[Point, ...]
-    caveats: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def of_metric(self) -> dict[tuple[str, str], dict[str, list[Point]]]:
@@ -144,7 +143,6 @@ def sweep_json(sweep: Sweep) -> str:
     document = {
         "key": sweep.key,
         "points": [_known(point) for point in sweep.points],
-        "caveats": sweep.caveats,
         **sweep.provenance,
     }
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -178,8 +176,6 @@ def document(sweep: Sweep) -> list[Block]:
     if any(point.metric in labels.METRICS for point in sweep.points):
         parts.append(_LABELS)
     parts += [Table([sweep.key, *columns], rows), _TIMES]
-    if sweep.caveats:
-        parts += [Section("Caveats"), Listing(sweep.caveats)]
     return parts
 
 

@@ -26,7 +26,7 @@ from shapefit.io import (
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.export.run import open_exports
-from shapefit.pipelines.fit.chain import choose_lifter, choose_newton
+from shapefit.pipelines.fit.chain import choose_lifter
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
@@ -41,7 +41,6 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     check_holds_all(config)
     dictionary = read_dictionary(config.dictionary)
     lifter = choose_lifter(config, dictionary)
-    newton = choose_newton(config)
     unknown = None
     if config.leave_out:
         from shapefit.pipelines.fit.left_out import UnknownItems
@@ -60,12 +59,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             solve_seconds += time.perf_counter() - began
             if unknown:
                 unknown.add(images)
-            path = None
-            if config.path:
-                from shapefit.lifting.path import follow_path
-
-                path = follow_path(lifting.problem, config.path, newton)
-            record = as_result(images, lifting, path, config, dictionary)
+            record = as_result(images, lifting, config, dictionary)
             writer.append(record)
             exports.add(record, lifting.estimate.transforms)
             done += len(images)
@@ -101,10 +95,9 @@ def run(config: FitConfig) -> Iterator[Outcome]:
 
 def check_holds_all(config: FitConfig) -> None:
     """Raise InputError where the config asks for more than the output can hold."""
-    for key in ("path", "transforms"):
-        if getattr(config, key) and is_csv_target(config.output):
-            found = f"asks for what {config.output} cannot hold: CSV is for points only"
-            raise input_error(key, found, "name an HDF5 output, or leave it out")
+    if config.transforms and is_csv_target(config.output):
+        found = f"cannot be stored in {config.output}: CSV holds points only"
+        raise input_error("transforms", found, "name an HDF5 output, or leave it out")
 
 
 def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkSet]:

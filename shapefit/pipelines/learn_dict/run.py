@@ -72,8 +72,6 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Iterato
         config.k,
         config.beta,
         iterations=config.iterations,
-        tolerance=config.tolerance,
-        atom_bound=config.atom_bound,
     )
     for learned in rounds:
         note = f"objective {learned.trace[-1]:.6g}"
@@ -109,7 +107,7 @@ def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Ou
     found = []
     for name in names:
         moving = training.alignment.shapes[sequences == name]
-        found.append(principal_components(moving, config.energy, config.components))
+        found.append(principal_components(moving, config.bases))
         note = f"{len(found[-1])} bases" + (f" of {name}" if name else "")
         yield Outcome(done=1, total=len(names), unit="sequence", note=note)
     bases = np.concatenate(found)
