@@ -45,10 +45,8 @@ class _ConfigPath(click.Path):
         return [CompletionItem(name, help="installed config") for name in names] or files
 
 
-class _Setting(click.ParamType):
+class _Setting(click.types.StringParamType):
     """`key=value` for a key of the config of a command."""
-
-    name = "setting"
 
     def __init__(self, command: str) -> None:
         self._command = command

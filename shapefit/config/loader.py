@@ -55,10 +55,10 @@ def load_config(
     """Return the checked config of `command`.
 
     `file` is a YAML file or a preset (`find_config`). `overrides` (each `a.b=value`) override what
-    it says, and `arguments` (key -> value; None and empty ones do not count) both. Paths in the file are relative to
-    the file, the others to the working directory; in the config they are absolute and globs are
-    expanded. Raises InputError with every problem at once, each with its place, and where
-    standard input would be read twice.
+    it says, and `arguments` (key -> value; None and empty ones do not count) both. Paths in the
+    file are relative to the file, the others to the working directory; in the config they are
+    absolute and globs are expanded. Raises InputError with every problem at once, each with its
+    place, and where standard input would be read twice.
     """
     file = ConfigFile(file) if isinstance(file, Path) else file
     config = load_model(CONFIGS[command], file, overrides, arguments)

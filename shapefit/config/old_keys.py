@@ -14,10 +14,10 @@ OLD_KEYS: Mapping[str, Mapping[str, str]] = {
         "components": "use `bases`: a whole number is the number of bases of each sequence",
     },
     "FitConfig": {
-        "beta": "use `outliers.threshold`, the residual beyond which a landmark is wrong, for every "
-        "method that looks for outliers",
-        "path": "use `shapefit sweep` with `vary: {fit.lambda: [...]}`, which also measures errors",
-        "solver.name": "leave it out: there is one solver; the paper's ADMM is a reference in tests",
+        "beta": "use `outliers.threshold`, the residual beyond which a landmark is wrong, of every "
+        "method for outliers",
+        "path": "use `shapefit sweep` with `vary: {fit.lambda: [...]}`, which measures errors too",
+        "solver.name": "leave it out: there is one solver; the paper's ADMM is a reference",
         "solver.stop": "leave it out: the tolerance bounds the relative duality gap",
         "orthogonal": "use `rotations: orthogonal`",
         "export.rotation": "use `rotations`: shared for `shared`, and per-atom for `per-atom`",

@@ -6,7 +6,7 @@ the config, the chain of `fit`, the exports and the page of a result ask the tab
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -29,6 +29,10 @@ ATOMS = ("sparse-coding", "exemplars")
 """How dictionaries are learned whose shapes are sums without sign."""
 
 
+DEFAULT_VIEWS = 6
+"""Views from which the pose of the mean shape is sought."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class AlternationOptions:
     """The section `alternation`: how the methods that share one rotation search.
@@ -43,14 +47,14 @@ class AlternationOptions:
     """
 
     signed: bool = False
-    views: int | Literal["all"] = 6
+    views: int | Literal["all"] = DEFAULT_VIEWS
     tolerance: float = 1e-6
     max_rounds: int = 500
 
     @property
     def number_of_views(self) -> int:
         """From how many views the pose of the mean shape is sought."""
-        return AlternationOptions.views if self.views == "all" else self.views
+        return DEFAULT_VIEWS if self.views == "all" else self.views
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,9 +210,3 @@ def choose_method(name: str, settings: Settings) -> Estimator:
 def those(is_so: Callable[[Method], object]) -> tuple[str, ...]:
     """Return the names of the methods of which something is so."""
     return tuple(name for name, method in METHODS.items() if is_so(method))
-
-
-def listed(names: Iterable[str], conjunction: str = "or") -> str:
-    """Return names as a sentence lists them: a, b or c."""
-    *others, last = names
-    return f"{', '.join(others)} {conjunction} {last}" if others else last

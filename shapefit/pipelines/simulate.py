@@ -16,7 +16,7 @@ from shapefit.config import SimulateConfig
 from shapefit.errors import counted
 from shapefit.evaluation.experiments import recovery_grid
 from shapefit.evaluation.experiments.recovery import Attempt, plant, recover
-from shapefit.evaluation.experiments.recovery_grid import Cell, PublishedShares, RecoveryGrid
+from shapefit.evaluation.experiments.recovery_grid import Cell, RecoveryGrid
 from shapefit.evaluation.plots import bars as plots
 from shapefit.evaluation.plots.heat_maps import heat_maps
 from shapefit.io.memory import check_fits
@@ -26,6 +26,9 @@ from shapefit.pipelines.outcome import Failure, Outcome
 
 COPIES = 8
 """Of the atoms of an instance, that the solver holds at a time: a generous guess."""
+
+SUCCESS_BELOW = 1e-3
+"""Relative error of the transforms below which they are recovered exactly."""
 
 PROGRAMS = {
     "free": "min sum ||M_i||_2 subject to W = sum M_i B_i + T 1^T (the paper's program on centred "
@@ -115,6 +118,8 @@ def _writers(grid: RecoveryGrid, *, with_plot: bool) -> dict[str, Writer]:
         "recovery.md": lambda path: path.write_text(recovery_grid.markdown(grid), "utf-8"),
     }
     if with_plot:
-        figure = heat_maps({TITLE: grid.shares}, "landmarks p", "atoms in use z")
+        figure = heat_maps(
+            {"Share recovered exactly": grid.shares}, "landmarks p", "atoms in use z"
+        )
         writers |= plots.writers("recovery", figure)
     return writers

@@ -12,14 +12,15 @@ from shapefit.config.commands.fit_camera import ViewingConfig
 from shapefit.config.commands.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.commands.fit_outliers import OutliersConfig
 from shapefit.config.expectation import Expected
-from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel
+from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, Renaming
 from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
+from shapefit.errors import listed
 from shapefit.lifting.methods import (
     ALTERNATION,
+    DEFAULT_VIEWS,
     METHODS,
     ROBUST,
     AlternationOptions,
-    listed,
     summarise,
     those,
 )
@@ -76,7 +77,7 @@ class AlternationConfig(ConfigModel):
     views: Annotated[int | Literal["all"], Expected(_VIEWS), BeforeValidator(_views)] = Field(
         default=AlternationOptions.views,
         description="Views, spread evenly, from which the pose of the mean shape is sought; all: "
-        f"from {AlternationOptions.views} views, and alternate starts from each of them and keeps "
+        f"from {DEFAULT_VIEWS} views, and alternate starts from each of them and keeps "
         "the lowest objective.",
     )
 
@@ -112,6 +113,11 @@ class FitConfig(CommandConfig):
 
     landmarks: InputPaths = Field(description="Files of 2D landmarks (HDF5 or CSV; - is stdin).")
     dictionary: InputPath = Field(description="Dictionary file that learn-dict wrote.")
+    rename: Renaming = Field(
+        default_factory=dict,
+        description="Landmarks that the files call otherwise: name in the files -> name in the "
+        "dictionary.",
+    )
     output: OutputPath = Field(
         description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
     )
@@ -222,8 +228,7 @@ class FitConfig(CommandConfig):
                 else f"loss: {self.data_term}"
             )
             raise ValueError(
-                f"the method {self.method} does not know `{key}`; take another, or "
-                f"`method: {fit}`"
+                f"the method {self.method} does not know `{key}`; take another, or `method: {fit}`"
             )
         if self.outliers.method in ROBUST and self.loss != "squared":
             raise ValueError(

@@ -48,6 +48,7 @@ class ViewingConfig(ConfigModel):
         description="perspective: residual, for normalised landmarks, beyond which a landmark "
         "loses its pull (Cauchy's loss).",
     )
+
     @field_validator("principal_point", "ridge", "softness")
     @classmethod
     def _belongs_to_perspective(cls, value: object, info: ValidationInfo) -> object:

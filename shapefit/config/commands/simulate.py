@@ -38,6 +38,7 @@ ActiveAtoms = Annotated[
     Expected("a list of whole numbers >= 1"),
 ]
 
+
 class ExactSolverConfig(ConfigModel):
     """When the noiseless program counts as solved."""
 

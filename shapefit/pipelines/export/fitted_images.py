@@ -30,7 +30,7 @@ def fitted_image(
     """Gather one image (n = 1); without mesh where that cannot follow, all nan without a shape.
 
     The mesh has one rotation. Where the camera sees it is another matter: there it is projected as
-    the fit projects it, with a rotation an atom (convex) or in perspective, so that it lies under
+    the fit projects it, with a rotation per atom (convex) or in perspective, so that it lies under
     the fitted landmarks.
     """
     extras = found.extras
@@ -49,7 +49,10 @@ def fitted_image(
         seen_mesh = None if mesh is None else _in_perspective(mesh, found)
     elif carried is not None and not METHODS[config.method].one_rotation:
         seen_mesh = camera_frame_sheared(
-            carried, required(transforms), *_place(found), orthogonal=config.rotations == "orthogonal"
+            carried,
+            required(transforms),
+            *_place(found),
+            orthogonal=config.rotations == "orthogonal",
         )
     return FittedImage(
         title=title,

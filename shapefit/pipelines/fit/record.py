@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,6 @@ from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.left_out_items import find_left_out
-
-if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
@@ -63,6 +61,7 @@ def as_result(
         transforms=where_fitted(found.transforms) if config.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
+        frame_rate=images.frame_rate,
         extras=further_datasets(images, lifting, config, dictionary),
     )
     return with_proof(record, lifting, config) if config.proof else record

@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 
 def run(config: LearnDictConfig) -> Iterator[Outcome]:
-    """Make the dictionary and write it; one outcome a round, sequence or, of exemplars, for all shapes.
+    """Make the dictionary and write it; one outcome per round, sequence or set of exemplars.
 
     The first outcome lists the shapes that could not be used. The dictionary has the landmarks
     and edges of the shapes; atoms that are shapes or mixtures of shapes have meshes mixed alike.
@@ -94,7 +94,7 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Iterato
         note=(
             f"objective {learned.trace[-1]:.6g}, "
             f"relative error {learned.relative_error(shapes):.4f}, "
-            f"{learned.active_atoms:.1f} active atoms a shape"
+            f"{learned.active_atoms:.1f} active atoms per shape"
         ),
         written=(config.output,),
     )

@@ -96,5 +96,6 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, block: i
         sequences=shapes.sequences,
         unit=shapes.unit if scale is None else PIXELS,
         y_axis="up",
+        frame_rate=shapes.frame_rate,
         extras=extras,
     )
