@@ -73,7 +73,11 @@ def sources() -> Iterator[Path]:
 
 def marked() -> Iterator[Path]:
     """Yield the other files that hold text: kernels, the page, configs, the Makefile."""
-    for pattern in ("shapefit/core/**/*.?pp", "shapefit/viewer/**/*.js", "shapefit/viewer/**/*.html"):
+    for pattern in (
+        "shapefit/core/**/*.?pp",
+        "shapefit/viewer/**/*.js",
+        "shapefit/viewer/**/*.html",
+    ):
         yield from PROJECT.glob(pattern)
     yield from (PROJECT / "configs").rglob("*.yaml")
     yield PROJECT / "Makefile"
@@ -99,7 +103,12 @@ def python_texts(source: str) -> Iterator[str]:
 
 def marked_texts(source: str) -> Iterator[str]:
     """Yield the text of a file with comments, their marks taken out; code between them stays."""
-    yield re.sub(r"^\s*(//|#|\*|/\*\*?)|\b(tell|tellSoon)\b\s*(?=[(.])|function tell", " ", source, flags=re.M)
+    yield re.sub(
+        r"^\s*(//|#|\*|/\*\*?)|\b(tell|tellSoon)\b\s*(?=[(.])|function tell",
+        " ",
+        source,
+        flags=re.M,
+    )
 
 
 def found(text: str) -> list[str]:

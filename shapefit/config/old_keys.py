@@ -43,7 +43,6 @@ OLD_KEYS: Mapping[str, Mapping[str, str]] = {
         "repeat": "leave it out: project several times with different `seed`s",
     },
     "SimulateConfig": {
-        "data": "leave it out: `simulate` reads no files",
         "success_below": "leave it out: transforms are recovered below a relative error of 1e-3",
         "published": "leave it out: `python -m benchmarks.published` sets the paper's shares "
         "beside a report",
