@@ -83,7 +83,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
 
 def count_gaps(truth: ShapeSet) -> list[str]:
     """Say how many landmarks of the truth are unknown."""
-    gaps = np.isnan(truth.shapes).any(axis=1)
+    gaps = np.asarray(np.isnan(truth.shapes).any(axis=1))
     if not gaps.any():
         return []
     shapes = counted(int(gaps.any(axis=1).sum()), "shape")
