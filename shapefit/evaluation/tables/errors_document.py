@@ -38,7 +38,7 @@ _HOW_TO_READ_OVERVIEW = f"{HOW_TO_READ_PAIRS} Times are those of solving alone."
 _HOW_TO_READ_SOLVING = (
     "Means over all images, as the result files tell them. Objectives of different models cannot "
     "be compared: the convex program minimises another than the methods that share one rotation "
-    "(convex+refine, alternate, alternate+), and pmp and mean-shape each one of their own; all "
+    "(convex+refine, alternate), and pmp and mean-shape each one of their own; all "
     "depend on lambda and the dictionary. Times are those of the machine and the threads of each "
     "fit, solving alone."
 )

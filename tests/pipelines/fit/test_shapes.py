@@ -161,7 +161,7 @@ class TestShapes:
         assert found.shapes.shape == (0, 3, 10)
         assert failures(outcomes) == {}
 
-    @pytest.mark.parametrize("method", ["convex+refine", "alternate", "alternate+", "mean-shape"])
+    @pytest.mark.parametrize("method", ["convex+refine", "alternate", "mean-shape"])
     def test_every_method_gives_shapes_on_the_landmarks(
         self, fit, tmp_path, dictionary, images, method, failures
     ):

@@ -47,11 +47,13 @@ def read(path):
 
 @pytest.mark.parametrize("block", [3, 1024])
 @pytest.mark.parametrize(("offset", "every"), [(0, 1), (0, 2), (1, 2), (3, 4)])
-def test_every_nth_of_the_images_that_show_enough(choose, images, first, every, block, monkeypatch):
+def test_every_nth_of_the_images_that_show_enough(
+    choose, images, offset, every, block, monkeypatch
+):
     monkeypatch.setattr("shapefit.pipelines.sweep.images.BLOCK", block)
-    chosen, warm_up = choose(least_visible=4, offset=first, every=every)
+    chosen, warm_up = choose(least_visible=4, offset=offset, every=every)
     enough = [f"image{i}" for i in range(20) if i % 7 >= 4]
-    assert chosen.items == tuple(enough[first::every])
+    assert chosen.items == tuple(enough[offset::every])
     assert warm_up.items == chosen.items[:8]
     rows = [images.items.index(item) for item in chosen.items]
     np.testing.assert_array_equal(chosen.landmarks, images.landmarks[rows])
