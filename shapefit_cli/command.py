@@ -83,7 +83,7 @@ def run_command(
     With `print_config` the config is printed to stdout instead. Each of `afterwards` is called with
     the report when all is done. Raises InputError on a wrong config.
     """
-    # No plug-in changes the schema, and to look for them in all that is installed takes long.
+    # No plug-in changes the schema, and looking for them in all installed packages takes long.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     from shapefit.config import dump_config, find_config, load_config
 

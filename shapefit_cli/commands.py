@@ -83,8 +83,8 @@ SHAPES are files of 3D shapes, HDF5 or CSV; globs work.""",
         "project",
         pipeline="project.run",
         unit="image",
-        summary="Turn 3D shapes into synthetic 2D landmarks.",
-        text="""Turn 3D shapes into synthetic 2D landmarks with a known camera.
+        summary="Project 3D shapes to synthetic 2D landmarks.",
+        text="""Project 3D shapes to synthetic 2D landmarks with a known camera.
 
 SHAPES are files of 3D shapes, HDF5 or CSV; globs work, - is stdin (CSV).""",
         examples="""\
@@ -122,8 +122,8 @@ LANDMARKS are files of 2D landmarks, HDF5 or CSV; globs work, - is stdin (CSV)."
         summary="Compare results with the truth.",
         text="""Compare results with the truth; print the table of errors (Markdown) to stdout.
 
-RESULTs are files that fit wrote; globs work. Each is called by its file name in the table;
-the config can give other names.""",
+RESULTs are files that fit wrote; globs work. In the table each has the name of its file; the
+config can set other names.""",
         examples="""\
   shapefit eval result.h5 --truth test.h5 -o report/
   shapefit eval -c eval.yaml convex.h5 pmp.h5 --truth test.h5 -o report/
@@ -167,11 +167,12 @@ it.""",
         "view",
         pipeline="view.run",
         unit="frame",
-        summary="Show results on a page that turns and plays.",
-        text="""Write one HTML page that shows results, turns them, and plays them.
+        summary="Show results on a page to rotate and play.",
+        text="""Write one HTML page that shows results, to rotate and play.
 
-The page needs no network and no server: send it to a colleague. Left the landmarks in the
-image, right the shapes in 3D, below a strip that shows where to look.""",
+The page needs no network and no server: send it to a colleague. On the left are the
+landmarks in the image, on the right the shapes in 3D, and below them a strip that shows where
+to look.""",
         examples="""\
   shapefit view result.h5
   shapefit view convex.h5 pmp.h5 --truth test.h5 -o page.html --open

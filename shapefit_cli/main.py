@@ -34,7 +34,7 @@ PIPE_CLOSED = 128 + signal.SIGPIPE
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="""\b
 Exit codes:
-  0  everything was done
+  0  everything succeeded
   1  finished, but some items failed (they are listed)
   2  bad usage, config or input
   3  internal error (--traceback shows where)

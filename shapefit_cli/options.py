@@ -84,7 +84,7 @@ def config_options(command: str) -> list[click.Parameter]:
         click.Option(
             ["--print-config"],
             is_flag=True,
-            help="Print the config with every default as YAML, and do nothing else.",
+            help="Print the config with every default as YAML, and exit.",
         ),
     ]
 

@@ -15,18 +15,18 @@ from shapefit.config.paths import OfTheData
 _INTRODUCTION = """\
 # Config keys
 
-Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no` is a text. \
-`--set key=value` and `--set key.key=value` override the file, arguments of the command both.
+Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no` is a string. \
+`--set key=value` and `--set key.key=value` override the file; arguments override both.
 
 - Paths in a file are relative to the file, paths on the command line to the working directory.
 - A path to read may be a glob (`*`, `?`, `[...]`, `**`); it must match at least one file.
 - `-` is standard input or output, as CSV.
-- A path may begin with `{data}`: it stands for the folder that the key `data` names, which every
-  command has.
-- `-c NAME` stands for the command's own file of an installed folder, such as `cars` (of `fit`
-  `configs/cars/fit.yaml`); an existing file of that name is preferred. Of an installed file the
-  settings are used, but not what applies to its own data only: paths, and the keys marked with *.
-- `--print-config` prints the config as the command understands it, with every default.
+- A path may begin with `{data}`: it is replaced by the folder that the key `data` names. Every
+  command has this key.
+- `-c NAME` stands for the command's own file of an installed folder: `-c cars` of `fit` is
+  `configs/cars/fit.yaml`. An existing file of that name is preferred. The settings of an installed
+  file are used; what applies only to its own data is ignored: paths, and the keys marked with \\*.
+- `--print-config` prints the resolved config, with every default.
 """
 
 

@@ -24,6 +24,7 @@ from shapefit.lifting.methods import (
     summarise,
     those,
 )
+from shapefit.lifting.options import DepthOptions
 
 if TYPE_CHECKING:
     MethodName = str
@@ -83,28 +84,31 @@ class AlternationConfig(ConfigModel):
 
 
 class TemporalConfig(ConfigModel):
-    """What the images of one sequence tell about each other."""
+    """How the images of a sequence inform one another."""
 
     depths: bool = Field(
         default=False,
         description="Refine the depths along each sequence: the bones (edges of the dictionary) "
-        "keep their lengths and points do not jump. For one body a sequence, its images in order "
-        "of time, a camera of constant scale, and little noise.",
+        "keep their lengths and landmarks move smoothly. Assumes one body per "
+        "sequence, images in temporal order, a camera of constant scale, and little "
+        "noise.",
     )
     smoothness: float = Field(
-        default=10.0,
+        default=DepthOptions.smoothness,
         ge=0,
         description="Weight of the second difference of depths from image to image; a higher "
-        "frame rate wants more.",
+        "frame rate needs more.",
     )
     rigidity: float = Field(
-        default=100.0, ge=0, description="Weight of the differences in the lengths of bones."
+        default=DepthOptions.rigidity,
+        ge=0,
+        description="Weight of the differences in the lengths of bones.",
     )
     softness: float = Field(
-        default=0.01,
+        default=DepthOptions.tolerance,
         gt=0,
-        description="Change of a depth beyond which the estimate of the single image is taken "
-        "for a gross error, in units of the size of the landmarks.",
+        description="Change of a depth beyond which the estimate from the single image is "
+        "treated as a gross error, in units of the size of the landmarks.",
     )
 
 
@@ -115,8 +119,7 @@ class FitConfig(CommandConfig):
     dictionary: InputPath = Field(description="Dictionary file that learn-dict wrote.")
     rename: Renaming = Field(
         default_factory=dict,
-        description="Landmarks that the files call otherwise: name in the files -> name in the "
-        "dictionary.",
+        description="Landmarks to rename: name in the files -> name in the dictionary.",
     )
     output: OutputPath = Field(
         description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
@@ -135,7 +138,7 @@ class FitConfig(CommandConfig):
         default=0.1,
         alias="lambda",
         description="Weight of the sum of spectral norms, for normalised landmarks and atoms; "
-        "auto follows from `noise`.",
+        "auto derives it from `noise`.",
     )
     noise: float | None = Field(
         default=None,
@@ -159,14 +162,14 @@ class FitConfig(CommandConfig):
     )
     temporal: TemporalConfig = Field(
         default_factory=TemporalConfig.model_construct,
-        description="What the images of one sequence tell about each other.",
+        description="How the images of a sequence inform one another.",
     )
     leave_out: Annotated[str | None, OF_THE_DATA] = Field(
         default=None,
         min_length=1,
         description="Dataset of the landmarks that names, for each image, the training shape "
-        "whose atoms its fit must do without (dictionaries of exemplars); `item` where images are "
-        "named like training shapes.",
+        "whose atoms its fit must not use (dictionaries of exemplars); `item` if "
+        "images are named after training shapes.",
     )
     outliers: OutliersConfig = Field(
         default_factory=OutliersConfig.model_construct,
@@ -189,9 +192,9 @@ class FitConfig(CommandConfig):
         default=4096,
         ge=1,
         le=10_000_000,
-        description="Images held in memory at a time, rounded up to a multiple of 64; no result "
-        "depends on it, except with `leave_out`, within the tolerance of the solver. With "
-        "`temporal.depths` whole sequences are held instead.",
+        description="Images held in memory at a time, rounded up to a multiple of 64. Results "
+        "do not depend on it, except with `leave_out`, within the tolerance of the "
+        "solver. With `temporal.depths` whole sequences are held instead.",
     )
     strict: bool = Field(
         default=False, description="Count an image whose tolerance was not reached as failed."
@@ -201,8 +204,8 @@ class FitConfig(CommandConfig):
     )
     proof: bool = Field(
         default=True,
-        description="Also write what proves the optimum of the convex program, the dual and the "
-        "active transforms, for `shapefit verify` (HDF5 only).",
+        description="Also write the proof of the optimum of the convex program (the dual and "
+        "the active transforms) for `shapefit verify` (HDF5 only).",
     )
 
     @property
@@ -249,7 +252,7 @@ class FitConfig(CommandConfig):
             )
         if not (weak or method.perspective):
             raise ValueError(
-                f"`camera: {{model: perspective}}` does not go with the method {self.method}; "
+                f"`camera: {{model: perspective}}` does not work with the method {self.method}; "
                 "take another"
             )
         return self

@@ -9,6 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from shapefit.config.expectation import Expected
 from shapefit.config.model import ConfigModel, FromLists
 from shapefit.config.paths import OF_THE_DATA
+from shapefit.lifting.options import PerspectiveOptions
 
 
 class ViewingConfig(ConfigModel):
@@ -16,9 +17,9 @@ class ViewingConfig(ConfigModel):
 
     model: Literal["weak-perspective", "perspective"] = Field(
         default="weak-perspective",
-        description="Weak perspective, as in the convex program; or, from there, rotation, "
-        "translation and coefficients refined under the full projection, which needs the focal "
-        "length.",
+        description="Weak perspective, as in the convex program; or rotation, translation and "
+        "coefficients refined from there under the full projection, which requires "
+        "the focal length.",
     )
     focal: Annotated[float | None, OF_THE_DATA] = Field(
         default=None, gt=0, description="Focal length of all images, in the unit of the landmarks."
@@ -37,16 +38,16 @@ class ViewingConfig(ConfigModel):
         "default that of the camera matrices, or 0, 0.",
     )
     ridge: float = Field(
-        default=0.3,
+        default=PerspectiveOptions.ridge,
         gt=0,
         description="perspective: weight of the squared distance of the coefficients to those of "
         "the mean shape.",
     )
     softness: float = Field(
-        default=0.1,
+        default=PerspectiveOptions.softness,
         gt=0,
-        description="perspective: residual, for normalised landmarks, beyond which a landmark "
-        "loses its pull (Cauchy's loss).",
+        description="perspective: residual, for normalised landmarks, beyond which the pull of "
+        "a landmark decreases (Cauchy's loss).",
     )
 
     @field_validator("principal_point", "ridge", "softness")

@@ -8,8 +8,9 @@ from pydantic import Field
 
 from shapefit.config.model import ConfigModel
 from shapefit.lifting.methods import ROBUST
+from shapefit.lifting.options import BETA
 
-THRESHOLDS = {"ransac": 0.25, "truncated": 0.25, **dict.fromkeys(ROBUST, 0.1)}
+THRESHOLDS = {"ransac": 0.25, "truncated": 0.25, **dict.fromkeys(ROBUST, BETA)}
 """Method -> the threshold where none is given."""
 
 
@@ -18,19 +19,19 @@ class OutliersConfig(ConfigModel):
 
     method: Literal["none", "ransac", "truncated", "sparse-error", "l1"] = Field(
         default="none",
-        description="None; a search whose outliers the fit leaves out: ransac, the mean shape "
-        "posed on random triples of the landmarks and the pose that most others agree with, or "
-        "truncated, truncated least squares around the convex program by graduated "
-        "non-convexity; or a robust loss of the program: sparse-error, the squared residual "
-        "beside sparse errors with weight `threshold`, or l1, the sum of absolute residuals.",
+        description="none; ransac poses the mean shape on random triples of landmarks, keeps the "
+        "pose with which most others agree, and the fit rejects the others; truncated rejects "
+        "those of truncated least squares around the convex program, by graduated non-convexity; "
+        "sparse-error and l1 are robust losses of the program: the squared residual plus sparse "
+        "errors with weight `threshold`, and the sum of absolute residuals.",
     )
     threshold: float | None = Field(
         default=None,
         gt=0,
-        description="Residual beyond which a landmark is wrong: of a search, in units of the size "
-        "of the shape that the other landmarks show (the mean standard deviation of its "
-        "coordinates), 0.25 if not given; of a robust loss, in units of the size of all landmarks, "
-        "0.1 if not given.",
+        description="Residual beyond which a landmark is wrong. Of a search, in units of the size "
+        "of the shape as given by the other landmarks (the mean standard deviation of its "
+        "coordinates), 0.25 if not given; of a robust loss, for normalised landmarks, 0.1 if not "
+        "given.",
     )
     draws: int = Field(default=500, ge=1, description="ransac: triples drawn per image.")
     seed: int = Field(
@@ -49,4 +50,4 @@ class OutliersConfig(ConfigModel):
     @property
     def limit(self) -> float:
         """Return the threshold, or that of the method where none is given."""
-        return self.threshold or THRESHOLDS.get(self.method, 0.1)
+        return self.threshold or THRESHOLDS.get(self.method, BETA)

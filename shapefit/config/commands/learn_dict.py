@@ -40,15 +40,14 @@ class LearnDictConfig(CommandConfig):
     shapes: InputPaths = Field(description="Files of 3D training shapes (HDF5 or CSV).")
     rename: Renaming = Field(
         default_factory=dict,
-        description="Landmarks that the dictionary shall call otherwise: name in the files -> name "
-        "in the dictionary.",
+        description="Landmarks to rename: name in the files -> name in the dictionary.",
     )
     output: OutputPath = Field(description="Dictionary file to write (HDF5).")
     method: Literal["sparse-coding", "exemplars", "pca-bases"] = Field(
         default="sparse-coding",
-        description="How to learn: non-negative sparse coding with bounded atoms; exemplars, every "
-        "training shape an atom; or the principal components of each sequence, bases of either "
-        "sign for matching pursuit.",
+        description="How to learn: non-negative sparse coding with bounded atoms; exemplars, "
+        "which makes every training shape an atom; or the principal components of "
+        "each sequence, bases of either sign for matching pursuit.",
     )
     every: int = Field(
         default=1,
@@ -61,14 +60,14 @@ class LearnDictConfig(CommandConfig):
         BeforeValidator(_landmark_choice),
     ] = Field(
         default="all",
-        description="Landmarks that decide how training shapes are turned onto each other; none "
-        "keeps them in their common frame.",
+        description="Landmarks by which training shapes are aligned; none keeps them in their "
+        "common frame.",
     )
     symmetry: Literal["none", "symmetrise", "double"] = Field(
         default="none",
-        description="Left and right, as the `mirror_index` of the shapes pairs them: symmetrise "
-        "takes the mean of each training shape and its mirror image; double adds the mirror images "
-        "as further training shapes. Either leaves meshes out.",
+        description="Left and right, as paired by the `mirror_index` of the shapes: symmetrise "
+        "takes the mean of each training shape and its mirror image; double adds "
+        "the mirror images as further training shapes. Both drop meshes.",
     )
     k: int = Field(
         default=64,
@@ -89,7 +88,7 @@ class LearnDictConfig(CommandConfig):
     bases: Annotated[float | int, Expected(_BASES), BeforeValidator(_share_or_number)] = Field(
         default=0.99,
         description="Bases of each sequence: their number, or, below 1, the share of the variation "
-        "within the sequence that they hold (pca-bases only).",
+        "within the sequence that they explain (pca-bases only).",
     )
 
     @field_validator("k", "beta", "iterations", "bases")

@@ -77,7 +77,7 @@ class CameraConfig(ConfigModel):
 
 
 class ProjectConfig(CommandConfig):
-    """Turn 3D shapes into synthetic 2D landmarks."""
+    """Project 3D shapes to synthetic 2D landmarks."""
 
     shapes: InputPaths = Field(description="Files of 3D shapes (HDF5 or CSV; - is stdin).")
     output: OutputPath = Field(
@@ -96,6 +96,7 @@ class ProjectConfig(CommandConfig):
         default=0.0,
         ge=0,
         lt=1,
-        description="Share of landmarks hidden, different ones in each image; three stay.",
+        description="Share of landmarks hidden, different ones in each image; at least three "
+        "remain visible.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of every random choice.")

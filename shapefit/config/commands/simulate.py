@@ -49,7 +49,7 @@ class ExactSolverConfig(ConfigModel):
         "fall to this.",
     )
     max_iterations: int = Field(
-        default=10000, ge=1, le=MOST_STEPS, description="Most iterations for one instance."
+        default=10000, ge=1, le=MOST_STEPS, description="Maximum iterations per instance."
     )
 
 
@@ -59,18 +59,19 @@ class SimulateConfig(CommandConfig):
     output: OutputPath = Field(description="Folder to write the report to.")
     k: int = Field(default=50, ge=1, description="Number of atoms, their entries N(0, 1).")
     landmarks: Landmarks = Field(
-        default=tuple(range(5, 51, 5)), description="Numbers of landmarks (p), one a row."
+        default=tuple(range(5, 51, 5)), description="Numbers of landmarks (p), one per row."
     )
     active_atoms: ActiveAtoms = Field(
         default=tuple(range(1, 11)),
         validate_default=True,
-        description="Numbers of atoms in use (z), one a column.",
+        description="Numbers of atoms in use (z), one per column.",
     )
     trials: int = Field(default=100, ge=1, description="Random instances in each cell.")
     translation: Literal["free", "none"] = Field(
         default="free",
-        description="free: the program has a translation T, which is the same as centring "
-        "landmarks and atoms and costs what one landmark tells; none: T is 0.",
+        description="free: the program has a translation T, which is equivalent to centring "
+        "landmarks and atoms and costs the information of one landmark; none: T is "
+        "0.",
     )
     solver: ExactSolverConfig = Field(
         default_factory=ExactSolverConfig.model_construct, description="How the program is solved."
@@ -100,6 +101,6 @@ class SimulateConfig(CommandConfig):
         if k is not None and max(values) > k:
             raise ValueError(
                 f"expected numbers of atoms in use up to k = {k}, found {max(values)}; "
-                "leave out what is larger, or raise k"
+                "leave out larger numbers, or raise k"
             )
         return values

@@ -41,7 +41,7 @@ PIXELS = "px"
 
 
 def run(config: ProjectConfig) -> Iterator[Outcome]:
-    """Look at every shape with the camera of the config; yields an Outcome a block of images.
+    """Look at every shape with the camera of the config; yields an Outcome per block of images.
 
     The images have the items, sequences and further datasets of the shapes and `true_rotation`
     (n, 3, 3), object to camera frame; y points up. An orthographic camera keeps the unit of the

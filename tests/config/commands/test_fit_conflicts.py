@@ -32,12 +32,12 @@ def problem(addition: str, *options: str) -> str:
         (
             "loss: exact\nmethod: convex+refine",
             "4:7",
-            "the method convex+refine does not know `loss: exact`",
+            "the method convex+refine does not support `loss: exact`",
         ),
         (
             "method: alternate\noutliers: {method: l1}",
             "5:11",
-            "the method alternate does not know `outliers: {method: l1}`; take another, or "
+            "the method alternate does not support `outliers: {method: l1}`; use another, or "
             "`method: convex`",
         ),
         ("outliers: {threshold: 0}", "4:23", "expected a number > 0"),
@@ -50,7 +50,7 @@ def problem(addition: str, *options: str) -> str:
         (
             "method: pmp\ncamera: {model: perspective, focal: 2}",
             "5:9",
-            "`camera: {model: perspective}` does not go with the method pmp",
+            "`camera: {model: perspective}` does not work with the method pmp",
         ),
         (
             "camera: {ridge: 1, model: weak-perspective}",

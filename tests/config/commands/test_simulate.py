@@ -48,7 +48,7 @@ def test_the_printed_config_loads_again(project, folder):
         (
             "active_atoms=[51]",
             "expected numbers of atoms in use up to k = 50, found 51; "
-            "leave out what is larger, or raise k",
+            "leave out larger numbers, or raise k",
         ),
         ("trials=0", "expected a whole number >= 1, found 0"),
         ("translation=no", "expected free or none, found 'no'; did you mean 'none'?"),
