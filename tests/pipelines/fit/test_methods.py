@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import LandmarkSet, write_dictionary
+from shapefit.io import write_dictionary
 
 NAMES = tuple(f"point{j}" for j in range(10))
 
@@ -59,19 +59,3 @@ class TestFamily:
         found, _ = fit(tmp_path, dictionary, views, chunk=64)
         assert found.attributes["solve_seconds"] == 4
         assert found.attributes["images_per_second"] == pytest.approx(193 / 4)
-
-    def test_alternation_stops_as_the_config_says(self, fit, tmp_path, dictionary, images, rng):
-        noise = rng.standard_normal(images.landmarks.shape)
-        noisy = LandmarkSet(
-            landmarks=images.landmarks + noise, landmark_names=NAMES, items=images.items
-        )
-
-        def rounds(**alternation):
-            keys = {"method": "alternate", "alternation": alternation}
-            return fit(tmp_path, dictionary, noisy, **keys)[0].iterations
-
-        loose, usual, tight = (rounds(tolerance=t) for t in (0.1, 1e-6, 1e-12))
-        np.testing.assert_array_equal(usual, rounds())
-        assert (loose < usual).all()
-        assert (usual < tight).all()
-        assert (rounds(max_rounds=3, tolerance=1e-12) == 3).all()

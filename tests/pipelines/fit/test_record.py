@@ -41,7 +41,6 @@ def fit(project, made_cars, tmp_path):
 @pytest.mark.parametrize(
     "keys",
     [
-        {"path": [0.5, 0.1]},
         {"outliers": {"method": "l1"}},
         {
             "method": "convex+refine",

@@ -92,7 +92,6 @@ def test_pmp_has_no_proof_and_is_no_failure(project, tmp_path, verify, landmarks
         ("cars", {"camera": PERSPECTIVE, "method": "convex+refine", "leave_out": "true_model"},
          "the refinement under perspective starts from; no bound is known"),
         ("people", {"method": "convex+refine", "outliers": {"method": "l1"}}, "robust program"),
-        ("people", {"path": (1.0, 0.1)}, "The path of lambdas is not covered."),
     ],
 )  # fmt: skip
 def test_the_note_says_what_is_covered(fitted, verify, dictionaries, kind, keys, said):
