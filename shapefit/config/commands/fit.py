@@ -231,7 +231,8 @@ class FitConfig(CommandConfig):
                 else f"loss: {self.data_term}"
             )
             raise ValueError(
-                f"the method {self.method} does not know `{key}`; take another, or `method: {fit}`"
+                f"the method {self.method} does not support `{key}`; use another, or "
+                f"`method: {fit}`"
             )
         if self.outliers.method in ROBUST and self.loss != "squared":
             raise ValueError(

@@ -30,7 +30,7 @@ def people(real_data, tmp_path_factory):
     shapes = read_shapes([real_data / "mocap/subject13_24fps.h5"])
     chosen = np.linspace(0, len(shapes) - 1, IMAGES).astype(int)
     write_shapes(folder / "shapes.h5", shapes.take(chosen))
-    camera = {"model": "orthographic", "view": "turntable", "up": "y"}
+    camera = {"view": "turntable", "up": "y"}
     list(
         projecting.run(
             ProjectConfig(
