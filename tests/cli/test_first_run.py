@@ -45,7 +45,7 @@ print(json.dumps({"code": code, "times": len(new), "new": sum(new, [])}))
 PERSPECTIVE = "camera={model: perspective, intrinsics: camera_matrix}"
 CARS = [
     *(["loss=" + loss] for loss in ("squared", "exact", "l1", "sparse-error")),
-    *(["method=" + method] for method in ("convex+refine", "alternate", "alternate+")),
+    *(["method=" + method] for method in ("convex+refine", "alternate")),
     ["method=mean-shape", PERSPECTIVE],
     ["outliers.method=ransac", PERSPECTIVE],
     ["outliers.method=truncated"],

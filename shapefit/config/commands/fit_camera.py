@@ -7,7 +7,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from shapefit.config.expectation import Expected
-from shapefit.config.model import MOST_STEPS, ConfigModel, FromLists
+from shapefit.config.model import ConfigModel, FromLists
+from shapefit.config.paths import OF_THE_DATA
 
 
 class ViewingConfig(ConfigModel):
@@ -19,7 +20,7 @@ class ViewingConfig(ConfigModel):
         "coefficients refined from there under the full projection, which requires "
         "the focal length.",
     )
-    focal: float | None = Field(
+    focal: Annotated[float | None, OF_THE_DATA] = Field(
         default=None, gt=0, description="Focal length of all images, in the unit of the landmarks."
     )
     intrinsics: str | None = Field(
@@ -29,7 +30,7 @@ class ViewingConfig(ConfigModel):
         "one for the file or one per image; instead of `focal`.",
     )
     principal_point: Annotated[
-        tuple[float, float] | None, Expected("two numbers, x and y"), FromLists
+        tuple[float, float] | None, Expected("two numbers, x and y"), FromLists, OF_THE_DATA
     ] = Field(
         default=None,
         description="Where the optical axis meets the image, in the unit of the landmarks; by "
@@ -47,11 +48,8 @@ class ViewingConfig(ConfigModel):
         description="perspective: residual, for normalised landmarks, beyond which the pull of "
         "a landmark decreases (Cauchy's loss).",
     )
-    max_rounds: int = Field(
-        default=1000, ge=1, le=MOST_STEPS, description="perspective: maximum rounds per image."
-    )
 
-    @field_validator("principal_point", "ridge", "softness", "max_rounds")
+    @field_validator("principal_point", "ridge", "softness")
     @classmethod
     def _belongs_to_perspective(cls, value: object, info: ValidationInfo) -> object:
         key = str(info.field_name)

@@ -25,7 +25,7 @@ class PerspectiveOptions:
 
     ridge: float
     softness: float
-    max_rounds: int
+    max_rounds: int = 1000
     threads: int = 0
 
 

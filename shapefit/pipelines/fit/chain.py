@@ -17,12 +17,17 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Lifting, Program, fail_nonfinite, lift
-from shapefit.lifting.methods import METHODS, Settings, choose_method
+from shapefit.lifting.methods import (
+    METHODS,
+    ROBUST,
+    AlternationOptions,
+    Settings,
+    choose_method,
+)
 from shapefit.pipelines.fit.dictionary_kind import check_needs
 
 if TYPE_CHECKING:
     from shapefit.lifting.methods import Solve
-    from shapefit.lifting.path import WarmSolve
     from shapefit.lifting.perspective.refinement import PerspectiveOptions
     from shapefit.lifting.temporal import Sequencing
 
@@ -46,7 +51,7 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
     refinement = choose_refinement(config, dictionary)
     program, solve = choose_program(config), choose_solver(config)
     search = None
-    if config.outliers.method != "none":
+    if config.outliers.method not in ("none", *ROBUST):
         from shapefit.pipelines.fit.outlier_search import choose_search, lift_inliers
 
         search = choose_search(config.outliers, solve, config.threads)
@@ -81,12 +86,11 @@ def choose_view(config: FitConfig) -> View:
     from shapefit.pipelines.fit.intrinsics import find_camera
 
     options = choose_options(config)
+    views = AlternationOptions(views=config.alternation.views).number_of_views
 
     def view(lifting: Lifting, images: LandmarkSet, dictionary: Dictionary) -> Lifting:
         camera = find_camera(images, config.camera)
-        return refine_view(
-            lifting, images.landmarks, camera, dictionary, options, views=config.alternation.views
-        )
+        return refine_view(lifting, images.landmarks, camera, dictionary, options, views=views)
 
     return view
 
@@ -98,7 +102,6 @@ def choose_options(config: FitConfig) -> PerspectiveOptions:
     return PerspectiveOptions(
         ridge=config.camera.ridge,
         softness=config.camera.softness,
-        max_rounds=config.camera.max_rounds,
         threads=config.threads,
     )
 
@@ -118,8 +121,7 @@ def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:
     settings = Sequencing(
         smoothness=config.temporal.smoothness,
         rigidity=config.temporal.rigidity,
-        tolerance=config.temporal.tolerance,
-        max_rounds=config.temporal.max_rounds,
+        tolerance=config.temporal.softness,
     )
     return partial(refine, bones=dictionary.edges, settings=settings)
 
@@ -148,8 +150,8 @@ def choose_program(config: FitConfig) -> Program:
     """Return the convex program that the config names."""
     return Program(
         lam=None if config.lam == "auto" else config.lam,
-        loss=Loss(config.loss),
-        beta=config.beta,
+        loss=Loss(config.data_term),
+        beta=config.outliers.limit,
         noise=config.noise or 0.0,
     )
 
@@ -160,36 +162,21 @@ def choose_settings(config: FitConfig, dictionary: Dictionary, solve: Solve) -> 
     options = None
     if method.section is not None:
         name, kind = method.section
-        options = kind(
-            **{key.name: getattr(getattr(config, name), key.name) for key in fields(kind)}
-        )
+        section = getattr(config, name)
+        keys = type(section).model_fields.keys() & {key.name for key in fields(kind)}
+        options = kind(**{key: getattr(section, key) for key in keys})
     return Settings(
         solve=solve,
         mean_shape=dictionary.mean_shape,
         needs={need.name: getattr(dictionary, need.name) for need in method.needs},
         options=options,
-        orthogonal=config.orthogonal,
+        orthogonal=config.rotations == "orthogonal",
         threads=config.threads,
     )
 
 
 def choose_solver(config: FitConfig) -> Solve:
-    """Return the solver that the config names, with its options."""
-    options = config.solver
-    if options.name == "admm":
-        from shapefit.convex.admm import solve_admm
-
-        return partial(
-            solve_admm,
-            tolerance=options.tolerance,
-            stop=options.stop,
-            max_iterations=options.max_iterations,
-        )
-    return choose_newton(config)
-
-
-def choose_newton(config: FitConfig) -> WarmSolve:
-    """Return the fast solver with the options of the config."""
+    """Return the solver with the options of the config."""
     options = config.solver
     return partial(
         solve_newton,

@@ -27,11 +27,11 @@ from shapefit.io.records import nearest_names
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.export.run import open_exports
-from shapefit.pipelines.fit.chain import choose_lifter, choose_newton
+from shapefit.pipelines.fit.chain import choose_lifter
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
-from shapefit.pipelines.outcome import Failure, Outcome, nothing_in
+from shapefit.pipelines.outcome import Counted, Failure, Outcome, nothing_in
 
 FEWEST_LANDMARKS = 3
 """Of a file that the dictionary must know, so that it can do without the others."""
@@ -45,7 +45,6 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     check_holds_all(config)
     dictionary = read_dictionary(config.dictionary)
     lifter = choose_lifter(config, dictionary)
-    newton = choose_newton(config)
     unknown = None
     if config.leave_out:
         from shapefit.pipelines.fit.left_out import UnknownItems
@@ -66,12 +65,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             solve_seconds += time.perf_counter() - began
             if unknown:
                 unknown.add(images)
-            path = None
-            if config.path:
-                from shapefit.lifting.path import follow_path
-
-                path = follow_path(lifting.problem, config.path, newton)
-            record = as_result(images, lifting, path, config, dictionary)
+            record = as_result(images, lifting, config, dictionary)
             writer.append(record)
             exports.add(record, lifting.estimate.transforms)
             done += len(images)
@@ -108,10 +102,9 @@ def run(config: FitConfig) -> Iterator[Outcome]:
 
 def check_holds_all(config: FitConfig) -> None:
     """Raise InputError where the config asks for more than the output can hold."""
-    for key in ("path", "transforms"):
-        if getattr(config, key) and is_csv_target(config.output):
-            found = f"cannot be stored in {config.output}: CSV holds points only"
-            raise input_error(key, found, "name an HDF5 output, or leave it out")
+    if config.transforms and is_csv_target(config.output):
+        found = f"cannot be stored in {config.output}: CSV holds points only"
+        raise input_error("transforms", found, "name an HDF5 output, or leave it out")
 
 
 def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkSet]:
@@ -166,9 +159,11 @@ def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
     return tuple(Failure(images.items[image], reasons[image]) for image in sorted(reasons))
 
 
-def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[str, ...]:
+def find_warnings(
+    images: LandmarkSet, lifting: Lifting, config: FitConfig
+) -> tuple[str | Counted, ...]:
     """Count images that stopped at the iteration limit, and warn where the camera looks wrong."""
-    told = []
+    found: list[str | Counted] = []
     limited = [
         image
         for image, status in enumerate(lifting.estimate.status)
@@ -177,29 +172,36 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
     if limited and not config.strict:
         gap = lifting.estimate.relative_gap
         worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
-        told.append(
-            f"{counted(len(limited), 'image')} not optimal, the worst: {describe(lifting, worst)}"
+        found.append(
+            Counted(
+                len(limited),
+                "image",
+                "not optimal",
+                worst=describe(lifting, worst),
+                severity=0.0 if gap is None or np.isnan(gap[worst]) else float(gap[worst]),
+            )
         )
     if images.confidence is not None and (images.confidence > 1).any():
-        told.append(
+        found.append(
             "confidences above 1: they are weights, and larger ones count more against `lambda`; "
             "divide them by their largest value if that is not intended"
         )
     empty = find_empty(lifting)
     if empty:
-        told.append(
-            f"{counted(len(empty), 'image')} with an empty shape, all landmarks at one point: "
-            "lambda is at or above lambda_max of the image; lower `lambda`"
+        text = (
+            "with an empty shape, all landmarks at one point: lambda is at or above lambda_max of "
+            "the image; lower `lambda`"
         )
+        found.append(Counted(len(empty), "image", text))
     if lifting.perspective:
         from shapefit.pipelines.fit.intrinsics import all_aside
 
         if all_aside(images.landmarks, lifting.perspective.camera):
-            told.append(
+            found.append(
                 "all landmarks are far to one side of the optical axis; is "
                 "`camera.principal_point` right?"
             )
-    return tuple(told)
+    return tuple(found)
 
 
 def find_empty(lifting: Lifting) -> list[int]:

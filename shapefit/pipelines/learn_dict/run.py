@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 
 def run(config: LearnDictConfig) -> Iterator[Outcome]:
-    """Make the dictionary and write it; one outcome a round (`pca-bases`: a sequence).
+    """Make the dictionary and write it; one outcome per round, sequence or set of exemplars.
 
     The first outcome lists the shapes that could not be used. The dictionary has the landmarks
     and edges of the shapes; atoms that are shapes or mixtures of shapes have meshes mixed alike.
@@ -59,7 +59,9 @@ def _exemplars(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Ou
         atom_items=training.original.items,
     )
     write_dictionary(config.output, dictionary)
-    yield Outcome(note=counted(len(atoms), "atom"), written=(config.output,))
+    yield Outcome(
+        done=len(atoms), unit="shape", note=counted(len(atoms), "atom"), written=(config.output,)
+    )
 
 
 def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Outcome]:
@@ -70,12 +72,10 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Iterato
         config.k,
         config.beta,
         iterations=config.iterations,
-        tolerance=config.tolerance,
-        atom_bound=config.atom_bound,
     )
     for learned in rounds:
         note = f"objective {learned.trace[-1]:.6g}"
-        yield Outcome(done=1, total=config.iterations, note=note)
+        yield Outcome(done=1, total=config.iterations, unit="round", note=note)
     mesh_vertices = _mix_meshes(training, learned.atoms)
     dictionary = replace(
         _dictionary(config, training, learned.atoms),
@@ -107,9 +107,9 @@ def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Ou
     found = []
     for name in names:
         moving = training.alignment.shapes[sequences == name]
-        found.append(principal_components(moving, config.energy, config.components))
+        found.append(principal_components(moving, config.bases))
         note = f"{len(found[-1])} bases" + (f" of {name}" if name else "")
-        yield Outcome(done=1, total=len(names), note=note)
+        yield Outcome(done=1, total=len(names), unit="sequence", note=note)
     bases = np.concatenate(found)
     if not len(bases):
         problem = "the shapes of each sequence are all alike"

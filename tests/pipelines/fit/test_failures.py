@@ -141,7 +141,9 @@ class TestItemsThatFail:
 
 class TestEmptyShapes:
     @pytest.mark.parametrize(
-        "keys", [{}, {"method": "alternate"}, {"loss": "l1"}, {"method": "convex+refine"}], ids=str
+        "keys",
+        [{}, {"method": "alternate"}, {"outliers": {"method": "l1"}}, {"method": "convex+refine"}],
+        ids=str,
     )
     def test_are_told_of_and_have_no_rotation(
         self, fit, tmp_path, dictionary, images, keys, failures
@@ -163,7 +165,7 @@ class TestEmptyShapes:
                 assert warning.startswith("7 images with an empty shape")
                 assert "lambda_max" in warning
                 assert np.isnan(found.rotation).all()
-                if "loss" not in keys:  # l1 places it at the median
+                if "outliers" not in keys:  # l1 places it at the median
                     middle = found.landmarks_fitted[empty].mean(axis=2)
                     np.testing.assert_allclose(middle, images.landmarks[empty].mean(axis=2))
 

@@ -1,4 +1,4 @@
-"""`fit` with each loss, and along a path of lambdas: what belongs to one and not to others."""
+"""`fit` with each loss: what belongs to one and not to others."""
 
 from __future__ import annotations
 
@@ -22,10 +22,12 @@ class TestFamily:
         few = images.take([0, 6])  # the ones that show this atom
         few.landmarks[np.arange(2), 0, np.arange(2)] += 30
         wrong = np.eye(2, 10, dtype=bool)
-        found, _ = fit(tmp_path, one, few, loss=loss, beta=0.2, **{"lambda": 0.01})
+        found, _ = fit(
+            tmp_path, one, few, outliers={"method": loss, "threshold": 0.2}, **{"lambda": 0.01}
+        )
         judged = found.extras["outliers"].astype(bool)
         assert judged[wrong].all()
-        # beta bounds the pull of an outlier, it does not end it: another may come to lie beyond
+        # its pull is bounded, not ended: another landmark may come to lie beyond
         assert (judged & ~wrong).sum() <= (1 if loss == "sparse-error" else 0)
         plain, _ = fit(tmp_path, one, few)
         assert "outliers" not in plain.extras
@@ -47,18 +49,6 @@ class TestFamily:
         np.testing.assert_allclose(
             low.extras["lambda"] * low.scale, low.extras["lambda"][0] * low.scale[0]
         )
-
-    def test_a_path_gives_what_single_fits_give(self, fit, tmp_path, dictionary, images):
-        lambdas = [0.5, 0.1, 0.02]
-        path, _ = fit(tmp_path, dictionary, images, path=lambdas)
-        np.testing.assert_array_equal(path.extras["path_lambda"], np.tile(lambdas, (8, 1)))
-        assert (path.extras["path_relative_gap"] <= 1e-4).all()
-        for column, lam in enumerate(lambdas):
-            single, _ = fit(tmp_path, dictionary, images, **{"lambda": lam})
-            np.testing.assert_allclose(
-                path.extras["path_objective"][:, column], single.objective, rtol=2e-4
-            )
-        assert (np.diff(path.extras["path_residual"], axis=1) < 0).all()
 
     def test_the_time_is_that_of_solving_all_chunks(
         self, fit, tmp_path, dictionary, views, monkeypatch
