@@ -55,18 +55,14 @@ class Report:
         return sys.maxsize if self.verbose else LISTED
 
     def _add_warning(self, warning: str | Counted) -> None:
-        """List a text once, and one with a number with the sum of the numbers."""
-        if isinstance(warning, str):
-            key, known = warning, self._warnings.get(warning)
-        else:
-            key = f"{warning.noun} {warning.text}"
-            known = self._warnings.get(key)
-        if known is None and len(self._warnings) >= self._most_listed:
+        """Add a warning up with those before, or count it where too many differ."""
+        from shapefit.pipelines.outcome import add_up
+
+        before = dict(self._warnings)
+        add_up(self._warnings, warning)
+        if len(self._warnings) > self._most_listed:
+            self._warnings = before
             self._unlisted_warnings += 1
-        elif known is None or isinstance(known, str) or isinstance(warning, str):
-            self._warnings[key] = warning
-        else:
-            self._warnings[key] = known + warning
 
     @property
     def exit_code(self) -> int:

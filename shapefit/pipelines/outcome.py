@@ -58,6 +58,14 @@ class Outcome:
     written: tuple[Path, ...] = ()
 
 
+def add_up(known: dict[str, str | Counted], warning: str | Counted) -> None:
+    """Add a warning to those of a run: a text once, and numbers with the same text as their sum."""
+    key = warning if isinstance(warning, str) else f"{warning.noun} {warning.text}"
+    before = known.get(key)
+    both = isinstance(before, Counted) and isinstance(warning, Counted)
+    known[key] = before + warning if both else warning  # type: ignore[operator]
+
+
 def nothing_in(count: int, unit: str) -> tuple[str, ...]:
     """Warn of inputs that hold nothing."""
     return () if count else (f"the input holds no {unit}",)
