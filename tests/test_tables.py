@@ -112,7 +112,7 @@ def test_a_method_is_a_file_and_an_entry(folder):
             "pmp or mean-shape or flat, found 'flt'; did you mean 'flat'?",
         ),
         ("loss=exact", "the method flat does not support `loss: exact`"),
-        ("outliers.method=l1", "the method flat does not know `outliers: {method: l1}`"),
+        ("outliers.method=l1", "the method flat does not support `outliers: {method: l1}`"),
     ],
 )
 def test_the_config_knows_a_new_method(folder, setting, answer):

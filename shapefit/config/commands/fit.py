@@ -228,7 +228,8 @@ class FitConfig(CommandConfig):
                 else f"loss: {self.data_term}"
             )
             raise ValueError(
-                f"the method {self.method} does not know `{key}`; take another, or `method: {fit}`"
+                f"the method {self.method} does not support `{key}`; use another, "
+                f"or `method: {fit}`"
             )
         if self.outliers.method in ROBUST and self.loss != "squared":
             raise ValueError(

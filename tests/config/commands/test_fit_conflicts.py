@@ -37,7 +37,7 @@ def problem(addition: str, *options: str) -> str:
         (
             "method: alternate\noutliers: {method: l1}",
             "5:11",
-            "the method alternate does not know `outliers: {method: l1}`; take another, or "
+            "the method alternate does not support `outliers: {method: l1}`; use another, or "
             "`method: convex`",
         ),
         ("outliers: {threshold: 0}", "4:23", "expected a number > 0"),

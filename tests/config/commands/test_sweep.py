@@ -130,7 +130,8 @@ def test_a_problem_has_its_place(folder, old, new, line, expected):
         (
             "fit.method: [alternate]",
             'with fit.method="alternate", fit.loss: '
-            "the method alternate does not support `loss: exact`; take another, or `method: convex`",
+            "the method alternate does not support `loss: exact`; use another, "
+            "or `method: convex`",
         ),
     ],
 )
