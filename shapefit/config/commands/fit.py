@@ -152,7 +152,7 @@ class FitConfig(CommandConfig):
     )
     rotations: Literal["shared", "per-atom", "orthogonal"] = Field(
         default="shared",
-        description="convex: how atoms are turned. shared: landmarks by the transform of each "
+        description="convex: how atoms are rotated. shared: landmarks by the transform of each "
         "atom, meshes by one rotation; per-atom: meshes by the transform of each atom too, under "
         "which they shear; orthogonal: both by the rotation nearest to the transform of each atom.",
     )
@@ -253,7 +253,7 @@ class FitConfig(CommandConfig):
             )
         if not (weak or method.perspective):
             raise ValueError(
-                f"`camera: {{model: perspective}}` does not work with the method {self.method}; "
+                f"`camera: {{model: perspective}}` does not work with the method  {self.method}; "
                 "take another"
             )
         return self
