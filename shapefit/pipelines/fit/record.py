@@ -50,6 +50,7 @@ def as_result(
         shape = (-1,) + (1,) * (values.ndim - 1)
         return np.where(failed.reshape(shape), np.nan, values)
 
+    unwanted = is_csv_target(config.output) and not config.posterior.csv_deviations
     record = ResultSet(
         shapes=lifting.shapes,
         landmarks_fitted=lifting.landmarks_fitted,
@@ -64,7 +65,7 @@ def as_result(
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
-        shape_sd=scaled_deviation(lifting),
+        shape_sd=None if unwanted else scaled_deviation(lifting),
         transforms=where_fitted(found.transforms) if config.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
