@@ -4,7 +4,7 @@ namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
 constexpr double LONGEST = 0.5;    // step, in radians and log s
-constexpr double STILL = 1e-5;     // step that ends the climb
+constexpr double STILL = 1e-6;     // step that ends the climb
 constexpr double FIRST_DAMPING = 1e-3, EASE = 0.1, HARDEN = 8, MOST_DAMPING = 1e7;
 constexpr double HOPELESS = 25;    // below the best so far in log evidence
 constexpr long EARLY = 2;  // rounds at the start in which the view rests, and the belief in a

@@ -87,10 +87,10 @@ def test_moving_growing_and_turning_the_image_moves_the_posterior_along(draw_mix
     prior, misfit = draw_mixture(3), 0.01
     _, w, R = draw_images(prior, 20, 5, misfit)
     w[3, :, 2] = np.nan
-    plain = solve(prior, w, R[:, None], misfit)
+    plain = solve(prior, w, R[:, None], misfit, max_rounds=200)
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
     moved = 12.5 * turn[:2, :2] @ w + np.array([[300.0], [-40.0]])
-    other = solve(prior, moved, (turn @ R)[:, None], misfit)
+    other = solve(prior, moved, (turn @ R)[:, None], misfit, max_rounds=200)
     expected = 12.5 * turn @ plain.mean
     expected[:, :2] += np.array([[300.0], [-40.0]])
     assert other.mean == pytest.approx(expected, abs=12.5e-6)
