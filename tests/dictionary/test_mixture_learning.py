@@ -24,9 +24,7 @@ def draw(n: int, seed: int = 0, p: int = 3):
 def test_a_planted_mixture_is_recovered():
     shapes, truth = draw(6000)
     found = learn_mixture(shapes, 3, shrinkage=0.0, floor=1e-9).mixture
-    order = [
-        int(((found.means - mean) ** 2).sum(axis=(1, 2)).argmin()) for mean in truth.means
-    ]
+    order = [int(((found.means - mean) ** 2).sum(axis=(1, 2)).argmin()) for mean in truth.means]
     assert sorted(order) == [0, 1, 2]
     assert found.weights[order] == pytest.approx(truth.weights, abs=0.03)
     assert found.means[order] == pytest.approx(truth.means, abs=0.05)
@@ -81,9 +79,7 @@ def test_shrinkage_draws_towards_the_covariance_of_all():
 def test_the_right_number_of_components_predicts_best():
     shapes, _ = draw(600, seed=5)
     groups = np.arange(600) % 4
-    one, three = (
-        cross_validate(shapes, groups, k, shrinkage=0.0, floor=0.01) for k in (1, 3)
-    )
+    one, three = (cross_validate(shapes, groups, k, shrinkage=0.0, floor=0.01) for k in (1, 3))
     assert three > one + 1
 
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from shapefit.io.csv.grid import GROWTH, Grid, NumberedNames
 from shapefit.io.csv.numbers import read_numbers
 from shapefit.io.csv.text import Block, CsvText
+from shapefit.io.layout import DEVIATIONS
 from shapefit.io.memory import check_fits
 from shapefit.io.problems import Problems
-from shapefit.io.layout import DEVIATIONS
 from shapefit.io.records import Floats, Integers, LandmarkSet, Names, ResultSet, ShapeSet
 
 FINITE_FIX = "write a finite number"
@@ -157,7 +157,7 @@ class _Tidy:
 
         def word(row: int) -> str:
             name, of = block.cells["item"][row], block.cells["landmark"][row]
-            found = f"item '{name}', landmark '{of}' stands also on line {first[row]}"
+            found = f"item '{name}', landmark '{of}' is also on line {first[row]}"
             return f"{found}; keep one of them"
 
         self._tell("repeated", block, first != block.lines, word)

@@ -27,9 +27,7 @@ def lift_to_posterior(problem: Problem, settings: Settings) -> Estimate:
     options: PosteriorOptions = settings.options
     solution = settings.solve(problem)
     failed = np.isin([status.value for status in solution.status], [s.value for s in FAILED])
-    starts = np.where(
-        failed[:, None, None, None], np.nan, find_starts(problem, solution, settings)
-    )
+    starts = np.where(failed[:, None, None, None], np.nan, find_starts(problem, solution, settings))
     found = find_posterior(
         problem.landmarks,
         find_misfit(problem, options.misfit),

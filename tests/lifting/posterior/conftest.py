@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.lifting.posterior.dense import Scene
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations
+from tests.lifting.posterior.dense import Scene
 
 
 def draw_component(rng: np.random.Generator, p: int, size: float = 0.2):

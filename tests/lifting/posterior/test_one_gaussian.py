@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.lifting.posterior import dense
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.lifting.posterior.posterior import Gross, find_posterior
+from tests.lifting.posterior import dense
 
 
 def solve(scene, R, gross=(0.0, 0.05)):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.lifting.posterior import dense
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.posterior.posterior import Gross, find_posterior
+from tests.lifting.posterior import dense
 
 
 def draw_images(prior: Mixture, n: int, seed: int, misfit: float):
@@ -17,7 +17,9 @@ def draw_images(prior: Mixture, n: int, seed: int, misfit: float):
     p = prior.means.shape[2]
     k = rng.choice(len(prior), size=n, p=prior.weights)
     roots = np.linalg.cholesky(prior.covariances)
-    x = prior.means[k] + np.einsum("nij,nj->ni", roots[k], rng.normal(size=(n, 3 * p))).reshape(n, 3, p)
+    x = prior.means[k] + np.einsum("nij,nj->ni", roots[k], rng.normal(size=(n, 3 * p))).reshape(
+        n, 3, p
+    )
     R = random_rotations(n, rng)
     y = R @ x
     w = y[:, :2] + np.sqrt(misfit) * rng.normal(size=(n, 2, p))
@@ -120,9 +122,7 @@ def test_a_gross_landmark_is_disbelieved_and_the_others_stay(draw_mixture):
     w[:, :, 4] += np.array([2.0, -1.5])
     found = solve(prior, w, R[:, None], misfit, gross=Gross(0.05))
     others = np.arange(p) != 4
-    error = [
-        np.median(np.abs(f.mean - y)[:, :2, others].mean(axis=(1, 2))) for f in (clean, found)
-    ]
+    error = [np.median(np.abs(f.mean - y)[:, :2, others].mean(axis=(1, 2))) for f in (clean, found)]
     assert np.median(found.belief[:, 4]) < 0.01
     assert np.median(found.belief[:, others]) > 0.99
     assert error[1] < 1.1 * error[0]
