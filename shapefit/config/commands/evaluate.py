@@ -85,7 +85,7 @@ class EvalConfig(CommandConfig):
     metrics: Annotated[tuple[AnyMetric, ...], FromLists] = Field(
         default=of_fits(),
         description=f"Errors to measure; {listed(of_labels(), 'and')}, of the outlier labels, only "
-        "if listed here.",
+        "where they are named here.",
     )
     least_visible: int = Field(
         default=0,

@@ -11,6 +11,7 @@ from pydantic_core import PydanticCustomError
 from shapefit.config.commands.fit_camera import ViewingConfig
 from shapefit.config.commands.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.commands.fit_outliers import OutliersConfig
+from shapefit.config.commands.fit_posterior import PosteriorConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, Renaming
 from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
@@ -152,13 +153,17 @@ class FitConfig(CommandConfig):
     )
     rotations: Literal["shared", "per-atom", "orthogonal"] = Field(
         default="shared",
-        description="convex: how atoms are turned. shared: landmarks by the transform of each "
+        description="convex: how atoms are rotated. shared: landmarks by the transform of each "
         "atom, meshes by one rotation; per-atom: meshes by the transform of each atom too, under "
         "which they shear; orthogonal: both by the rotation nearest to the transform of each atom.",
     )
     alternation: AlternationConfig = Field(
         default_factory=AlternationConfig.model_construct,
         description=f"How {SEARCHING} search.",
+    )
+    posterior: PosteriorConfig = Field(
+        default_factory=PosteriorConfig.model_construct,
+        description="How posterior weighs landmarks against the prior over shapes.",
     )
     temporal: TemporalConfig = Field(
         default_factory=TemporalConfig.model_construct,
@@ -253,7 +258,7 @@ class FitConfig(CommandConfig):
             )
         if not (weak or method.perspective):
             raise ValueError(
-                f"`camera: {{model: perspective}}` does not work with the method {self.method}; "
+                f"`camera: {{model: perspective}}` does not work with the method  {self.method}; "
                 "take another"
             )
         return self

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
+from shapefit.config.commands.learn_dict_prior import PriorConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import MOST_STEPS, CommandConfig, Renaming
 from shapefit.config.paths import InputPaths, OutputPath
@@ -69,6 +70,13 @@ class LearnDictConfig(CommandConfig):
         "takes the mean of each training shape and its mirror image; double adds "
         "the mirror images as further training shapes. Both drop meshes.",
     )
+    mirror: Annotated[
+        dict[str, str] | None, Expected("a mapping of landmark names to landmark names")
+    ] = Field(
+        default=None,
+        description="The partner of each landmark on one side, as rhip: lhip, for `symmetry`; "
+        "landmarks that it does not name lie on the plane of symmetry. In place of `mirror_index`.",
+    )
     k: int = Field(
         default=64,
         ge=1,
@@ -89,6 +97,11 @@ class LearnDictConfig(CommandConfig):
         default=0.99,
         description="Bases of each sequence: their number, or, below 1, the share of the variation "
         "within the sequence that they explain (pca-bases only).",
+    )
+
+    prior: PriorConfig = Field(
+        default_factory=PriorConfig.model_construct,
+        description="The prior over shapes, for `method: posterior` of fit.",
     )
 
     @field_validator("k", "beta", "iterations", "bases")

@@ -16,6 +16,7 @@ from shapefit.convex.problem import Loss
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
+from shapefit.io.extras import LANDMARK_COVARIANCE
 from shapefit.lifting.estimate import Estimator
 from shapefit.lifting.lift import Lifting, Program, fail_nonfinite, lift
 from shapefit.lifting.methods import (
@@ -78,7 +79,12 @@ def lift_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Li
     if agreed is not None:
         weights = np.where(agreed.inliers, weights, 0.0)
     lifting = lift(
-        images.landmarks, weights, dictionary.atoms, chain.program, chain.method(dictionary)
+        images.landmarks,
+        weights,
+        dictionary.atoms,
+        chain.program,
+        chain.method(dictionary),
+        find_covariance(images),
     )
     if agreed is not None:
         lifting = agreed.label(lifting)
@@ -186,6 +192,27 @@ def refine(
     shapes[:, :2] = np.where(seen[:, None, :], images.landmarks, shapes[:, :2])
     refined = refine_sequences(shapes, images.sequences or (), bones, settings)
     return replace(lifting, shapes=refined)
+
+
+def find_covariance(images: LandmarkSet) -> Floats | None:
+    """Return the covariance (n, p, 2, 2) of the landmarks that came with them, if it did.
+
+    Raises InputError where the dataset holds no covariances.
+    """
+    name = LANDMARK_COVARIANCE
+    values = images.extras.get(name)
+    if values is None:
+        return None
+    shape = (len(images), len(images.landmark_names), 2, 2)
+    fix = "give each landmark a symmetric, positive semi-definite 2 x 2 matrix"
+    if np.shape(values) != shape:
+        raise input_error(name, f"has the shape {np.shape(values)}, not {shape}", fix)
+    covariance = np.where(images.seen()[..., None, None], values, 0.0).astype(np.float64)
+    if not np.isfinite(covariance).all() or (covariance != covariance.swapaxes(2, 3)).any():
+        raise input_error(name, "holds what is no covariance", fix)
+    if (np.linalg.eigvalsh(covariance) < -1e-9 * np.abs(covariance).max()).any():
+        raise input_error(name, "holds a matrix with a negative variance", fix)
+    return covariance
 
 
 def choose_program(config: FitConfig) -> Program:

@@ -218,6 +218,14 @@ def find_warnings(
             "confidences above 1: they are weights, and larger ones count more against `lambda`; "
             "divide them by their largest value if that is not intended"
         )
+    plausibility = lifting.estimate.further.get("plausibility")
+    if plausibility is not None:
+        doubtful = int((plausibility < config.posterior.implausible).sum())
+        if doubtful:
+            told.append(
+                f"{counted(doubtful, 'image')} not to be trusted: the plausibility is below "
+                f"{config.posterior.implausible:g}"
+            )
     empty = find_empty(lifting)
     if empty:
         text = (

@@ -20,6 +20,7 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import ShapeSet, check_output, digests, read_shapes, write_dictionary
 from shapefit.meshes.dense import mesh_of_atoms
+from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
 from shapefit.pipelines.outcome import Outcome
 
@@ -66,6 +67,10 @@ def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[st
         warnings=training.warnings,
         note=counted(len(training), "shape"),
     )
+    prior = None
+    if config.prior.components:
+        prior, note = learn_prior(config, training)
+        yield Outcome(note=note)
     methods = {
         "sparse-coding": _sparse_coding,
         "exemplars": _exemplars,
@@ -78,7 +83,7 @@ def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[st
         "config": config.as_json(),
         "inputs": json.dumps(inputs),
     }
-    return replace(made, provenance=provenance)
+    return replace(made, prior=prior, provenance=provenance)
 
 
 def _exemplars(config: LearnDictConfig, training: TrainingShapes) -> Making:
