@@ -45,7 +45,7 @@ def as_result(
         shape = (-1,) + (1,) * (values.ndim - 1)
         return np.where(failed.reshape(shape), np.nan, values)
 
-    unwanted = is_csv_target(config.output) and not config.posterior.csv_deviations
+    unwanted = find_target_format(config.output).points_only and not config.posterior.csv_deviations
     record = ResultSet(
         shapes=lifting.shapes,
         landmarks_fitted=lifting.landmarks_fitted,

@@ -222,10 +222,8 @@ def find_warnings(
     if plausibility is not None:
         doubtful = int((plausibility < config.posterior.implausible).sum())
         if doubtful:
-            told.append(
-                f"{counted(doubtful, 'image')} not to be trusted: the plausibility is below "
-                f"{config.posterior.implausible:g}"
-            )
+            text = f"not to be trusted: the plausibility is below {config.posterior.implausible:g}"
+            found.append(Counted(doubtful, "image", text))
     empty = find_empty(lifting)
     if empty:
         text = (
