@@ -258,7 +258,7 @@ class FitConfig(CommandConfig):
             )
         if not (weak or method.perspective):
             raise ValueError(
-                f"`camera: {{model: perspective}}` does not work with the method  {self.method}; "
+                f"`camera: {{model: perspective}}` does not work with the method {self.method}; "
                 "take another"
             )
         return self
