@@ -139,8 +139,8 @@ class ResultSet:
 
     NaN where an item failed. landmarks_fitted (n, 2, p); coefficients (n, k); rotation (n, 3, 3);
     translation (n, 2); scale, objective, relative_gap, iterations, status (n); shape_sd
-    (n, 3, p), standard deviations of the shapes; transforms (n, k, 2, 3); mesh_vertices (n, 3, q). All but the shapes are None where they are not known,
-    as in a CSV file.
+    (n, 3, p), standard deviations of the shapes; transforms (n, k, 2, 3); mesh_vertices
+    (n, 3, q). All but the shapes are None where they are not known, as in a CSV file.
 
     What proves the optimum of the convex program, in normalised units: dual (n, 2, p), feasible;
     convex_translation (n, 2), convex_objective and convex_relative_gap (n,), the last two where
