@@ -131,7 +131,7 @@ def lift(
 def find_noise(
     program: Program, covariance: Floats | None, scale: Floats, shape: tuple[int, ...]
 ) -> Floats | None:
-    """Covariance (n, p, 2, 2) of the measurement of landmarks that are normalised by scale (n,)."""
+    """Covariance (n, p, 2, 2) of the noise of landmarks (n, p) that are normalised by scale."""
     if covariance is None and program.noise == 0:
         return None
     if covariance is None:

@@ -19,14 +19,18 @@ from shapefit.io import LandmarkSet
 from shapefit.io.extras import LANDMARK_COVARIANCE
 from shapefit.lifting.estimate import Estimator
 from shapefit.lifting.lift import Lifting, Program, fail_nonfinite, lift
-from shapefit.lifting.methods import METHODS, Settings, choose_method
+from shapefit.lifting.methods import (
+    METHODS,
+    ROBUST,
+    AlternationOptions,
+    Settings,
+    choose_method,
+)
 from shapefit.lifting.options import DepthOptions, PerspectiveOptions
 from shapefit.pipelines.fit.dictionary_kind import check_needs
 
 if TYPE_CHECKING:
-    from shapefit.convex.problem import Problem
     from shapefit.lifting.methods import Solve
-    from shapefit.lifting.path import Path, WarmSolve
     from shapefit.pipelines.fit.outlier_search import Agreement
 
 Floats = NDArray[np.float64]
@@ -51,7 +55,6 @@ class Chain:
     method: Callable[[Dictionary], Estimator]
     view: View | None
     depths: Refinement | None
-    path: Callable[[Problem], Path] | None
 
 
 def fit_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Lifting:
@@ -105,7 +108,6 @@ def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
         method=lambda part: choose_method(config.method, choose_settings(config, part, solve)),
         view=choose_view(config),
         leave_out=choose_groups(config, dictionary),
-        path=choose_path(config),
     )
 
 
@@ -123,7 +125,7 @@ def choose_groups(
 
 def choose_search(config: FitConfig, solve: Solve) -> Search | None:
     """Return the search for outliers that the config names, if any."""
-    if config.outliers.method == "none":
+    if config.outliers.method in ("none", *ROBUST):
         return None
     from shapefit.pipelines.fit.outlier_search import choose_search as choose
     from shapefit.pipelines.fit.outlier_search import find_inliers
@@ -139,9 +141,8 @@ def choose_view(config: FitConfig) -> View | None:
     from shapefit.pipelines.fit.intrinsics import refine_through_camera
 
     options = choose_options(config)
-    return partial(
-        refine_through_camera, config=config.camera, options=options, views=config.alternation.views
-    )
+    views = AlternationOptions(views=config.alternation.views).number_of_views
+    return partial(refine_through_camera, config=config.camera, options=options, views=views)
 
 
 def choose_options(config: FitConfig) -> PerspectiveOptions:
@@ -149,7 +150,6 @@ def choose_options(config: FitConfig) -> PerspectiveOptions:
     return PerspectiveOptions(
         ridge=config.camera.ridge,
         softness=config.camera.softness,
-        max_rounds=config.camera.max_rounds,
         threads=config.threads,
     )
 
@@ -169,8 +169,7 @@ def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement |
     settings = DepthOptions(
         smoothness=config.temporal.smoothness,
         rigidity=config.temporal.rigidity,
-        tolerance=config.temporal.tolerance,
-        max_rounds=config.temporal.max_rounds,
+        tolerance=config.temporal.softness,
     )
     return partial(refine, bones=dictionary.edges, settings=settings)
 
@@ -193,15 +192,6 @@ def refine(
     shapes[:, :2] = np.where(seen[:, None, :], images.landmarks, shapes[:, :2])
     refined = refine_sequences(shapes, images.sequences or (), bones, settings)
     return replace(lifting, shapes=refined)
-
-
-def choose_path(config: FitConfig) -> Callable[[Problem], Path] | None:
-    """Return what solves the program along falling lambdas, if the config asks for it."""
-    if not config.path:
-        return None
-    from shapefit.lifting.path import follow_path
-
-    return partial(follow_path, lambdas=config.path, solve=choose_newton(config))
 
 
 def find_covariance(images: LandmarkSet) -> Floats | None:
@@ -229,8 +219,8 @@ def choose_program(config: FitConfig) -> Program:
     """Return the convex program that the config names."""
     return Program(
         lam=None if config.lam == "auto" else config.lam,
-        loss=Loss(config.loss),
-        beta=config.beta,
+        loss=Loss(config.data_term),
+        beta=config.outliers.limit,
         noise=config.noise or 0.0,
     )
 
@@ -241,36 +231,21 @@ def choose_settings(config: FitConfig, dictionary: Dictionary, solve: Solve) -> 
     options = None
     if method.section is not None:
         name, kind = method.section
-        options = kind(
-            **{key.name: getattr(getattr(config, name), key.name) for key in fields(kind)}
-        )
+        section = getattr(config, name)
+        keys = type(section).model_fields.keys() & {key.name for key in fields(kind)}
+        options = kind(**{key: getattr(section, key) for key in keys})
     return Settings(
         solve=solve,
         mean_shape=dictionary.mean_shape,
         needs={need.name: getattr(dictionary, need.name) for need in method.needs},
         options=options,
-        orthogonal=config.orthogonal,
+        orthogonal=config.rotations == "orthogonal",
         threads=config.threads,
     )
 
 
 def choose_solver(config: FitConfig) -> Solve:
-    """Return the solver that the config names, with its options."""
-    options = config.solver
-    if options.name == "admm":
-        from shapefit.convex.admm import solve_admm
-
-        return partial(
-            solve_admm,
-            tolerance=options.tolerance,
-            stop=options.stop,
-            max_iterations=options.max_iterations,
-        )
-    return choose_newton(config)
-
-
-def choose_newton(config: FitConfig) -> WarmSolve:
-    """Return the fast solver with the options of the config."""
+    """Return the solver with the options of the config."""
     options = config.solver
     return partial(
         solve_newton,

@@ -32,7 +32,7 @@ Making = Generator[Outcome, None, Dictionary]
 
 
 def run(config: LearnDictConfig) -> Iterator[Outcome]:
-    """Make the dictionary and write it; one outcome a round (`pca-bases`: a sequence).
+    """Make the dictionary and write it; one outcome per round, sequence or set of exemplars.
 
     The first outcome lists the shapes that could not be used. Raises InputError for files that
     cannot be read or written, and as `make_dictionary` does.
@@ -96,7 +96,7 @@ def _exemplars(config: LearnDictConfig, training: TrainingShapes) -> Making:
         atom_scale=training.scale,
         atom_items=training.original.items,
     )
-    yield Outcome(note=counted(len(atoms), "atom"))
+    yield Outcome(done=len(atoms), unit="shape", note=counted(len(atoms), "atom"))
     return dictionary
 
 
@@ -108,12 +108,10 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Making:
         config.k,
         config.beta,
         iterations=config.iterations,
-        tolerance=config.tolerance,
-        atom_bound=config.atom_bound,
     )
     for learned in rounds:
         note = f"objective {learned.trace[-1]:.6g}"
-        yield Outcome(done=1, total=config.iterations, note=note)
+        yield Outcome(done=1, total=config.iterations, unit="round", note=note)
     mesh_vertices = _mix_meshes(training, learned.atoms)
     dictionary = replace(
         _dictionary(training, learned.atoms),
@@ -155,9 +153,9 @@ def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Making:
     found = []
     for name in names:
         moving = training.alignment.shapes[sequences == name]
-        found.append(principal_components(moving, config.energy, config.components))
+        found.append(principal_components(moving, config.bases))
         note = f"{len(found[-1])} bases" + (f" of {name}" if name else "")
-        yield Outcome(done=1, total=len(names), note=note)
+        yield Outcome(done=1, total=len(names), unit="sequence", note=note)
     bases = np.concatenate(found)
     if not len(bases):
         problem = "the shapes of each sequence are all alike"
