@@ -220,7 +220,7 @@ METHODS: dict[str, Method] = {
                 "learn it by `shapefit learn-dict` with `prior: {components: 16}`",
             ),
         ),
-        yields=frozenset({"convex_proof", "deviation", "covariance"}),
+        yields=frozenset({"convex_proof", "deviation"}),
         further=("log_evidence", "plausibility", "belief"),
         proves="bound",
         mixes_atoms=False,
