@@ -62,6 +62,11 @@ class Format:
     datasets: tuple[Dataset, ...]
 
     @property
+    def kind(self) -> str:
+        """What a file of it holds: landmarks, shapes, result or dictionary."""
+        return self.name.removeprefix("shapefit-")
+
+    @property
     def per_item(self) -> tuple[Dataset, ...]:
         """Datasets with a row for each item."""
         return tuple(dataset for dataset in self.datasets if dataset.per_item)
@@ -92,6 +97,9 @@ _PREFIX = "shapefit_"
 # Attribute of a carried dataset: False where it belongs to the file, whatever its shape suggests.
 PER_ITEM_FLAG = "per_item"
 
+DEVIATIONS = ("sd_x", "sd_y", "sd_z")
+"""Columns of CSV results: standard deviations, which nothing here reads back."""
+
 NOTHING_APPENDED = "nothing was appended; append one record, which may be empty"
 
 AXES = {
@@ -102,6 +110,7 @@ AXES = {
     "e": "edges",
     "f": "faces",
     "t": "half-steps",
+    "c": "components",
     "a": "active transforms",
 }
 
@@ -165,6 +174,7 @@ RESULTS = Format(
         Dataset("iterations", ("n",), "index"),
         Dataset("status", ("n",), "label"),
         _SEQUENCE,
+        Dataset("shape_sd", ("n", "p", 3), points=True),
         Dataset("transforms", ("n", "k", 2, 3)),
         _MESH_VERTICES,
         *PROOF,
@@ -183,6 +193,9 @@ DICTIONARY = Format(
         Dataset("atom_scale", ("k",)),
         Dataset("atom_item", ("k",), "text", field="atom_items"),
         Dataset("objective_trace", ("t",)),
+        Dataset("prior_weights", ("c",)),
+        Dataset("prior_means", ("c", "p", 3), points=True),
+        Dataset("prior_covariances", ("c", "p", 3, "p", 3)),
     ),
 )
 
