@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from shapefit.convex.problem import Problem
     from shapefit.convex.solution import Solution
+    from shapefit.dictionary.model import Dictionary
     from shapefit.lifting.estimate import Estimate, Estimator
 
     Solve = Callable[[Problem], Solution]
@@ -99,11 +100,25 @@ class Settings:
 
 
 class Need(NamedTuple):
-    """A field of the dictionary that a method cannot do without, and how to get one that has it."""
+    """A field of the dictionary that a method cannot do without, and how to get one that has it.
+
+    useless    says what is wrong with the field of a dictionary that has it; "" for nothing
+    """
 
     name: str
     what: str
     fix: str
+    useless: Callable[[Dictionary], str]
+
+
+def lacks_limbs(dictionary: Dictionary) -> str:
+    """Say what keeps the edges from fixing the size of a skeleton: none of them has a length."""
+    assert dictionary.edges is not None  # check_needs
+    if len(dictionary.edges) == 0:
+        return "`edges` is empty"
+    start, end = dictionary.edges.T
+    limbs = dictionary.mean_shape[:, start] - dictionary.mean_shape[:, end]
+    return "" if (limbs**2).sum() > 0 else "every edge of `mean_shape` has length 0"
 
 
 class Section(NamedTuple):
@@ -195,6 +210,7 @@ METHODS: dict[str, Method] = {
                 "edges",
                 "the limbs whose lengths pmp keeps",
                 "learn it with `method: pca-bases` from shapes with edges",
+                lacks_limbs,
             ),
         ),
         yields=frozenset({"coefficients", "active_atoms"}),
