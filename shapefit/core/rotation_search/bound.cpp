@@ -13,6 +13,7 @@ constexpr int TRIPLE[TRIPLES][3] = {
     {0, 0, 0}, {1, 1, 1}, {2, 2, 2}, {3, 3, 3}, {0, 0, 1}, {0, 1, 1}, {0, 0, 2},
     {0, 2, 2}, {0, 0, 3}, {0, 3, 3}, {1, 1, 2}, {1, 2, 2}, {1, 1, 3}, {1, 3, 3},
     {2, 2, 3}, {2, 3, 3}, {0, 1, 2}, {0, 1, 3}, {0, 2, 3}, {1, 2, 3}};
+constexpr int ON_EDGE = 4;  // from this one on two triples of each edge
 
 // Rounding of a coefficient is at most this share of max_i ||s_a G_a||; see docs/global.md.
 constexpr double ROUNDING = 128 * 0x1p-53;
@@ -102,7 +103,6 @@ Verdict CellTest::judge(const Vertex* const* corner) const {
     const double margin = 3 * ((ROUNDING + OFF_THE_EDGE) * size +
                                (atoms.q + 64) * 0x1p-52 * length * objective_.largest);
     Verdict verdict{true, {}};
-    for (double& excess : verdict.excess) excess = -INFINITE;
     double excess[TRIPLES];
     for (int t = 0; t < TRIPLES; ++t) {
         const int a = TRIPLE[t][0], b = TRIPLE[t][1], c = TRIPLE[t][2];
@@ -113,12 +113,7 @@ Verdict CellTest::judge(const Vertex* const* corner) const {
     }
     if (verdict.dropped) return verdict;
     for (int edge = 0; edge < EDGES; ++edge)
-        for (int t = 0; t < TRIPLES; ++t) {
-            bool holds[4] = {};
-            for (int corner_of : TRIPLE[t]) holds[corner_of] = true;
-            if (holds[EDGE[edge][0]] && holds[EDGE[edge][1]])
-                verdict.excess[edge] = larger(excess[t], verdict.excess[edge]);
-        }
+        verdict.excess[edge] = larger(excess[ON_EDGE + 2 * edge], excess[ON_EDGE + 2 * edge + 1]);
     return verdict;
 }
 

@@ -15,10 +15,10 @@
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
-// How far the inequality fails; positive excesses at some coefficient mean that the cell stays.
+// Whether all coefficients hold, and if not by how much they fail at most: of the two on each edge.
 struct Verdict {
     bool dropped;
-    double excess[EDGES];  // the largest one of the coefficients that hold both ends of the edge
+    double excess[EDGES];
 };
 
 class CellTest {

@@ -46,8 +46,7 @@ struct GlobalData {
 struct ModesData {
     SearchProblem problem;
     Tensor<const double> best;  // the global optimum (n, 3, 3)
-    double within;              // minima up to (1 + within) times the least objective are listed
-    double complete;            // nothing is missed up to (1 + complete) times it
+    double within;              // nothing is missed up to (1 + within) times the least objective
     double apart;               // least angle between modes, radians
     SearchLimits limits;        // of each image
     Blocks<double> rotation;    // (n, m, 3, 3), best first
@@ -66,13 +65,20 @@ struct CoefficientsData {
     Vector<double> objective;       // (n,)
 };
 
-// The tree of one search, from which the bound can be checked.
-struct ProofData {
-    SearchProblem problem;           // of one image
-    double cut;                      // the bound that the tree proves
-    Matrix<double> vertices;         // quaternions (v, 4)
-    Tensor<double> multipliers;      // s Y of each vertex (v, 2, p)
-    Vector<int64_t> splits;          // (c,) for each cell, depth first: the edge that is split, or -1
+// The tree of one image's search with a fixed cut, from which the bound can be checked.
+struct TreeData {
+    SearchProblem problem;  // of one image
+    double cut;             // what the tree proves
+    long most_cells;
+    Matrix<double> vertices;     // quaternions (v, 4)
+    Tensor<double> multipliers;  // s Y of each vertex (v, 2, p)
+    Vector<int64_t> splits;      // (c,) of each cell, depth first: the edge that is split, or -1
+};
+
+struct TreeSize {
+    long cells;
+    long vertices;
+    bool complete;  // every cell was dropped
 };
 
 }  // namespace shapefit

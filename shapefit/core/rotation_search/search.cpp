@@ -55,21 +55,26 @@ bool CellSearch::is_dropped(const Cell& cell, int& edge) {
         }
     const Verdict verdict = judge(cell);
     if (verdict.dropped) return true;
-    // the most violation, times the length, among edges that are not much shorter than others
-    double length[EDGES], longest = 0, most = -INFINITE;
-    for (int e = 0; e < EDGES; ++e) {
-        length[e] = 1 - magnitude(inner4(vertices[cell.vertex[EDGE[e][0]]].q, vertices[cell.vertex[EDGE[e][1]]].q));
-        longest = larger(length[e], longest);
-    }
-    for (int e = 0; e < EDGES; ++e) {
-        if (length[e] < SHORTEST_SHARE * longest) continue;
-        const double gain = verdict.excess[e] * (verdict.excess[e] > 0 ? length[e] : 1);
-        if (gain > most) {
-            most = gain;
-            edge = e;
-        }
-    }
+    edge = choose_edge(cell, verdict);
     return false;
+}
+
+// The edge with the most violation times length, among those that are not much shorter than
+// others: without this cells flatten, and there is no end. Where no edge is violated, the longest.
+int CellSearch::choose_edge(const Cell& cell, const Verdict& verdict) {
+    double length[EDGES], longest = 0, most = 0;
+    int chosen = longest_edge(cell);
+    for (int edge = 0; edge < EDGES; ++edge) {
+        length[edge] = 1 - inner_along(cell, edge);
+        longest = larger(length[edge], longest);
+    }
+    for (int edge = 0; edge < EDGES; ++edge) {
+        const double gain = verdict.excess[edge] * length[edge];
+        if (length[edge] < SHORTEST_SHARE * longest || !(gain > most)) continue;
+        most = gain;
+        chosen = edge;
+    }
+    return chosen;
 }
 
 bool CellSearch::split(const Cell& cell, int edge, int& middle) {
@@ -107,15 +112,15 @@ double CellSearch::prove_rest() {
 
 int CellSearch::longest_edge(const Cell& cell) {
     int longest = 0;
-    double least = INFINITE;
-    for (int e = 0; e < EDGES; ++e) {
-        const double inner = magnitude(inner4(vertices[cell.vertex[EDGE[e][0]]].q, vertices[cell.vertex[EDGE[e][1]]].q));
-        if (inner < least) {
-            least = inner;
-            longest = e;
-        }
-    }
+    for (int edge = 1; edge < EDGES; ++edge)
+        if (inner_along(cell, edge) < inner_along(cell, longest)) longest = edge;
     return longest;
+}
+
+// |q_a . q_b| of the ends of an edge.
+double CellSearch::inner_along(const Cell& cell, int edge) {
+    const Vertex &one = vertices[cell.vertex[EDGE[edge][0]]], &other = vertices[cell.vertex[EDGE[edge][1]]];
+    return magnitude(inner4(one.q, other.q));
 }
 
 Verdict CellSearch::judge(const Cell& cell) {

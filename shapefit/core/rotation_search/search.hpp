@@ -6,18 +6,7 @@
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
-// A record of the cells as they were taken up: the edge that was split, or -1.
-struct SplitRecord {
-    int64_t* split = nullptr;
-    long room = 0;
-    long count = 0;
-
-    void add(int edge) {
-        if (count < room) split[count] = edge;
-        ++count;
-    }
-};
-
+// Whether the time of an image is over.
 class Clock {
   public:
     explicit Clock(double seconds);
@@ -58,6 +47,8 @@ class CellSearch {
 
   private:
     Verdict judge(const Cell& cell);
+    int choose_edge(const Cell& cell, const Verdict& verdict);
+    double inner_along(const Cell& cell, int edge);
 
     const RootCells& roots_;
     CellTest test_;
