@@ -22,16 +22,12 @@ from numpy.typing import NDArray
 from shapefit.config import FitConfig, load_config
 from shapefit.evaluation import metrics
 from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import open_landmarks, read_shapes
-from shapefit.lifting.perspective import (
-    Camera,
-    Options,
-    mean_coefficients,
-    project,
-    refine_perspective,
-)
-from shapefit.pipelines.lifting_chain import choose_options
+from shapefit.lifting.perspective.refinement import PerspectiveOptions, refine_perspective
+from shapefit.lifting.perspective.start import mean_coefficients
+from shapefit.pipelines.fit.chain import choose_options
 
 Floats = NDArray[np.float64]
 
@@ -99,7 +95,7 @@ def read(folder: Path) -> Cars:
 
 
 def fit(
-    cars: Cars, landmarks: Floats, start: Floats, options: Options, *, own: bool = False
+    cars: Cars, landmarks: Floats, start: Floats, options: PerspectiveOptions, *, own: bool = False
 ) -> Fits:
     """Fit each car with the models of the others, or with its own one alone."""
     seen = np.asarray(np.isfinite(cars.landmarks).all(axis=1))

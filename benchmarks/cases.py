@@ -15,7 +15,7 @@ from shapefit.geometry.normalisation import Normalised, normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, read_shapes
-from shapefit.pipelines.training_shapes import every_nth
+from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
 Floats = NDArray[np.float64]
 LAMBDA = 0.1

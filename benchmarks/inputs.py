@@ -13,12 +13,13 @@ from benchmarks.cases import LAMBDA, Case, cars_case, hide, normalise_seen, read
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
 from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.io import read_shapes
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective import Camera, depth_sign, mean_coefficients
-from shapefit.pipelines.intrinsics import read_intrinsics
-from shapefit.pipelines.training_shapes import every_nth
+from shapefit.lifting.perspective.start import mean_coefficients
+from shapefit.pipelines.fit.intrinsics import read_intrinsics
+from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
 Arrays = dict[str, Any]
 

@@ -29,7 +29,7 @@ from shapefit.geometry.symmetry import double
 from shapefit.io import ShapeSet, read_shapes
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.temporal import Sequencing, refine_sequences
-from shapefit.pipelines.training_shapes import every_nth
+from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
 FOLDS = (("86_13", "86_14", "86_15"), ("86_01", "86_05", "86_09"), ("86_10", "86_11"))
 SIDES = {"r": "l", "l": "r"}

@@ -12,8 +12,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from shapefit.evaluation.markdown import markdown_table
-from shapefit.io.atomic import atomic_path
+from shapefit.evaluation.tables.markdown import markdown_table
+from shapefit.io.whole.atomic import atomic_path
 
 PUBLISHED_MILLISECONDS = {"convex": 330, "alternate": 440, "pmp": 3020}
 """Time of a frame in the paper: MATLAB on an i7 with 3.4 GHz."""

@@ -52,10 +52,11 @@ def lift(data: Arrays, method: str, threads: float) -> Run:
 
 def perspective(data: Arrays, threads: float) -> Run:
     """Refine under the full projection of known cameras."""
-    from shapefit.lifting.perspective import Camera, Options, refine_perspective
+    from shapefit.geometry.pinhole import Camera
+    from shapefit.lifting.perspective.refinement import PerspectiveOptions, refine_perspective
 
     camera = Camera(data["focal"], data["centre"], float(data["sign"]))
-    options = Options(ridge=0.3, softness=0.1, max_rounds=200, threads=int(threads))
+    options = PerspectiveOptions(ridge=0.3, softness=0.1, max_rounds=200, threads=int(threads))
     problem = build(data)
     rest = camera, data["rotation"], data["prior"], options
 
@@ -68,7 +69,7 @@ def perspective(data: Arrays, threads: float) -> Run:
 
 def ransac(data: Arrays, threads: float) -> Run:
     """Find the landmarks that agree with a pose of the mean shape."""
-    from shapefit.lifting.ransac import find_consensus
+    from shapefit.lifting.outliers.ransac import find_consensus
 
     landmarks, shape = data["landmarks"], data["mean_shape"]
     weights = np.isfinite(landmarks).all(axis=1).astype(float)

@@ -1,9 +1,9 @@
-"""The one error a user can cause."""
+"""The one error a user can cause, and the texts that messages are made of."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from os import PathLike
 
 
@@ -40,6 +40,16 @@ def printable(text: object) -> str:
     """
     plain = text if isinstance(text, str) else str(text)
     return "".join(letter if letter.isprintable() else _escape(letter) for letter in plain)
+
+
+def counted(number: int, noun: str) -> str:
+    """Return `1 atom`, `2 atoms`; for nouns whose plural ends in s."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def abbreviate(names: Sequence[str]) -> str:
+    """Name the first five, and count the others."""
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
 def _escape(letter: str) -> str:

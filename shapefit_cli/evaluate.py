@@ -41,7 +41,7 @@ def evaluate(
     """
     return run_command(
         "eval",
-        "evaluate",
+        "evaluate.run",
         unit="image",
         config_path=config_path,
         overrides=overrides,

@@ -38,7 +38,7 @@ def fit(
     """
     return run_command(
         "fit",
-        "fit",
+        "fit.run",
         unit="image",
         config_path=config_path,
         overrides=overrides,

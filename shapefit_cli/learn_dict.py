@@ -36,7 +36,7 @@ def learn_dict(
     """
     return run_command(
         "learn-dict",
-        "learn_dict",
+        "learn_dict.run",
         unit="step",
         config_path=config_path,
         overrides=overrides,

@@ -38,7 +38,7 @@ def project(
     """
     return run_command(
         "project",
-        "project",
+        "project.run",
         unit="image",
         config_path=config_path,
         overrides=overrides,

@@ -65,7 +65,7 @@ class Report:
         yield "; ".join(self._summary(with_note))
 
     def _summary(self, with_note: bool) -> Iterator[str]:
-        from shapefit.pipelines.counted import counted
+        from shapefit.errors import counted
 
         seconds = time.monotonic() - self._started
         failed = f", {self.failed} failed" if self.failed else ""

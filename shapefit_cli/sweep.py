@@ -35,7 +35,7 @@ def sweep(
     """
     return run_command(
         "sweep",
-        "sweep",
+        "sweep.run",
         unit="image",
         config_path=config_path,
         overrides=overrides,

@@ -151,7 +151,7 @@ def test_verification_uses_nothing_of_the_solver(path):
 
 def test_an_import_of_the_solver_is_seen():
     source = "def f():\n    from shapefit.convex.spectral_norm import nuclear_norm"
-    assert len(imports_of_the_maker(source, "shapefit.verification.program")) == 1
+    assert len(imports_of_the_maker(source, "shapefit.verification.proofs.program")) == 1
 
 
 def test_verification_loads_nothing_of_the_solver():
@@ -172,10 +172,10 @@ def test_verification_loads_nothing_of_the_solver():
         ("shapefit.errors", "from shapefit.geometry import rotations"),
         ("shapefit.geometry.rotations", "import shapefit.convex.problem"),
         ("shapefit.convex.admm", "def f():\n    from shapefit.dictionary.model import Dictionary"),
-        ("shapefit.config.fit", "from shapefit import io"),
-        ("shapefit.config.fit", "from ..io import records"),
-        ("shapefit.io.hdf5", "from shapefit.pipelines.fit import run"),
-        ("shapefit.pipelines.fit", "import shapefit_cli.main"),
+        ("shapefit.config.commands.fit", "from shapefit import io"),
+        ("shapefit.config.commands.fit", "from ...io import records"),
+        ("shapefit.io.hdf5", "from shapefit.pipelines.fit.run import run"),
+        ("shapefit.pipelines.fit.run", "import shapefit_cli.main"),
     ],
 )
 def test_an_import_against_the_order_is_seen(module, source):

@@ -6,13 +6,13 @@ from shapefit.config.loader import CONFIGS, dump_config, load_config
 from shapefit.config.model import CommandConfig
 
 if TYPE_CHECKING:
-    from shapefit.config.evaluate import EvalConfig
-    from shapefit.config.fit import FitConfig
-    from shapefit.config.learn_dict import LearnDictConfig
-    from shapefit.config.project import ProjectConfig
-    from shapefit.config.simulate import SimulateConfig
-    from shapefit.config.sweep import SweepConfig
-    from shapefit.config.view import ViewConfig
+    from shapefit.config.commands.evaluate import EvalConfig
+    from shapefit.config.commands.fit import FitConfig
+    from shapefit.config.commands.learn_dict import LearnDictConfig
+    from shapefit.config.commands.project import ProjectConfig
+    from shapefit.config.commands.simulate import SimulateConfig
+    from shapefit.config.commands.sweep import SweepConfig
+    from shapefit.config.commands.view import ViewConfig
 
 __all__ = [
     "CONFIGS",

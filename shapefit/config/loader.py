@@ -34,13 +34,13 @@ class Schemas(Mapping[str, type[CommandConfig]]):
 
 CONFIGS = Schemas(
     {
-        "learn-dict": "shapefit.config.learn_dict.LearnDictConfig",
-        "fit": "shapefit.config.fit.FitConfig",
-        "eval": "shapefit.config.evaluate.EvalConfig",
-        "project": "shapefit.config.project.ProjectConfig",
-        "simulate": "shapefit.config.simulate.SimulateConfig",
-        "sweep": "shapefit.config.sweep.SweepConfig",
-        "view": "shapefit.config.view.ViewConfig",
+        "learn-dict": "shapefit.config.commands.learn_dict.LearnDictConfig",
+        "fit": "shapefit.config.commands.fit.FitConfig",
+        "eval": "shapefit.config.commands.evaluate.EvalConfig",
+        "project": "shapefit.config.commands.project.ProjectConfig",
+        "simulate": "shapefit.config.commands.simulate.SimulateConfig",
+        "sweep": "shapefit.config.commands.sweep.SweepConfig",
+        "view": "shapefit.config.commands.view.ViewConfig",
     }
 )
 

@@ -10,11 +10,11 @@ from typing import Any, Literal
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.landmark_files import open_landmarks
+from shapefit.io.kinds.landmarks import open_landmarks
+from shapefit.io.kinds.results import read_results
+from shapefit.io.kinds.shapes import read_shapes
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Format
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
-from shapefit.io.result_files import read_results
-from shapefit.io.shape_files import read_shapes
 from shapefit.io.sources import is_hdf5, is_stream
 
 Kind = Literal["result", "shapes", "landmarks"]
@@ -59,7 +59,7 @@ def list_file(path: Path) -> Listing:
         raise input_error("-", found, "save it to a file and name that")
     if not is_hdf5(path):
         return _list_table(path)
-    from shapefit.io.hdf5_reading import Hdf5Reader
+    from shapefit.io.hdf5.reading import Hdf5Reader
 
     kind, form = _kind_of(path)
     with Hdf5Reader(path, form) as reader:
@@ -93,7 +93,7 @@ def read_chunks(listing: Listing, of_results: Collection[str]) -> Iterator[Recor
 
 
 def _result_chunks(path: Path, wanted: Collection[str]) -> Iterator[ResultSet]:
-    from shapefit.io.hdf5_reading import Hdf5Reader
+    from shapefit.io.hdf5.reading import Hdf5Reader
 
     with Hdf5Reader(path, RESULTS) as reader:
         for start in range(0, max(1, reader.count), BLOCK):
@@ -139,7 +139,7 @@ def _datasets(path: Path) -> frozenset[str]:
 
 
 def _list_table(path: Path) -> Listing:
-    from shapefit.io.csv_tables import read_landmark_table, read_result_table
+    from shapefit.io.csv.tables import read_landmark_table, read_result_table
 
     with path.open(encoding="utf-8", errors="replace") as file:
         columns = file.readline().lstrip("\ufeff").strip().split(",")

@@ -79,6 +79,15 @@ class LandmarkSet:
         """Return the images at these indices (numbers, a mask or a slice), in their order."""
         return _take(self, indices)
 
+    def weights(self) -> Floats:
+        """Omega (n, p): the confidence, or 1, where a landmark has a place, and 0 elsewhere."""
+        placed = np.isfinite(self.landmarks).all(axis=1)
+        return np.where(placed, 1.0 if self.confidence is None else self.confidence, 0.0)
+
+    def seen(self) -> NDArray[np.bool_]:
+        """Omega > 0 (n, p): the landmarks that have a place and confidence."""
+        return self.weights() > 0
+
     def arrange(self, names: Sequence[str], place: str = "landmark_names") -> LandmarkSet:
         """Return the same images with the landmarks `names`, in that order.
 

@@ -7,10 +7,10 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from shapefit.io.atomic import atomic_file
 from shapefit.io.layout import LANDMARKS, RESULTS, Format
 from shapefit.io.records import LandmarkSet, ResultSet
 from shapefit.io.sources import is_csv_target
+from shapefit.io.whole.atomic import atomic_file
 
 R_contra = TypeVar("R_contra", contravariant=True)
 
@@ -43,13 +43,13 @@ def result_writer(target: Path) -> AbstractContextManager[RecordWriter[ResultSet
 def record_writer(target: Path, form: Format) -> Iterator[RecordWriter[Any]]:
     """Write records of a format to HDF5 or, where the format has a table, to CSV."""
     if is_csv_target(target):
-        from shapefit.io.csv_writing import csv_output
+        from shapefit.io.csv.writing import csv_output
 
         with csv_output(target) as table:
             yield table
         return
     with atomic_file(target) as file:
-        from shapefit.io.hdf5_writing import Hdf5Writer
+        from shapefit.io.hdf5.writing import Hdf5Writer
 
         with Hdf5Writer(file, form) as writer:
             yield writer

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,7 @@ from shapefit.lifting.estimate import Estimate, Estimator
 from shapefit.lifting.noise_level import lambda_for_noise
 
 if TYPE_CHECKING:
-    from shapefit.lifting.perspective import Camera
+    from shapefit.geometry.pinhole import Camera
 
 Floats = NDArray[np.float64]
 
@@ -26,6 +26,8 @@ REASONS = {
     Status.NUMERICAL_FAILURE: "numerical failure in the solver",
 }
 """Why a method has no shape for landmarks that look fine."""
+
+NOT_FINITE = "the fitted shape contains NaN or infinity"
 
 
 @dataclass(frozen=True)
@@ -124,3 +126,29 @@ def choose_lambda(program: Program, atoms: Floats, scale: Floats, visible_share:
     if program.lam is None:
         return lambda_for_noise(atoms, program.noise, scale, visible_share)
     return np.full_like(scale, program.lam)
+
+
+def fail_nonfinite(lifting: Lifting) -> Lifting:
+    """Fail the images whose shape is not finite throughout, and that have not failed before.
+
+    They end with NUMERICAL_FAILURE and without a shape (nan), whatever the solver says of them.
+    """
+    whole = np.isfinite(lifting.shapes).all(axis=(1, 2))
+    broken = [i for i in np.flatnonzero(~whole).tolist() if i not in lifting.failures]
+    if not broken:
+        return lifting
+    status = list(lifting.estimate.status)
+    changed = {
+        name: getattr(lifting, name).copy()
+        for name in ("shapes", "landmarks_fitted", "translation", "scale")
+    }
+    for image in broken:
+        status[image] = Status.NUMERICAL_FAILURE
+        for values in changed.values():
+            values[image] = np.nan
+    return replace(
+        lifting,
+        **changed,
+        estimate=replace(lifting.estimate, status=tuple(status)),
+        failures={**lifting.failures, **dict.fromkeys(broken, NOT_FINITE)},
+    )

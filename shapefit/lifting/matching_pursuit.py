@@ -11,8 +11,8 @@ from shapefit import core
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.rotations import complete_rotation
-from shapefit.lifting.combination import combine
 from shapefit.lifting.estimate import STATUS, Estimate, place
+from shapefit.lifting.reconstruction import combine
 
 Floats = NDArray[np.float64]
 

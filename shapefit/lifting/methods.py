@@ -10,14 +10,18 @@ from numpy.typing import NDArray
 
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Solution, Status
-from shapefit.lifting.alternation import alternate
-from shapefit.lifting.combination import combine
-from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import ConvexProof, Estimate, Estimator, place, put
 from shapefit.lifting.matching_pursuit import matching_pursuit
-from shapefit.lifting.pose import find_moments, find_pose, spread_views, turn_in_plane
-from shapefit.lifting.reconstruction import is_active, reconstruct
-from shapefit.lifting.synchronisation import synchronise
+from shapefit.lifting.outliers.robust_loss import believable, find_outliers
+from shapefit.lifting.reconstruction import combine, is_active, reconstruct
+from shapefit.lifting.shared_rotation.alternation import alternate
+from shapefit.lifting.shared_rotation.pose import (
+    find_moments,
+    find_pose,
+    spread_views,
+    turn_in_plane,
+)
+from shapefit.lifting.shared_rotation.synchronisation import synchronise
 
 Floats = NDArray[np.float64]
 Solve = Callable[[Problem], Solution]
@@ -144,27 +148,6 @@ def choose_method(name: str, settings: Settings) -> Estimator:
     """Return the method of that name with its settings, as `lift` wants it."""
     method = METHODS[name]
     return lambda problem: method(problem, settings)
-
-
-def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | None:
-    """Landmarks (n, p) with a weighted residual beyond beta in a coordinate; None if not robust.
-
-    For the sparse-error loss these are the ones with an error E that is not 0.
-    """
-    errors = np.abs(solution.errors)
-    if problem.loss is Loss.ABSOLUTE:
-        return np.any(errors * problem.weights[:, None, :] > problem.beta, axis=1)
-    if problem.loss is Loss.SPARSE_ERROR:
-        return np.any(errors > 0, axis=1)
-    return None
-
-
-def believable(problem: Problem, outliers: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Outliers (n, p), but none in an image where the others could not be lifted without them."""
-    left = np.where(outliers, 0.0, problem.weights)
-    beyond = np.zeros(len(left), dtype=bool)
-    beyond[list(find_degenerate(problem.landmarks, left))] = True
-    return outliers & ~beyond[:, None]
 
 
 def _alternate_from_convex(problem: Problem, settings: Settings, *, signed: bool) -> Estimate:

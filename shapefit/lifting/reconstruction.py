@@ -90,3 +90,14 @@ def reconstruct(M: Floats, atoms: Floats, *, orthogonal: bool = False) -> Recons
     tight = np.asarray(active.any(axis=1))
     tight[image[skewed & active[image, atom]]] = False
     return Reconstruction(shapes, coefficients, rotation, active.sum(axis=1), tight)
+
+
+def combine(coefficients: Floats, atoms: Floats) -> Floats:
+    """sum_i c_i B_i for each image; c (n, k), atoms B (k, 3, p) -> (n, 3, p).
+
+    One product an image: a single one for all would round by how many there are, and results
+    would depend on how the images are divided.
+    """
+    n, (k, three, p) = len(coefficients), atoms.shape
+    shapes: Floats = (coefficients[:, None, :] @ atoms.reshape(k, three * p)).reshape(n, three, p)
+    return shapes

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.geometry.normalisation import Normalised
-from shapefit.lifting.perspective import Camera, project
+from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.reconstruction import complete_transforms, orthogonal_transforms
 
 Floats = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""What a pipeline tells its caller while it works."""
+"""What a pipeline reports to its caller while it works."""
 
 from __future__ import annotations
 
@@ -29,3 +29,8 @@ class Outcome:
     warnings: tuple[str, ...] = ()
     note: str = ""
     written: tuple[Path, ...] = ()
+
+
+def nothing_in(count: int, unit: str) -> tuple[str, ...]:
+    """Warn of inputs that hold nothing."""
+    return () if count else (f"the input holds no {unit}",)

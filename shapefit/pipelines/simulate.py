@@ -13,15 +13,16 @@ import numpy as np
 
 from shapefit import __version__
 from shapefit.config import SimulateConfig
-from shapefit.evaluation import plots, recovery_grid
-from shapefit.evaluation.heat_maps import heat_maps
-from shapefit.evaluation.recovery import Attempt, plant, recover
-from shapefit.evaluation.recovery_grid import Cell, PublishedShares, RecoveryGrid
+from shapefit.errors import counted
+from shapefit.evaluation.experiments import recovery_grid
+from shapefit.evaluation.experiments.recovery import Attempt, plant, recover
+from shapefit.evaluation.experiments.recovery_grid import Cell, PublishedShares, RecoveryGrid
+from shapefit.evaluation.plots import bars as plots
+from shapefit.evaluation.plots.heat_maps import heat_maps
 from shapefit.io.memory import check_fits
-from shapefit.pipelines.counted import counted
+from shapefit.io.whole.report_folder import Writer, check_folder, write_folder
 from shapefit.pipelines.drawing import draws_plots, plots_left_out
 from shapefit.pipelines.outcome import Failure, Outcome
-from shapefit.pipelines.report_folder import Writer, check_folder, write_folder
 
 COPIES = 8
 """Of the atoms of an instance, that the solver holds at a time: a generous guess."""

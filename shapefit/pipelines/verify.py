@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import input_error
+from shapefit.errors import counted, input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
@@ -21,8 +21,7 @@ from shapefit.io import (
     open_landmarks,
     read_dictionary,
 )
-from shapefit.io.proof_files import ProofFile, open_proofs
-from shapefit.pipelines.counted import counted
+from shapefit.io.kinds.proofs import ProofFile, open_proofs
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.verification.check import Check
 from shapefit.verification.claims import verify_images

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from shapefit.io import ResultSet
 from shapefit.verification.check import Check, check, flagged
-from shapefit.verification.convex_claims import check_fit, check_start
 from shapefit.verification.images import read_images
-from shapefit.verification.one_rotation_claims import check_one_rotation
-from shapefit.verification.program import dual_bound
+from shapefit.verification.proofs.convex import check_fit, check_start
+from shapefit.verification.proofs.one_rotation import check_one_rotation
+from shapefit.verification.proofs.program import dual_bound
+from shapefit.verification.proofs.transforms import Atoms, Transforms
 from shapefit.verification.statements import (
     check_absence,
     check_lambda,
@@ -23,7 +24,6 @@ from shapefit.verification.statements import (
 )
 from shapefit.verification.subject import Subject, stated_by
 from shapefit.verification.terms import Terms
-from shapefit.verification.transforms import Atoms, Transforms
 
 Floats = NDArray[np.float64]
 

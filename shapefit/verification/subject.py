@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
 from shapefit.verification.images import Images, needed
+from shapefit.verification.proofs.transforms import Atoms, Transforms
 from shapefit.verification.terms import Terms
-from shapefit.verification.transforms import Atoms, Transforms
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -10,7 +10,7 @@ from html import escape
 from typing import Any
 from urllib.parse import quote
 
-from shapefit.evaluation.document import (
+from shapefit.evaluation.tables.document import (
     Block,
     Italic,
     Listing,

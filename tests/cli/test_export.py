@@ -98,7 +98,7 @@ def test_without_export_neither_trimesh_nor_matplotlib_is_imported(project, fold
     script = """
 import sys
 from shapefit.config import FitConfig
-from shapefit.pipelines.fit import run
+from shapefit.pipelines.fit.run import run
 
 views, export = sys.argv[1:]
 asked = {"export": {"folder": export}} if export else {}

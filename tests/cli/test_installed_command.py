@@ -25,7 +25,7 @@ from shapefit_cli import main
 def run(config):
 {body}
 
-module = ModuleType("shapefit.pipelines.fit")
+module = ModuleType("shapefit.pipelines.fit.run")
 module.run = run
 sys.modules[module.__name__] = module
 main.main()

@@ -30,23 +30,23 @@ NOT_FOR_A_FIT_OF_CSV = (
     "polars",
     "ruamel",
     "scipy",
-    "shapefit.config.evaluate",
-    "shapefit.config.learn_dict",
-    "shapefit.config.project",
-    "shapefit.config.simulate",
-    "shapefit.config.sweep",
+    "shapefit.config.commands.evaluate",
+    "shapefit.config.commands.learn_dict",
+    "shapefit.config.commands.project",
+    "shapefit.config.commands.simulate",
+    "shapefit.config.commands.sweep",
     "shapefit.evaluation",
     "shapefit.lifting.path",
-    "shapefit.lifting.perspective",
-    "shapefit.lifting.perspective_view",
-    "shapefit.lifting.ransac",
+    "shapefit.lifting.perspective.refinement",
+    "shapefit.lifting.perspective.view",
+    "shapefit.lifting.outliers.ransac",
     "shapefit.lifting.temporal",
-    "shapefit.lifting.truncated",
+    "shapefit.lifting.outliers.truncated",
     "shapefit.meshes",
-    "shapefit.pipelines.left_out",
-    "shapefit.pipelines.mesh_export",
-    "shapefit.pipelines.outlier_search",
-    "shapefit.pipelines.picture_export",
+    "shapefit.pipelines.fit.left_out",
+    "shapefit.pipelines.export.meshes",
+    "shapefit.pipelines.fit.outlier_search",
+    "shapefit.pipelines.export.pictures",
     "tqdm",
     "trimesh",
 )
@@ -95,4 +95,10 @@ def test_a_fit_of_csv_does_not_import(of_a_fit, module):
 
 
 def test_a_fit_of_csv_imports_what_it_needs(of_a_fit):
-    assert {"numpy", "h5py", "pydantic", "shapefit.config.fit", "shapefit.io.csv_text"} <= of_a_fit
+    assert {
+        "numpy",
+        "h5py",
+        "pydantic",
+        "shapefit.config.commands.fit",
+        "shapefit.io.csv.text",
+    } <= of_a_fit

@@ -19,7 +19,7 @@ QUICK = [
     "tests/convex/test_newton.py",
     "tests/convex/test_objectives.py",
     "tests/dictionary/test_coding.py",
-    "tests/lifting/test_synchronisation.py",
+    "tests/lifting/shared_rotation/test_synchronisation.py",
 ]
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from shapefit.io import (
-    hdf5_reading,
     memory,
     open_shapes,
     read_dictionary,
@@ -15,7 +14,8 @@ from shapefit.io import (
     read_shapes,
     write_shapes,
 )
-from shapefit.io.hdf5_reading import Hdf5Reader
+from shapefit.io.hdf5 import reading
+from shapefit.io.hdf5.reading import Hdf5Reader
 from shapefit.io.layout import SHAPES
 from shapefit.io.records import ShapeSet
 
@@ -88,7 +88,7 @@ def test_shapes_can_be_read_in_chunks_where_they_do_not_fit_as_a_whole(
     monkeypatch.setattr(memory, "ALWAYS_FITS", 0)
     monkeypatch.setattr(memory, "free_memory", lambda: 300_000)
     problems(read_shapes, [tmp_path / "many.h5"])
-    monkeypatch.setattr(hdf5_reading, "BLOCK_BYTES", 10_000)
+    monkeypatch.setattr(reading, "BLOCK_BYTES", 10_000)
     with open_shapes([tmp_path / "many.h5"]) as source:
         assert sum(map(len, source.chunks(100))) == 2000
 

@@ -10,7 +10,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import read_results, result_writer
-from shapefit.io.proof_files import open_proofs
+from shapefit.io.kinds.proofs import open_proofs
 
 COUNTS = np.array([2, 0, 1, 3, 0])
 

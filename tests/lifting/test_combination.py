@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shapefit.lifting.combination import combine
+from shapefit.lifting.reconstruction import combine
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ import pytest
 
 from shapefit.convex.newton import solve_newton
 from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.pinhole import Camera
 from shapefit.lifting.lift import PerspectiveView, Program, lift
 from shapefit.lifting.merging import Group, merge
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective import Camera
 
 PROGRAM = Program(lam=0.1)
 ORDER = np.array([3, 0, 6, 1, 5, 2, 4])

@@ -16,10 +16,10 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting import methods
-from shapefit.lifting.alternation import alternate
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import METHODS, Settings, choose_method
-from shapefit.lifting.pose import spread_views
+from shapefit.lifting.shared_rotation.alternation import alternate
+from shapefit.lifting.shared_rotation.pose import spread_views
 
 RIGID = ("convex+refine", "alternate", "alternate+")
 # Matching pursuit has bases and tests of its own: test_matching_pursuit.py.

@@ -5,9 +5,9 @@ import pytest
 
 from shapefit.dictionary.learning import learn
 from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.pinhole import Camera
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.perspective import Camera
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.meshes.dense import (
     around_centroid,

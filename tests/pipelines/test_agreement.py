@@ -14,7 +14,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import landmark_writer, read_results, write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit.pipelines.fit import run
+from shapefit.pipelines.fit.run import run
 
 NAMES = tuple("abcdefgh")
 N, K = 9, 5

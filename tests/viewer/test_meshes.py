@@ -8,7 +8,8 @@ import trimesh
 
 from shapefit.config import FitConfig, LearnDictConfig, ViewConfig
 from shapefit.io import read_results
-from shapefit.pipelines import fit, learn_dict
+from shapefit.pipelines.fit import run as fit
+from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.view.run import make_page
 from shapefit.viewer.thumbnails import in_image
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from shapefit.config import EvalConfig, SweepConfig
-from shapefit.evaluation.document import (
+from shapefit.evaluation.summary import ImageErrors
+from shapefit.evaluation.tables.document import (
     Italic,
     Listing,
     Picture,
@@ -18,9 +19,9 @@ from shapefit.evaluation.document import (
     Title,
     as_markdown,
 )
-from shapefit.evaluation.summary import ImageErrors
-from shapefit.pipelines import evaluate, sweep
-from shapefit.pipelines.report_pages import SHOWN, contact_sheets, rank
+from shapefit.pipelines.evaluate import run as evaluate
+from shapefit.pipelines.evaluate.report_pages import SHOWN, contact_sheets, rank
+from shapefit.pipelines.sweep import run as sweep
 from shapefit.viewer.report_page import report_page
 
 BLOCKS = [

@@ -1,4 +1,4 @@
-"""Names are written by strangers: none of them becomes markup or script, none asks for anything."""
+"""Names are written by unknown: none of them becomes markup or script, none asks for anything."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from shapefit.config import EvalConfig
 from shapefit.io import ResultSet, ShapeSet, result_writer, write_shapes
-from shapefit.pipelines import evaluate
+from shapefit.pipelines.evaluate import run as evaluate
 
 ATTACK = "window.hacked = true"
 HOSTILE = (

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from shapefit.config import ViewConfig
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import InputError
+from shapefit.errors import InputError, counted
 from shapefit.io import digest, read_dictionary
 from shapefit.io.agreement import agreed
 from shapefit.io.listing import Listing, list_file
 from shapefit.io.sources import is_hdf5
-from shapefit.pipelines.counted import counted
 from shapefit.pipelines.view.frames import Frames
 from shapefit.pipelines.view.gathering import Gathered, gather
 from shapefit.pipelines.view.layers import (

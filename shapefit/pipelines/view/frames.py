@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from shapefit.errors import input_error
 from shapefit.io.listing import Listing
-from shapefit.pipelines.chosen_items import ChosenItems
+from shapefit.pipelines.items import ChosenItems
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from shapefit.config import EvalConfig
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import result_writer, write_shapes
 from shapefit.io.records import ResultSet, ShapeSet
-from shapefit.pipelines.evaluate import run
+from shapefit.pipelines.evaluate.run import run
 from shapefit.pipelines.outcome import Outcome
 
 NAMES = ("head", "left", "right", "foot", "hand")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.evaluation import tables
+from shapefit.evaluation.tables import csv_json as tables
 
 
 def test_an_item_in_two_files_of_one_method_is_an_error(desk, results):

@@ -8,7 +8,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import write_shapes
-from shapefit.pipelines import evaluate
+from shapefit.pipelines.evaluate import run as evaluate
 
 FILES = {"per_image.csv", "report.csv", "report.json", "report.md", "report.html", "view.html"}
 

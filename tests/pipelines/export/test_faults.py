@@ -13,7 +13,8 @@ import pytest
 from pydantic import ValidationError
 
 from shapefit.errors import InputError
-from shapefit.io import LandmarkSet, atomic, landmark_writer, write_dictionary
+from shapefit.io import LandmarkSet, landmark_writer, write_dictionary
+from shapefit.io.whole import atomic
 
 
 @pytest.fixture
@@ -23,7 +24,9 @@ def no_fitting(monkeypatch):
     def refuse(*_arguments):
         raise AssertionError("an image was fitted before the complaint")
 
-    monkeypatch.setattr("shapefit.pipelines.fit.choose_lifter", lambda _config, _dictionary: refuse)
+    monkeypatch.setattr(
+        "shapefit.pipelines.fit.run.choose_lifter", lambda _config, _dictionary: refuse
+    )
 
 
 @pytest.fixture
@@ -145,7 +148,7 @@ def test_files_of_an_earlier_run_survive_a_run_that_fails(tmp_path, export, view
     before = {path: path.read_bytes() for path in folder.rglob("*.ply")}
     result = (tmp_path / "result.h5").read_bytes()
     monkeypatch.setattr(
-        "shapefit.pipelines.fit.find_failures", lambda *_: pytest.fail("on the way")
+        "shapefit.pipelines.fit.run.find_failures", lambda *_: pytest.fail("on the way")
     )
     moved = LandmarkSet(
         landmarks=2 * views.landmarks, landmark_names=views.landmark_names, items=views.items

@@ -11,7 +11,7 @@ import trimesh
 from shapefit.io.records import ResultSet, concatenate
 from shapefit.lifting.reconstruction import complete_transforms
 from shapefit.meshes.wireframe import balls
-from shapefit.pipelines.mesh_export import has_shape
+from shapefit.pipelines.export.meshes import has_shape
 
 FORMATS = pytest.mark.parametrize("file_format", ["obj", "ply", "ply-ascii", "glb"])
 # OBJ: 8 decimals. PLY and GLB: single precision of coordinates, which go up to 1500 pixels.
@@ -203,7 +203,7 @@ def test_a_shape_that_shrank_to_a_point_is_counted_too(tmp_path, export):
 def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
     export, car_atoms, views, monkeypatch, read_one, mixed, rotation
 ):
-    monkeypatch.setattr("shapefit.pipelines.mesh_export.STRETCH", 3)
+    monkeypatch.setattr("shapefit.pipelines.export.meshes.STRETCH", 3)
     copies = [replace(views, items=tuple(f"{i}#{copy}" for i in views.items)) for copy in "ab"]
     landmarks = concatenate(copies)
     landmarks.landmarks[7, :, 2:] = np.nan

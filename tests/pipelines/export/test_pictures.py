@@ -11,7 +11,7 @@ from matplotlib.image import imread
 
 from shapefit.config import FitConfig
 from shapefit.io import open_landmarks
-from shapefit.pipelines.fitted_images import fitted_image
+from shapefit.pipelines.export.fitted_images import fitted_image
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def draw(tmp_path, run):
 def sheets(monkeypatch):
     """Collect the images of contact sheets in place of drawing them."""
     drawn = []
-    from shapefit.pipelines import picture_export
+    from shapefit.pipelines.export import pictures as picture_export
 
     real = picture_export.contact_sheet
 

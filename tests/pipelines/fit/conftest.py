@@ -12,7 +12,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io import LandmarkSet, landmark_writer, read_results, write_dictionary
-from shapefit.pipelines.fit import run
+from shapefit.pipelines.fit.run import run
 
 NAMES = tuple(f"point{j}" for j in range(10))
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from shapefit.config import FitConfig, LearnDictConfig
-from shapefit.pipelines import fit, learn_dict
+from shapefit.pipelines.fit import run as fit
+from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.verify import Request, run
 
 

@@ -9,8 +9,9 @@ import pytest
 from shapefit.config import FitConfig, LearnDictConfig, ProjectConfig
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, landmark_writer, read_dictionary
-from shapefit.pipelines import fit, learn_dict
-from shapefit.pipelines import project as projecting
+from shapefit.pipelines.fit import run as fit
+from shapefit.pipelines.learn_dict import run as learn_dict
+from shapefit.pipelines.project import run as projecting
 
 LOSSES = ["squared", "exact", "l1", "sparse-error"]
 PERSPECTIVE = {"model": "perspective", "intrinsics": "camera_matrix"}

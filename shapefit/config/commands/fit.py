@@ -1,0 +1,280 @@
+"""The config of `fit`."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Annotated, Any, Literal, Self
+
+from annotated_types import Gt
+from pydantic import Field, PlainValidator, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+from shapefit.config.commands.fit_camera import ViewingConfig
+from shapefit.config.commands.fit_export import ExportConfig, PicturesConfig
+from shapefit.config.commands.fit_outliers import OutlierSearchConfig
+from shapefit.config.expectation import Expected
+from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, FromLists
+from shapefit.config.paths import InputPath, InputPaths, OutputPath
+
+
+def _number_or_auto(value: Any) -> float | Literal["auto"]:
+    if value == "auto":
+        return "auto"
+    number = value if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+    if not (math.isfinite(number) and number > 0):
+        raise PydanticCustomError("number_or_auto", "expected a number > 0 or auto")
+    return float(number)
+
+
+class SolverConfig(ConfigModel):
+    """How the convex program is solved, and when an image counts as solved."""
+
+    name: Literal["newton", "admm"] = Field(
+        default="newton", description="The fast solver, or the paper's ADMM."
+    )
+    tolerance: float = Field(
+        default=1e-6,
+        gt=0,
+        description="An image is solved when its relative duality gap (stop: gap) or its relative "
+        "residuals (stop: change) fall to this.",
+    )
+    stop: Literal["gap", "change"] = Field(
+        default="gap",
+        description="What the tolerance bounds: the relative duality gap, or the paper's rule on "
+        "the change between iterations (admm only).",
+    )
+    max_iterations: int = Field(
+        default=1000, ge=1, le=MOST_STEPS, description="Most iterations for one image."
+    )
+
+    @field_validator("stop")
+    @classmethod
+    def _change_needs_admm(cls, stop: str, info: ValidationInfo) -> str:
+        if stop == "change" and info.data.get("name") == "newton":
+            raise ValueError("`stop: change` belongs to the solver admm; use `gap` or name: admm")
+        return stop
+
+
+class AlternationConfig(ConfigModel):
+    """How the methods that share one rotation alternate."""
+
+    signed: bool = Field(
+        default=False, description="Coefficients of either sign (convex+refine keeps them >= 0)."
+    )
+    views: int = Field(
+        default=6,
+        ge=1,
+        le=1000,
+        description="Views, spread evenly, from which the pose of the mean shape is sought.",
+    )
+    multi_start: bool = Field(
+        default=False,
+        description="alternate: also start from each of the views, and keep the lowest objective.",
+    )
+    tolerance: float = Field(
+        default=1e-6,
+        gt=0,
+        description="Relative fall of the objective at which a round is the last.",
+    )
+    max_rounds: int = Field(
+        default=500, ge=1, le=MOST_STEPS, description="Most rounds for one image."
+    )
+
+
+class TemporalConfig(ConfigModel):
+    """What the images of one sequence tell about each other."""
+
+    depths: bool = Field(
+        default=False,
+        description="Refine the depths along each sequence: the bones (edges of the dictionary) "
+        "keep their lengths and points do not jump. For one body a sequence, its images in order "
+        "of time, a camera of constant scale, and little noise.",
+    )
+    smoothness: float = Field(
+        default=10.0,
+        ge=0,
+        description="Weight of the second difference of depths from image to image; a higher "
+        "frame rate wants more.",
+    )
+    rigidity: float = Field(
+        default=100.0, ge=0, description="Weight of the differences in the lengths of bones."
+    )
+    tolerance: float = Field(
+        default=0.01,
+        gt=0,
+        description="Change of a depth beyond which the estimate of the single image is taken "
+        "for a gross error, in units of the size of the landmarks.",
+    )
+    max_rounds: int = Field(
+        default=100, ge=1, le=MOST_STEPS, description="Most rounds for one sequence."
+    )
+
+
+class FitConfig(CommandConfig):
+    """Lift 2D landmarks to 3D shapes with a dictionary."""
+
+    landmarks: InputPaths = Field(description="Files of 2D landmarks (HDF5 or CSV; - is stdin).")
+    dictionary: InputPath = Field(description="Dictionary file that learn-dict wrote.")
+    output: OutputPath = Field(
+        description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
+    )
+    method: Literal["convex", "convex+refine", "alternate", "alternate+", "pmp", "mean-shape"] = (
+        Field(
+            default="convex",
+            description="How to lift: the convex program; it refined to one shared rotation; "
+            "alternating minimisation from the mean shape or (alternate+) from the convex program; "
+            "projected matching pursuit with PCA bases; or the pose of the mean shape alone.",
+        )
+    )
+    loss: Literal["squared", "exact", "l1", "sparse-error"] = Field(
+        default="squared",
+        description="The data term: half the squared residual; exact, no residual at all (lambda "
+        "has no say); l1, the sum of absolute residuals; sparse-error, the squared residual "
+        "beside sparse errors with weight beta. The last two survive outliers and label them.",
+    )
+    lam: Annotated[
+        float | Literal["auto"],
+        Expected("a number > 0 or auto"),
+        PlainValidator(_number_or_auto),
+    ] = Field(
+        default=0.1,
+        alias="lambda",
+        description="Weight of the sum of spectral norms, for normalised landmarks and atoms; "
+        "auto follows from `noise`.",
+    )
+    noise: float | None = Field(
+        default=None,
+        ge=0,
+        description="Expected standard deviation of a landmark's coordinate, in the unit of the "
+        "landmarks; `lambda: auto` needs it.",
+    )
+    beta: float = Field(
+        default=0.1,
+        gt=0,
+        description="Residual, for normalised landmarks, beyond which a robust loss judges a "
+        "landmark an outlier; the weight of the errors of sparse-error.",
+    )
+    path: Annotated[
+        tuple[Annotated[float, Gt(0)], ...], FromLists, Expected("a list of falling numbers > 0")
+    ] = Field(
+        default=(),
+        description="Lambdas, falling, at which the program is solved too, each from the "
+        "solution before it; objective, gap, residual and active atoms go into the result.",
+    )
+    solver: SolverConfig = Field(
+        default_factory=SolverConfig.model_construct,
+        description="How the convex program is solved.",
+    )
+    orthogonal: bool = Field(
+        default=False,
+        description="convex: replace the rotation of each atom by the nearest proper one.",
+    )
+    alternation: AlternationConfig = Field(
+        default_factory=AlternationConfig.model_construct,
+        description="How convex+refine, alternate, alternate+ and mean-shape search.",
+    )
+    temporal: TemporalConfig = Field(
+        default_factory=TemporalConfig.model_construct,
+        description="What the images of one sequence tell about each other.",
+    )
+    leave_out: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Dataset of the landmarks that names, for each image, the training shape "
+        "whose atoms its fit must do without (dictionaries of exemplars); `item` where images are "
+        "named like training shapes.",
+    )
+    outliers: OutlierSearchConfig = Field(
+        default_factory=OutlierSearchConfig.model_construct,
+        description="Which landmarks the fit leaves out because they are wrong.",
+    )
+    camera: ViewingConfig = Field(
+        default_factory=ViewingConfig.model_construct,
+        description="How the camera saw the landmarks.",
+    )
+    export: ExportConfig = Field(
+        default_factory=ExportConfig.model_construct, description="Mesh files of the fitted shapes."
+    )
+    pictures: PicturesConfig = Field(
+        default_factory=PicturesConfig.model_construct, description="Pictures of the fitted shapes."
+    )
+    threads: int = Field(
+        default=0, ge=0, le=MOST_THREADS, description="Threads to solve with; 0 is one per core."
+    )
+    chunk: int = Field(
+        default=4096,
+        ge=1,
+        le=10_000_000,
+        description="Images held in memory at a time, rounded up to a multiple of 64; no result "
+        "depends on it, except with `leave_out`, within the tolerance of the solver. With "
+        "`temporal.depths` whole sequences are held instead.",
+    )
+    strict: bool = Field(
+        default=False, description="Count an image whose tolerance was not reached as failed."
+    )
+    transforms: bool = Field(
+        default=False, description="Also write the (k, 2, 3) transforms of every image (large)."
+    )
+    proof: bool = Field(
+        default=True,
+        description="Also write what proves the optimum of the convex program, the dual and the "
+        "active transforms, for `shapefit verify` (HDF5 only).",
+    )
+
+    @property
+    def labels_outliers(self) -> bool:
+        """Whether the fit says which landmarks it judges wrong."""
+        return self.loss in ("l1", "sparse-error") or self.outliers.method != "none"
+
+    @field_validator("path")
+    @classmethod
+    def _path_falls(cls, path: tuple[float, ...]) -> tuple[float, ...]:
+        if any(after >= before for before, after in pairwise(path)):
+            raise ValueError(f"expected falling numbers, found {list(path)}")
+        return path
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Self:
+        if self.lam == "auto" and self.noise is None:
+            raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
+        if self.loss != "squared" and self.solver.name == "admm":
+            raise ValueError(f"the solver admm knows only `loss: squared`, not {self.loss}")
+        robust = self.loss in ("l1", "sparse-error")
+        refinable = robust and self.method == "convex+refine"
+        if self.loss != "squared" and self.method != "convex" and not refinable:
+            raise ValueError(
+                f"the method {self.method} does not know `loss: {self.loss}`; "
+                "take `loss: squared` or `method: convex`"
+            )
+        if robust and self.outliers.method != "none":
+            raise ValueError(
+                f"`loss: {self.loss}` and `outliers: {{method: {self.outliers.method}}}` both look "
+                "for outliers; leave out one of them"
+            )
+        if self.path and self.method != "convex":
+            raise ValueError("`path` belongs to the method convex; leave it out")
+        if self.path and (self.loss == "exact" or self.solver.name == "admm"):
+            raise ValueError(
+                "`path` needs the solver newton and a loss that lambda weighs against; leave it out"
+            )
+        if self.path and (self.leave_out or self.outliers.method != "none"):
+            raise ValueError(
+                "`path` goes with neither `leave_out` nor a search for outliers; leave it out"
+            )
+        weak = self.camera.model == "weak-perspective"
+        if self.temporal.depths and not weak:
+            raise ValueError(
+                "`temporal: {depths: true}` refines shapes under weak perspective; leave out "
+                "either it or `camera: {model: perspective}`"
+            )
+        if self.export.rotation == "per-atom" and not (self.method == "convex" and weak):
+            raise ValueError(
+                "`export: {rotation: per-atom}` belongs to the method convex and weak perspective; "
+                "the others have one rotation an image: set shared"
+            )
+        if self.camera.model == "perspective" and self.method == "pmp":
+            raise ValueError(
+                "`camera: {model: perspective}` does not go with the method pmp; take another"
+            )
+        return self

@@ -1,0 +1,192 @@
+"""Errors against the values of one key that varied: the numbers as CSV, JSON and Markdown."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shapefit.evaluation import labels
+from shapefit.evaluation.summary import ALL, ImageErrors, summarise
+from shapefit.evaluation.tables.cells import ABSENT, HOW_TO_READ_PAIRS, pairs, percent
+from shapefit.evaluation.tables.csv_table import null_for_nan, write_table
+from shapefit.evaluation.tables.document import Block, Listing, Section, Table, Title, as_markdown
+
+Value = str | bool | int | float
+
+_LABELS = (
+    "Precision is the share of the landmarks labelled as outliers that were made wrong, recall the "
+    "share of those made wrong that are labelled, over the images with a shape that leave them "
+    "defined."
+)
+_TIMES = (
+    "Times are of solving alone, without reading and writing, after everything was compiled and "
+    "run once."
+)
+
+
+@dataclass(frozen=True)
+class Point:
+    """Errors of one group of sequences in one metric at one value, and the time of an image.
+
+    `images` have an error, `failed` ones have none; an image that leaves the metric undefined, as
+    it can precision and recall, counts as neither.
+    """
+
+    value: Value
+    group: str
+    metric: str
+    unit: str
+    images: int
+    failed: int
+    mean: float
+    p25: float
+    median: float
+    p75: float
+    p90: float
+    seconds_per_image: float
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """All points of a sweep over the values of `key`, value by value.
+
+    `provenance` says how they were made (ready for JSON).
+    """
+
+    key: str
+    points: tuple[Point, ...]
+    caveats: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def of_metric(self) -> dict[tuple[str, str], dict[str, list[Point]]]:
+        """Return the points of each metric and unit by group, in the order of the values."""
+        metrics: dict[tuple[str, str], dict[str, list[Point]]] = {}
+        for point in self.points:
+            groups = metrics.setdefault((point.metric, point.unit), {})
+            groups.setdefault(point.group, []).append(point)
+        return metrics
+
+    @property
+    def is_numeric(self) -> bool:
+        """Whether the values are numbers, so that they have a place on an axis."""
+        return all(isinstance(point.value, int | float) for point in self.points) and not any(
+            isinstance(point.value, bool) for point in self.points
+        )
+
+
+def points(
+    value: Value,
+    errors: ImageErrors,
+    grouping: Mapping[str, Sequence[str]],
+    seconds_per_image: float,
+) -> list[Point]:
+    """Sum up the errors in one metric at one value, one point a group.
+
+    Every statistic of a group is the mean of that statistic over its sequences.
+    """
+    summaries = summarise(errors, grouping)
+    quartiles = {
+        s: np.nanpercentile(errors.values[np.array(errors.sequences) == s], [25, 75])
+        for s in {summary.sequence for summary in summaries if summary.images}
+        if s is not None
+    }
+    found = []
+    for group in (summary for summary in summaries if summary.sequence is None):
+        own = [quartiles[s] for s in grouping[group.group] if s in quartiles]
+        p25, p75 = np.mean(own, axis=0) if own else (math.nan, math.nan)
+        found.append(
+            Point(
+                value=value,
+                group=group.group,
+                metric=group.metric,
+                unit=group.unit,
+                images=group.images,
+                failed=group.failed,
+                mean=group.mean,
+                p25=float(p25),
+                median=group.median,
+                p75=float(p75),
+                p90=group.p90,
+                seconds_per_image=seconds_per_image,
+            )
+        )
+    return found
+
+
+def value_text(value: Value) -> str:
+    """Write a value as YAML has it: `false`, not `False`."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+COLUMNS = (
+    "key", "value", "group", "metric", "unit", "images", "failed", "mean", "p25", "median", "p75",
+    "p90", "seconds_per_image",
+)  # fmt: skip
+
+
+def write_csv(path: Path, sweep: Sweep) -> None:
+    """Write sweep.csv, one row a value, group and metric; a number that does not exist is empty."""
+    known = (
+        {"key": sweep.key, **asdict(point), "value": value_text(point.value)}
+        for point in sweep.points
+    )
+    write_table(path, COLUMNS, ([row[column] for column in COLUMNS] for row in known))
+
+
+def sweep_json(sweep: Sweep) -> str:
+    """All numbers as JSON; null stands for a number that does not exist."""
+    document = {
+        "key": sweep.key,
+        "points": [_known(point) for point in sweep.points],
+        "caveats": sweep.caveats,
+        **sweep.provenance,
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def markdown(sweep: Sweep) -> str:
+    """Return the page as Markdown."""
+    return as_markdown(document(sweep))
+
+
+def document(sweep: Sweep) -> list[Block]:
+    """One table: values down, mean and median of each group in each metric and the time across.
+
+    Where images failed, the share of those that did not stands behind the errors of their group.
+    """
+    values = list(dict.fromkeys(point.value for point in sweep.points))
+    columns: dict[str, dict[Value, str]] = {}
+    for (metric, unit), groups in sweep.of_metric().items():
+        for group, found in groups.items():
+            of_which = "" if group == ALL else f"{group}: "
+            at = [point.value for point in found]
+            columns[f"{of_which}{metric} ({unit})"] = dict(zip(at, pairs(found), strict=True))
+            if metric not in labels.METRICS and any(point.failed for point in found):
+                shares = {point.value: _share_with_shape(point) for point in found}
+                columns[f"{of_which}with a shape"] = shares
+    columns["ms an image"] = {p.value: f"{1000 * p.seconds_per_image:.3g}" for p in sweep.points}
+    rows = [
+        [value_text(v), *(column.get(v, ABSENT) for column in columns.values())] for v in values
+    ]
+    parts: list[Block] = [Title(f"Error against {sweep.key}"), HOW_TO_READ_PAIRS]
+    if any(point.metric in labels.METRICS for point in sweep.points):
+        parts.append(_LABELS)
+    parts += [Table([sweep.key, *columns], rows), _TIMES]
+    if sweep.caveats:
+        parts += [Section("Caveats"), Listing(sweep.caveats)]
+    return parts
+
+
+def _share_with_shape(point: Point) -> str:
+    images = point.images + point.failed
+    return percent(point.images / images, 0) if images else ABSENT
+
+
+def _known(point: Point) -> dict[str, Any]:
+    return {key: null_for_nan(value) for key, value in asdict(point).items()}

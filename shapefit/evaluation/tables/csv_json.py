@@ -1,0 +1,69 @@
+"""The tables of an evaluation as CSV and JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TypeVar
+
+from shapefit.evaluation.report import Report
+from shapefit.evaluation.summary import ImageErrors, Summary
+from shapefit.evaluation.tables.csv_table import null_for_nan, write_table
+
+Errors = TypeVar("Errors", Summary, ImageErrors)
+
+PER_IMAGE = ("method", "sequence", "item", "metric", "error", "unit")
+REPORT = ("method", "metric", "group", "sequence", "images", "mean", "median", "p90", "unit")
+
+
+def write_per_image(path: Path, errors: Sequence[ImageErrors], of: str = "method") -> None:
+    """Write per_image.csv, one row an image, metric and unit; a failed image's error is empty.
+
+    `of` is the name of the first column: what the `method` of the errors is.
+    """
+    rows = (
+        (e.method, sequence, item, e.metric, error, e.unit)
+        for e in errors
+        for sequence, item, error in zip(e.sequences, e.items, e.values.tolist(), strict=True)
+    )
+    write_table(path, (of, *PER_IMAGE[1:]), rows)
+
+
+def write_report_csv(path: Path, summaries: Sequence[Summary]) -> None:
+    """Write report.csv, one row a group (its `sequence` is empty) and one a sequence."""
+    write_table(path, REPORT, ([getattr(s, name) for name in REPORT] for s in summaries))
+
+
+def report_json(report: Report) -> str:
+    """All numbers of the report as JSON; null stands for a number that does not exist."""
+    document = {
+        "methods": [
+            {
+                "name": method.name,
+                "files": method.files,
+                "images": method.images,
+                "failed": len(method.failures),
+                "failures": [{"item": i, "reason": r} for i, r in method.failures.items()],
+                "solving": asdict(method.solving),
+            }
+            for method in report.methods
+        ],
+        "summaries": [
+            {key: null_for_nan(value) for key, value in asdict(s).items()} for s in report.summaries
+        ],
+        "published": {method: dict(column) for method, column in report.published.items()},
+        "caveats": report.caveats,
+        "warnings": report.warnings,
+        **report.provenance,
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def by_kind(errors: Iterable[Errors]) -> dict[tuple[str, str], list[Errors]]:
+    """Collect summaries or errors by metric and unit, in order of first appearance."""
+    collected: dict[tuple[str, str], list[Errors]] = {}
+    for entry in errors:
+        collected.setdefault((entry.metric, entry.unit), []).append(entry)
+    return collected

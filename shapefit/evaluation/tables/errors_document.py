@@ -1,0 +1,174 @@
+"""An evaluation as a document: errors, counts, how the fits went, and what to bear in mind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from shapefit.evaluation.report import PUBLISHED, Report
+from shapefit.evaluation.solving import Solving
+from shapefit.evaluation.summary import ALL, Summary
+from shapefit.evaluation.tables.cells import (
+    ABSENT,
+    HOW_TO_READ_PAIRS,
+    decimals_of,
+    number,
+    pairs,
+    percent,
+)
+from shapefit.evaluation.tables.csv_json import by_kind
+from shapefit.evaluation.tables.document import (
+    Block,
+    Italic,
+    Listing,
+    Section,
+    Table,
+    Title,
+    as_markdown,
+)
+
+Kind = tuple[str, str]
+
+FAILURES_SHOWN = 10
+"""Failed items a method that the page lists; the JSON lists them all."""
+
+_SPEED = ("ms an image", "images/s")
+
+_HOW_TO_READ = "Each number is the mean, over the sequences of the group, of the sequence's mean."
+_HOW_TO_READ_OVERVIEW = f"{HOW_TO_READ_PAIRS} Times are those of solving alone."
+_HOW_TO_READ_SOLVING = (
+    "Means over all images, as the result files tell them. Objectives of different models cannot "
+    "be compared: the convex program minimises another than the methods that share one rotation "
+    "(convex+refine, alternate, alternate+), and pmp and mean-shape each one of their own; all "
+    "depend on lambda and the dictionary. Times are those of the machine and the threads of each "
+    "fit, solving alone."
+)
+_QUOTED = "What is in italics is quoted from its publication, not computed here."
+
+
+def markdown(report: Report) -> str:
+    """Return the page as Markdown."""
+    return as_markdown(document(report))
+
+
+def document(report: Report, failures: int = FAILURES_SHOWN) -> list[Block]:
+    """Return the blocks of the page, with so many failed items a method.
+
+    Groups have a table a metric and unit, groups down and methods across. Without groups there is
+    one table, methods down, and the means and medians of all metrics across.
+    """
+    tables = by_kind(summary for summary in report.summaries if summary.sequence is None)
+    groups = {group for quoted in report.published.values() for group in quoted}
+    groups |= {summary.group for summary in report.summaries}
+    parts: list[Block] = [Title("Errors against the truth")]
+    if groups == {ALL}:
+        parts.append(_HOW_TO_READ_OVERVIEW)
+    else:
+        parts.append(_HOW_TO_READ)
+    if report.published and PUBLISHED in tables:
+        parts.append(_QUOTED)
+    if groups == {ALL}:
+        parts.append(_overview(report, tables))
+    else:
+        for kind, summaries in tables.items():
+            published = report.published if kind == PUBLISHED else {}
+            parts += [Section(f"{kind[0]} ({kind[1]})"), _errors_table(summaries, published)]
+    parts += [Section("Images"), _images_table(report), *_failed_items(report, failures)]
+    parts += _solving(report)
+    parts += _listing("Left out", report.warnings)
+    parts += _listing("Caveats", report.caveats)
+    return parts
+
+
+def _overview(report: Report, tables: Mapping[Kind, Sequence[Summary]]) -> Table:
+    """Methods down; mean and median of every metric and unit, then the speed, across.
+
+    A quoted method, in italics, has one mean only.
+    """
+    methods = dict.fromkeys(s.method for summaries in tables.values() for s in summaries)
+    header, columns = ["method"], []
+    for kind, summaries in tables.items():
+        header.append(f"{kind[0]} ({kind[1]})")
+        columns.append(dict(zip([s.method for s in summaries], pairs(summaries), strict=True)))
+    solving = {method.name: method.solving for method in report.methods}
+    if any(s.milliseconds is not None for s in solving.values()):
+        header += _SPEED
+        speeds = {name: _speed(of) for name, of in solving.items()}
+        columns += [{name: cells[i] for name, cells in speeds.items()} for i in range(len(_SPEED))]
+    rows = [[name, *(column.get(name, ABSENT) for column in columns)] for name in methods]
+    if PUBLISHED in tables:
+        place = list(tables).index(PUBLISHED)
+        for name, quoted in report.published.items():
+            cells = [ABSENT] * len(columns)
+            cells[place] = number(quoted[ALL], decimals_of([quoted[ALL]]))
+            rows.append([Italic(name), *cells])
+    return Table(header, rows)
+
+
+def _errors_table(
+    summaries: Sequence[Summary], published: Mapping[str, Mapping[str, float]]
+) -> Table:
+    ours = {(s.group, s.method): s.mean for s in summaries}
+    quoted = {(g, m): error for m, column in published.items() for g, error in column.items()}
+    groups = dict.fromkeys(group for group, _ in (*ours, *quoted))
+    methods = dict.fromkeys(method for _, method in ours)
+    decimals = decimals_of([*ours.values(), *quoted.values()])
+
+    header = ["", *methods, *(Italic(method) for method in published)]
+    rows = [
+        [
+            group,
+            *(number(ours.get((group, method)), decimals) for method in methods),
+            *(number(quoted.get((group, method)), decimals) for method in published),
+        ]
+        for group in groups
+    ]
+    return Table(header, rows)
+
+
+def _images_table(report: Report) -> Table:
+    counts = [(m.name, m.images, len(m.failures)) for m in report.methods]
+    rows = [[name, str(n - failed), str(failed)] for name, n, failed in counts]
+    return Table(["method", "evaluated", "failed"], rows)
+
+
+def _solving(report: Report) -> list[Block]:
+    """The table of what the fits tell of themselves, unless they tell nothing, as CSV files."""
+    told = [(method.name, method.solving) for method in report.methods]
+    if all(solving == Solving() for _, solving in told):
+        return []
+    decimals = decimals_of(s.mean_objective for _, s in told if s.mean_objective is not None)
+    header = ["method", "mean objective", *_SPEED, "optimal or converged"]
+    rows = [
+        [
+            name,
+            number(s.mean_objective, decimals),
+            *_speed(s),
+            ABSENT if s.solved is None else percent(s.solved, 2),
+        ]
+        for name, s in told
+    ]
+    return [Section("Solving"), _HOW_TO_READ_SOLVING, Table(header, rows)]
+
+
+def _speed(solving: Solving) -> list[str]:
+    """Cells of `_SPEED`; from 100 images a second on whole ones."""
+    rate = solving.images_per_second
+    return [
+        ABSENT if solving.milliseconds is None else f"{solving.milliseconds:.3g}",
+        ABSENT if rate is None else f"{rate:.0f}" if rate >= 100 else f"{rate:.3g}",
+    ]
+
+
+def _failed_items(report: Report, most: int) -> list[Block]:
+    lines = []
+    for method in report.methods:
+        failures = list(method.failures.items())
+        lines += [f"{method.name}, {item}: {why}" for item, why in failures[:most]]
+        if len(failures) > most:
+            more = len(failures) - most
+            lines.append(f"{method.name}: {more} more, all listed in report.json")
+    return _listing("Failed", lines)
+
+
+def _listing(title: str, lines: Sequence[str]) -> list[Block]:
+    return [Section(title), Listing(lines)] if lines else []

@@ -1,0 +1,193 @@
+"""Tidy CSV tables: one row a landmark of an item, to arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.io.csv.grid import Grid, NumberedNames
+from shapefit.io.csv.numbers import read_numbers
+from shapefit.io.csv.text import Block, CsvText
+from shapefit.io.problems import Problems
+from shapefit.io.records import Floats, Integers, LandmarkSet, Names, ResultSet, ShapeSet
+
+FINITE_FIX = "write a finite number"
+UNSEEN_FIX = f"{FINITE_FIX}, or leave the cell empty where the landmark is unseen"
+FAILED_FIX = f"{FINITE_FIX}, or leave the cell empty where the item failed"
+CONFIDENCE_FIX = "write 0 (hidden) or a positive number"
+
+
+def read_shape_table(path: Path) -> ShapeSet:
+    """Read `item,landmark,x,y,z[,sequence]`, every landmark of every item."""
+    table = _Tidy(path, ("x", "y", "z"), ("sequence",), FINITE_FIX, empty_allowed=False)
+    table.check_complete()
+    return ShapeSet(table.points, table.landmarks, table.items, table.sequences)
+
+
+def read_landmark_table(path: Path) -> LandmarkSet:
+    """Read `item,landmark,x,y[,confidence][,sequence]`; an empty or nan coordinate is unseen."""
+    table = _Tidy(path, ("x", "y"), ("confidence", "sequence"), UNSEEN_FIX)
+    return LandmarkSet(
+        landmarks=table.points,
+        confidence=table.confidence,
+        landmark_names=table.landmarks,
+        items=table.items,
+        sequences=table.sequences,
+    )
+
+
+def read_result_table(path: Path) -> ResultSet:
+    """Read `item,landmark,x,y,z[,sequence]`; empty cells stand for items that failed."""
+    table = _Tidy(path, ("x", "y", "z"), ("sequence",), FAILED_FIX)
+    return ResultSet(
+        shapes=table.points,
+        landmark_names=table.landmarks,
+        items=table.items,
+        sequences=table.sequences,
+    )
+
+
+class _Tidy:
+    """The rows of a tidy table as arrays over items and landmarks, in order of appearance.
+
+    points (n, d, p), all NaN for a landmark that has no row or lacks a coordinate; confidence
+    (n, p), 0 where there is no row; sequences (n); None without the column. Raises InputError
+    with all wrong cells together, by line.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        coordinates: Sequence[str],
+        optional: Sequence[str],
+        fix: str,
+        *,
+        empty_allowed: bool = True,
+    ) -> None:
+        self._text = CsvText(path, ("item", "landmark", *coordinates), optional)
+        self._coordinates, self._fix = coordinates, fix
+        self._unfit = np.isinf if empty_allowed else _not_finite
+        kinds = ("item", "landmark", "repeated", "sequence", *coordinates, "confidence")
+        self._problems = {kind: Problems() for kind in kinds}
+        self._names = {column: NumberedNames() for column in ("item", "landmark", "sequence")}
+        self._lines = Grid(2, 0, np.uint32)  # of the row of each item and landmark; 0 is none
+        self._points = Grid(3, np.nan, np.float64)
+        self._confidence = Grid(2, 0.0, np.float64)
+        self._sequence = Grid(1, -1, np.int64)
+        for block in self._text.blocks():
+            self._take(block)
+        self._raise_if_wrong()
+        self.items, self.landmarks = (self._names[c].names() for c in ("item", "landmark"))
+        n, p = len(self.items), len(self.landmarks)
+        self.points: Floats = self._points.cut(n, len(coordinates), p)
+        self.confidence: Floats | None = None
+        if "confidence" in self._text.columns:
+            self.confidence = self._confidence.cut(n, p)
+        self.sequences: Names | None = None
+        if "sequence" in self._text.columns:
+            names = self._names["sequence"].names()
+            self.sequences = tuple(names[code] for code in self._sequence.cut(n).tolist())
+
+    def check_complete(self) -> None:
+        """Raise InputError where an item lacks a landmark."""
+        missing = np.flatnonzero(self._lines.cut(len(self.items), len(self.landmarks)) == 0)
+        problems = Problems()
+        problems.add(missing, self._word_missing)
+        problems.raise_if_any()
+
+    def _take(self, block: Block) -> None:
+        known = len(self._names["item"])
+        item, landmark = self._number(block, "item"), self._number(block, "landmark")
+        n, p = len(self._names["item"]), len(self._names["landmark"])
+        self._take_lines(block, item, landmark, (n, p))
+        if "sequence" in block.cells:
+            self._take_sequences(block, item, known)
+        rows = np.stack([self._numbers(block, column) for column in self._coordinates], axis=-1)
+        rows[np.isnan(rows).any(axis=-1)] = np.nan
+        self._points.reach(n, len(self._coordinates), p)
+        self._points.values[item, :, landmark] = rows
+        if "confidence" in block.cells:
+            self._confidence.reach(n, p)
+            self._confidence.values[item, landmark] = self._confidences(block)
+
+    def _number(self, block: Block, column: str) -> Integers:
+        """Return the number of the item or landmark of each row."""
+        cells = block.cells[column]
+        if "" in cells:
+            unnamed = np.array([cell == "" for cell in cells])
+            self._note(column, block, unnamed, f"name the {column}")
+        return self._names[column].number(cells)
+
+    def _take_lines(
+        self, block: Block, item: Integers, landmark: Integers, shape: tuple[int, int]
+    ) -> None:
+        """Remember the first row of each item and landmark, and note the others."""
+        self._lines.reach(*shape)
+        lines = self._lines.values
+        fresh = np.flatnonzero(lines[item, landmark] == 0)[::-1]  # of equal ones the first wins
+        lines[item[fresh], landmark[fresh]] = block.lines[fresh]
+        first = lines[item, landmark]
+
+        def word(row: int) -> str:
+            name, of = block.cells["item"][row], block.cells["landmark"][row]
+            found = f"item '{name}', landmark '{of}' stands also on line {first[row]}"
+            return f"{found}; keep one of them"
+
+        self._tell("repeated", block, first != block.lines, word)
+
+    def _take_sequences(self, block: Block, item: Integers, known: int) -> None:
+        """Take the sequence of each item from its first row, of new ones those from `known` on."""
+        codes = self._names["sequence"].number(block.cells["sequence"])
+        new, first = np.unique(item, return_index=True)
+        is_new = new >= known
+        self._sequence.reach(len(self._names["item"]))
+        self._sequence.values[new[is_new]] = codes[first[is_new]]
+        differs = codes != self._sequence.values[item]
+        self._note("sequence", block, differs, "give all rows of an item one sequence")
+
+    def _numbers(self, block: Block, column: str) -> Floats:
+        numbers = read_numbers(block.cells[column])
+        self._note(column, block, numbers.strange | self._unfit(numbers.values), self._fix)
+        return numbers.values
+
+    def _confidences(self, block: Block) -> Floats:
+        values = read_numbers(block.cells["confidence"]).values
+        self._note("confidence", block, _not_finite(values) | (values < 0), CONFIDENCE_FIX)
+        return values
+
+    def _note(self, column: str, block: Block, wrong: NDArray[np.bool_], fix: str) -> None:
+        """Note the wrong cells of a column."""
+
+        def word(row: int) -> str:
+            cell = block.cells[column][row]
+            return f"{column} is '{cell}'; {fix}" if cell else f"{column} is empty; {fix}"
+
+        self._tell(column, block, wrong, word)
+
+    def _tell(
+        self, kind: str, block: Block, wrong: NDArray[np.bool_], word: Callable[[int], str]
+    ) -> None:
+        if not wrong.any():
+            return
+        rows = np.flatnonzero(wrong)
+        row_of = dict(zip(block.lines[rows].tolist(), rows.tolist(), strict=True))
+        name = self._text.name
+        self._problems[kind].add(list(row_of), lambda line: f"{name}:{line}: {word(row_of[line])}")
+
+    def _raise_if_wrong(self) -> None:
+        problems = Problems()
+        for found in self._problems.values():
+            problems.join(found)
+        problems.raise_if_any()
+
+    def _word_missing(self, entry: int) -> str:
+        item, landmark = divmod(entry, len(self.landmarks))
+        found = f"item '{self.items[item]}' has no landmark '{self.landmarks[landmark]}'"
+        return f"{self._text.name}: {found}; write every landmark of every item"
+
+
+def _not_finite(values: Floats) -> NDArray[np.bool_]:
+    return ~np.isfinite(values)

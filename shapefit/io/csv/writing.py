@@ -1,0 +1,130 @@
+"""Write records as tidy CSV, chunk by chunk."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+import orjson
+
+from shapefit.errors import input_error
+from shapefit.io.layout import NOTHING_APPENDED
+from shapefit.io.records import Floats, LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.sources import is_stream
+from shapefit.io.whole.atomic import atomic_file, storage_errors, write_all
+
+Write = Callable[[bytes], None]
+
+BLOCK_ROWS = 4096
+"""Rows that are written at a time; larger blocks leave the processor's cache and take longer."""
+
+_IN_QUOTES = re.compile('[",\\r\\n]')
+
+
+class CsvWriter:
+    """Appends records as rows `item,landmark,x,y[,z][,confidence][,sequence]`.
+
+    NaN becomes an empty cell; numbers have the fewest digits that read back to the same float.
+    The header is written with the first record. CSV has no place for `attributes`.
+    """
+
+    def __init__(self, write: Write) -> None:
+        self.attributes: dict[str, str | float | int] = {}
+        self._write = write
+        self._columns: list[str] | None = None
+
+    @property
+    def begun(self) -> bool:
+        """Whether a record was appended."""
+        return self._columns is not None
+
+    def append(self, record: ShapeSet | LandmarkSet | ResultSet) -> None:
+        """Write one row for each landmark of each item.
+
+        Raises ValueError where the columns are not those of the first record.
+        """
+        columns = _columns(record)
+        if not self.begun:
+            self._write(f"{','.join(columns)}\n".encode())
+        elif columns != self._columns:
+            raise ValueError("the columns of this record are not those of the first")
+        self._columns = columns
+        for part in _parts(len(record), len(record.landmark_names)):
+            self._write(_rows(record, part))
+
+
+@contextmanager
+def csv_output(target: Path) -> Iterator[CsvWriter]:
+    """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
+    if is_stream(target):
+        if sys.stdout is None:
+            raise input_error("standard output", "is closed", "name a file to write instead")
+        with storage_errors(Path("standard output")):
+            yield from _checked(CsvWriter(_write_to_stdout))
+        return
+    with atomic_file(target) as file:
+        yield from _checked(CsvWriter(lambda data: write_all(file, data)))
+
+
+def _checked(writer: CsvWriter) -> Iterator[CsvWriter]:
+    yield writer
+    if not writer.begun:
+        raise ValueError(NOTHING_APPENDED)
+
+
+def _write_to_stdout(data: bytes) -> None:
+    sys.stdout.buffer.write(data)
+    sys.stdout.buffer.flush()
+
+
+def _columns(record: ShapeSet | LandmarkSet | ResultSet) -> list[str]:
+    columns = ["item", "landmark", *"xyz"[: _points(record).shape[1]]]
+    if isinstance(record, LandmarkSet) and record.confidence is not None:
+        columns.append("confidence")
+    return columns if record.sequences is None else [*columns, "sequence"]
+
+
+def _parts(n: int, p: int) -> Iterator[slice]:
+    """Cut n items of p landmarks where BLOCK_ROWS rows are reached."""
+    items = max(1, BLOCK_ROWS // max(1, p))
+    return (slice(start, start + items) for start in range(0, n, items))
+
+
+def _rows(record: ShapeSet | LandmarkSet | ResultSet, part: slice) -> bytes:
+    """Return the lines of some of the items."""
+    points = _points(record)[part]
+    n, dimensions, p = points.shape
+    numbers = points.swapaxes(1, 2).reshape(n * p, dimensions)
+    if isinstance(record, LandmarkSet) and record.confidence is not None:
+        numbers = np.column_stack([numbers, record.confidence[part].reshape(n * p)])
+    landmarks = [b",%b," % _cell(name) for name in record.landmark_names]
+    names = [item + landmark for item in map(_cell, record.items[part]) for landmark in landmarks]
+    ends = [b"\n"] * n
+    if record.sequences is not None:
+        ends = [b",%b\n" % _cell(sequence) for sequence in record.sequences[part]]
+    ends = [end for end in ends for _ in range(p)]
+    return b"".join(chain.from_iterable(zip(names, _texts(numbers), ends, strict=True)))
+
+
+def _points(record: ShapeSet | LandmarkSet | ResultSet) -> Floats:
+    return record.landmarks if isinstance(record, LandmarkSet) else record.shapes
+
+
+def _texts(rows: Floats) -> list[bytes]:
+    """Return each row of numbers with commas between them, nothing for nan."""
+    if not rows.size:
+        return [b""] * len(rows)
+    text = orjson.dumps(np.ascontiguousarray(rows), option=orjson.OPT_SERIALIZE_NUMPY)
+    return text[2:-2].replace(b"null", b"").split(b"],[")
+
+
+def _cell(text: str) -> bytes:
+    """Return a text as a cell, in quotes where it needs them."""
+    if text and not _IN_QUOTES.search(text):
+        return text.encode()
+    return '"{}"'.format(text.replace('"', '""')).encode()

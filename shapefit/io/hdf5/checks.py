@@ -1,0 +1,108 @@
+"""Checks of the values in an HDF5 file: finite, not negative, indices in range, named items."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import input_error
+from shapefit.geometry.normalisation import LARGEST
+from shapefit.io.hdf5.reading import Hdf5Reader
+from shapefit.io.problems import Problems
+
+Blocks = Iterable[NDArray[np.float64]]
+Bad = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+
+
+def check_finite(reader: Hdf5Reader, name: str, blocks: Blocks) -> None:
+    """Raise InputError where a coordinate of the points (n, d, p) is no number to compute with.
+
+    That is NaN, infinite, or so large that its square is.
+    """
+    fix = f"write a finite number, at most {LARGEST:g}, or leave the item out"
+    _check(reader, name, blocks, lambda values: ~(np.abs(values) <= LARGEST), fix)
+
+
+def check_not_infinite(reader: Hdf5Reader, name: str, blocks: Blocks) -> None:
+    """Raise InputError where a coordinate of the points (n, d, p) is infinite."""
+    _check(reader, name, blocks, np.isinf, "write NaN where the landmark is unseen")
+
+
+def check_confidence(reader: Hdf5Reader, blocks: Blocks) -> None:
+    """Raise InputError where a confidence (n, p) is negative, NaN or infinite."""
+    fix = "write 0 (hidden) or a positive number"
+    _check(
+        reader,
+        "confidence",
+        (block[:, None] for block in blocks),
+        lambda values: ~(np.isfinite(values) & (values >= 0)),
+        fix,
+    )
+
+
+def check_positive(reader: Hdf5Reader, name: str) -> None:
+    """Raise InputError where a number of the dataset (n,), if there is one, is not above 0."""
+    values = reader.read(name)
+    if values is None:
+        return
+    problems = Problems()
+    wrong = np.flatnonzero(~(np.isfinite(values) & (values > 0)))
+    problems.add(
+        wrong, lambda row: f"{reader.place(name, row)}: is {values[row]}; write a positive number"
+    )
+    problems.raise_if_any()
+
+
+def check_indices(reader: Hdf5Reader, name: str, axis: str) -> None:
+    """Raise InputError where an index of edges or faces is not one of the axis it points at."""
+    indices, size = reader.read(name), reader.size(axis)
+    if indices is None or size is None:
+        return
+    rows = np.flatnonzero(((indices < 0) | (indices >= size)).any(axis=1))
+    if len(rows):
+        found = f"holds the indices {tuple(indices[rows[0]].tolist())}"
+        fix = f"indices run from 0 to {size - 1}"
+        raise input_error(reader.place(name, int(rows[0])), found, fix)
+
+
+def check_named(
+    reader: Hdf5Reader, blocks: Iterable[Sequence[str]], dataset: str = "item", axis: str = "n"
+) -> None:
+    """Raise InputError where an item of the dataset has no name."""
+    problems = Problems()
+    if reader.has(dataset) and reader.size(axis) and not reader.is_written(dataset):
+        found, fix = "was never written", "name every item"
+        raise input_error(reader.place(dataset), found, fix)
+    start = 0
+    for block in blocks:
+        rows = [start + row for row, item in enumerate(block) if not item]
+        problems.add(rows, lambda row: f"{reader.place(dataset, row)}: is empty; name every item")
+        start += len(block)
+    problems.raise_if_any()
+
+
+def _check(reader: Hdf5Reader, name: str, blocks: Blocks, bad: Bad, fix: str) -> None:
+    problems = Problems()
+    start = 0
+    for block in blocks:
+        points = block.shape[-1]
+        wrong = np.flatnonzero(bad(block).any(axis=1))
+
+        def word(entry: int, start: int = start, block: Any = block, points: int = points) -> str:
+            row, point = divmod(entry, points)
+            value = ", ".join(str(number) for number in block[row, :, point].tolist())
+            found = f"{_point_name(reader, name, point)} is ({value})"
+            return f"{reader.place(name, start + row)}: {found}; {fix}"
+
+        problems.add(wrong, word)
+        start += len(block)
+    problems.raise_if_any()
+
+
+def _point_name(reader: Hdf5Reader, name: str, point: int) -> str:
+    if name == "mesh_vertices":
+        return f"vertex {point}"
+    return f"landmark '{reader.landmark_names[point]}'"

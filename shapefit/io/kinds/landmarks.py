@@ -1,0 +1,154 @@
+"""Read files of 2D landmarks in chunks, several files as one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from shapefit.io.agreement import agreed, check_same_extras
+from shapefit.io.chunked import ChunkedSource, SourceFile
+from shapefit.io.duplicates import ItemList
+from shapefit.io.extras import Extras
+from shapefit.io.layout import LANDMARKS, UNKNOWN_UNIT
+from shapefit.io.records import LandmarkSet
+from shapefit.io.sources import is_hdf5, source_name
+
+Read = Callable[[slice], LandmarkSet]
+Direction = Literal["up", "down"]
+
+
+@dataclass(frozen=True)
+class _File(SourceFile[LandmarkSet]):
+    """One file of a source, and the direction of y where it states one."""
+
+    y_axis: Direction | None = None
+
+
+def open_landmarks(paths: Sequence[Path]) -> LandmarkSource:
+    """Open HDF5 and CSV files of landmarks (`-` is standard input) as one source.
+
+    Everything is checked before the first image is given out. Raises InputError for what is
+    wrong with a file, for items that occur twice, and for files that do not go together (other
+    units, directions of y, or further datasets). HDF5 is read a chunk at a time, CSV whole.
+    """
+    return LandmarkSource([_open(path) for path in paths])
+
+
+class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
+    """The images of one or more files: `with open_landmarks(paths) as source: ...`.
+
+    Landmarks are matched by name: `landmark_names` are those of all files in order of
+    appearance, and what a file lacks is unseen. `count` images have `unit` and `y_axis`.
+    """
+
+    def __init__(self, files: Sequence[_File]) -> None:
+        super().__init__(files)
+        self._head = _common_head([file for file in files if file.count] or files)
+
+    @property
+    def head(self) -> LandmarkSet:
+        """All of the source but its images."""
+        return self._head
+
+    @property
+    def landmark_names(self) -> tuple[str, ...]:
+        """Names of the landmarks, in the order of the arrays."""
+        return self._head.landmark_names
+
+    @property
+    def unit(self) -> str:
+        """Unit of the landmarks."""
+        return self._head.unit
+
+    @property
+    def y_axis(self) -> Direction:
+        """Whether y points up or down."""
+        return self._head.y_axis
+
+    @property
+    def further_datasets(self) -> tuple[str, ...]:
+        """Names of the datasets that the format does not know."""
+        return tuple(self._head.extras)
+
+    def _conform(self, part: LandmarkSet, place: str) -> LandmarkSet:
+        """Give a part of one file the landmarks and fields of the whole source."""
+        changes: dict[str, Any] = {"unit": self._head.unit, "y_axis": self._head.y_axis}
+        if self._head.confidence is not None and part.confidence is None:
+            changes["confidence"] = np.ones((len(part), len(part.landmark_names)))
+        if self._head.sequences is not None and part.sequences is None:
+            changes["sequences"] = ("",) * len(part)
+        return replace(part, **changes).arrange(self._head.landmark_names, place)
+
+
+def _common_head(files: Sequence[_File]) -> LandmarkSet:
+    """Return the head of a whole source; InputError where its files do not go together."""
+    units = [(file.name, _stated_unit(file.head)) for file in files]
+    check_same_extras([(file.name, Extras.of(file.head.extras, 0)) for file in files])
+    first = files[0].head
+    names = dict.fromkeys(name for file in files for name in file.head.landmark_names)
+    sequences = any(file.head.sequences is not None for file in files)
+    confidence = any(file.head.confidence is not None for file in files)
+    return LandmarkSet(
+        landmarks=np.empty((0, 2, len(names))),
+        confidence=np.empty((0, len(names))) if confidence else None,
+        landmark_names=tuple(names),
+        items=(),
+        sequences=() if sequences else None,
+        unit=agreed("unit", units, UNKNOWN_UNIT),
+        y_axis=agreed("y_axis", [(file.name, file.y_axis) for file in files], "up"),
+        extras=first.arrange(tuple(names)).extras,
+    )
+
+
+def _stated_unit(head: LandmarkSet) -> str | None:
+    return None if head.unit == UNKNOWN_UNIT else head.unit
+
+
+def _open(path: Path) -> _File:
+    return _open_hdf5(path) if is_hdf5(path) else _open_table(path)
+
+
+def _open_table(path: Path) -> _File:
+    from shapefit.io.csv.tables import read_landmark_table
+
+    table = read_landmark_table(path)
+    name = source_name(path)
+    items = ItemList(lambda: [table.items], lambda _: name)
+    return _File(name, table.take(slice(0)), len(table), items, lambda: nullcontext(table.take))
+
+
+def _open_hdf5(path: Path) -> _File:
+    from shapefit.io.hdf5 import checks as hdf5_checks
+    from shapefit.io.hdf5.reading import Hdf5Reader
+
+    @contextmanager
+    def opened() -> Iterator[Read]:
+        with Hdf5Reader(path, LANDMARKS) as reader:
+            yield lambda rows: _read_rows(reader, rows)
+
+    def items() -> Iterator[tuple[str, ...]]:
+        with Hdf5Reader(path, LANDMARKS) as reader:
+            yield from reader.read_blocks("item")
+
+    with Hdf5Reader(path, LANDMARKS) as reader:
+        hdf5_checks.check_named(reader, reader.read_blocks("item"))
+        hdf5_checks.check_not_infinite(reader, "landmarks", reader.read_blocks("landmarks"))
+        if reader.has("confidence"):
+            hdf5_checks.check_confidence(reader, reader.read_blocks("confidence"))
+        head = _read_rows(reader, slice(0))
+        item_list = ItemList(items, lambda row: f"{path}:/item[{row}]")
+        return _File(str(path), head, reader.count, item_list, opened, head.y_axis)
+
+
+def _read_rows(reader: Any, rows: slice) -> LandmarkSet:
+    fields = reader.fields(rows)
+    landmarks = fields["landmarks"]
+    unseen = np.isnan(landmarks).any(axis=1, keepdims=True)
+    fields["landmarks"] = np.where(unseen, np.nan, landmarks)
+    extras = reader.extras(rows)
+    return LandmarkSet(**fields, unit=reader.unit, y_axis=reader.y_axis, extras=extras)

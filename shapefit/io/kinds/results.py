@@ -1,0 +1,45 @@
+"""Read files of results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from shapefit.io.duplicates import ItemList, check_unique_items
+from shapefit.io.layout import PROOF, RESULTS
+from shapefit.io.magnitudes import Axis, check_magnitudes
+from shapefit.io.records import ResultSet
+from shapefit.io.sources import is_hdf5, source_name
+
+
+def read_results(path: Path) -> ResultSet:
+    """Read a result from HDF5 or CSV (`-` is standard input).
+
+    From CSV all but shapes, names, items and sequences is None. What proves the optimum stays in
+    the file: see proof_files.py. Raises InputError for what is
+    wrong with the file, and for items that occur twice.
+    """
+    results = _read(path)
+    items, landmarks = Axis("item", results.items), Axis("landmark", results.landmark_names)
+    check_magnitudes(source_name(path), results.shapes, items, landmarks)
+    return results
+
+
+def _read(path: Path) -> ResultSet:
+    if not is_hdf5(path):
+        from shapefit.io.csv.tables import read_result_table
+
+        return read_result_table(path)
+    from shapefit.io.hdf5.checks import check_named
+    from shapefit.io.hdf5.reading import Hdf5Reader
+
+    with Hdf5Reader(path, RESULTS) as reader:
+        items = reader.read("item")
+        check_named(reader, [items])
+        check_unique_items([ItemList(lambda: [items], lambda row: reader.place("item", row))])
+        return ResultSet(
+            **reader.fields(without=PROOF),
+            extras=reader.extras(),
+            unit=reader.unit,
+            y_axis=reader.y_axis,
+            attributes=reader.attributes,
+        )

@@ -1,0 +1,157 @@
+"""The picture of example images: landmarks, truth, and what every method made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config.commands.evaluate import MOST_EXAMPLES
+from shapefit.errors import abbreviate, input_error
+from shapefit.geometry.procrustes import similarity_transform
+from shapefit.io.records import ResultSet, ShapeSet
+from shapefit.meshes.pictures import Pose, skeleton_picture
+from shapefit.meshes.views import YAxis
+from shapefit.pipelines.evaluate.judgement import Judgement
+from shapefit.pipelines.evaluate.result_datasets import find_dataset
+from shapefit.pipelines.items import matches, spread
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+KEY = "examples"
+TRUTH = "truth"
+"""Name of the column of the true shapes."""
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """What one result file has to show.
+
+    shapes (n, 3, p) and landmarks (n, 2, p) or None, with the p landmarks of the truth in their
+    order, nan where the file lacks one; truth_rows (n), failures and items as in a Judgement.
+    """
+
+    file: Path
+    items: tuple[str, ...]
+    shapes: Floats
+    landmarks: Floats | None
+    y_axis: YAxis
+    truth_rows: NDArray[np.intp]
+    failures: Mapping[str, str]
+
+
+def check_examples(wanted: int | Sequence[str], truth: ShapeSet, files: Sequence[Path]) -> None:
+    """Raise InputError where examples are wanted and the truth has no edges to draw."""
+    if wanted and truth.edges is None:
+        place = ", ".join(map(str, files))
+        fix = (
+            "add the dataset `edges` (e,2), pairs of landmarks joined by a line, counted from 0, "
+            "to the file, or leave out `examples`"
+        )
+        raise input_error(place, "has no edges to draw examples with", fix)
+
+
+def keep(results: ResultSet, judgement: Judgement, truth: ShapeSet) -> Lifted:
+    """Take from a result file what a picture of its images needs."""
+    observed = find_dataset(judgement.file, results, "landmarks")
+    have, want = results.landmark_names, truth.landmark_names
+    return Lifted(
+        file=judgement.file,
+        items=results.items,
+        shapes=_arranged(results.shapes, have, want),
+        landmarks=None if observed is None else _arranged(observed, have, want),
+        y_axis=results.y_axis,
+        truth_rows=judgement.truth_rows,
+        failures=judgement.failures,
+    )
+
+
+def examples_picture(
+    wanted: int | Sequence[str], methods: Mapping[str, Sequence[Lifted]], truth: ShapeSet
+) -> Figure:
+    """One row an example: its landmarks, the truth, then the shape of each method.
+
+    The truth is laid onto the estimate of the first method by the best similarity, so that all are
+    seen from the same side. `methods` maps a name to its files. Raises InputError for names that
+    no image has that all methods lifted, and where the first method has no observed landmarks.
+    """
+    assert truth.edges is not None  # check_examples
+    places = {name: _places(files) for name, files in methods.items()}
+    first, *others = places
+    common = [item for item in places[first] if all(item in places[name] for name in others)]
+    chosen = choose(wanted, common)
+    poses = []
+    for item in chosen:
+        file, row = places[first][item]
+        if file.landmarks is None:
+            found = "has no dataset 'landmarks' to draw examples with"
+            raise input_error(file.file, found, "fit to a file that ends in .h5")
+        true = truth.shapes[file.truth_rows[row]]
+        estimates = {name: found[item][0].shapes[found[item][1]] for name, found in places.items()}
+        poses.append(
+            Pose(
+                title=item,
+                landmarks=file.landmarks[row],
+                shapes={TRUTH: _laid_onto(estimates[first], true), **estimates},
+            )
+        )
+    return skeleton_picture(poses, truth.edges, methods[first][0].y_axis)
+
+
+def choose(wanted: int | Sequence[str], items: Sequence[str]) -> tuple[str, ...]:
+    """Choose items: as many as wanted, spread evenly, or those of the names and globs.
+
+    A number takes the middle of each of so many equal parts. Raises InputError where there are no
+    items, a name or glob fits none, or more fit than a picture shows.
+    """
+    if not items:
+        found = "no image has the truth and a shape of every method"
+        raise input_error(KEY, found, "give results of the same images, or leave it out")
+    if isinstance(wanted, int):
+        return tuple(items[place] for place in spread(wanted, len(items)))
+    chosen: dict[str, None] = {}
+    for name in wanted:
+        fitting = [item for item in items if matches(item, name)]
+        if not fitting:
+            near = get_close_matches(name, items, n=5, cutoff=0.0)
+            found = f"no image with the truth and a shape of every method is called '{name}'"
+            raise input_error(KEY, found, f"correct it; the nearest are {', '.join(near)}")
+        chosen |= dict.fromkeys(fitting)
+    if len(chosen) > MOST_EXAMPLES:
+        found = f"{len(chosen)} images fit: {abbreviate(list(chosen))}"
+        raise input_error(KEY, found, f"name at most {MOST_EXAMPLES}, or say how many to choose")
+    return tuple(chosen)
+
+
+def _places(files: Sequence[Lifted]) -> dict[str, tuple[Lifted, int]]:
+    """File and row of each item that did not fail."""
+    return {
+        item: (file, row)
+        for file in files
+        for row, item in enumerate(file.items)
+        if item not in file.failures
+    }
+
+
+def _arranged(points: Floats, have: Sequence[str], want: Sequence[str]) -> Floats:
+    """Return points (n, d, p) of the landmarks `have` as those of `want`, nan where unknown."""
+    columns = {name: column for column, name in enumerate(have)}
+    arranged = np.full((*points.shape[:-1], len(want)), np.nan)
+    for column, name in enumerate(want):
+        if name in columns:
+            arranged[..., column] = points[..., columns[name]]
+    return arranged
+
+
+def _laid_onto(estimate: Floats, true: Floats) -> Floats:
+    """Move a true shape (3, p) onto an estimate, by the landmarks that both have."""
+    known = np.isfinite(estimate).all(axis=0) & np.isfinite(true).all(axis=0)
+    return similarity_transform(true[:, known], estimate[:, known]).apply(true)

@@ -1,0 +1,165 @@
+"""One result file against the truth: which truth belongs to which image, and the errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import abbreviate, input_error
+from shapefit.evaluation import labels
+from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
+from shapefit.evaluation.summary import ALL
+from shapefit.geometry.procrustes import coincide
+from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
+from shapefit.pipelines.evaluate.common_landmarks import common_landmarks
+from shapefit.pipelines.evaluate.measurement import NEEDS, Kind, datasets_of, measure
+from shapefit.pipelines.evaluate.result_datasets import find_dataset
+from shapefit.pipelines.items import named_items
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Errors of the images of one result file.
+
+    items and sequences (n), a sequence that nobody knows is empty; errors maps a metric and unit
+    to (n,), nan where an image failed or, in precision and recall, has nothing to judge; failures
+    maps the failed items to the reason; truth_rows (n) index the truth of each image, -1 where
+    there is none.
+    """
+
+    file: Path
+    items: tuple[str, ...]
+    sequences: tuple[str, ...]
+    errors: Mapping[Kind, Floats]
+    failures: Mapping[str, str]
+    warnings: tuple[str, ...]
+    truth_rows: NDArray[np.intp]
+
+
+def judge(
+    file: Path, results: ResultSet, truth: ShapeSet, match: str, metrics: Sequence[str]
+) -> Judgement:
+    """Measure every image of a result file in the metrics that its datasets allow.
+
+    `match` is "item", or the dataset of the results that names the true item of each image.
+    Landmarks are matched by name; those that only one side has are left out. Raises InputError
+    where no image or too few landmarks match, and where no metric can be measured.
+    """
+    if not len(results):
+        raise input_error(file, "holds no images", "check the run that wrote it")
+    keys = named_items(results.items, results.extras, match, file, "match")
+    rows = _truth_rows(file, keys, truth)
+    names = common_landmarks(file, results.landmark_names, truth.landmark_names)
+    warnings = _left_out(file, results, truth, names)
+    estimate = results.shapes[:, :, match_landmarks(results.landmark_names, names)]
+    true = truth.shapes[:, :, match_landmarks(truth.landmark_names, names)][rows]
+    true[rows < 0] = np.nan
+
+    errors: dict[Kind, Floats] = {}
+    unmeasured: list[str] = []
+    for metric in metrics:
+        data = {name: find_dataset(file, results, name) for name in datasets_of(metric)}
+        lacking = [name for name in NEEDS[metric] if data[name] is None]
+        if lacking:
+            datasets = " and ".join(f"`{name}`" for name in lacking)
+            unmeasured.append(f"no {metric} without the dataset {datasets}")
+            continue
+        with np.errstate(all="ignore"):  # what overflows is no error that can be told
+            measured = measure(metric, estimate, true, data, (truth.unit, results.unit))
+        errors |= {kind: np.where(np.isfinite(v), v, np.nan) for kind, v in measured.items()}
+    if not errors:
+        found = "; ".join(unmeasured)
+        raise input_error(file, found, "add the metric `similarity`, which needs only shapes")
+    warnings += [f"{file}: {metric}" for metric in unmeasured]
+
+    judged = visible_in_both(estimate, true)
+    for values in errors.values():
+        values[~judged.any(axis=-1)] = np.nan
+    partial = int((judged.any(axis=-1) & ~judged.all(axis=-1)).sum())
+    if partial:
+        warnings.append(
+            f"{file}: {partial} images lack some of the {len(names)} landmarks, there or in the "
+            "truth; judged on the others"
+        )
+    return Judgement(
+        file=file,
+        items=results.items,
+        sequences=_sequences(results, truth, rows),
+        errors=errors,
+        failures=_failures(results, keys, rows, judged, errors),
+        warnings=tuple(warnings),
+        truth_rows=rows,
+    )
+
+
+def _truth_rows(file: Path, keys: Sequence[str], truth: ShapeSet) -> NDArray[np.intp]:
+    """Index of the truth of each image, -1 where there is none."""
+    if not len(truth):
+        raise input_error("truth", "holds no shapes", f"give the truth of the images of {file}")
+    index = {item: row for row, item in enumerate(truth.items)}
+    rows = np.array([index.get(key, -1) for key in keys], dtype=np.intp)
+    if (rows < 0).all():
+        found = f"none of its {len(keys)} images is in the truth, which has no '{keys[0]}'"
+        fix = f"give the truth of these images, or set `match` (an item: '{truth.items[0]}')"
+        raise input_error(file, found, fix)
+    return rows
+
+
+def _left_out(file: Path, results: ResultSet, truth: ShapeSet, common: Sequence[str]) -> list[str]:
+    """Warnings about the landmarks that one side has alone."""
+    sides = {"results": results.landmark_names, "truth": truth.landmark_names}
+    alone = {side: [n for n in names if n not in set(common)] for side, names in sides.items()}
+    return [
+        f"{file}: landmarks left out, only the {side} have them: {abbreviate(names)}"
+        for side, names in alone.items()
+        if names
+    ]
+
+
+def _sequences(results: ResultSet, truth: ShapeSet, rows: NDArray[np.intp]) -> tuple[str, ...]:
+    """Sequence of each image: of the results, else of the truth, else one for all.
+
+    One without a name is called `all` too; the empty text stands for an image without truth.
+    """
+    if results.sequences is not None:
+        return tuple(sequence or ALL for sequence in results.sequences)
+    if truth.sequences is not None:
+        return tuple(truth.sequences[row] or ALL if row >= 0 else "" for row in rows)
+    return (ALL,) * len(results)
+
+
+def _failures(
+    results: ResultSet,
+    keys: Sequence[str],
+    rows: NDArray[np.intp],
+    judged: NDArray[np.bool_],
+    errors: Mapping[Kind, Floats],
+) -> dict[str, str]:
+    """Why each image without one or more errors has none."""
+
+    def reason(i: int) -> str:
+        if rows[i] < 0:
+            return f"the truth has no item '{keys[i]}'"
+        if not np.isfinite(results.shapes[i]).any():
+            status = "" if results.status is None else f" (status {results.status[i]})"
+            return f"the results hold no shape{status}"
+        if judged[i].sum() < FEWEST_LANDMARKS:
+            return f"only {judged[i].sum()} landmarks are known on both sides"
+        lost = [kind for kind, values in certain.items() if np.isnan(values[i])]
+        if empty[i] and all(metric == "rotation" for metric, _ in lost):
+            return "no rotation (deg): the shape is empty, all its landmarks on one point"
+        kinds = [f"{metric} ({unit})" for metric, unit in lost]
+        return f"what {', '.join(kinds)} needs is nan, or true landmarks are all on one point"
+
+    empty = coincide(results.shapes) & np.isfinite(results.shapes).all(axis=(1, 2))
+    certain = {kind: v for kind, v in errors.items() if kind[0] not in labels.METRICS}
+    failed = ~judged.any(axis=-1)
+    for values in certain.values():
+        failed |= np.isnan(values)
+    return {results.items[i]: reason(i) for i in np.flatnonzero(failed).tolist()}

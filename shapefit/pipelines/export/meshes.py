@@ -1,0 +1,132 @@
+"""Mesh files of fitted images: one an image, named after its item."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
+from shapefit.io import ResultSet
+from shapefit.io.whole.folder import StagedFiles
+from shapefit.io.whole.item_files import file_stem
+from shapefit.meshes.export import Files, MeshFormat, line_files, mesh_files
+from shapefit.meshes.wireframe import tubes
+from shapefit.pipelines.export.carried_mesh import find_meshes, find_obstacle, mixes_atoms
+from shapefit.pipelines.export.placement import ModelPlacement
+from shapefit.pipelines.items import ChosenItems
+
+Floats = NDArray[np.float64]
+Encode = Callable[[Floats, Floats | None], Files]
+"""Takes the points of one image, and its landmarks where they are wanted."""
+
+STRETCH = 64
+"""Images whose vertices are in memory at a time."""
+
+
+def check_mesh_export(config: FitConfig, dictionary: Dictionary) -> None:
+    """Raise InputError where dictionary and method cannot give what `export` asks for."""
+    meshes = find_meshes(dictionary)
+    if meshes is None and dictionary.edges is None:
+        fix = "learn it from shapes with `mesh_vertices` and `mesh_faces`, or with `edges`"
+        raise input_error(config.dictionary, "has neither a mesh nor edges to export", fix)
+    obstacle = find_obstacle(config)
+    if meshes is not None and obstacle is not None:
+        raise input_error("export", *obstacle)
+    if config.export.unit == "dictionary":
+        _check_size(config, dictionary)
+
+
+def choose_encoder(config: FitConfig, dictionary: Dictionary) -> Encode:
+    """Return what makes the files of one image, from its mesh vertices or the ends of its edges."""
+    file_format = MeshFormat(config.export.format)
+    meshes, edges = find_meshes(dictionary), dictionary.edges
+    if meshes is not None:
+        faces = meshes.faces
+        return lambda points, landmarks: mesh_files(points, faces, file_format, landmarks)
+    assert edges is not None  # see check_mesh_export
+    if config.export.wireframe == "lines":
+        return lambda points, landmarks: line_files(points, edges, file_format, landmarks)
+    return lambda points, landmarks: mesh_files(*tubes(points, edges), file_format, landmarks)
+
+
+class MeshExport:
+    """Writes the mesh files of the images that `export.items` chooses."""
+
+    sheets: tuple[Path, ...] = ()
+    """It draws no contact sheet."""
+
+    def __init__(self, config: FitConfig, dictionary: Dictionary, files: StagedFiles) -> None:
+        """Take what `check_mesh_export` lets through."""
+        self._config = config
+        self._dictionary = dictionary
+        self._files = files
+        self._encode = choose_encoder(config, dictionary)
+        self._items = ChosenItems("export.items", config.export.items)
+        self._written = self._missing = 0
+
+    def add(self, found: ResultSet, transforms: Floats | None) -> None:
+        """Write the files of a chunk; transforms (n, k, 2, 3) where the method has them."""
+        chosen = np.array([item in self._items for item in found.items], dtype=bool)
+        fitted = has_shape(found)
+        self._missing += int(np.count_nonzero(chosen & ~fitted))
+        rows = np.flatnonzero(chosen & fitted)
+        for start in range(0, len(rows), STRETCH):
+            part = rows[start : start + STRETCH]
+            self._write(found.take(part), None if transforms is None else transforms[part])
+
+    @property
+    def note(self) -> str:
+        """How many images have files."""
+        return f"{self._written} mesh{'' if self._written == 1 else 'es'}"
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was asked for and is not there."""
+        found = f"images without a shape (failed, or all coefficients 0): {self._missing}"
+        return ((f"{found}; they have no mesh",) if self._missing else ()) + self._items.warnings
+
+    def _write(self, found: ResultSet, transforms: Floats | None) -> None:
+        points, landmarks = self._points(
+            ModelPlacement(self._config, self._dictionary, found, transforms)
+        )
+        for item, shape, marks in zip(found.items, points, landmarks, strict=True):
+            stem = file_stem(item)
+            for suffix, content in self._encode(shape, marks).items():
+                name = stem.with_name(stem.name + suffix)
+                self._files.write(name, partial(Path.write_bytes, data=content), item)
+            self._written += 1
+
+    def _points(self, placement: ModelPlacement) -> tuple[Floats, Iterable[Floats | None]]:
+        """Return mesh vertices (n, 3, q) or ends of edges (n, 3, p), and the landmarks."""
+        meshes = find_meshes(self._dictionary)
+        if meshes is None:
+            points = landmarks = placement.landmarks()
+        else:
+            points = placement.carry(meshes.vertices)
+            landmarks = placement.carry(self._dictionary.atoms)
+        return points, landmarks if self._config.export.landmarks else [None] * len(points)
+
+
+def has_shape(found: ResultSet) -> NDArray[np.bool_]:
+    """Which of n images have a shape with an extent, a place and a rotation."""
+    extent = np.ptp(found.shapes, axis=2).max(axis=1)
+    turned = np.zeros(len(found)) if found.rotation is None else found.rotation.sum(axis=(1, 2))
+    fitted: NDArray[np.bool_] = np.isfinite(extent + turned) & (extent > 0)
+    return fitted
+
+
+def _check_size(config: FitConfig, dictionary: Dictionary) -> None:
+    """Raise InputError where the size in the unit of the dictionary cannot be known."""
+    fix = "set `export.unit: landmarks`"
+    if dictionary.atom_scale is None:
+        found = "has no `atom_scale`, which tells how large its atoms are"
+        raise input_error(config.dictionary, found, f"learn it with `method: exemplars`, or {fix}")
+    if not mixes_atoms(config):
+        found = f"`method: {config.method}` gives no coefficients, so the size is not known"
+        raise input_error("export.unit", found, fix)

@@ -1,0 +1,127 @@
+"""What `fit` makes to be opened and looked at, beside its result: meshes and pictures."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
+from shapefit.io import ResultSet
+from shapefit.io.sources import is_stream
+from shapefit.io.whole.folder import StagedFiles, staged_files
+from shapefit.io.whole.report_folder import check_folder
+from shapefit.pipelines.drawing import check_can_draw
+
+if TYPE_CHECKING:
+    from shapefit.pipelines.export.meshes import MeshExport
+    from shapefit.pipelines.export.pictures import PictureExport
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Exports:
+    """Takes the results of a fit, chunk by chunk, to the exporters that the config asks for."""
+
+    exporters: Sequence[MeshExport | PictureExport]
+    staged: Sequence[StagedFiles]
+
+    def add(self, found: ResultSet, transforms: Floats | None) -> None:
+        """Export a chunk; transforms (n, k, 2, 3) where the method has them."""
+        for exporter in self.exporters:
+            exporter.add(found, transforms)
+
+    def publish(self) -> None:
+        """Move all files to their folders; an error before `open_exports` ends takes them back."""
+        for files in self.staged:
+            files.publish()
+
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """The folders that get files."""
+        return tuple(files.folder for files in self.staged if not files.empty)
+
+    @property
+    def sheets(self) -> tuple[Path, ...]:
+        """The contact sheet, where there is one."""
+        return tuple(sheet for exporter in self.exporters for sheet in exporter.sheets)
+
+    @property
+    def note(self) -> str:
+        """What there is, counted."""
+        return ", ".join(exporter.note for exporter in self.exporters)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was asked for and is not there."""
+        return tuple(text for exporter in self.exporters for text in exporter.warnings)
+
+
+@contextmanager
+def open_exports(config: FitConfig, dictionary: Dictionary, count: int) -> Iterator[Exports]:
+    """Give what exports the results of `count` images; `publish` makes the files appear.
+
+    Raises InputError for everything that can be known to be wrong beforehand: folders, the
+    dictionary, the method, matplotlib.
+    """
+    meshes, pictures = config.export.folder, config.pictures.folder
+    if meshes is not None:
+        _check_folder(meshes, "export.folder", config.output)
+        _check_output(config.output, meshes, config.export.format.removesuffix("-ascii"))
+        from shapefit.pipelines.export.meshes import MeshExport, check_mesh_export
+
+        check_mesh_export(config, dictionary)
+    if pictures is not None:
+        _check_folder(pictures, "pictures.folder", config.output)
+        _check_output(config.output, pictures, config.pictures.format)
+        from shapefit.pipelines.export.pictures import PictureExport
+
+        check_can_draw("pictures")
+    exporters: list[MeshExport | PictureExport] = []
+    staged: dict[str, StagedFiles] = {}
+    with ExitStack() as stack:
+
+        def stage(folder: Path) -> StagedFiles:
+            """Have one folder staged once, so that its files do not clash unseen."""
+            place = os.path.realpath(folder)
+            if place not in staged:
+                staged[place] = stack.enter_context(staged_files(folder))
+            return staged[place]
+
+        if meshes is not None:
+            exporters.append(MeshExport(config, dictionary, stage(meshes)))
+        if pictures is not None:
+            exporters.append(PictureExport(config, dictionary, stage(pictures), count))
+        yield Exports(exporters, tuple(staged.values()))
+
+
+def _check_folder(folder: Path, key: str, output: Path) -> None:
+    if is_stream(folder):
+        raise input_error(key, "- is standard output", "give the name of a folder")
+    if os.path.realpath(folder) == os.path.realpath(output):
+        found = f"{folder} is also the output"
+        raise input_error(key, found, "give the folder a name of its own")
+    if os.path.islink(folder) and not os.path.exists(folder):
+        found = f"it is a link to {os.path.realpath(folder)}, which does not exist"
+        raise input_error(folder, found, "create that folder, or remove the link")
+    check_folder(folder)
+
+
+def _check_output(output: Path, folder: Path, suffix: str) -> None:
+    """Raise InputError where the result could replace a file that is exported."""
+    resolved = Path(os.path.realpath(output))
+    if (
+        resolved.is_relative_to(os.path.realpath(folder))
+        and resolved.suffix.lower() == f".{suffix}"
+    ):
+        found = f"is named like the .{suffix} files that go into {folder}"
+        raise input_error(output, found, "name it .h5 or .csv")

@@ -1,0 +1,204 @@
+"""The chain that takes landmarks to 3D shapes, put together as the config of `fit` says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import FitConfig
+from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import Loss
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
+from shapefit.io import LandmarkSet
+from shapefit.lifting.lift import Lifting, Program, fail_nonfinite, lift
+from shapefit.lifting.methods import Settings, Solve, choose_method
+
+if TYPE_CHECKING:
+    from shapefit.lifting.path import WarmSolve
+    from shapefit.lifting.perspective.refinement import PerspectiveOptions
+    from shapefit.lifting.temporal import Sequencing
+
+Floats = NDArray[np.float64]
+Lifter = Callable[[LandmarkSet, Dictionary], Lifting]
+"""Lifts images, whose landmarks are those of the dictionary."""
+
+View = Callable[[Lifting, LandmarkSet, Dictionary], Lifting]
+Refinement = Callable[[Lifting, LandmarkSet], Lifting]
+
+# What only some fits need is imported where it is chosen: before the clock of solving starts.
+
+
+def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
+    """Return what lifts a chunk of images, whose landmarks are those of the dictionary.
+
+    Raises InputError where the dictionary lacks what the config asks for.
+    """
+    check_limbs(config, dictionary)
+    refinement = choose_refinement(config, dictionary)
+    program = choose_program(config)
+    search = None
+    if config.outliers.method != "none":
+        from shapefit.pipelines.fit.outlier_search import choose_search, lift_inliers
+
+        search = choose_search(config.outliers, choose_solver(config), config.threads)
+    view = choose_view(config)
+
+    def lift_with(images: LandmarkSet, part: Dictionary) -> Lifting:
+        estimator = choose_method(config.method, choose_settings(config, part))
+
+        def lift_weighted(weights: Floats) -> Lifting:
+            return lift(images.landmarks, weights, part.atoms, program, estimator)
+
+        weights = images.weights()
+        if search is None:
+            lifting = lift_weighted(weights)
+        else:
+            lifting = lift_inliers(search, images, weights, part, lift_weighted)
+        return view(lifting, images, part)
+
+    lifter: Lifter = lift_with
+    if config.leave_out is not None:
+        from shapefit.pipelines.fit.left_out import leaving_out
+
+        lifter = leaving_out(lift_with, config.leave_out, dictionary, config.threads)
+    return lambda images, whole: fail_nonfinite(refinement(lifter(images, whole), images))
+
+
+def choose_view(config: FitConfig) -> View:
+    """Return what follows weak perspective: nothing, or refinement under the full projection."""
+    if config.camera.model == "weak-perspective":
+        return lambda lifting, images, dictionary: lifting
+    from shapefit.lifting.perspective.view import refine_view
+    from shapefit.pipelines.fit.intrinsics import find_camera
+
+    options = choose_options(config)
+
+    def view(lifting: Lifting, images: LandmarkSet, dictionary: Dictionary) -> Lifting:
+        camera = find_camera(images, config.camera)
+        return refine_view(
+            lifting, images.landmarks, camera, dictionary, options, views=config.alternation.views
+        )
+
+    return view
+
+
+def choose_options(config: FitConfig) -> PerspectiveOptions:
+    """Return how the config wants shapes refined under perspective."""
+    from shapefit.lifting.perspective.refinement import PerspectiveOptions
+
+    return PerspectiveOptions(
+        ridge=config.camera.ridge,
+        softness=config.camera.softness,
+        max_rounds=config.camera.max_rounds,
+        threads=config.threads,
+    )
+
+
+def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:
+    """Return what the images of a sequence tell about each other: nothing, or the depths."""
+    if not config.temporal.depths:
+        return lambda lifting, _: lifting
+    if dictionary.edges is None:
+        raise input_error(
+            "temporal.depths",
+            f"{config.dictionary} without `edges`",
+            "learn the dictionary from shapes with edges: they are the bones",
+        )
+    from shapefit.lifting.temporal import Sequencing
+
+    settings = Sequencing(
+        smoothness=config.temporal.smoothness,
+        rigidity=config.temporal.rigidity,
+        tolerance=config.temporal.tolerance,
+        max_rounds=config.temporal.max_rounds,
+    )
+    return partial(refine, bones=dictionary.edges, settings=settings)
+
+
+def refine(
+    lifting: Lifting, images: LandmarkSet, bones: NDArray[np.integer], settings: Sequencing
+) -> Lifting:
+    """Refine the depths along each sequence, with x and y as observed where a landmark is seen.
+
+    Bones keep their lengths in the observed landmarks, not in those fitted image by image. What
+    is hidden or set aside as an outlier keeps its fitted x and y. All but the shapes stays.
+    """
+    from shapefit.lifting.temporal import refine_sequences
+
+    seen = lifting.problem.weights > 0
+    if lifting.estimate.outliers is not None:
+        seen &= ~lifting.estimate.outliers
+    seen &= np.isfinite(lifting.scale)[:, None]
+    shapes = lifting.shapes.copy()
+    shapes[:, :2] = np.where(seen[:, None, :], images.landmarks, shapes[:, :2])
+    refined = refine_sequences(shapes, images.sequences or (), bones, settings)
+    return replace(lifting, shapes=refined)
+
+
+def choose_program(config: FitConfig) -> Program:
+    """Return the convex program that the config names."""
+    return Program(
+        lam=None if config.lam == "auto" else config.lam,
+        loss=Loss(config.loss),
+        beta=config.beta,
+        noise=config.noise or 0.0,
+    )
+
+
+def check_limbs(config: FitConfig, dictionary: Dictionary) -> None:
+    """Raise InputError where the method keeps limbs, and the dictionary does not know them."""
+    if config.method == "pmp" and dictionary.edges is None:
+        raise input_error(
+            config.dictionary,
+            "no `edges`, the limbs whose lengths pmp keeps",
+            "learn it with `method: pca-bases` from shapes with edges",
+        )
+
+
+def choose_settings(config: FitConfig, dictionary: Dictionary) -> Settings:
+    """Return what the methods need besides the problem."""
+    options = config.alternation
+    return Settings(
+        solve=choose_solver(config),
+        mean_shape=dictionary.mean_shape,
+        edges=dictionary.edges,
+        orthogonal=config.orthogonal,
+        signed=options.signed,
+        views=options.views,
+        multi_start=options.multi_start,
+        tolerance=options.tolerance,
+        max_rounds=options.max_rounds,
+        threads=config.threads,
+    )
+
+
+def choose_solver(config: FitConfig) -> Solve:
+    """Return the solver that the config names, with its options."""
+    options = config.solver
+    if options.name == "admm":
+        from shapefit.convex.admm import solve_admm
+
+        return partial(
+            solve_admm,
+            tolerance=options.tolerance,
+            stop=options.stop,
+            max_iterations=options.max_iterations,
+        )
+    return choose_newton(config)
+
+
+def choose_newton(config: FitConfig) -> WarmSolve:
+    """Return the fast solver with the options of the config."""
+    options = config.solver
+    return partial(
+        solve_newton,
+        tolerance=options.tolerance,
+        max_iterations=options.max_iterations,
+        threads=config.threads,
+    )

@@ -1,0 +1,100 @@
+"""`outliers` of `fit`: wrong landmarks are found first, and the fit does without them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from hashlib import blake2b
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config.commands.fit_outliers import OutlierSearchConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import LandmarkSet
+from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
+from shapefit.lifting.lift import Lifting
+from shapefit.lifting.methods import Solve
+from shapefit.lifting.outliers.ransac import find_consensus
+from shapefit.lifting.outliers.truncated import find_untruncated
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Search = Callable[[LandmarkSet, Floats, Dictionary], Flags]
+"""From images, their weights Omega (n, p) and a dictionary to the inliers (n, p)."""
+
+
+def choose_search(config: OutlierSearchConfig, solve: Solve, threads: int) -> Search | None:
+    """Return the search that the config names, if any; `solve` solves the convex program."""
+    if config.method == "none":
+        return None
+    if config.method == "truncated":
+        return lambda images, weights, dictionary: find_untruncated(
+            images.landmarks,
+            weights,
+            dictionary.atoms,
+            solve,
+            lam=config.lam,
+            threshold=config.threshold,
+            max_rounds=config.max_rounds,
+            threads=threads,
+        )
+    consensus = partial(
+        find_consensus,
+        threshold=config.threshold,
+        draws=config.draws,
+        max_rounds=config.max_rounds,
+        threads=threads,
+    )
+    return lambda images, weights, dictionary: consensus(
+        images.landmarks, weights, dictionary.mean_shape, find_seeds(images, config.seed)
+    )
+
+
+def find_seeds(images: LandmarkSet, seed: int) -> NDArray[np.uint64]:
+    """Return a seed (n,) for each image from the seed of the run and the name of the item.
+
+    So what is drawn for an image depends neither on the others nor on its place among them.
+    """
+    digests = [blake2b(f"{seed} {item}".encode(), digest_size=8).digest() for item in images.items]
+    return np.frombuffer(b"".join(digests), dtype="<u8").astype(np.uint64)
+
+
+def lift_inliers(
+    search: Search,
+    images: LandmarkSet,
+    weights: Floats,
+    dictionary: Dictionary,
+    lift: Callable[[Floats], Lifting],
+) -> Lifting:
+    """Lift with the weights of the inliers only, and label the other visible landmarks.
+
+    `lift` takes weights (n, p), and 0 for an outlier, as if it were hidden: neither the fit nor
+    the normalisation knows it. An image whose inliers are fewer than BEYOND_CHANCE, or on one
+    line, fails with that as its reason, all its landmarks labelled. One that has no more visible
+    landmarks, or whose landmarks are degenerate themselves, is not searched.
+    """
+    visible = weights > 0
+    seen = visible.sum(axis=1)
+    searched = seen >= BEYOND_CHANCE
+    searched[list(find_degenerate(images.landmarks, weights))] = False
+    inliers = search(images, np.where(searched[:, None], weights, 0.0), dictionary)
+    inliers = np.where(searched[:, None], inliers, True) & visible
+    agree = inliers.sum(axis=1)
+    found = np.where((agree < BEYOND_CHANCE)[:, None], 0.0, inliers)
+    lost = np.zeros(len(seen), dtype=bool)
+    lost[list(find_degenerate(images.landmarks, found))] = True
+    lost &= searched
+    inliers[lost] = False
+    lifting = lift(np.where(inliers, weights, 0.0))
+    reasons = {
+        image: f"only {agree[image]} of {seen[image]} visible landmarks agree with each other; it "
+        f"takes {BEYOND_CHANCE}, not all on one line"
+        for image in np.flatnonzero(lost).tolist()
+    }
+    return replace(
+        lifting,
+        estimate=replace(lifting.estimate, outliers=visible & ~inliers),
+        failures={**lifting.failures, **reasons},
+    )

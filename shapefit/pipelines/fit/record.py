@@ -1,0 +1,155 @@
+"""How `fit` lays out what it found, chunk by chunk."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import LandmarkSet, LandmarkSource, ResultSet
+from shapefit.io.extras import Extras, names_apart
+from shapefit.io.layout import RESULTS
+from shapefit.io.sources import is_csv_target
+from shapefit.lifting.lift import Lifting, PerspectiveView
+from shapefit.pipelines.fit.left_out_items import find_left_out
+
+if TYPE_CHECKING:
+    from shapefit.lifting.path import Path
+
+Floats = NDArray[np.float64]
+
+OF_A_RESULT = RESULTS.names | {
+    *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
+    *("path_lambda", "path_objective", "path_relative_gap", "path_residual", "path_active_atoms"),
+    *("camera_translation", "focal", "principal_point", "position", "left_out"),
+}
+"""Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
+
+
+def as_result(
+    images: LandmarkSet,
+    lifting: Lifting,
+    path: Path | None,
+    config: FitConfig,
+    dictionary: Dictionary,
+) -> ResultSet:
+    """Lay out a chunk as it is stored, with the observed landmarks beside the fitted ones."""
+    found = lifting.estimate
+    failed = np.isnan(lifting.scale)
+
+    def where_fitted(values: Floats | None) -> Floats | None:
+        if values is None:
+            return None
+        shape = (-1,) + (1,) * (values.ndim - 1)
+        return np.where(failed.reshape(shape), np.nan, values)
+
+    record = ResultSet(
+        shapes=lifting.shapes,
+        landmarks_fitted=lifting.landmarks_fitted,
+        coefficients=where_fitted(found.coefficients),
+        rotation=where_fitted(found.rotation),
+        translation=lifting.translation,
+        scale=lifting.scale,
+        objective=where_fitted(found.objective),
+        relative_gap=where_fitted(found.relative_gap),
+        iterations=found.iterations,
+        status=np.array([status.value for status in found.status], dtype=object),
+        landmark_names=images.landmark_names,
+        items=images.items,
+        sequences=images.sequences,
+        transforms=where_fitted(found.transforms) if config.transforms else None,
+        unit=images.unit,
+        y_axis=images.y_axis,
+        extras=further_datasets(images, lifting, path, config, dictionary),
+    )
+    return with_proof(record, lifting, config) if config.proof else record
+
+
+def with_proof(record: ResultSet, lifting: Lifting, config: FitConfig) -> ResultSet:
+    """Add what proves the optimum of the convex program, where the method solves one.
+
+    Images without a shape have no proof: nan, and no transforms.
+    """
+    proof = lifting.estimate.convex_proof
+    if proof is None:
+        return record
+    failed = np.isnan(lifting.scale)
+    active = proof.transforms.any(axis=(2, 3)) & ~failed[:, None]
+    of_the_program = config.method == "convex" and lifting.perspective is None
+    return replace(
+        record,
+        dual=np.where(failed[:, None, None], np.nan, proof.dual),
+        convex_translation=np.where(failed[:, None], np.nan, proof.translation),
+        convex_objective=None if of_the_program else np.where(failed, np.nan, proof.objective),
+        convex_relative_gap=(
+            None if of_the_program else np.where(failed, np.nan, proof.relative_gap)
+        ),
+        transform_count=active.sum(axis=1),
+        transform_atom=np.nonzero(active)[1],
+        active_transforms=proof.transforms[active],
+    )
+
+
+def further_datasets(
+    images: LandmarkSet,
+    lifting: Lifting,
+    path: Path | None,
+    config: FitConfig,
+    dictionary: Dictionary,
+) -> Extras:
+    """Join what came with the landmarks with what only some fits have."""
+    found = lifting.estimate
+    seen = images.seen()[:, None, :]
+    own: dict[str, NDArray[Any] | None] = {
+        "landmarks": np.where(seen, images.landmarks, np.nan).swapaxes(1, 2),
+        "confidence": images.confidence,
+        "lambda": lifting.problem.lam,
+        "residual": found.residual,
+        "active_atoms": found.active_atoms,
+        "tight": found.tight,
+        "outliers": found.outliers,
+    }
+    if path is not None:
+        own["path_lambda"] = path.lam
+        own["path_objective"] = path.objective
+        own["path_relative_gap"] = path.relative_gap
+        own["path_residual"] = path.residual
+        own["path_active_atoms"] = path.active_atoms
+    if config.leave_out is not None:
+        own["left_out"] = find_left_out(images, config.leave_out, dictionary).astype(object)
+    if lifting.perspective is not None:
+        own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
+    present = {name: values for name, values in own.items() if values is not None}
+    carried = Extras.of(images.extras, len(images))
+    return carried.apart_from(OF_A_RESULT) | present
+
+
+def find_renamed(source: LandmarkSource, config: FitConfig) -> tuple[str, ...]:
+    """Warn of datasets of the landmarks that a result cannot store under their names."""
+    names = names_apart(source.further_datasets, OF_A_RESULT)
+    stored = [f"{name} is stored as {new}" for name, new in names.items() if new != name]
+    if not stored or is_csv_target(config.output):
+        return ()
+    return (f"datasets of the landmarks are named like those of a result: {', '.join(stored)}",)
+
+
+def perspective_datasets(
+    view: PerspectiveView, coefficients: Floats | None, dictionary: Dictionary
+) -> dict[str, NDArray[Any] | None]:
+    """Lay out a perspective view; the position is in the unit of a dictionary that has sizes."""
+    from shapefit.meshes.dense import metric_scale
+
+    position = None
+    if dictionary.atom_scale is not None and coefficients is not None:
+        unit = metric_scale(dictionary.atoms, coefficients, dictionary.atom_scale)
+        position = unit[:, None] * view.translation
+    return {
+        "camera_translation": view.translation,
+        "focal": view.camera.focal,
+        "principal_point": view.camera.centre,
+        "position": position,
+    }

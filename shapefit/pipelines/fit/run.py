@@ -1,0 +1,197 @@
+"""`fit`: landmarks in, chunk by chunk, 3D shapes with their certificates out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from shapefit import __version__
+from shapefit.config import FitConfig
+from shapefit.convex.solution import Status
+from shapefit.core import STRETCH
+from shapefit.errors import counted, input_error
+from shapefit.io import (
+    LandmarkSet,
+    LandmarkSource,
+    digests,
+    open_landmarks,
+    read_dictionary,
+    result_writer,
+)
+from shapefit.io.sources import is_csv_target
+from shapefit.lifting.lift import Lifting
+from shapefit.pipelines.export.run import open_exports
+from shapefit.pipelines.fit.chain import choose_lifter, choose_newton
+from shapefit.pipelines.fit.dictionary_kind import mismatch
+from shapefit.pipelines.fit.record import as_result, find_renamed
+from shapefit.pipelines.fit.whole_sequences import whole_sequences
+from shapefit.pipelines.outcome import Failure, Outcome, nothing_in
+
+GATHERED = 4096
+"""Images that are read before the first whole sequences of them are lifted."""
+
+
+def run(config: FitConfig) -> Iterator[Outcome]:
+    """Lift every image of the landmark files; yields an Outcome a chunk."""
+    check_holds_all(config)
+    dictionary = read_dictionary(config.dictionary)
+    lifter = choose_lifter(config, dictionary)
+    newton = choose_newton(config)
+    unknown = None
+    if config.leave_out:
+        from shapefit.pipelines.fit.left_out import UnknownItems
+
+        unknown = UnknownItems(config.leave_out, dictionary)
+    solve_seconds, done = 0.0, 0
+    with (
+        open_landmarks(config.landmarks) as source,
+        open_exports(config, dictionary, source.count) as exports,
+        result_writer(config.output) as writer,
+    ):
+        for chunk in find_chunks(source, config):
+            images = chunk.arrange(dictionary.landmark_names, source_names(config))
+            began = time.perf_counter()
+            lifting = lifter(images, dictionary)
+            solve_seconds += time.perf_counter() - began
+            if unknown:
+                unknown.add(images)
+            path = None
+            if config.path:
+                from shapefit.lifting.path import follow_path
+
+                path = follow_path(lifting.problem, config.path, newton)
+            record = as_result(images, lifting, path, config, dictionary)
+            writer.append(record)
+            exports.add(record, lifting.estimate.transforms)
+            done += len(images)
+            yield Outcome(
+                done=len(images),
+                total=source.count,
+                failures=find_failures(images, lifting, config),
+                warnings=find_warnings(images, lifting, config),
+            )
+        left_in = unknown.warnings if unknown else ()
+        writer.attributes.update(
+            method=config.method,
+            version=__version__,
+            config=config.as_json(),
+            config_digest=hashlib.sha256(config.as_json().encode()).hexdigest(),
+            inputs=json.dumps(digests((*config.landmarks, config.dictionary))),
+            solve_seconds=solve_seconds,
+            images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,
+        )
+        # Taken back where the result cannot be completed, which happens on leaving this block.
+        exports.publish()
+    yield Outcome(
+        total=source.count,
+        warnings=nothing_in(source.count, "images")
+        + mismatch(config, dictionary)
+        + find_renamed(source, config)
+        + left_in
+        + exports.warnings,
+        note=exports.note,
+        written=(config.output, *exports.folders, *exports.sheets),
+    )
+
+
+def check_holds_all(config: FitConfig) -> None:
+    """Raise InputError where the config asks for more than the output can hold."""
+    for key in ("path", "transforms"):
+        if getattr(config, key) and is_csv_target(config.output):
+            found = f"asks for what {config.output} cannot hold: CSV is for points only"
+            raise input_error(key, found, "name an HDF5 output, or leave it out")
+
+
+def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkSet]:
+    """Give out the images, cut where no result depends on `chunk`.
+
+    An image starts from its neighbour's solution within a stretch, so chunks hold whole stretches.
+    With `temporal.depths` they hold whole sequences, GATHERED or more images at a time.
+    """
+    if config.temporal.depths:
+        return whole_sequences(map(with_sequences, source.chunks(GATHERED)))
+    return source.chunks(math.ceil(config.chunk / STRETCH) * STRETCH)
+
+
+def with_sequences(images: LandmarkSet) -> LandmarkSet:
+    """Return the images, and refuse them where they name no sequences."""
+    if images.sequences is None:
+        raise input_error(
+            "temporal.depths", "landmarks without `sequence`", "name the sequence of each image"
+        )
+    return images
+
+
+def source_names(config: FitConfig) -> str:
+    """Name the place of the landmark names for messages."""
+    return ", ".join(str(path) for path in config.landmarks) + ": landmark names"
+
+
+def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[Failure, ...]:
+    """List the items without a shape and, where `strict`, those that are not optimal."""
+    reasons = dict(lifting.failures)
+    if config.strict:
+        for image, status in enumerate(lifting.estimate.status):
+            if status not in (Status.OPTIMAL, Status.CONVERGED):
+                reasons.setdefault(image, describe(lifting, image))
+    return tuple(Failure(images.items[image], reasons[image]) for image in sorted(reasons))
+
+
+def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[str, ...]:
+    """Say how many images stopped at the iteration limit, and that the camera looks wrong."""
+    told = []
+    limited = [
+        image
+        for image, status in enumerate(lifting.estimate.status)
+        if status is Status.ITERATION_LIMIT
+    ]
+    if limited and not config.strict:
+        gap = lifting.estimate.relative_gap
+        worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
+        told.append(
+            f"{counted(len(limited), 'image')} not optimal, the worst: {describe(lifting, worst)}"
+        )
+    if images.confidence is not None and (images.confidence > 1).any():
+        told.append(
+            "confidences above 1: they are weights, and larger ones pull harder against `lambda`; "
+            "divide them by their largest value if that is not meant"
+        )
+    empty = find_empty(lifting)
+    if empty:
+        told.append(
+            f"{counted(len(empty), 'image')} with an empty shape, all landmarks on one point: "
+            "lambda is above lambda_max there, or near it; lower `lambda`"
+        )
+    if lifting.perspective:
+        from shapefit.pipelines.fit.intrinsics import all_aside
+
+        if all_aside(images.landmarks, lifting.perspective.camera):
+            told.append(
+                "all landmarks lie far to one side of the optical axis; is "
+                "`camera.principal_point` right?"
+            )
+    return tuple(told)
+
+
+def find_empty(lifting: Lifting) -> list[int]:
+    """List the images whose fitted shape is zero, and so has no rotation."""
+    shapes = lifting.estimate.shapes
+    zero = ~shapes.any(axis=(1, 2)) & np.isfinite(lifting.scale)
+    return [image for image in np.flatnonzero(zero).tolist() if image not in lifting.failures]
+
+
+def describe(lifting: Lifting, image: int) -> str:
+    """Say how far an image got."""
+    found = lifting.estimate
+    reached = f"{found.status[image].value} after {counted(found.iterations[image], 'iteration')}"
+    if found.relative_gap is None:
+        return reached
+    gap = found.relative_gap[image]
+    if np.isnan(gap):  # the exact loss, where nothing is proved
+        return f"{reached}, the landmarks are missed by {found.residual[image]:.2g} of their spread"
+    return f"{reached}, relative gap {gap:.2g}"

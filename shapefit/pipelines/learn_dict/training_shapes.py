@@ -1,0 +1,124 @@
+"""The shapes that a dictionary is made from: read, thinned out, normalised, aligned."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import LearnDictConfig
+from shapefit.errors import counted, input_error
+from shapefit.geometry.normalisation import SMALLEST, normalise
+from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
+from shapefit.io import ShapeSet, match_landmarks, read_shapes
+from shapefit.meshes.dense import carry_mesh
+from shapefit.pipelines.learn_dict.symmetry import apply_symmetry
+from shapefit.pipelines.outcome import Failure
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TrainingShapes:
+    """n training shapes: `original` in their unit, and `alignment` of the normalised ones.
+
+    scale (n,): shape j measures scale[j] * alignment.shapes[j]; mesh_vertices (n, 3, q) in the
+    frame and on the scale of alignment.shapes, None where there are no meshes. failures: the
+    shapes that should have been among them; warnings about the rest.
+    """
+
+    original: ShapeSet
+    alignment: Alignment
+    scale: Floats
+    mesh_vertices: Floats | None
+    failures: tuple[Failure, ...]
+    warnings: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.original)
+
+
+def find_training_shapes(config: LearnDictConfig) -> TrainingShapes:
+    """Read every n-th shape of each sequence, made symmetric or doubled, normalised and aligned.
+
+    Shapes that cannot be normalised are failures. Raises InputError for files that cannot be read,
+    shapes without the pairs of landmarks that `symmetry` needs, unknown landmarks in `align`,
+    0 shapes, and k above their number.
+    """
+    kept = read_shapes(config.shapes)
+    sequences = kept.sequences or ("",) * len(kept)
+    kept = kept.take(every_nth(sequences, config.every))
+    usable, failures = separate(kept)
+    if not len(usable):
+        found = "there are 0 shapes to learn from"
+        if failures:
+            found += f"; {failures[0].item}, for one: {failures[0].reason}"
+        raise input_error("shapes", found, "give more shapes")
+    shapes = apply_symmetry(usable, config)
+    if config.method == "sparse-coding" and config.k > len(shapes):
+        found = f"{config.k} atoms are more than the {counted(len(shapes), 'shape')} to learn from"
+        raise input_error("k", found, "lower k or `every`, or give more shapes")
+    normalised = normalise(shapes.shapes)
+    alignment = align(normalised.points, shapes.landmark_names, config)
+    mesh = shapes.mesh_vertices
+    return TrainingShapes(
+        original=shapes,
+        alignment=alignment,
+        scale=normalised.scale,
+        mesh_vertices=None if mesh is None else carry_mesh(mesh, normalised, alignment.rotations),
+        failures=failures,
+        warnings=tuple(find_warnings(usable, shapes, alignment)),
+    )
+
+
+def every_nth(sequences: tuple[str, ...], n: int) -> list[int]:
+    """Return the indices of every n-th item of each sequence, its first one included."""
+    seen: Counter[str] = Counter()
+    kept = []
+    for index, sequence in enumerate(sequences):
+        if seen[sequence] % n == 0:
+            kept.append(index)
+        seen[sequence] += 1
+    return kept
+
+
+def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
+    """Return the shapes that can be normalised, and the others as failures."""
+    apart = ~coincide(shapes.shapes)
+    extent = np.ptp(shapes.shapes, axis=-1).max(axis=-1, initial=0.0)
+    usable = apart & np.isfinite(extent) & (extent >= SMALLEST)
+
+    def reason(i: int) -> str:
+        if not np.isfinite(extent[i]):
+            return "a coordinate is not finite"
+        if not apart[i]:
+            return "all its landmarks lie on one point"
+        return f"its landmarks are too close together, within {extent[i]:.2g}: use a smaller unit"
+
+    failures = tuple(Failure(shapes.items[i], reason(i)) for i in np.flatnonzero(~usable).tolist())
+    return shapes.take(usable), failures
+
+
+def align(points: Floats, names: tuple[str, ...], config: LearnDictConfig) -> Alignment:
+    """Turn normalised shapes (n, 3, p) onto each other, or leave them in their common frame."""
+    if config.align == "none":
+        unturned = np.tile(np.eye(3), (len(points), 1, 1))
+        return Alignment(points, points.mean(axis=0), unturned, rounds=0, still=True)
+    landmarks = None
+    if config.align != "all":
+        landmarks = match_landmarks(names, config.align, place="align").tolist()
+    return generalised_procrustes(points, landmarks)
+
+
+def find_warnings(given: ShapeSet, shapes: ShapeSet, alignment: Alignment) -> Iterator[str]:
+    """Say what became worse on the way from the shapes given to those to learn from."""
+    if not alignment.still:
+        yield f"the mean of the aligned shapes still moved after {alignment.rounds} rounds"
+    if given.mesh_vertices is not None and shapes.mesh_vertices is None:
+        yield (
+            "the meshes are left out: `symmetry` mirrors landmarks, whose partners are known, and "
+            "vertices have none; `symmetry: none` keeps them"
+        )

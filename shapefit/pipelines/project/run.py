@@ -1,0 +1,127 @@
+"""`project`: 3D shapes in, synthetic 2D landmarks with the true rotation out."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit import __version__
+from shapefit.config import ProjectConfig
+from shapefit.geometry import cameras
+from shapefit.geometry.rotations import random_rotations
+from shapefit.io import (
+    LandmarkSet,
+    ShapeSet,
+    check_output,
+    digests,
+    landmark_writer,
+    open_shapes,
+)
+from shapefit.io.extras import CORRUPTED, Extras
+from shapefit.pipelines.outcome import Outcome, nothing_in
+from shapefit.pipelines.project.imperfections import (
+    BLOCK,
+    Purpose,
+    add_noise,
+    displace,
+    hide,
+    stream,
+)
+from shapefit.pipelines.project.turntable import Turntable, sequence_lengths
+
+Floats = NDArray[np.float64]
+
+TRUE_ROTATION = "true_rotation"
+TRUE_ITEM = "true_item"
+OF_THE_VIEW = (TRUE_ROTATION, TRUE_ITEM, CORRUPTED)
+"""Datasets that belong to the images: what came with the shapes gets another name."""
+
+PIXELS = "px"
+
+
+def run(config: ProjectConfig) -> Iterator[Outcome]:
+    """Look at every shape with the camera of the config; yields an Outcome a block of images.
+
+    The images have the items, sequences and further datasets of the shapes and `true_rotation`
+    (n, 3, 3), object to camera frame, and where there are outliers `corrupted` (n, p), which tells
+    them; y points up. An orthographic camera keeps the unit of the shapes, a weak-perspective one
+    gives px. Raises InputError for files that cannot be read or written.
+    """
+    check_output(config.output)
+    with open_shapes(config.shapes) as source, landmark_writer(config.output) as writer:
+        total = source.count * config.repeat
+        blocks = max(math.ceil(source.count / BLOCK), 1)
+        lengths = sequence_lengths(source)
+        for turn in range(config.repeat):
+            turntable = Turntable(lengths, turn / config.repeat)
+            for block, part in enumerate(source.chunks(BLOCK), turn * blocks):
+                rotations = _rotations(config, turntable.turns(_sequences(part)), block)
+                images = _images(part, rotations, config, block)
+                writer.append(_name_pass(images, turn) if config.repeat > 1 else images)
+                yield Outcome(done=len(part), total=total)
+        writer.attributes.update(
+            version=__version__,
+            config=config.as_json(),
+            inputs=json.dumps(digests(config.shapes)),
+        )
+    yield Outcome(
+        total=total, warnings=nothing_in(source.count, "shapes"), written=(config.output,)
+    )
+
+
+def _name_pass(images: LandmarkSet, turn: int) -> LandmarkSet:
+    """Tell the images of one pass over the shapes from those of the others."""
+    extras = Extras.of(images.extras, len(images))
+    mark = f"#{turn + 1}" if turn else ""
+    return replace(
+        images,
+        items=tuple(item + mark for item in images.items),
+        sequences=images.sequences and tuple(name + mark for name in images.sequences),
+        extras=extras | {TRUE_ITEM: np.array(images.items, dtype=object)},
+    )
+
+
+def _sequences(shapes: ShapeSet) -> Sequence[str]:
+    """Name the sequence of each shape; shapes without sequences are one sequence."""
+    return ("",) * len(shapes) if shapes.sequences is None else shapes.sequences
+
+
+def _rotations(config: ProjectConfig, turns: Floats, block: int) -> Floats:
+    """Rotations from object to camera frame (n, 3, 3) for the n images of a block."""
+    camera = config.camera
+    if camera.view == "turntable":
+        return cameras.turntable(turns, camera.up)
+    if camera.view == "random":
+        return random_rotations(BLOCK, stream(config.seed, Purpose.VIEW, block))[: len(turns)]
+    return np.broadcast_to(np.array(camera.rotation), (len(turns), 3, 3))
+
+
+def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, block: int) -> LandmarkSet:
+    scale = config.camera.scale
+    landmarks = cameras.project(shapes.shapes, rotations, scale)
+    if config.noise > 0:
+        rng = stream(config.seed, Purpose.NOISE, block)
+        landmarks = add_noise(landmarks, config.noise * scale, rng)
+    if config.hidden > 0:
+        landmarks = hide(landmarks, config.hidden, stream(config.seed, Purpose.HIDDEN, block))
+    extras = Extras.of(shapes.extras, len(shapes)).apart_from(OF_THE_VIEW)
+    extras |= {TRUE_ROTATION: rotations}
+    if config.outliers.share > 0:
+        rng = stream(config.seed, Purpose.OUTLIERS, block)
+        share, size = config.outliers.share, config.outliers.size
+        landmarks, moved = displace(landmarks, share, size, rng)
+        extras |= {CORRUPTED: moved}
+    return LandmarkSet(
+        landmarks=landmarks,
+        landmark_names=shapes.landmark_names,
+        items=shapes.items,
+        sequences=shapes.sequences,
+        unit=shapes.unit if config.camera.model == "orthographic" else PIXELS,
+        y_axis="up",
+        extras=extras,
+    )

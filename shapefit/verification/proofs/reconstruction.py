@@ -1,0 +1,85 @@
+"""Shapes, rotations and places of a result, from its transforms or coefficients."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.verification.check import Check, check
+from shapefit.verification.proofs.program import Value
+from shapefit.verification.subject import Subject
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+def check_place(subject: Subject, T: Value) -> list[Check]:
+    """Check that scale is the size (n,), and translation size x T + centroid, T (n, 2)."""
+    images, scale = subject.images, subject.stated("scale")
+    rounding = 3 * images.factor * images.extent
+    far = rounding + images.factor * images.size * (np.abs(T.value).max(axis=1) + 1)
+    off = np.abs(subject.stated("translation") - images.size[:, None] * T.value - images.centroid)
+    return [
+        check("scale follows from the landmarks", np.abs(scale - images.size), rounding),
+        check("translation follows from the fit", off, (far + images.size * T.error)[:, None]),
+    ]
+
+
+def check_points(claim: str, stated: Floats, shapes: Value, subject: Subject) -> Check:
+    """Check points (n, d, p) for scale x shapes + translation on x and y, as they are stored.
+
+    The error of the shapes (n,) is before scaling.
+    """
+    scale, translation = subject.stated("scale"), subject.stated("translation")
+    expected = scale[:, None, None] * shapes.value[:, : stated.shape[1]]
+    expected[:, :2] += translation[..., None]
+    size = scale * np.abs(shapes.value).max(axis=(1, 2)) + np.abs(translation).max(axis=1)
+    allowed = scale * shapes.error + subject.images.factor * size
+    return check(claim, np.abs(stated - expected), allowed[:, None, None])
+
+
+def check_shapes(subject: Subject, shapes: Value) -> list[Check]:
+    """Check shapes and fitted landmarks; where depths were refined, x and y of the shapes."""
+    images, fitted, stated = (
+        subject.images, subject.stated("landmarks_fitted"), subject.stated("shapes")
+    )  # fmt: skip
+    claim = "landmarks_fitted follow from the fit"
+    checks = [check_points(claim, fitted, shapes, subject)]
+    if not subject.terms.depths:
+        return [*checks, check_points("shapes follow from the fit", stated, shapes, subject)]
+    W = images.size[:, None, None] * images.points + images.centroid[..., None]
+    expected = np.where(images.inliers[:, None] > 0, W, fitted)
+    allowed = (3 * images.factor * images.extent)[:, None, None]
+    claim = "x and y of the shapes are the landmarks seen"
+    return [*checks, check(claim, np.abs(stated[:, :2] - expected), allowed)]
+
+
+def check_nearest(rotation: Floats, total: Floats, size: Floats, error: Floats) -> list[Check]:
+    """Check that rotations R (n, 3, 3) are the nearest ones to A = sum_i c_i R_i.
+
+    R maximises <R, A> over rotations where R^T A is symmetric and no two of its eigenvalues sum
+    to less than 0. A is at most `error` (n,) off and of about the size (n,), 0 for no transforms:
+    there R is nan.
+    """
+    turned = size > 0
+    R = np.where(turned[:, None, None], rotation, np.eye(3))
+    H = R.swapaxes(1, 2) @ total
+    skew = np.abs(H - H.swapaxes(1, 2))
+    H = np.where(np.isfinite(H), (H + H.swapaxes(1, 2)) / 2, 0.0)
+    trace = np.trace(H, axis1=1, axis2=2)
+    sums = trace[:, None, None] * np.eye(3) - H
+    least = np.linalg.eigvalsh(np.where(np.isfinite(sums), sums, 0.0))[:, 0]
+    absent = np.where(np.isnan(rotation).all(axis=(1, 2)), 0.0, np.inf)
+    return [
+        check("rotation is absent without transforms", absent, 0.0, ~turned),
+        check("rotation is nearest to the transforms", skew, 2 * error[:, None, None], turned),
+        check("rotation is nearest to the transforms", -least, 3 * error, turned),
+    ]
+
+
+def check_proper(rotation: Floats, factor: Floats, made: Flags) -> Check:
+    """Check that R (n, 3, 3) are rotations: R^T R = I and det R = +1."""
+    gram = np.abs(rotation.swapaxes(1, 2) @ rotation - np.eye(3)).reshape(len(rotation), 9)
+    handed = np.abs(np.linalg.det(rotation) - 1)[:, None]
+    off = np.concatenate([gram, handed], axis=1)
+    return check("rotation is a rotation", off, 4 * factor[:, None], made)

@@ -1,0 +1,69 @@
+"""The written tables, cell by cell."""
+
+import csv
+import json
+
+import pytest
+
+from shapefit.evaluation.report import Method, Report
+from shapefit.evaluation.solving import Solving
+from shapefit.evaluation.tables import csv_json as tables
+
+
+def rows_of(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.reader(file))
+
+
+def test_per_image_lists_every_image_the_failed_one_without_error(tmp_path, errors):
+    tables.write_per_image(tmp_path / "per_image.csv", errors)
+    header, *rows = rows_of(tmp_path / "per_image.csv")
+    assert header == ["method", "sequence", "item", "metric", "error", "unit"]
+    assert rows[0] == ["convex", "13_01", "a", "similarity", "0.1", "normalised"]
+    assert rows[3] == ["convex", "14_01", "d", "similarity", "", "normalised"]
+    assert len(rows) == 8
+
+
+def test_report_csv_has_group_rows_without_sequence(tmp_path, report):
+    tables.write_report_csv(tmp_path / "report.csv", report.summaries)
+    header, *rows = rows_of(tmp_path / "report.csv")
+    expected = "method,metric,group,sequence,images,mean,median,p90,unit"
+    assert ",".join(header) == expected
+    by_place = {(row[0], row[2], row[3]): dict(zip(header, row, strict=True)) for row in rows}
+    group = by_place["convex", "Subject 13", ""]
+    assert float(group["mean"]) == pytest.approx((0.15 + 0.35) / 2)
+    assert (group["images"], group["unit"]) == ("3", "normalised")
+    assert float(by_place["convex", "Subject 13", "13_01"]["p90"]) == pytest.approx(0.19)
+    failed = by_place["convex", "Subject 14", ""]
+    assert (failed["images"], failed["mean"]) == ("0", "")
+
+
+def test_csv_keeps_all_digits(tmp_path, image_errors):
+    value = 0.1 + 0.2
+    tables.write_per_image(tmp_path / "per_image.csv", [image_errors(values=(value,) * 4)])
+    assert float(rows_of(tmp_path / "per_image.csv")[1][4]) == value
+
+
+def test_json_counts_and_lists_failures(report):
+    document = json.loads(tables.report_json(report))
+    convex, admm = document["methods"]
+    assert (convex["images"], convex["failed"], admm["failed"]) == (4, 1, 0)
+    assert convex["failures"] == [{"item": "d", "reason": "no estimate"}]
+    assert document["published"] == {"Convex, paper": {"Subject 13": 0.259, "Subject 15": 0.204}}
+    assert document["caveats"] == ["other frames than the paper's"]
+    failed = next(s for s in document["summaries"] if s["sequence"] == "14_01")
+    assert (failed["mean"], failed["failed"]) == (None, 1)
+
+
+def test_json_lists_all_failures_and_how_each_method_solved(report):
+    failures = {f"item{i}": "no estimate" for i in range(25)}
+    told = Method("convex", (), 30, failures, Solving(0.72912, 0.2731, 0.99999))
+    methods = (told, Method("table", (), 4, {}))
+    convex, table = json.loads(tables.report_json(Report(methods, report.summaries)))["methods"]
+    assert [failure["item"] for failure in convex["failures"]] == list(failures)
+    assert convex["solving"] == {
+        "mean_objective": 0.72912,
+        "milliseconds": 0.2731,
+        "solved": 0.99999,
+    }
+    assert table["solving"] == dict.fromkeys(convex["solving"])

@@ -1,0 +1,142 @@
+"""The Markdown page of an evaluation, cell by cell."""
+
+import numpy as np
+import pytest
+
+from shapefit.evaluation.report import Method, Report
+from shapefit.evaluation.solving import Solving
+from shapefit.evaluation.summary import ImageErrors, summarise
+from shapefit.evaluation.tables.errors_document import markdown
+
+ALL_IMAGES = {"all": ("13_01", "13_02", "14_01")}
+
+
+def cells(text, heading):
+    """Rows of the first Markdown table below a heading."""
+    parts = text.split(f"# {heading}\n\n", maxsplit=1)[1].split("\n\n")
+    lines = next(part for part in parts if part.startswith("|")).splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return [rows[0], *rows[2:]]
+
+
+def test_markdown_sets_published_columns_beside_ours(report):
+    assert cells(markdown(report), "similarity (normalised)") == [
+        ["", "convex", "admm", "*Convex, paper*"],
+        ["Subject 13", "0.250", "0.300", "0.259"],
+        ["Subject 14", "–", "0.400", "–"],
+        ["Subject 15", "–", "–", "0.204"],
+    ]
+
+
+def test_published_numbers_stay_with_their_metric_and_unit(report, image_errors, grouping):
+    summaries = tuple(summarise(image_errors(unit="m"), grouping))
+    text = markdown(Report(report.methods, summaries, report.published))
+    assert "paper" not in text
+
+
+def test_markdown_counts_failures_and_ends_with_the_caveats(report):
+    text = markdown(report)
+    assert cells(text, "Images")[1:] == [["convex", "3", "1"], ["admm", "4", "0"]]
+    assert "- convex, d: no estimate" in text
+    assert "- no true rotation" in text
+    assert text.endswith("## Caveats\n\n- other frames than the paper's\n")
+
+
+def test_many_failures_are_cut_in_the_markdown_only(report):
+    failures = {f"item{i}": "no estimate" for i in range(25)}
+    many = Report((Method("convex", (), 30, failures),), report.summaries)
+    text = markdown(many)
+    assert text.count("no estimate") == 10
+    assert "15 more" in text
+
+
+def test_how_each_method_solved_is_told_where_the_files_tell_it(report):
+    told = (
+        Method("convex", (), 4, {}, Solving(0.72912, 0.2731, 0.99999)),
+        Method("pmp", (), 4, {}, Solving(None, 12.3456, 1.0)),
+        Method("table", (), 4, {}),
+    )
+    solved = Report(told, report.summaries)
+    text = markdown(solved)
+    assert "Objectives of different models cannot be compared" in text
+    assert cells(text, "Solving") == [
+        ["method", "mean objective", "ms an image", "images/s", "optimal or converged"],
+        ["convex", "0.729", "0.273", "3662", "99.99 %"],
+        ["pmp", "–", "12.3", "81", "100.00 %"],
+        ["table", "–", "–", "–", "–"],
+    ]
+
+
+def test_without_any_word_on_solving_there_is_no_such_section(report):
+    assert "Solving" not in markdown(report)
+
+
+@pytest.mark.parametrize("groups", [ALL_IMAGES, {"Subject 13": ("13_01",)}])
+def test_names_cannot_break_the_table(image_errors, groups):
+    summaries = tuple(summarise(image_errors("a|b"), groups))
+    assert "a\\|b" in markdown(Report((), summaries))
+
+
+@pytest.mark.parametrize(
+    ("value", "printed"),
+    [(0.2594, "0.259"), (1.25, "1.250"), (40.26, "40.3"), (0.00123, "0.00123"), (0.0, "0.000")],
+)
+def test_digits_suit_the_size_of_the_numbers(image_errors, value, printed):
+    summaries = summarise(image_errors(values=(value,) * 4), {"Subject 14": ("14_01",)})
+    text = markdown(Report((), tuple(summaries)))
+    assert cells(text, "similarity (normalised)")[1] == ["Subject 14", printed]
+
+
+class TestWithoutGroups:
+    """One table: methods down, mean / median of all metrics across."""
+
+    @pytest.fixture
+    def summaries(self):
+        sequences, items = ("all",) * 3, ("a", "b", "c")
+        errors = [
+            ("convex", "similarity", "normalised", [0.1, 0.2, 0.6]),
+            ("convex", "rotation", "deg", [1.0, 3.0, 50.0]),
+            ("Oracle", "similarity", "normalised", [0.05, 0.05, 0.05]),
+        ]
+        return tuple(
+            row
+            for *kind, values in errors
+            for row in summarise(
+                ImageErrors(*kind, items, sequences, np.array(values)), {"all": ("all",)}
+            )
+        )
+
+    @pytest.fixture
+    def methods(self):
+        return (Method("convex", (), 3, {}, Solving(0.7, 0.25, 1.0)),)
+
+    def test_means_stand_beside_medians_and_the_speed_beside_both(self, methods, summaries):
+        assert cells(markdown(Report(methods, summaries)), "Errors against the truth") == [
+            ["method", "similarity (normalised)", "rotation (deg)", "ms an image", "images/s"],
+            ["convex", "0.300 / 0.200", "18.0 / 3.0", "0.25", "4000"],
+            ["Oracle", "0.050 / 0.050", "–", "–", "–"],
+        ]
+
+    def test_several_sequences_weigh_the_same(self, image_errors):
+        text = markdown(Report((), tuple(summarise(image_errors(), ALL_IMAGES))))
+        # 13_01 has 0.1 and 0.2, 13_02 has 0.35, and the image of 14_01 failed.
+        assert cells(text, "Errors against the truth")[1] == ["convex", "0.250 / 0.250"]
+
+    def test_files_that_tell_no_time_give_no_columns_of_it(self, summaries):
+        text = markdown(Report((Method("convex", (), 3, {}),), summaries))
+        header = cells(text, "Errors against the truth")[0]
+        assert header == ["method", "similarity (normalised)", "rotation (deg)"]
+
+    def test_a_published_row_has_a_mean_only(self, methods, summaries):
+        text = markdown(Report(methods, summaries, {"Paper": {"all": 0.259}}))
+        assert "is quoted" in text
+        rows = cells(text, "Errors against the truth")
+        assert rows[-1] == ["*Paper*", "0.259", "–", "–", "–"]
+
+    def test_published_numbers_of_another_group_are_not_lost(self, methods, summaries):
+        text = markdown(Report(methods, summaries, {"Paper": {"Subject 13": 0.259}}))
+        assert cells(text, "similarity (normalised)") == [
+            ["", "convex", "Oracle", "*Paper*"],
+            ["all", "0.300", "0.050", "–"],
+            ["Subject 13", "–", "–", "0.259"],
+        ]

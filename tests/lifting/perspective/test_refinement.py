@@ -1,0 +1,299 @@
+"""Refinement under perspective: planted shapes, stationarity, another solver, symmetries."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from shapefit import core
+from shapefit.convex.solution import Status
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.pinhole import Camera, project
+from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
+from shapefit.lifting.perspective.refinement import FAILED, PerspectiveOptions, refine_perspective
+from shapefit.lifting.perspective.start import mean_coefficients, place_in_depth
+
+K, P = 6, 16
+OPTIONS = PerspectiveOptions(ridge=0.3, softness=0.1, max_rounds=500)
+FLIP = np.diag([1.0, -1.0, -1.0])  # y down and z forward <-> y up and z to the viewer
+
+
+@pytest.fixture
+def atoms(rng):
+    """Variations of one mean shape, normalised, as the models of a class are."""
+    mean = rng.standard_normal((3, P))
+    return normalise(mean + 0.3 * rng.standard_normal((K, 3, P))).points
+
+
+@pytest.fixture
+def prior(atoms):
+    return mean_coefficients(atoms, normalise(atoms.mean(axis=0)).points)
+
+
+class Planted:
+    """n images of shapes with known c, R, t, close enough for strong perspective."""
+
+    def __init__(self, rng, atoms, prior, n=8, noise=0.0, weighted=False):
+        gauge = prior / (prior @ prior)
+        c = rng.dirichlet(np.ones(K), n)
+        self.coefficients = c / (c @ gauge)[:, None]
+        self.rotation = random_rotations(n, rng)
+        self.translation = np.stack(
+            [rng.uniform(-1, 1, n), rng.uniform(-1, 1, n), rng.uniform(6, 12, n)], axis=1
+        )
+        self.shapes = self.rotation @ np.tensordot(self.coefficients, atoms, axes=1)
+        focal = np.stack([np.full(n, 7.0), np.full(n, 7.5)], axis=1)
+        self.camera = Camera(focal, rng.uniform(-0.5, 0.5, (n, 2)), 1.0)
+        self.landmarks = project(self.camera, self.shapes + self.translation[..., None])
+        self.landmarks = self.landmarks + noise * rng.standard_normal(self.landmarks.shape)
+        self.weights = rng.uniform(0.3, 1.5, (n, P)) if weighted else np.ones((n, P))
+        turns = [rotation_about(axis, np.array([0.2]))[0] for axis in random_axes(rng, n)]
+        self.start = np.array(turns) @ self.rotation
+
+
+def random_axes(rng, n):
+    axes = rng.standard_normal((n, 3))
+    return axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+@pytest.fixture
+def planted(rng, atoms, prior):
+    return Planted(rng, atoms, prior)
+
+
+@pytest.fixture
+def noisy(rng, atoms, prior):
+    return Planted(rng, atoms, prior, noise=0.05, weighted=True)
+
+
+def refine(scene, atoms, prior, **options):
+    changes = {
+        key: options.pop(key)
+        for key in ("landmarks", "weights", "camera", "start")
+        if key in options
+    }
+    given = {**vars(scene), **changes}
+    return refine_perspective(
+        given["landmarks"], given["weights"], atoms, given["camera"], given["start"], prior,
+        replace(OPTIONS, **options),
+    )  # fmt: skip
+
+
+def objective(scene, image, atoms, prior, R, t, c, ridge, softness):
+    S = R @ np.tensordot(c, atoms, axes=1) + t[:, None]
+    one = Camera(scene.camera.focal[image], scene.camera.centre[image], scene.camera.sign)
+    flat = one.centre[:, None] + one.focal[:, None] * S[:2] / S[2]
+    r = scene.weights[image] * (flat - scene.landmarks[image])
+    loss = softness**2 * np.log1p((r**2).sum(axis=0) / softness**2).sum()
+    return 0.5 * (loss + ridge * ((c - prior) ** 2).sum())
+
+
+def test_the_kernel_projects_as_project_does(noisy, atoms, rng):
+    """One landmark is behind the camera: nan for the one, infinite for the other."""
+    X, r = np.empty((3, P)), np.empty((2, P))
+    for image, sign in enumerate((1.0, -1.0)):
+        seen = replace(noisy.camera.take([image]), sign=sign)
+        R, c = noisy.rotation[image], noisy.coefficients[image]
+        t = np.array([0.3, -0.2, sign * 0.5])
+        omega, w = noisy.weights[image], noisy.landmarks[image]
+        core.parts.project_perspective(
+            w[None], omega[None], atoms, seen.focal, seen.centre, sign, R[None], t[None], c[None],
+            X, r,
+        )  # fmt: skip
+        points = R @ np.tensordot(c, atoms, axes=1) + t[:, None]
+        u = project(seen, points[None])[0]
+        np.testing.assert_allclose(X, points, atol=1e-12)
+        behind = np.isnan(u).all(axis=0)
+        assert 0 < behind.sum() < P
+        np.testing.assert_array_equal(np.isinf(r), np.stack([behind, behind]))
+        np.testing.assert_allclose(r[:, ~behind], (omega * (u - w))[:, ~behind], rtol=1e-9)
+
+
+def test_planted_shapes_and_poses_are_found(planted, atoms, prior):
+    found = refine(planted, atoms, prior, ridge=1e-9, max_rounds=5000)
+    assert set(found.status) == {Status.CONVERGED}
+    assert rotation_angle(found.rotation, planted.rotation).max() < 0.01
+    np.testing.assert_allclose(found.translation, planted.translation, rtol=1e-3)
+    shapes = found.rotation @ np.tensordot(found.coefficients, atoms, axes=1)
+    np.testing.assert_allclose(shapes, planted.shapes, atol=1e-3)
+
+
+def test_the_size_is_that_of_the_prior_and_no_coefficient_negative(noisy, atoms, prior):
+    found = refine(noisy, atoms, prior)
+    np.testing.assert_allclose(found.coefficients @ prior, prior @ prior, rtol=1e-9)
+    assert (found.coefficients >= 0).all()
+    assert set(found.status) == {Status.CONVERGED}
+
+
+def test_rotations_stay_rotations(noisy, atoms, prior):
+    R = refine(noisy, atoms, prior).rotation
+    np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (8, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(R), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("softness", [0.05, 2.0])
+def test_an_independent_solver_cannot_lower_the_objective(noisy, atoms, prior, softness):
+    found = refine(noisy, atoms, prior, softness=softness)
+    for image in range(8):
+        start = found.rotation[image]
+        here = objective(
+            noisy, image, atoms, prior, start, found.translation[image],
+            found.coefficients[image], 0.3, softness,
+        )  # fmt: skip
+        np.testing.assert_allclose(found.objective[image], here, rtol=1e-9)
+
+        def residuals(x, image=image, start=start):
+            R = Rotation.from_rotvec(x[:3]).as_matrix() @ start
+            c = x[6:] * (prior @ prior) / (x[6:] @ prior)
+            camera = noisy.camera
+            S = R @ np.tensordot(c, atoms, axes=1) + x[3:6, None]
+            flat = camera.centre[image][:, None] + camera.focal[image][:, None] * S[:2] / S[2]
+            r = noisy.weights[image] * np.linalg.norm(flat - noisy.landmarks[image], axis=0)
+            cauchy = softness * np.sqrt(np.log1p((r / softness) ** 2))
+            return np.concatenate([cauchy, np.sqrt(0.3) * (c - prior)])
+
+        x = np.concatenate([np.zeros(3), found.translation[image], found.coefficients[image]])
+        lower = np.concatenate([np.full(6, -np.inf), np.full(K, -1e-12)])
+        other = least_squares(residuals, x, bounds=(lower, np.inf), xtol=1e-12, ftol=1e-12)
+        assert other.cost >= here * (1 - 1e-6)
+
+
+def test_hidden_landmarks_do_not_matter(noisy, atoms, prior, rng):
+    weights = noisy.weights.copy()
+    weights[:, :4] = 0
+    garbage = noisy.landmarks.copy()
+    garbage[:, :, :4] = np.nan
+    clean = refine(noisy, atoms, prior, weights=weights)
+    dirty = refine(noisy, atoms, prior, weights=weights, landmarks=garbage)
+    np.testing.assert_array_equal(clean.coefficients, dirty.coefficients)
+    np.testing.assert_array_equal(clean.rotation, dirty.rotation)
+
+
+def test_turning_the_image_turns_the_result(noisy, atoms, prior):
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array([0.7]))[0]
+    square = Camera(noisy.camera.focal[:, :1].repeat(2, axis=1), noisy.camera.centre, 1.0)
+    turned = Camera(square.focal, square.centre @ turn[:2, :2].T, 1.0)
+    before = refine(noisy, atoms, prior, camera=square)
+    after = refine(
+        noisy, atoms, prior, camera=turned,
+        landmarks=turn[:2, :2] @ noisy.landmarks, start=turn @ noisy.start,
+    )  # fmt: skip
+    np.testing.assert_allclose(after.rotation, turn @ before.rotation, atol=1e-4)
+    np.testing.assert_allclose(after.coefficients, before.coefficients, atol=1e-4)
+    np.testing.assert_allclose(after.objective, before.objective, rtol=1e-8)
+
+
+def test_y_up_is_the_same_scene_in_another_frame(noisy, atoms, prior):
+    mirror = np.array([1.0, -1.0])
+    camera = Camera(noisy.camera.focal, noisy.camera.centre * mirror, -1.0)
+    down = refine(noisy, atoms, prior)
+    up = refine(
+        noisy, atoms, prior, camera=camera,
+        landmarks=noisy.landmarks * mirror[:, None], start=FLIP @ noisy.start,
+    )  # fmt: skip
+    np.testing.assert_allclose(up.rotation, FLIP @ down.rotation, atol=1e-6)
+    np.testing.assert_allclose(up.translation, down.translation @ FLIP, atol=1e-6)
+
+
+def test_outliers_pull_little_where_the_loss_is_soft(planted, atoms, prior):
+    landmarks = planted.landmarks.copy()
+    landmarks[:, :, 0] += 2.0
+    soft = refine(planted, atoms, prior, landmarks=landmarks, softness=0.02, ridge=1e-3)
+    stiff = refine(planted, atoms, prior, landmarks=landmarks, softness=100.0, ridge=1e-3)
+    angles = [rotation_angle(r.rotation, planted.rotation) for r in (soft, stiff)]
+    assert np.median(angles[0]) < 0.1 * np.median(angles[1])
+
+
+def test_threads_and_neighbours_change_nothing(noisy, atoms, prior):
+    whole = refine(noisy, atoms, prior, threads=2)
+    alone = refine_perspective(
+        noisy.landmarks[3:4], noisy.weights[3:4], atoms, noisy.camera.take([3]), noisy.start[3:4],
+        prior, OPTIONS,
+    )  # fmt: skip
+    np.testing.assert_array_equal(whole.coefficients[3:4], alone.coefficients)
+
+
+def test_the_start_in_depth_is_exact_where_the_object_is_far(atoms, prior, rng):
+    R = random_rotations(4, rng)
+    shape = np.tensordot(prior, atoms, axes=1)
+    t = np.stack([rng.uniform(-9, 9, 4), rng.uniform(-9, 9, 4), np.full(4, 1e5)], axis=1)
+    camera = Camera(np.full((4, 2), 1e5), rng.uniform(-1, 1, (4, 2)), 1.0)
+    landmarks = project(camera, R @ shape + t[..., None])
+    found = place_in_depth(landmarks, np.ones((4, P)), shape, camera, R)
+    np.testing.assert_allclose(found, t, rtol=1e-3)
+
+
+def test_landmarks_that_the_camera_cannot_tell_apart_are_infinitely_far(planted, atoms, prior):
+    shape = np.tensordot(prior, atoms, axes=1)
+    camera = Camera(planted.camera.focal, planted.camera.centre + 640.0, planted.camera.sign)
+    found = place_in_depth(
+        1e-28 * planted.landmarks, planted.weights, shape, camera, planted.rotation
+    )
+    assert not np.isfinite(found).any()
+
+
+def test_a_visible_landmark_without_a_place_fails_its_image_alone(noisy, atoms, prior):
+    landmarks = noisy.landmarks.copy()
+    landmarks[2, 0, 5] = np.nan
+    found, clean = refine(noisy, atoms, prior, landmarks=landmarks), refine(noisy, atoms, prior)
+    assert found.status[2] in FAILED
+    assert np.isnan(found.coefficients[2]).all()
+    others = np.arange(8) != 2
+    np.testing.assert_array_equal(found.coefficients[others], clean.coefficients[others])
+
+
+def test_too_few_rounds_are_said(noisy, atoms, prior):
+    found = refine(noisy, atoms, prior, max_rounds=2)
+    assert set(found.status) == {Status.ITERATION_LIMIT}
+    assert (found.rounds == 2).all()
+
+
+def test_coefficients_of_the_mean_are_alike_for_exemplars(atoms):
+    mean = atoms.mean(axis=0)
+    np.testing.assert_allclose(mean_coefficients(atoms, mean), 1 / K, rtol=1e-3)
+
+
+def test_a_start_that_fits_not_at_all_is_ten_times_as_far(atoms, prior, rng):
+    """Half or a quarter of a turn in the image: least squares would put it behind, or nowhere."""
+    R = random_rotations(4, rng)
+    shape = np.tensordot(prior, atoms, axes=1)
+    t = np.stack([np.zeros(4), np.zeros(4), np.full(4, 1e5)], axis=1)
+    camera = Camera(np.full((4, 2), 1e5), np.zeros((4, 2)), 1.0)
+    landmarks = project(camera, R @ shape + t[..., None])
+    wrong = rotation_about(np.array([0.0, 0.0, 1.0]), np.array([np.pi, np.pi, np.pi / 2, np.pi]))
+    found = place_in_depth(landmarks, np.ones((4, P)), shape, camera, wrong @ R)
+    np.testing.assert_allclose(found[:, 2], 10 * t[:, 2], rtol=1e-3)
+
+
+def test_a_weight_of_root_two_places_the_start_as_a_landmark_seen_twice(noisy, atoms, prior):
+    shape, weights = np.tensordot(prior, atoms, axes=1), np.ones((len(noisy.landmarks), P))
+    weights[:, 3] = np.sqrt(2)
+    twice = [*range(P), 3]
+    found, expected = (
+        place_in_depth(w, omega, S, noisy.camera, noisy.start)
+        for w, omega, S in (
+            (noisy.landmarks, weights, shape),
+            (noisy.landmarks[..., twice], np.ones((len(weights), P + 1)), shape[:, twice]),
+        )
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_the_softness_shrinks_so_that_a_coarse_pose_finds_its_way(atoms, prior, rng):
+    """At the last softness most landmarks are too far off to pull."""
+    scene = Planted(rng, atoms, prior, n=60, noise=0.03)
+    turns = [rotation_about(axis, np.array([1.6]))[0] for axis in random_axes(rng, 60)]
+    found = refine(scene, atoms, prior, start=np.array(turns) @ scene.rotation, softness=0.02)
+    assert (rotation_angle(found.rotation, scene.rotation) > 15).sum() <= 1
+
+
+def test_the_objective_is_that_of_the_last_softness_also_where_rounds_ran_out(noisy, atoms, prior):
+    found = refine(noisy, atoms, prior, max_rounds=2)
+    for i in range(len(found.objective)):
+        R, t, c = found.rotation[i], found.translation[i], found.coefficients[i]
+        expected = objective(noisy, i, atoms, prior, R, t, c, OPTIONS.ridge, OPTIONS.softness)
+        np.testing.assert_allclose(found.objective[i], expected, rtol=1e-10)

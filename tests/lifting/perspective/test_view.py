@@ -1,0 +1,175 @@
+"""A lifting refined under perspective: one story told by all its fields."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import build_problem
+from shapefit.convex.solution import Status
+from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.pinhole import Camera, project
+from shapefit.geometry.rotations import random_rotations, rotation_angle
+from shapefit.lifting.lift import Program, lift
+from shapefit.lifting.methods import Settings, choose_method
+from shapefit.lifting.perspective.refinement import PerspectiveOptions
+from shapefit.lifting.perspective.view import find_rotations, refine_view
+from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
+
+N, K, P = 6, 5, 14
+OPTIONS = PerspectiveOptions(ridge=1e-3, softness=0.1, max_rounds=500)
+
+
+@pytest.fixture
+def dictionary(rng):
+    atoms = normalise(rng.standard_normal((3, P)) + 0.3 * rng.standard_normal((K, 3, P))).points
+    names = tuple(f"point{j}" for j in range(P))
+    return Dictionary(atoms, names, normalise(atoms.mean(axis=0)).points)
+
+
+@pytest.fixture
+def rotations(rng):
+    return random_rotations(N, rng)
+
+
+@pytest.fixture
+def camera():
+    return Camera(np.tile([900.0, 910.0], (N, 1)), np.tile([320.0, 240.0], (N, 1)), 1.0)
+
+
+@pytest.fixture
+def landmarks(dictionary, rotations, camera, rng):
+    """Mixtures of atoms, 8 units away, in pixels."""
+    c = rng.dirichlet(np.ones(K), N)
+    t = np.stack([rng.uniform(-1, 1, N), rng.uniform(-1, 1, N), np.full(N, 8.0)], axis=1)
+    X = rotations @ np.tensordot(c, dictionary.atoms, axes=1) + t[..., None]
+    return project(camera, X)
+
+
+def view(landmarks, weights, dictionary, camera, method="convex+refine", options=OPTIONS):
+    settings = Settings(solve=solve_newton, mean_shape=dictionary.mean_shape)
+    estimator = choose_method(method, settings)
+    first = lift(landmarks, weights, dictionary.atoms, Program(lam=0.3), estimator)
+    return first, refine_view(first, landmarks, camera, dictionary, options, views=6)
+
+
+@pytest.mark.parametrize("method", ["convex", "convex+refine", "alternate", "mean-shape"])
+def test_every_method_can_be_refined(method, landmarks, dictionary, camera, rotations):
+    first, found = view(landmarks, np.ones((N, P)), dictionary, camera, method)
+    assert rotation_angle(found.estimate.rotation, rotations).max() < 1.0
+    assert (found.estimate.residual < 0.5 * first.estimate.residual).all()
+
+
+def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
+    weights = rng.uniform(0.3, 1.5, (N, P))
+    weights[1, :4] = 0.0
+    landmarks = landmarks + 5.0 * rng.standard_normal(landmarks.shape)
+    _, found = view(landmarks, weights, dictionary, camera)
+    e, seen = found.estimate, found.perspective
+    S = e.rotation @ np.tensordot(e.coefficients, dictionary.atoms, axes=1)
+    np.testing.assert_allclose(e.shapes, S)
+    flat = np.pad(found.translation, ((0, 0), (0, 1)))
+    np.testing.assert_allclose(found.shapes, found.scale[:, None, None] * S + flat[..., None])
+    X = S + seen.translation[..., None]
+    np.testing.assert_allclose(found.landmarks_fitted, project(camera, X), rtol=1e-9)
+    np.testing.assert_allclose(found.scale, np.sqrt(900 * 910) / seen.translation[:, 2])
+    np.testing.assert_allclose(
+        found.translation, project(camera, seen.translation[..., None])[..., 0]
+    )
+    np.testing.assert_allclose(
+        e.transforms, e.coefficients[..., None, None] * e.rotation[:, None, :2]
+    )
+    w = weights[:, None]
+    centred = landmarks - (w**2 * landmarks).sum(2, keepdims=True) / (w**2).sum(2, keepdims=True)
+    misfit = np.linalg.norm(w * (landmarks - found.landmarks_fitted), axis=(1, 2))
+    np.testing.assert_allclose(e.residual, misfit / np.linalg.norm(w * centred, axis=(1, 2)))
+    np.testing.assert_array_equal(seen.camera.focal, camera.focal)
+
+
+def test_a_camera_inside_the_object_is_the_users_to_mend(landmarks, dictionary, camera):
+    """A focal length in another unit than the landmarks puts some of them behind the camera."""
+    focal = camera.focal.copy()
+    focal[3] = 20.0
+    near = Camera(focal, camera.centre, camera.sign)
+    first, found = view(landmarks, np.ones((N, P)), dictionary, near)
+    assert list(found.failures) == [3]
+    assert "begin behind the camera" in found.failures[3]
+    assert "`camera.focal` or `camera.intrinsics`" in found.failures[3]
+    e = found.estimate
+    assert e.status[3] is Status.DEGENERATE
+    for values in (
+        found.shapes, found.landmarks_fitted, found.translation, found.scale, e.shapes, e.rotation,
+        e.objective, e.residual, e.coefficients, found.perspective.translation,
+    ):  # fmt: skip
+        assert np.isnan(values[3]).all()
+        assert np.isfinite(np.delete(values, 3, axis=0)).all()
+    assert e.iterations[3] == first.estimate.iterations[3]
+    others = np.arange(N) != 3
+    _, clean = view(landmarks, np.ones((N, P)), dictionary, camera)
+    np.testing.assert_array_equal(found.shapes[others], clean.shapes[others])
+
+
+def test_an_image_without_a_shape_stays_without(landmarks, dictionary, camera):
+    weights = np.ones((N, P))
+    weights[2, 2:] = 0
+    first, found = view(landmarks, weights, dictionary, camera)
+    assert dict(found.failures) == dict(first.failures)
+    assert list(found.failures) == [2]
+    assert np.isnan(found.shapes[2]).all()
+    assert np.isnan(found.perspective.translation[2]).all()
+    assert np.isfinite(np.delete(found.shapes, 2, axis=0)).all()
+    assert found.estimate.status[2] is first.estimate.status[2]
+
+
+def test_what_was_left_out_stays_out(landmarks, dictionary, camera):
+    weights = np.ones((N, P))
+    weights[:, 5] = 0
+    moved = landmarks.copy()
+    moved[:, :, 5] += 500
+    _, clean = view(landmarks, weights, dictionary, camera)
+    _, dirty = view(moved, weights, dictionary, camera)
+    np.testing.assert_array_equal(clean.shapes, dirty.shapes)
+
+
+def test_a_rotation_that_nobody_knows_is_sought(landmarks, dictionary, camera, rotations):
+    """A large lambda leaves convex+refine without coefficients, and so without a rotation."""
+    settings = Settings(solve=solve_newton, mean_shape=dictionary.mean_shape)
+    estimator = choose_method("convex+refine", settings)
+    first = lift(landmarks, np.ones((N, P)), dictionary.atoms, Program(lam=1e3), estimator)
+    assert np.isnan(first.estimate.rotation).all()
+    found = refine_view(first, landmarks, camera, dictionary, OPTIONS, views=6)
+    assert rotation_angle(found.estimate.rotation, rotations).max() < 1.0
+
+
+def test_far_away_it_is_the_weak_perspective_camera(dictionary, rotations, rng):
+    """Perspective ends where the depth of the object is small beside its distance."""
+    c = rng.dirichlet(np.ones(K), N)
+    far = Camera(np.full((N, 2), 1e8), np.zeros((N, 2)), 1.0)
+    X = rotations @ np.tensordot(c, dictionary.atoms, axes=1) + np.array([0, 0, 1e6])[:, None]
+    _, found = view(project(far, X), np.ones((N, P)), dictionary, far)
+    np.testing.assert_allclose(found.shapes[:, :2], found.landmarks_fitted, rtol=1e-4, atol=1e-2)
+
+
+def test_an_unknown_rotation_is_sought_from_as_many_views_as_asked_for(dictionary, rng):
+    problem = build_problem(rng.standard_normal((30, 2, P)), dictionary.atoms, 0.1)
+    mean = dictionary.mean_shape
+    known = np.where(np.arange(30)[:, None, None] < 5, np.eye(3), np.nan)
+    one, many = (find_rotations(known, problem, mean, views, 0) for views in (1, 6))
+    np.testing.assert_array_equal(many[:5], known[:5])
+    best = find_pose(problem.take(np.arange(5, 30)), mean, spread_views(6)).rotation
+    np.testing.assert_array_equal(many[5:], best)
+    assert rotation_angle(one, many).max() > 10  # where one view ends in another minimum
+
+
+def test_the_estimate_is_in_normalised_units_and_counts_its_own_atoms(
+    landmarks, dictionary, camera
+):
+    first, found = view(landmarks, np.ones((N, P)), dictionary, camera)
+    norm, e = normalise(landmarks), found.estimate
+    placed = norm.scale[:, None] * e.translation + norm.centroid
+    np.testing.assert_allclose(placed, found.translation)
+    c = e.coefficients
+    np.testing.assert_array_equal(e.active_atoms, (c > 1e-6 * c.max(axis=1)[:, None]).sum(axis=1))
+    assert (e.active_atoms != first.estimate.active_atoms).any()

@@ -1,0 +1,157 @@
+"""The pose of a known shape: planted, against SciPy from many starts, under hidden landmarks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from shapefit.convex.problem import build_problem
+from shapefit.geometry.rotations import random_rotations, rotation_about
+from shapefit.lifting.shared_rotation.pose import (
+    find_moments,
+    find_pose,
+    spread_views,
+    turn_in_plane,
+)
+
+
+@pytest.fixture
+def shape(rng):
+    return rng.standard_normal((3, 10))
+
+
+def posed(shape, R, size, T, noise=0.0, rng=None):
+    landmarks = size[:, None, None] * R[:, :2] @ shape + T[..., None]
+    return landmarks + (noise * rng.standard_normal(landmarks.shape) if noise else 0.0)
+
+
+def misfits(problem, shape, pose):
+    omega = problem.weights[:, None]
+    left = problem.landmarks - pose.size[:, None, None] * pose.rotation[:, :2] @ shape
+    T = (left * omega**2).sum(-1, keepdims=True) / (omega**2).sum(-1, keepdims=True)
+    return 0.5 * (omega**2 * (left - T) ** 2).sum(axis=(1, 2))
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_planted_poses_come_back(shape, rng, flat):
+    if flat:  # depth reversed, a flat shape has a second pose of the same image
+        shape[2] = 0.0
+    R, size = random_rotations(200, rng), rng.uniform(0.2, 4, 200)
+    T = rng.standard_normal((200, 2))
+    problem = build_problem(posed(shape, R, size, T), shape[None], 1.0)
+    found = find_pose(problem, shape, spread_views(6))
+    np.testing.assert_allclose(found.size, size, rtol=1e-7)
+    np.testing.assert_allclose(misfits(problem, shape, found), 0.0, atol=1e-12)
+    if flat:
+        reversed_depth = R * np.array([1.0, 1.0, -1.0])
+        reversed_depth[:, 2] *= -1
+        nearest = np.minimum(
+            np.abs(found.rotation - R).max(axis=(1, 2)),
+            np.abs(found.rotation - reversed_depth).max(axis=(1, 2)),
+        )
+        np.testing.assert_allclose(nearest, 0.0, atol=1e-6)
+    else:
+        np.testing.assert_allclose(found.rotation, R, atol=1e-6)
+
+
+def test_hidden_and_weighted_landmarks(shape, rng):
+    R, size = random_rotations(30, rng), rng.uniform(0.2, 4, 30)
+    landmarks = posed(shape, R, size, rng.standard_normal((30, 2)))
+    weights = rng.uniform(0.2, 3, (30, 10))
+    weights[:, 6:] = 0.0
+    landmarks[..., 6:] = rng.standard_normal((30, 2, 4)) * 100
+    problem = build_problem(landmarks, shape[None], 1.0, weights=weights)
+    found = find_pose(problem, shape, spread_views(6))
+    np.testing.assert_allclose(found.rotation, R, atol=1e-6)
+    np.testing.assert_allclose(found.size, size, rtol=1e-7)
+
+
+def test_scipy_finds_no_better_pose_from_many_starts(shape, rng):
+    n = 6
+    landmarks = posed(
+        shape, random_rotations(n, rng), np.ones(n), np.zeros((n, 2)), noise=0.8, rng=rng
+    )
+    problem = build_problem(landmarks, shape[None], 1.0, weights=rng.uniform(0.5, 2, (n, 10)))
+    found = find_pose(problem, shape, spread_views(6))
+    ours = misfits(problem, shape, found)
+
+    def residual_square(x, image):
+        omega = problem.weights[image]
+        left = problem.landmarks[image] - x[3] * Rotation.from_rotvec(x[:3]).as_matrix()[:2] @ shape
+        return 0.5 * (omega**2 * (left - x[4:, None]) ** 2).sum()
+
+    for image in range(n):
+        best = np.inf
+        for start in random_rotations(12, rng):
+            x = np.concatenate([Rotation.from_matrix(start).as_rotvec(), [1.0, 0.0, 0.0]])
+            best = min(best, minimize(residual_square, x, args=(image,), tol=1e-12).fun)
+        assert ours[image] == pytest.approx(best, rel=1e-6)
+
+
+def test_a_few_views_are_as_good_as_many(shape, rng):
+    landmarks = rng.standard_normal((100, 2, 10))  # nothing like the shape
+    problem = build_problem(landmarks, shape[None], 1.0)
+    few, many = (find_pose(problem, shape, spread_views(count)) for count in (6, 60))
+    worse = misfits(problem, shape, few) > misfits(problem, shape, many) * (1 + 1e-9)
+    assert worse.mean() <= 0.03
+
+
+def test_one_view_finds_a_local_minimum_only(shape, rng):
+    shape[2] *= 0.3
+    landmarks = posed(
+        shape, random_rotations(200, rng), np.ones(200), np.zeros((200, 2)), noise=0.3, rng=rng
+    )
+    problem = build_problem(landmarks, shape[None], 1.0)
+    one, many = (
+        misfits(problem, shape, find_pose(problem, shape, spread_views(v))) for v in (1, 6)
+    )
+    assert (one >= many * (1 - 1e-9)).all()
+    assert (one > many * 1.01).any()
+
+
+@pytest.mark.parametrize("count", [1, 2, 6, 24])
+def test_views_are_spread_over_the_sphere(count, rng):
+    views = spread_views(count)
+    np.testing.assert_array_equal(views[0], np.eye(3))
+    np.testing.assert_allclose(
+        views @ views.swapaxes(1, 2), np.broadcast_to(np.eye(3), views.shape), atol=1e-14
+    )
+    np.testing.assert_allclose(np.linalg.det(views), 1)
+    axes = views[:, 2]
+    directions = random_rotations(2000, rng)[:, 0]
+    farthest = np.degrees(np.arccos((directions @ axes.T).max(axis=1).min()))
+    assert farthest < {1: 181, 2: 136, 6: 75, 24: 38}[count]
+
+
+def test_turning_in_the_plane_aligns_best(shape, rng):
+    problem = build_problem(rng.standard_normal((3, 2, 10)), shape[None], 1.0)
+    _, D = find_moments(problem, shape)
+    views = random_rotations(4, rng)
+    turned = turn_in_plane(views, D)
+    np.testing.assert_allclose(turned[:, :, 2], np.broadcast_to(views[:, 2], (3, 4, 3)))
+    overlap = np.einsum("nab,nvab->nv", D, turned[:, :, :2])
+    for angle in np.linspace(0, 2 * np.pi, 100):
+        other = rotation_about(np.array([0.0, 0.0, 1.0]), np.array([angle]))[0] @ views
+        assert (np.einsum("nab,vab->nv", D, other[:, :2]) <= overlap + 1e-12).all()
+
+
+def test_moments_are_those_of_the_centred_weighted_landmarks(shape, rng):
+    weights = rng.uniform(0, 2, (1, 10))
+    problem = build_problem(rng.standard_normal((1, 2, 10)), shape[None], 1.0, weights=weights)
+    P, D = find_moments(problem, shape)
+    share = weights[0] ** 2 / (weights**2).sum()
+    S = weights[0] * (shape - (shape @ share)[:, None])
+    w = weights[0] * (problem.landmarks[0] - (problem.landmarks[0] @ share)[:, None])
+    np.testing.assert_allclose(P[0], S @ S.T, atol=1e-13)
+    np.testing.assert_allclose(D[0], w @ S.T, atol=1e-13)
+
+
+def test_without_landmarks_there_is_no_pose(shape):
+    weights = np.ones((2, 10))
+    weights[0] = 0.0
+    problem = build_problem(np.stack([shape[:2], shape[:2]]), shape[None], 1.0, weights=weights)
+    found = find_pose(problem, shape, spread_views(6))
+    np.testing.assert_array_equal(np.isnan(found.rotation).all(axis=(1, 2)), [True, False])
+    np.testing.assert_allclose(found.size, [0, 1], atol=1e-9)

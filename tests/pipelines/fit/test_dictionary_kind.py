@@ -1,0 +1,46 @@
+"""A fit tells where the dictionary is of a kind that its method is not made for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.pipelines.fit.dictionary_kind import mismatch
+
+
+@pytest.mark.parametrize(
+    ("learned", "method", "made_for"),
+    [
+        ("pca-bases", "convex", "convex is made for `sparse-coding` or `exemplars`"),
+        ("pca-bases", "alternate", "alternate is made for `sparse-coding` or `exemplars`"),
+        ("sparse-coding", "pmp", "pmp is made for `method: pca-bases`"),
+        ("exemplars", "pmp", "pmp is made for `method: pca-bases`"),
+        ("pca-bases", "pmp", None),
+        ("pca-bases", "mean-shape", None),
+        ("sparse-coding", "convex+refine", None),
+        ("exemplars", "convex", None),
+        (None, "pmp", None),
+        (None, "convex", None),
+    ],
+)
+def test_bases_belong_to_pmp_and_atoms_to_the_others(learned, method, made_for):
+    provenance = {} if learned is None else {"method": learned}
+    dictionary = Dictionary(np.ones((1, 3, 2)), ("a", "b"), np.ones((3, 2)), provenance=provenance)
+    told = mismatch(FitConfig.model_construct(method=method), dictionary)
+    assert len(told) == (made_for is not None)
+    if made_for:
+        assert f"learned with `method: {learned}`; {made_for}" in told[0]
+
+
+def test_signed_coefficients_may_meet_bases(project, tmp_path):
+    dictionary = Dictionary(
+        np.ones((1, 3, 2)), ("a", "b"), np.ones((3, 2)), provenance={"method": "pca-bases"}
+    )
+    views = str(project / "sample_data/people_views.csv")
+    config = FitConfig(
+        landmarks=[views], dictionary=views, output=str(tmp_path / "r.h5"), method="alternate",
+        alternation={"signed": True},
+    )  # fmt: skip
+    assert mismatch(config, dictionary) == ()

@@ -1,0 +1,346 @@
+"""`leave_out`: the model that an image shows has no part in its fit, whatever it looks like."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.config import FitConfig, LearnDictConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.rotations import random_rotations
+from shapefit.io import (
+    LandmarkSet,
+    landmark_writer,
+    open_landmarks,
+    read_dictionary,
+    read_results,
+    read_shapes,
+    write_dictionary,
+    write_shapes,
+)
+from shapefit.pipelines.fit import chain as lifting_chain
+from shapefit.pipelines.fit import run as fit
+from shapefit.pipelines.learn_dict import run as learn_dict
+
+NAMES = tuple(f"point{j}" for j in range(10))
+MODELS = ("golf", "jetta", "passat", "polo", "up")
+SHOWN = ("polo", "golf", "polo", "up", "jetta", "golf", "passat", "up", "polo")
+METHODS = ["convex", "convex+refine", "alternate", "mean-shape"]
+
+
+@pytest.fixture
+def models(rng):
+    """Five exemplars in metres, `polo` also as its mirror image."""
+    atoms = normalise(rng.standard_normal((3, 10)) + 0.4 * rng.standard_normal((6, 3, 10))).points
+    return Dictionary(
+        atoms=atoms,
+        landmark_names=NAMES,
+        mean_shape=normalise(atoms.mean(axis=0)).points,
+        atom_scale=rng.uniform(1, 2, 6),
+        unit="m",
+        atom_items=(*MODELS, "polo"),
+    )
+
+
+@pytest.fixture
+def images(rng, models):
+    """Nine images of the models; one shows two landmarks only."""
+    shapes = models.atoms[[models.atom_items.index(name) for name in SHOWN]]
+    landmarks = 20 * (random_rotations(9, rng) @ shapes)[:, :2] + 100
+    landmarks += 0.5 * rng.standard_normal(landmarks.shape)
+    landmarks[5, :, 2:] = np.nan
+    return LandmarkSet(
+        landmarks=landmarks,
+        landmark_names=NAMES,
+        items=tuple(f"image{i}" for i in range(9)),
+        unit="px",
+        extras={"true_model": np.array(SHOWN, dtype=object), "box": np.ones((9, 4))},
+    )
+
+
+@pytest.fixture
+def run(tmp_path, models, images):
+    """Return the function that fits images of a record with a dictionary."""
+
+    def run(dictionary=models, views=images, leave_out="true_model", **keys):
+        write_dictionary(tmp_path / "dict.h5", dictionary)
+        with landmark_writer(tmp_path / "views.h5") as writer:
+            writer.append(views)
+        config = FitConfig(
+            landmarks=str(tmp_path / "views.h5"),
+            dictionary=str(tmp_path / "dict.h5"),
+            output=str(tmp_path / "result.h5"),
+            leave_out=leave_out,
+            **keys,
+        )
+        outcomes = list(fit.run(config))
+        return read_results(config.output), outcomes
+
+    return run
+
+
+def warnings(outcomes):
+    return [warning for outcome in outcomes for warning in outcome.warnings]
+
+
+def check_same(one, other, rows=slice(None), other_rows=slice(None)):
+    """Assert that results agree in all that a fit finds, but for axes of atoms."""
+    for name in ("shapes", "landmarks_fitted", "rotation", "translation", "scale", "objective"):
+        mine, theirs = getattr(one, name)[rows], getattr(other, name)[other_rows]
+        np.testing.assert_array_equal(mine, theirs, err_msg=name)
+    for name in ("iterations", "status"):
+        assert list(getattr(one, name)[rows]) == list(getattr(other, name)[other_rows])
+    for name in ("landmarks", "lambda", "residual"):
+        np.testing.assert_array_equal(one.extras[name][rows], other.extras[name][other_rows])
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("model", MODELS)
+def test_what_the_model_looks_like_has_no_say(run, models, images, rng, method, model):
+    views = images.take([i for i in range(9) if SHOWN[i] == model])
+    mine = [name == model for name in models.atom_items]
+    garbage = models.atoms.copy()
+    garbage[mine] = 50 * rng.standard_normal((sum(mine), 3, 10))
+    spoilt = replace(models, atoms=garbage, mean_shape=rng.standard_normal((3, 10)))
+    before, _ = run(views=views, method=method)
+    after, _ = run(spoilt, views=views, method=method)
+    check_same(before, after)
+
+
+@pytest.mark.parametrize("outliers", ["none", "ransac", "truncated"])
+@pytest.mark.parametrize("model", ["polo", "up"])
+def test_no_stage_of_the_fit_sees_the_model(run, models, images, rng, outliers, model):
+    views = images.take([i for i in range(9) if SHOWN[i] == model])
+    mine = [name == model for name in models.atom_items]
+    garbage = models.atoms.copy()
+    garbage[mine] = 50 * rng.standard_normal((sum(mine), 3, 10))
+    keys = {
+        "views": views,
+        "method": "convex+refine",
+        "outliers": {"method": outliers},
+        "camera": {"model": "perspective", "focal": 900, "principal_point": [100, 100]},
+    }
+    before, _ = run(**keys)
+    after, _ = run(replace(models, atoms=garbage, mean_shape=garbage[0]), **keys)
+    check_same(before, after)
+    stages = {"camera_translation"} if outliers == "none" else {"camera_translation", "outliers"}
+    for found in (before, after):
+        assert {"camera_translation", "outliers"} & set(found.extras) == stages
+    for name in stages:
+        np.testing.assert_array_equal(before.extras[name], after.extras[name])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_each_image_is_fitted_with_the_dictionary_of_the_other_models(run, models, images, method):
+    found, outcomes = run(method=method, transforms=True)
+    assert warnings(outcomes) == []
+    items = np.array(models.atom_items)
+    for model in MODELS:
+        rows = [i for i in range(9) if SHOWN[i] == model]
+        kept = items != model
+        others = Dictionary(
+            models.atoms[kept], NAMES, normalise(models.atoms[kept].mean(axis=0)).points
+        )
+        expected, _ = run(others, images.take(rows), leave_out=None, method=method, transforms=True)
+        check_same(found, expected, rows)
+        if expected.coefficients is not None:
+            mine = found.coefficients[rows]
+            np.testing.assert_array_equal(mine[:, kept], expected.coefficients)
+        if expected.transforms is not None:
+            mine = found.transforms[rows]
+            np.testing.assert_array_equal(mine[:, kept], expected.transforms)
+
+
+def test_atoms_left_out_have_no_coefficients(run, models):
+    found, _ = run(transforms=True)
+    own = np.array(SHOWN)[:, None] == np.array(models.atom_items)
+    fitted = np.isfinite(found.scale)
+    assert found.coefficients.shape == (9, 6)
+    np.testing.assert_array_equal(found.coefficients[own & fitted[:, None]], 0)
+    np.testing.assert_array_equal(found.transforms[own & fitted[:, None]], 0)
+    free, _ = run(leave_out=None)
+    assert (free.coefficients[own & fitted[:, None]] > 0.1).any()
+
+
+def test_failures_are_those_of_their_images(run):
+    _, outcomes = run()
+    (failure,) = [failure for outcome in outcomes for failure in outcome.failures]
+    assert failure.item == "image5"
+
+
+def test_chunks_make_no_difference_but_to_starts(run, monkeypatch):
+    whole, _ = run(method="mean-shape")
+    monkeypatch.setattr("shapefit.pipelines.fit.run.STRETCH", 1)
+    parts, outcomes = run(method="mean-shape", chunk=2)
+    assert len(outcomes) == 6
+    assert sum(outcome.done for outcome in outcomes) == 9
+    check_same(whole, parts)
+
+
+@pytest.fixture
+def crowd(images):
+    """Seventy images of polo, more than a stretch, and those of the others."""
+    many = images.take([0] * 70 + [i for i in range(9) if SHOWN[i] != "polo"])
+    return replace(many, items=tuple(f"image{i}" for i in range(len(many))))
+
+
+@pytest.mark.parametrize("keys", [
+    {"method": "convex+refine"},
+    {"method": "mean-shape", "outliers": {"method": "ransac"}},
+    {"method": "convex", "outliers": {"method": "truncated"}},
+])  # fmt: skip
+def test_threads_make_no_difference(run, crowd, keys):
+    one, _ = run(views=crowd, threads=1, **keys)
+    several, _ = run(views=crowd, threads=4, **keys)
+    check_same(one, several)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_small_groups_share_the_threads_and_large_ones_have_them_all(
+    run, crowd, threads, monkeypatch
+):
+    lifted = []
+    working = Counter()
+    lift = lifting_chain.lift
+
+    def slow_lift(landmarks, *arguments):
+        working["now"] += 1
+        time.sleep(0.1)
+        lifted.append((len(landmarks), working["now"]))
+        found = lift(landmarks, *arguments)
+        working["now"] -= 1
+        return found
+
+    monkeypatch.setattr(lifting_chain, "lift", slow_lift)
+    run(views=crowd, method="mean-shape", threads=threads)
+    assert lifted[0] == (70, 1)
+    assert sorted(size for size, _ in lifted[1:]) == [1, 1, 2, 2]
+    assert max(together for _, together in lifted[1:]) == threads
+
+
+def test_models_that_the_dictionary_lacks_are_fitted_with_all_atoms(run, images):
+    shown = np.array(["beetle" if name == "up" else name for name in SHOWN], dtype=object)
+    odd = replace(images, extras={"true_model": shown})
+    found, outcomes = run(views=odd, method="mean-shape", chunk=4)
+    assert warnings(outcomes) == [
+        "leave_out: 2 of 9 images show no item of the dictionary, the first 'beetle'; "
+        "they were fitted with all atoms"
+    ]
+    known, _ = run(method="mean-shape")
+    all_atoms, _ = run(leave_out=None, method="mean-shape")
+    check_same(found, all_atoms, [3, 7], [3, 7])
+    check_same(found, known, [0, 1, 2, 4, 6, 8], [0, 1, 2, 4, 6, 8])
+
+
+def test_unknown_are_fitted_with_the_mean_shape_of_the_dictionary_too(run, models, images):
+    """It need not be the mean of the atoms, which stands in where a model is left out."""
+    other = replace(models, mean_shape=models.atoms[0])
+    views = replace(images, extras={"true_model": np.array(("kadett", *SHOWN[1:]), dtype=object)})
+    found, _ = run(other, views=views, method="mean-shape")
+    whole, _ = run(other, views=views, method="mean-shape", leave_out=None)
+    check_same(found, whole, [0], [0])
+    assert np.abs(found.shapes[1] - whole.shapes[1]).max() > 1
+
+
+def test_images_may_be_named_like_their_models(run, images):
+    views = replace(images.take([0, 1, 3]), items=("polo", "golf", "up"))
+    by_item, _ = run(views=views, leave_out="item")
+    by_dataset, _ = run(views=views)
+    check_same(by_item, by_dataset)
+
+
+def test_numbers_are_names_too(run, models, images):
+    numbers = {name: i for i, name in enumerate(MODELS)}
+    numbered = replace(models, atom_items=tuple(str(numbers[n]) for n in models.atom_items))
+    shown = np.array([numbers[name] for name in SHOWN])
+    by_number, _ = run(numbered, replace(images, extras={"true_model": shown}))
+    by_name, _ = run()
+    check_same(by_number, by_name)
+
+
+def test_no_images_are_no_problem(run, images):
+    found, outcomes = run(views=images.take([]))
+    assert len(found) == 0
+    assert warnings(outcomes) == ["the input holds no images"]
+
+
+class TestRefusals:
+    def refused(self, run, tmp_path, *arguments, **keys):
+        with pytest.raises(InputError) as caught:
+            run(*arguments, **keys)
+        assert not (tmp_path / "result.h5").exists()
+        return str(caught.value)
+
+    def test_a_misspelt_dataset(self, run, tmp_path):
+        assert self.refused(run, tmp_path, leave_out="true_modle") == (
+            "leave_out: there is no dataset 'true_modle' with one name an image; "
+            "set `leave_out` to one of: item, true_model"
+        )
+
+    def test_a_dataset_that_is_no_name(self, run, tmp_path):
+        assert "no dataset 'box' with one name an image" in self.refused(
+            run, tmp_path, leave_out="box"
+        )
+
+    def test_a_dictionary_without_items(self, run, tmp_path, models):
+        assert self.refused(run, tmp_path, replace(models, atom_items=None)) == (
+            "leave_out: the atoms of the dictionary have no items; "
+            "learn it with `method: exemplars`, or remove `leave_out`"
+        )
+
+    def test_a_dictionary_of_one_item(self, run, tmp_path, models):
+        lonely = replace(models, atom_items=("golf",) * 6)
+        assert self.refused(run, tmp_path, lonely) == (
+            "leave_out: every atom of the dictionary is the item 'golf'; "
+            "learn the dictionary from more models"
+        )
+
+    def test_names_of_another_kind(self, run, tmp_path):
+        assert self.refused(run, tmp_path, leave_out="item") == (
+            "leave_out: 9 of 9 images show no item of the dictionary, the first 'image0'; "
+            "name the dataset whose texts are items of the dictionary, as 'golf', 'jetta', 'passat'"
+        )
+
+
+@pytest.mark.real_data
+def test_real_cars_are_fitted_as_by_a_dictionary_learned_without_them(real_data, tmp_path):
+    """Every twentieth car; the model most of them show learned out of the dictionary."""
+    models = read_shapes([real_data / "cars" / "models.h5"])
+    with open_landmarks([real_data / "cars" / "annotated_cars.h5"]) as source:
+        (chunk,) = source.chunks(2000)
+    cars = chunk.take(slice(0, None, 20))
+    names, counts = np.unique(cars.extras["true_model"].astype(str), return_counts=True)
+    model = str(names[counts.argmax()])
+    shown = cars.extras["true_model"].astype(str) == model
+    others = np.array([item != model for item in models.items])
+
+    def learned(shapes, name):
+        write_shapes(tmp_path / "models.h5", shapes)
+        config = LearnDictConfig(
+            shapes=str(tmp_path / "models.h5"), output=str(tmp_path / name), method="exemplars",
+            align="none",
+        )  # fmt: skip
+        list(learn_dict.run(config))
+        return config.output
+
+    def fitted(views, dictionary, **keys):
+        with landmark_writer(tmp_path / "cars.h5") as writer:
+            writer.append(views)
+        config = FitConfig(
+            landmarks=str(tmp_path / "cars.h5"), dictionary=str(dictionary),
+            output=str(tmp_path / "result.h5"), **keys,
+        )  # fmt: skip
+        list(fit.run(config))
+        return read_results(config.output)
+
+    whole = fitted(cars, learned(models, "all.h5"), leave_out="true_model")
+    assert read_dictionary(tmp_path / "all.h5").k == 34
+    expected = fitted(cars.take(shown), learned(models.take(others), "others.h5"))
+    check_same(whole, expected, np.flatnonzero(shown))
+    np.testing.assert_array_equal(whole.coefficients[shown][:, others], expected.coefficients)

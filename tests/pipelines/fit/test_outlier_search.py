@@ -1,0 +1,195 @@
+"""`outliers.method` of `fit`: wrong landmarks are as good as hidden, and said to be wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.config import FitConfig
+from shapefit.config.commands.fit_outliers import OutlierSearchConfig
+from shapefit.convex.newton import solve_newton
+from shapefit.geometry.rotations import random_rotations
+from shapefit.io import landmark_writer, open_landmarks, read_results, write_dictionary
+from shapefit.pipelines.fit import outlier_search
+from shapefit.pipelines.fit import run as fit
+from shapefit.pipelines.fit.outlier_search import choose_search, find_seeds
+from shapefit.pipelines.project.imperfections import corrupt
+
+METHODS = ("ransac", "truncated")
+
+
+@pytest.fixture(scope="module")
+def views(project):
+    """Views of the cars with at least 12 visible landmarks."""
+    with open_landmarks([project / "sample_data" / "cars_views.h5"]) as source:
+        (views,) = source.chunks(1000)
+    return views.take(np.isfinite(views.landmarks[:, 0]).sum(axis=1) >= 12)
+
+
+@pytest.fixture
+def run(tmp_path, made_cars):
+    """Return the function that fits images of a record; it gives the result and the failures."""
+
+    def run(images, **keys):
+        write_dictionary(tmp_path / "dict.h5", made_cars)
+        with landmark_writer(tmp_path / "views.h5") as writer:
+            writer.append(images)
+        paths = {
+            "landmarks": str(tmp_path / "views.h5"),
+            "dictionary": str(tmp_path / "dict.h5"),
+            "output": str(tmp_path / "result.h5"),
+        }
+        config = FitConfig(**paths, **({"method": "convex+refine"} | keys))
+        failures = {f.item: f.reason for outcome in fit.run(config) for f in outcome.failures}
+        return read_results(config.output), failures
+
+    return run
+
+
+def spoil(views, share, rng):
+    landmarks, wrong = corrupt(views.landmarks, views.seen(), share, 0.1, rng)
+    return replace(views, landmarks=landmarks), wrong
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("lifting", ["convex", "alternate", "mean-shape"])
+def test_an_outlier_is_as_good_as_hidden_but_labelled(method, lifting, run, views, rng):
+    spoilt, wrong = spoil(views, 0.3, rng)
+    found, failures = run(spoilt, method=lifting, outliers={"method": method})
+    assert not failures
+    labels = found.extras["outliers"].astype(bool)
+    visible = np.isfinite(spoilt.landmarks[:, 0])
+    assert not labels[~visible].any()
+    assert (labels & wrong).sum() > 0.85 * max(labels.sum(), wrong.sum())
+    np.testing.assert_array_equal(  # the observed landmarks, those judged wrong too
+        found.extras["landmarks"], np.swapaxes(spoilt.landmarks, 1, 2)
+    )
+    hidden = replace(spoilt, landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks))
+    without, _ = run(hidden, method=lifting)
+    np.testing.assert_array_equal(found.shapes, without.shapes)
+    np.testing.assert_array_equal(found.scale, without.scale)
+    assert "outliers" not in without.extras
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_perspective_starts_from_the_inliers(method, run, views, rng):
+    spoilt, _ = spoil(views, 0.3, rng)
+    camera = {"model": "perspective", "intrinsics": "camera_matrix"}
+    found, _ = run(spoilt, outliers={"method": method}, camera=camera)
+    labels = found.extras["outliers"].astype(bool)
+    assert labels.any()
+    hidden = replace(spoilt, landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks))
+    without, _ = run(hidden, camera=camera)
+    np.testing.assert_array_equal(found.shapes, without.shapes)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_search_does_without_the_model_left_out(method, run, views, rng, made_cars):
+    spoilt, _ = spoil(views, 0.3, rng)
+    spoilt = spoilt.take(slice(8))
+    found, _ = run(spoilt, outliers={"method": method}, leave_out="true_model")
+    for image, model in enumerate(spoilt.extras["true_model"]):
+        assert not found.coefficients[image][~made_cars.atoms_without(str(model))].any()
+        alone = labels_of(spoilt.take([image]), made_cars.without(str(model)), method)
+        np.testing.assert_array_equal(found.extras["outliers"][image].astype(bool), alone)
+
+
+def labels_of(image, dictionary, method):
+    """Labels of one image with a dictionary that never had the model."""
+    search = choose_search(OutlierSearchConfig(method=method), solve_newton, 1)
+    visible = image.seen()
+    return (visible & ~search(image, visible.astype(float), dictionary))[0]
+
+
+def test_the_rounds_of_a_truncated_search_are_those_of_the_config(views, made_cars, rng):
+    spoilt, _ = spoil(views, 0.3, rng)
+    solved = []
+
+    def solve(problem):
+        solved.append(len(problem.landmarks))
+        return solve_newton(problem)
+
+    search = choose_search(OutlierSearchConfig(method="truncated", max_rounds=3), solve, 1)
+    search(spoilt, spoilt.seen().astype(float), made_cars)
+    assert solved == 3 * [64] + 3 * [44]  # stretch by stretch
+
+
+@pytest.mark.parametrize(
+    ("method", "function", "keys"),
+    [
+        ("ransac", "find_consensus", {"threshold", "draws", "max_rounds"}),
+        ("truncated", "find_untruncated", {"lam", "threshold", "max_rounds"}),
+    ],
+)
+def test_the_search_is_told_what_the_config_says(
+    method, function, keys, views, made_cars, monkeypatch
+):
+    options = {"threshold": 0.4, "draws": 7, "lam": 2.5, "max_rounds": 3}
+    told = {}
+    monkeypatch.setattr(outlier_search, function, lambda *_, **given: told.update(given))
+    search = choose_search(OutlierSearchConfig(method=method, **options), solve_newton, 1)
+    search(views, views.seen().astype(float), made_cars)
+    assert {key: told[key] for key in keys} == {key: options[key] for key in keys}
+
+
+@pytest.mark.parametrize("chunk", [1, 7])
+def test_labels_of_ransac_depend_neither_on_chunks_nor_on_order(chunk, run, views, rng):
+    spoilt, _ = spoil(views, 0.6, rng)
+    search = {"method": "ransac", "draws": 20}
+    found, _ = run(spoilt, outliers=search)
+    order = rng.permutation(len(spoilt))
+    again, _ = run(spoilt.take(order), outliers=search, chunk=chunk, threads=2)
+    np.testing.assert_array_equal(again.extras["outliers"], found.extras["outliers"][order])
+    other, _ = run(spoilt, outliers=search | {"seed": 1})
+    assert (other.extras["outliers"] != found.extras["outliers"]).any()
+
+
+def test_a_seed_belongs_to_the_name_of_an_image(views):
+    seeds = find_seeds(views, 3)
+    assert len(set(seeds.tolist())) == len(views)
+    np.testing.assert_array_equal(find_seeds(views.take([4, 1]), 3), seeds[[4, 1]])
+    assert not set(find_seeds(views, 4).tolist()) & set(seeds.tolist())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_images_that_cannot_be_searched_or_lifted(method, run, views, rng):
+    images = views.take(slice(6))
+    landmarks = images.landmarks.copy()
+    seen = [np.flatnonzero(np.isfinite(landmarks[i, 0])) for i in range(6)]
+    landmarks[0][:, seen[0][3:]] = np.nan  # three landmarks
+    landmarks[1][:, seen[1][2:]] = np.nan
+    landmarks[2][:, seen[2]] = 5.0  # all on one point
+    landmarks[3][:, seen[3][5:]] = np.nan  # five landmarks of another shape
+    landmarks[3][:, seen[3][:5]] = rng.uniform(0, 1e3, (2, 5))
+    landmarks[4] = np.nan
+    images = replace(images, landmarks=landmarks)
+    found, failures = run(images, outliers={"method": method, "threshold": 0.01})
+    name = images.items
+    assert failures[name[1]] == "only 2 visible landmarks, 3 are needed"
+    assert failures[name[2]] == "all visible landmarks lie on one point"
+    assert failures[name[3]].endswith(
+        "of 5 visible landmarks agree with each other; it takes 4, not all on one line"
+    )
+    assert failures[name[4]] == "all landmarks are hidden"
+    labels = found.extras["outliers"].astype(bool)
+    assert not labels[[0, 1, 2, 4]].any()
+    assert labels[3].sum() == 5
+    assert np.isfinite(found.shapes[0]).all()
+    assert np.isnan(found.shapes[1:5]).all()
+
+
+def test_four_landmarks_are_searched_and_four_that_agree_are_enough(run, views, made_cars, rng):
+    images = views.take(slice(2)).arrange(made_cars.landmark_names)
+    R = random_rotations(1, rng)[0]
+    landmarks = np.tile(200 * (R @ made_cars.mean_shape)[:2] + 500, (2, 1, 1))
+    p = landmarks.shape[2]
+    landmarks[:, :, ~np.isin(np.arange(p), [0, p // 3, 2 * p // 3, p - 1])] = np.nan
+    landmarks[1] = np.where(np.isfinite(landmarks[1]), rng.uniform(0, 1e3, (2, p)), np.nan)
+    search = {"method": "ransac", "threshold": 0.05}
+    found, failures = run(replace(images, landmarks=landmarks), outliers=search)
+    assert list(failures) == [images.items[1]]
+    assert "of 4 visible landmarks agree" in failures[images.items[1]]
+    assert not found.extras["outliers"][0].any()
+    assert found.extras["outliers"][1].sum() == 4

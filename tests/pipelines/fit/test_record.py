@@ -1,0 +1,74 @@
+"""What a result file holds: the datasets of the fit, and those that came with the landmarks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.config import FitConfig
+from shapefit.io import landmark_writer, open_landmarks, read_results, write_dictionary
+from shapefit.io.extras import Extras
+from shapefit.pipelines.fit.record import OF_A_RESULT
+from shapefit.pipelines.fit.run import run
+
+
+@pytest.fixture
+def fit(project, made_cars, tmp_path):
+    """Fit three images of cars with these further datasets; returns the result and warnings."""
+    write_dictionary(tmp_path / "dictionary.h5", made_cars)
+    with open_landmarks([project / "sample_data" / "cars_views.h5"]) as source:
+        images = next(source.chunks(3))
+
+    def fit(per_item=None, output="result.h5", **keys):
+        cameras = {"camera_matrix": images.extras["camera_matrix"]}
+        with landmark_writer(tmp_path / "views.h5") as writer:
+            writer.append(replace(images, extras=Extras(per_item, cameras)))
+        config = FitConfig(
+            landmarks=[str(tmp_path / "views.h5")],
+            dictionary=str(tmp_path / "dictionary.h5"),
+            output=str(tmp_path / output),
+            **keys,
+        )
+        outcomes = list(run(config))
+        told = [line for outcome in outcomes for line in outcome.warnings]
+        return read_results(config.output), told
+
+    return fit
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"path": [0.5, 0.1]},
+        {"loss": "l1"},
+        {
+            "method": "convex+refine",
+            "camera": {"model": "perspective", "intrinsics": "camera_matrix"},
+        },
+    ],
+)
+def test_every_dataset_of_a_fit_is_known_as_such(fit, keys):
+    found, told = fit(**keys)
+    assert found.extras.keys() - {"camera_matrix"} <= OF_A_RESULT
+    assert not [line for line in told if "named like" in line]
+
+
+def test_datasets_of_the_landmarks_do_not_pass_for_those_of_the_fit(fit):
+    mine = {name: np.full(3, -7.0) for name in ("status", "lambda", "path_lambda", "outliers")}
+    found, told = fit({**mine, "subject": np.full(3, -7.0)})
+    assert list(found.status) == ["optimal"] * 3
+    np.testing.assert_array_equal(found.extras["lambda"], 0.1)
+    assert not {"path_lambda", "outliers"} & found.extras.keys()
+    for name in (*(f"input_{name}" for name in mine), "subject"):
+        np.testing.assert_array_equal(found.extras[name], -7.0)
+    (warning,) = (line for line in told if "named like" in line)
+    for name in mine:
+        assert f"{name} is stored as input_{name}" in warning
+    assert "subject" not in warning
+
+
+def test_a_table_holds_no_datasets_to_be_told_of(fit):
+    _, told = fit({"status": np.zeros(3)}, output="result.csv")
+    assert not [line for line in told if "named like" in line]

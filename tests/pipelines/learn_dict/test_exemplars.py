@@ -1,0 +1,183 @@
+"""`method: exemplars`: every training shape an atom, with its mesh, its size and its name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from shapefit.config import LearnDictConfig
+from shapefit.errors import InputError
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.procrustes import generalised_procrustes
+from shapefit.geometry.rotations import random_rotations
+from shapefit.io import ShapeSet, read_dictionary, read_shapes, write_shapes
+from shapefit.pipelines.learn_dict import run as learn_dict
+
+FACES = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
+
+
+@pytest.fixture
+def models(rng):
+    """Nine models of five landmarks, each with a tetrahedron around it, differently turned."""
+    corners = np.array([(0, 0, 0), (4, 0, 0), (0, 4, 0), (0, 0, 4)], dtype=float).T - 1
+    points = rng.standard_normal((3, 5)) + 0.3 * rng.standard_normal((9, 3, 5))
+    R, shift = random_rotations(9, rng), rng.standard_normal((9, 3, 1))
+    size = rng.uniform(0.5, 2, (9, 1, 1))
+    return ShapeSet(
+        shapes=size * R @ points + shift,
+        landmark_names=tuple("abcde"),
+        items=tuple(f"model{i}" for i in range(9)),
+        edges=np.array([[0, 1]]),
+        mesh_vertices=size * R @ (corners + 0.1 * rng.standard_normal((9, 3, 4))) + shift,
+        mesh_faces=FACES,
+        unit="m",
+    )
+
+
+@pytest.fixture
+def make(tmp_path, models):
+    """Return the function that makes a dictionary of the models, or of others."""
+
+    def run(shapes=models, **keys):
+        path = tmp_path / "models.h5"
+        write_shapes(path, shapes)
+        settings = {"method": "exemplars"} | keys
+        config = LearnDictConfig(shapes=str(path), output=str(tmp_path / "dict.h5"), **settings)
+        outcomes = list(learn_dict.run(config))
+        return read_dictionary(config.output), outcomes
+
+    return run
+
+
+def warnings(outcomes):
+    return [warning for outcome in outcomes for warning in outcome.warnings]
+
+
+def metric(dictionary, points):
+    return dictionary.atom_scale[:, None, None] * points
+
+
+def test_every_normalised_model_is_an_atom(make, models):
+    dictionary, outcomes = make(align="none")
+    normalised = normalise(models.shapes)
+    np.testing.assert_array_equal(dictionary.atoms, normalised.points)
+    np.testing.assert_array_equal(dictionary.atom_scale, normalised.scale)
+    mean = normalise(normalised.points.mean(axis=0)).points
+    np.testing.assert_array_equal(dictionary.mean_shape, mean)
+    assert dictionary.atom_items == models.items
+    assert dictionary.unit == "m"
+    np.testing.assert_array_equal(dictionary.edges, models.edges)
+    assert warnings(outcomes) == []
+    assert [outcome.note for outcome in outcomes] == ["9 shapes", "9 atoms"]
+    assert dictionary.provenance["method"] == "exemplars"
+
+
+def test_the_scale_gives_the_models_back_with_their_meshes(make, models):
+    dictionary, _ = make(align="none")
+    middle = models.shapes.mean(axis=2, keepdims=True)
+    np.testing.assert_allclose(metric(dictionary, dictionary.atoms) + middle, models.shapes)
+    found = metric(dictionary, dictionary.mesh_vertices) + middle
+    np.testing.assert_allclose(found, models.mesh_vertices)
+    np.testing.assert_array_equal(dictionary.mesh_faces, FACES)
+
+
+def test_models_are_turned_onto_each_other_with_their_meshes(make, models):
+    dictionary, _ = make(align="all")
+    alignment = generalised_procrustes(normalise(models.shapes).points)
+    np.testing.assert_array_equal(dictionary.atoms, alignment.shapes)
+    assert np.abs(alignment.rotations - np.eye(3)).max() > 0.5
+    middle = models.shapes.mean(axis=2, keepdims=True)
+    turned = alignment.rotations @ (models.mesh_vertices - middle)
+    np.testing.assert_allclose(metric(dictionary, dictionary.mesh_vertices), turned, atol=1e-12)
+
+
+def test_a_list_of_landmarks_turns_them_too(make, models):
+    dictionary, _ = make(align=["a", "b", "d"])
+    alignment = generalised_procrustes(normalise(models.shapes).points, [0, 1, 3])
+    np.testing.assert_array_equal(dictionary.atoms, alignment.shapes)
+
+
+def test_the_dictionary_without_a_model_is_that_of_the_others(make, models, same_dictionary):
+    whole, _ = make(align="none")
+    others, _ = make(models.take([0, 1, 2, 3, 5, 6, 7, 8]), align="none")
+    same_dictionary(whole.without("model4"), others)
+
+
+@pytest.fixture
+def same_dictionary():
+    def check(one, other):
+        assert (one.atom_items, one.unit) == (other.atom_items, other.unit)
+        for name in ("atoms", "mean_shape", "mesh_vertices", "mesh_faces", "atom_scale", "edges"):
+            np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-12)
+
+    return check
+
+
+def test_models_without_mesh_and_unit_are_atoms_too(make, models):
+    bare = replace(models, mesh_vertices=None, mesh_faces=None, unit="unknown")
+    dictionary, _ = make(bare)
+    assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
+    assert dictionary.unit == "unknown"
+
+
+def test_a_model_of_one_point_fails_and_the_others_are_atoms(make, models):
+    points = models.shapes.copy()
+    points[3] = 1.0
+    dictionary, outcomes = make(replace(models, shapes=points))
+    assert [failure.item for failure in outcomes[0].failures] == ["model3"]
+    assert "model3" not in dictionary.atom_items
+    assert dictionary.k == len(dictionary.atom_scale) == len(dictionary.mesh_vertices) == 8
+
+
+def test_every_thins_out_the_models(make, models):
+    dictionary, _ = make(every=4)
+    assert dictionary.atom_items == ("model0", "model4", "model8")
+
+
+def test_an_unknown_landmark_is_named(make):
+    with pytest.raises(InputError, match=r"align: there is no landmark 'f'"):
+        make(align=["a", "b", "f"])
+
+
+@pytest.mark.real_data
+def test_the_real_cars_stay_in_their_frame_and_their_meshes_closed(real_data, tmp_path):
+    cars = real_data / "cars" / "models.h5"
+    config = LearnDictConfig(
+        shapes=str(cars), output=str(tmp_path / "dict.h5"), method="exemplars", align="none"
+    )
+    list(learn_dict.run(config))
+    dictionary, models = read_dictionary(config.output), read_shapes([cars])
+    assert (dictionary.k, dictionary.unit, dictionary.atom_items) == (34, "m", models.items)
+    middle = models.shapes.mean(axis=2, keepdims=True)
+    vertices = metric(dictionary, dictionary.mesh_vertices) + middle
+    np.testing.assert_allclose(vertices, models.mesh_vertices, atol=1e-9)
+    for found in vertices:
+        mesh = trimesh.Trimesh(found.T, dictionary.mesh_faces, process=False)
+        assert mesh.is_watertight
+        assert mesh.is_winding_consistent
+        assert mesh.volume > 0
+
+
+@pytest.mark.real_data
+def test_the_wireframes_of_fg3dcar_become_atoms(real_data, tmp_path):
+    wires = real_data / "cars" / "fg3dcar_shapes.h5"
+    config = LearnDictConfig(
+        shapes=str(wires), output=str(tmp_path / "dict.h5"), method="exemplars"
+    )
+    (first, last) = list(learn_dict.run(config))
+    dictionary, models = read_dictionary(config.output), read_shapes([wires])
+    assert first.failures == first.warnings == last.warnings == ()
+    assert dictionary.atoms.shape == (15, 3, 256)
+    assert (dictionary.unit, dictionary.mesh_vertices) == (models.unit, None)
+    np.testing.assert_array_equal(dictionary.edges, models.edges)
+
+    def lengths(shapes):
+        ends = shapes[..., models.edges]
+        return np.linalg.norm(ends[..., 0] - ends[..., 1], axis=1)
+
+    np.testing.assert_allclose(
+        lengths(metric(dictionary, dictionary.atoms)), lengths(models.shapes), rtol=1e-9
+    )

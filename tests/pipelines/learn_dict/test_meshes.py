@@ -1,0 +1,131 @@
+"""Meshes and sizes of atoms that `learn-dict` mixes from training shapes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from shapefit.config import LearnDictConfig
+from shapefit.dictionary.learning import learn
+from shapefit.geometry.normalisation import normalise, spread
+from shapefit.geometry.procrustes import generalised_procrustes
+from shapefit.io import ShapeSet, read_dictionary, read_shapes, write_shapes
+from shapefit.meshes.dense import carry_mesh, mesh_of_atoms
+from shapefit.pipelines.learn_dict import run as learn_dict
+
+FACES = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
+
+
+@pytest.fixture
+def models(rng):
+    """Twelve models of five landmarks, four of which are the corners of a tetrahedron."""
+    points = np.array([(0, 0, 0), (4, 0, 0), (0, 4, 0), (0, 0, 4), (1, 1, 2)], dtype=float).T
+    points = rng.uniform(0.5, 2, (12, 1, 1)) * (points + 0.3 * rng.standard_normal((12, 3, 5)))
+    return ShapeSet(
+        shapes=points,
+        landmark_names=tuple("abcde"),
+        items=tuple(f"model{i}" for i in range(12)),
+        sequences=("here",) * 6 + ("there",) * 6,
+        mesh_vertices=points[:, :, :4],
+        mesh_faces=FACES,
+        unit="m",
+    )
+
+
+def make(folder, models, **keys):
+    path = folder / "models.h5"
+    write_shapes(path, models)
+    settings = {"k": 4, "iterations": 5} if keys.get("method") != "pca-bases" else {}
+    settings |= keys
+    config = LearnDictConfig(shapes=str(path), output=str(folder / "dict.h5"), **settings)
+    outcomes = list(learn_dict.run(config))
+    warnings = [warning for outcome in outcomes for warning in outcome.warnings]
+    return read_dictionary(config.output), warnings
+
+
+def test_vertices_go_where_the_landmarks_go_on_which_they_lie(tmp_path, models):
+    for align in ("all", "none", ["a", "b", "c"]):
+        dictionary, warnings = make(tmp_path, models, align=align)
+        assert warnings == []
+        np.testing.assert_allclose(
+            dictionary.mesh_vertices, dictionary.atoms[:, :, :4], rtol=0, atol=1e-12
+        )
+        np.testing.assert_array_equal(dictionary.mesh_faces, FACES)
+
+
+def test_meshes_mixed_otherwise_follow_the_mixture(tmp_path, models, rng):
+    meshes = rng.standard_normal((12, 3, 7))
+    dictionary, _ = make(tmp_path, replace(models, mesh_vertices=meshes))
+    normalised = normalise(models.shapes)
+    alignment = generalised_procrustes(normalised.points)
+    carried = carry_mesh(meshes, normalised, alignment.rotations)
+    expected = mesh_of_atoms(dictionary.atoms, alignment.shapes, carried)
+    np.testing.assert_array_equal(dictionary.mesh_vertices, expected)
+
+
+def test_learned_atoms_have_sizes_in_the_unit_of_the_shapes(tmp_path, models):
+    dictionary, _ = make(tmp_path, models)
+    assert dictionary.unit == "m"
+    assert dictionary.atom_items is None
+    normalised = normalise(models.shapes)
+    *_, learned = learn(generalised_procrustes(normalised.points).shapes, 4, 0.1, iterations=5)
+    grown = dictionary.atom_scale * spread(dictionary.atoms)
+    share = learned.coefficients / learned.coefficients.sum(axis=0)
+    np.testing.assert_allclose(grown, share.T @ normalised.scale, rtol=1e-12)
+    larger, _ = make(tmp_path, replace(models, shapes=1000 * models.shapes))
+    np.testing.assert_allclose(larger.atom_scale, 1000 * dictionary.atom_scale, rtol=1e-9)
+
+
+def test_shapes_without_meshes_give_atoms_without(tmp_path, models):
+    bare = replace(models, mesh_vertices=None, mesh_faces=None)
+    dictionary, warnings = make(tmp_path, bare)
+    assert (warnings, dictionary.mesh_vertices, dictionary.mesh_faces) == ([], None, None)
+
+
+def test_bases_have_no_mesh_and_say_so(tmp_path, models):
+    dictionary, warnings = make(tmp_path, models, method="pca-bases")
+    assert (dictionary.mesh_vertices, dictionary.atom_scale) == (None, None)
+    assert warnings == ["the meshes are left out: bases are differences of shapes, not shapes"]
+
+
+def test_an_atom_that_is_no_mixture_leaves_the_meshes_out(tmp_path, models, monkeypatch):
+    def learn_elsewhere(shapes, *settings, **options):
+        *_, learned = learn(shapes, *settings, **options)
+        bent = learned.atoms + 0.1 * np.sin(np.arange(15)).reshape(3, 5)
+        yield replace(learned, atoms=bent - bent.mean(axis=-1, keepdims=True))
+
+    monkeypatch.setattr(learn_dict, "learn", learn_elsewhere)
+    few = models.take([0, 1, 2, 3])
+    dictionary, warnings = make(tmp_path, few)
+    assert warnings == ["the meshes are left out: an atom is no mixture of the training shapes"]
+    assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
+
+
+@pytest.mark.real_data
+def test_learned_real_cars_are_closed_meshes_of_car_size(real_data, tmp_path):
+    models = read_shapes([real_data / "cars" / "models.h5"])
+    dictionary, warnings = make(tmp_path, models, k=8, align="none")
+    assert not any("mesh" in warning for warning in warnings)
+    assert dictionary.mesh_vertices.shape == (8, 3, 1352)
+    lengths = np.ptp(models.mesh_vertices[:, 2], axis=-1)
+    for vertices, scale in zip(dictionary.mesh_vertices, dictionary.atom_scale, strict=True):
+        mesh = trimesh.Trimesh(scale * vertices.T, dictionary.mesh_faces, process=False)
+        assert mesh.is_watertight
+        assert mesh.is_winding_consistent
+        assert mesh.volume > 0
+        assert np.isfinite(mesh.vertices).all()
+        assert 0.8 * lengths.min() < mesh.extents[2] < 1.2 * lengths.max()
+
+
+@pytest.mark.real_data
+def test_fg3dcar_learns_with_edges_alone(real_data, tmp_path):
+    wires = read_shapes([real_data / "cars" / "fg3dcar_shapes.h5"])
+    dictionary, warnings = make(tmp_path, wires, k=8)
+    assert not any("mesh" in warning for warning in warnings)
+    assert dictionary.atoms.shape == (8, 3, 256)
+    assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
+    np.testing.assert_array_equal(dictionary.edges, wires.edges)
+    assert (dictionary.atom_scale > 0).all()

@@ -1,0 +1,353 @@
+"""`learn-dict` from files to a file: what is learned from, written, left out and refused."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shapefit import __version__
+from shapefit.config import LearnDictConfig
+from shapefit.dictionary.learning import learn
+from shapefit.dictionary.pca_bases import principal_components
+from shapefit.errors import InputError
+from shapefit.geometry.normalisation import centroid, normalise, spread
+from shapefit.geometry.procrustes import generalised_procrustes, rotation_onto
+from shapefit.geometry.rotations import random_rotations
+from shapefit.io import ShapeSet, digest, read_dictionary, read_shapes, write_shapes
+from shapefit.pipelines.learn_dict import run as learn_dict
+from shapefit.pipelines.learn_dict import training_shapes
+from shapefit.pipelines.learn_dict.training_shapes import every_nth
+
+NAMES = ("hip", "neck", "head", "left hand", "right hand")
+EDGES = np.array([[0, 1], [1, 2], [1, 3], [1, 4]])
+
+
+@pytest.fixture
+def shapes(rng):
+    """30 shapes in two sequences, in metres, differently turned and placed."""
+    points = rng.standard_normal((3, 5)) + 0.3 * rng.standard_normal((30, 3, 5))
+    points = 0.5 * random_rotations(30, rng) @ points + rng.standard_normal((30, 3, 1))
+    return ShapeSet(
+        shapes=points,
+        landmark_names=NAMES,
+        items=tuple(f"item{i}" for i in range(30)),
+        sequences=("walk",) * 10 + ("run",) * 20,
+        edges=EDGES,
+        unit="m",
+    )
+
+
+@pytest.fixture
+def config(tmp_path, shapes):
+    """Return a function that makes a config; its shapes are those of the fixture."""
+    write_shapes(tmp_path / "train.h5", shapes)
+
+    def make(**changes):
+        settings = {
+            "shapes": str(tmp_path / "train.h5"),
+            "output": str(tmp_path / "dict.h5"),
+        }
+        if changes.get("method") != "pca-bases":
+            settings |= {"k": 6, "iterations": 4}
+        return LearnDictConfig(**settings | changes)
+
+    return make
+
+
+def learned(config):
+    outcomes = list(learn_dict.run(config))
+    return outcomes, read_dictionary(config.output)
+
+
+def failures(outcomes):
+    return {f.item: f.reason for outcome in outcomes for f in outcome.failures}
+
+
+def warnings(outcomes):
+    return [warning for outcome in outcomes for warning in outcome.warnings]
+
+
+class TestDictionary:
+    def test_is_learned_from_normalised_aligned_shapes(self, config, shapes):
+        _, dictionary = learned(config())
+        aligned = generalised_procrustes(normalise(shapes.shapes).points)
+        *_, expected = learn(aligned.shapes, 6, 0.1, iterations=4)
+        np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
+        np.testing.assert_array_equal(dictionary.objective_trace, expected.trace)
+        np.testing.assert_array_equal(dictionary.mean_shape, normalise(aligned.mean).points)
+
+    def test_is_centred_and_within_the_bound(self, config):
+        _, dictionary = learned(config())
+        assert dictionary.atoms.shape == (6, 3, 5)
+        np.testing.assert_allclose(dictionary.atoms.mean(axis=-1), 0, atol=1e-14)
+        assert np.linalg.norm(dictionary.atoms, axis=(1, 2)).max() == pytest.approx(1)
+        np.testing.assert_allclose(centroid(dictionary.mean_shape), 0, atol=1e-14)
+        assert spread(dictionary.mean_shape) == pytest.approx(1)
+
+    def test_keeps_names_and_edges(self, config):
+        _, dictionary = learned(config())
+        assert dictionary.landmark_names == NAMES
+        np.testing.assert_array_equal(dictionary.edges, EDGES)
+        assert dictionary.mesh_vertices is None
+
+    def test_says_where_it_comes_from(self, config, tmp_path):
+        _, dictionary = learned(made := config(beta=0.2))
+        assert dictionary.provenance["version"] == __version__
+        assert dictionary.provenance["method"] == "sparse-coding"
+        assert dictionary.provenance["config"] == made.as_json()
+        source = tmp_path / "train.h5"
+        assert json.loads(dictionary.provenance["inputs"]) == {str(source): digest(source)}
+
+    def test_beta_and_bound_of_the_config_are_used(self, config, shapes):
+        _, dictionary = learned(config(beta=1.0, atom_bound="mean"))
+        aligned = generalised_procrustes(normalise(shapes.shapes).points).shapes
+        *_, expected = learn(aligned, 6, 1.0, iterations=4, atom_bound="mean")
+        np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
+
+    def test_where_shapes_lie_and_how_large_they_are_does_not_matter(self, config, shapes):
+        _, before = learned(config())
+        moved = replace(shapes, shapes=1000 * shapes.shapes - 7)
+        write_shapes(config().shapes[0], moved)
+        _, after = learned(config())
+        np.testing.assert_allclose(after.atoms, before.atoms, atol=1e-9)
+
+    def test_the_order_of_landmarks_is_that_of_the_shapes(self, config, shapes):
+        _, before = learned(config())
+        order = [3, 0, 4, 2, 1]
+        names = tuple(NAMES[i] for i in order)
+        permuted = replace(
+            shapes, shapes=shapes.shapes[..., order], landmark_names=names, edges=None
+        )
+        write_shapes(config().shapes[0], permuted)
+        _, after = learned(config())
+        assert after.landmark_names == names
+        np.testing.assert_allclose(after.atoms, before.atoms[..., order], atol=1e-9)
+
+
+class TestAlign:
+    def test_a_subset_turns_the_whole_shape(self, config, shapes):
+        torso = ("neck", "hip", "head")
+        _, dictionary = learned(config(align=list(torso)))
+        points = normalise(shapes.shapes).points
+        expected = generalised_procrustes(points, [1, 0, 2])
+        np.testing.assert_array_equal(dictionary.mean_shape, normalise(expected.mean).points)
+        everything = generalised_procrustes(points)
+        assert np.abs(expected.mean - everything.mean).max() > 1e-3
+
+    def test_an_unknown_landmark_is_named(self, config):
+        with pytest.raises(InputError, match=r"align: .*'nekc'.*'neck'"):
+            list(learn_dict.run(config(align=["hip", "nekc", "head"])))
+
+
+class TestEvery:
+    def test_counts_within_each_sequence(self):
+        assert every_nth(("a",) * 4 + ("b",) * 3 + ("a",) * 3, 3) == [0, 3, 4, 9]
+
+    def test_one_keeps_all(self):
+        assert every_nth(("a", "b", "a"), 1) == [0, 1, 2]
+
+    def test_the_rest_is_not_learned_from(self, config, shapes, tmp_path):
+        _, thinned = learned(config(every=3))
+        write_shapes(tmp_path / "train.h5", shapes.take([0, 3, 6, 9, 10, 13, 16, 19, 22, 25, 28]))
+        _, expected = learned(config())
+        np.testing.assert_array_equal(thinned.atoms, expected.atoms)
+
+    def test_without_sequences_all_are_one(self, config, shapes, tmp_path):
+        write_shapes(tmp_path / "train.h5", replace(shapes, sequences=None))
+        _, thinned = learned(config(every=4))
+        write_shapes(tmp_path / "train.h5", shapes.take(slice(0, 30, 4)))
+        _, expected = learned(config())
+        np.testing.assert_array_equal(thinned.atoms, expected.atoms)
+
+
+class TestOutcomes:
+    def test_one_a_round_with_the_objective(self, config):
+        outcomes, dictionary = learned(config())
+        assert [o.done for o in outcomes] == [0, 1, 1, 1, 1, 0]
+        assert [o.total for o in outcomes] == [None, 4, 4, 4, 4, 4]
+        rounds = dictionary.objective_trace[2::2]
+        assert [o.note for o in outcomes[1:5]] == [f"objective {v:.6g}" for v in rounds]
+
+    def test_the_file_is_written_last(self, config):
+        run = learn_dict.run(made := config())
+        for _ in range(5):
+            assert next(run).written == ()
+        assert not made.output.exists()
+        final = next(run)
+        assert final.written == (made.output,)
+        assert made.output.exists()
+        assert "relative error" in final.note
+
+    def test_a_tolerance_needs_fewer_rounds(self, config):
+        outcomes, _ = learned(config(iterations=100, tolerance=0.05))
+        assert sum(o.done for o in outcomes) < 20
+        assert outcomes[-1].written
+
+    def test_atoms_that_no_shape_uses_are_counted(self, config):
+        outcomes, _ = learned(config(beta=100.0))
+        assert any("6 of 6 atoms" in warning for warning in warnings(outcomes))
+
+    def test_a_good_run_has_no_warnings_or_failures(self, config):
+        outcomes, _ = learned(config())
+        assert warnings(outcomes) == []
+        assert failures(outcomes) == {}
+
+
+class TestPcaBases:
+    """`method: pca-bases`: components of each sequence one after another, and the mean pose."""
+
+    def test_are_those_of_each_aligned_sequence(self, config, shapes):
+        _, dictionary = learned(config(method="pca-bases", energy=0.9))
+        aligned = generalised_procrustes(normalise(shapes.shapes).points)
+        walk = principal_components(aligned.shapes[:10], 0.9)
+        run = principal_components(aligned.shapes[10:], 0.9)
+        np.testing.assert_array_equal(dictionary.atoms, np.concatenate([walk, run]))
+        np.testing.assert_array_equal(dictionary.mean_shape, normalise(aligned.mean).points)
+        np.testing.assert_allclose(np.linalg.norm(dictionary.atoms, axis=(1, 2)), 1)
+        np.testing.assert_array_equal(dictionary.edges, EDGES)
+        assert dictionary.objective_trace.size == 0
+
+    def test_say_so_for_their_coefficients_have_either_sign(self, config):
+        _, dictionary = learned(config(method="pca-bases"))
+        assert dictionary.provenance["method"] == "pca-bases"
+
+    def test_their_number_can_be_given(self, config):
+        outcomes, dictionary = learned(config(method="pca-bases", components=3))
+        assert dictionary.k == 6
+        assert [o.note for o in outcomes[1:]] == ["3 bases of walk", "3 bases of run", "6 bases"]
+        assert [o.done for o in outcomes] == [0, 1, 1, 0]
+        assert outcomes[-1].written == (config().output,)
+
+    def test_a_sequence_that_stands_still_adds_none(self, config, shapes, tmp_path):
+        points = shapes.shapes.copy()
+        points[:10] = points[0]
+        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
+        outcomes, dictionary = learned(config(method="pca-bases", components=3))
+        assert [o.note for o in outcomes[1:]] == ["0 bases of walk", "3 bases of run", "3 bases"]
+        assert dictionary.k == 3
+
+    def test_without_sequences_all_are_one(self, config, shapes, tmp_path):
+        write_shapes(tmp_path / "train.h5", replace(shapes, sequences=None))
+        outcomes, dictionary = learned(config(method="pca-bases", components=3))
+        assert [o.note for o in outcomes[1:]] == ["3 bases", "3 bases"]
+        assert dictionary.k == 3
+
+    def test_need_shapes_that_differ(self, config, shapes, tmp_path):
+        still = replace(shapes, shapes=np.repeat(shapes.shapes[:1], 30, axis=0))
+        write_shapes(tmp_path / "train.h5", still)
+        with pytest.raises(InputError, match=r"shapes: .* all alike; give sequences that move"):
+            list(learn_dict.run(config(method="pca-bases")))
+
+    def test_need_motion_beyond_rounding(self, config, shapes, tmp_path):
+        of_sequence = np.array([shapes.sequences.index(name) for name in shapes.sequences])
+        still = shapes.shapes[of_sequence].astype(np.float32).astype(np.float64)
+        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=still))
+        with pytest.raises(InputError, match=r"shapes: .* all alike; give sequences that move"):
+            list(learn_dict.run(config(method="pca-bases")))
+
+    def test_need_shapes(self, config, shapes, tmp_path):
+        write_shapes(tmp_path / "train.h5", shapes.take([]))
+        with pytest.raises(InputError, match="0 shapes"):
+            list(learn_dict.run(config(method="pca-bases")))
+
+    def test_k_has_no_say(self, config, shapes, tmp_path):
+        write_shapes(tmp_path / "train.h5", shapes.take(slice(0, 8)))
+        _, dictionary = learned(config(method="pca-bases"))
+        assert dictionary.k <= 7
+
+
+class TestFailures:
+    def test_shapes_of_one_point_are_left_out(self, config, shapes, tmp_path):
+        points = shapes.shapes.copy()
+        points[4] = points[4, :, :1]
+        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
+        outcomes, dictionary = learned(config())
+        assert failures(outcomes) == {"item4": "all its landmarks lie on one point"}
+        assert [len(o.failures) for o in outcomes] == [1, 0, 0, 0, 0, 0]
+        write_shapes(tmp_path / "train.h5", shapes.take(np.arange(30) != 4))
+        _, expected = learned(config())
+        np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
+
+    def test_shapes_that_are_not_finite_are_left_out(self, config, shapes, monkeypatch):
+        points = shapes.shapes.copy()
+        points[4, 0, 0], points[7, 1, 2] = np.nan, np.inf
+        spoiled = replace(shapes, shapes=points)
+        monkeypatch.setattr(training_shapes, "read_shapes", lambda paths: spoiled)
+        outcomes, dictionary = learned(config())
+        assert failures(outcomes) == dict.fromkeys(("item4", "item7"), "a coordinate is not finite")
+        assert np.isfinite(dictionary.atoms).all()
+
+    def test_a_shape_whose_squares_vanish_is_left_out(self, config, shapes, tmp_path):
+        points = shapes.shapes.copy()
+        points[4] *= 1e-160
+        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
+        outcomes, dictionary = learned(config())
+        ((item, reason),) = failures(outcomes).items()
+        assert (item, reason.partition(", within")[0]) == (
+            "item4",
+            "its landmarks are too close together",
+        )
+        assert np.isfinite(dictionary.atoms).all()
+
+    def test_shapes_that_are_not_kept_cannot_fail(self, config, shapes, tmp_path):
+        points = shapes.shapes.copy()
+        points[4] = 0
+        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
+        outcomes, _ = learned(config(every=3))
+        assert failures(outcomes) == {}
+
+
+class TestRefusals:
+    def test_more_atoms_than_shapes(self, config):
+        with pytest.raises(InputError, match=r"k: 31 atoms .* 30 shapes .*; lower k"):
+            list(learn_dict.run(config(k=31)))
+
+    def test_failed_shapes_do_not_count(self, config, shapes, tmp_path):
+        points = shapes.shapes.copy()
+        points[4] = 0
+        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
+        with pytest.raises(InputError, match="29 shapes"):
+            list(learn_dict.run(config(k=30)))
+
+    def test_no_shapes(self, config, shapes, tmp_path):
+        write_shapes(tmp_path / "train.h5", shapes.take([]))
+        with pytest.raises(InputError, match="0 shapes"):
+            list(learn_dict.run(config(k=1)))
+
+    def test_no_shape_that_can_be_used(self, config, shapes, tmp_path):
+        points = np.repeat(shapes.shapes[:, :, :1], shapes.shapes.shape[2], axis=2)
+        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
+        with pytest.raises(InputError, match=r"0 shapes.*; item0, for one: all its landmarks lie"):
+            list(learn_dict.run(config(k=1)))
+
+    def test_a_missing_output_folder_is_seen_before_any_work(self, config, tmp_path):
+        with pytest.raises(InputError, match="folder"):
+            next(learn_dict.run(config(output=str(tmp_path / "none" / "dict.h5"))))
+
+    def test_a_refusal_leaves_the_old_dictionary(self, config):
+        made = config()
+        made.output.write_bytes(b"old")
+        with pytest.raises(InputError):
+            list(learn_dict.run(config(k=31)))
+        assert made.output.read_bytes() == b"old"
+
+
+@pytest.mark.real_data
+def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
+    """Every third frame of each sequence: 3,359 shapes."""
+    config = LearnDictConfig(
+        shapes=str(real_data / "mocap" / "subject86_24fps.h5"),
+        output=str(tmp_path / "dict.h5"),
+        every=3,
+    )
+    outcomes, dictionary = learned(config)
+    assert outcomes[0].note == "3359 shapes"
+    assert (np.diff(dictionary.objective_trace) < 0).all()
+    assert len(dictionary.objective_trace) == 31
+    assert "relative error 0.02" in outcomes[-1].note
+    # The mean stands as the first shape does: no turn brings one nearer to the other.
+    first = read_shapes(config.shapes).shapes[0]
+    first = normalise(first).points
+    np.testing.assert_allclose(rotation_onto(first, dictionary.mean_shape), np.eye(3), atol=1e-6)

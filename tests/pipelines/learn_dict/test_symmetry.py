@@ -1,0 +1,145 @@
+"""Left and right of training shapes: `symmetry` of `learn-dict`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.config import LearnDictConfig
+from shapefit.errors import InputError
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.symmetry import mirror
+from shapefit.io import ShapeSet, read_dictionary, read_shapes, write_shapes
+from shapefit.pipelines.learn_dict import run as learn_dict
+
+PARTNERS = np.array([1, 0, 3, 2, 4])
+
+
+@pytest.fixture
+def shapes(rng):
+    """Six lopsided shapes: two pairs, left and right along z, and a point between."""
+    half = np.array([[0.5, 0.2, 2.0], [-0.8, 1.0, 1.0]]).T
+    middle = np.array([[0.0, -0.5, 0.0]]).T
+    points = np.concatenate([half, half * [[1], [1], [-1]], middle], axis=1)[:, [0, 2, 1, 3, 4]]
+    return ShapeSet(
+        shapes=points + 0.1 * rng.standard_normal((6, 3, 5)),
+        landmark_names=("left eye", "right eye", "left ear", "right ear", "nose"),
+        items=tuple(f"face{i}" for i in range(6)),
+        sequences=("a",) * 3 + ("b",) * 3,
+        unit="m",
+        extras={"mirror_index": PARTNERS},
+    )
+
+
+@pytest.fixture
+def make(tmp_path, shapes):
+    """Return the function that makes a dictionary of the shapes, or of others."""
+
+    def run(given=shapes, **keys):
+        path = tmp_path / "faces.h5"
+        write_shapes(path, given)
+        settings = {"method": "exemplars", "align": "none"} | keys
+        config = LearnDictConfig(shapes=str(path), output=str(tmp_path / "dict.h5"), **settings)
+        outcomes = list(learn_dict.run(config))
+        return read_dictionary(config.output), outcomes
+
+    return run
+
+
+def test_symmetric_atoms_are_their_own_mirror_images(make, shapes):
+    dictionary, _ = make(symmetry="symmetrise")
+    np.testing.assert_allclose(mirror(dictionary.atoms, PARTNERS, 2), dictionary.atoms, atol=1e-15)
+    assert np.abs(mirror(shapes.shapes, PARTNERS, 2) - shapes.shapes).max() > 0.1
+    mean = (shapes.shapes + mirror(shapes.shapes, PARTNERS, 2)) / 2
+    np.testing.assert_array_equal(dictionary.atoms, normalise(mean).points)
+    np.testing.assert_array_equal(dictionary.atom_scale, normalise(mean).scale)
+    assert dictionary.atom_items == shapes.items
+
+
+def test_doubled_atoms_are_the_shapes_and_their_mirror_images(make, shapes):
+    dictionary, outcomes = make(symmetry="double")
+    plain = normalise(shapes.shapes).points
+    np.testing.assert_array_equal(dictionary.atoms[:6], plain)
+    np.testing.assert_allclose(dictionary.atoms[6:], mirror(plain, PARTNERS, 2), atol=1e-14)
+    np.testing.assert_allclose(dictionary.atom_scale[6:], dictionary.atom_scale[:6])
+    np.testing.assert_allclose(
+        mirror(dictionary.mean_shape, PARTNERS, 2), dictionary.mean_shape, atol=1e-14
+    )
+    assert outcomes[0].note == "12 shapes"
+
+
+def test_leaving_out_a_model_leaves_out_its_mirror_image(make, shapes):
+    dictionary, _ = make(symmetry="double")
+    rest, _ = make(shapes.take([0, 1, 3, 4, 5]), symmetry="double")
+    left = dictionary.without("face2")
+    np.testing.assert_allclose(left.atoms, rest.atoms, atol=1e-14)
+    assert left.atom_items == rest.atom_items
+    assert "face2" not in rest.atom_items
+
+
+def test_learned_atoms_come_from_doubled_shapes(make, shapes):
+    keys = {"method": "sparse-coding", "align": "all", "iterations": 3, "k": 12}
+    dictionary, _ = make(symmetry="double", **keys)
+    assert dictionary.k == 12
+    both = np.concatenate([shapes.shapes, mirror(shapes.shapes, PARTNERS, 2)])
+    items = tuple(f"face{i}" for i in range(12))
+    given = replace(shapes, shapes=both, items=items, sequences=("a",) * 12)
+    expected, _ = make(given, **keys)
+    np.testing.assert_allclose(dictionary.atoms, expected.atoms, atol=1e-12)
+    with pytest.raises(InputError, match="12 atoms are more than the 6 shapes"):
+        make(symmetry="symmetrise", **keys)
+
+
+def test_meshes_are_left_out_and_a_warning_says_why(make, shapes, rng):
+    meshed = replace(
+        shapes, mesh_vertices=rng.normal(size=(6, 3, 4)), mesh_faces=np.array([[0, 1, 2]])
+    )
+    for symmetry in ("symmetrise", "double"):
+        dictionary, outcomes = make(meshed, symmetry=symmetry)
+        assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
+        (warning,) = outcomes[0].warnings
+        assert warning.startswith("the meshes are left out: `symmetry` mirrors landmarks")
+        assert "`symmetry: none` keeps them" in warning
+    dictionary, outcomes = make(meshed)
+    assert outcomes[0].warnings == ()
+    assert dictionary.mesh_vertices.shape == (6, 3, 4)
+
+
+def test_shapes_without_pairs_are_refused(make, shapes, tmp_path):
+    for symmetry in ("symmetrise", "double"):
+        with pytest.raises(InputError) as caught:
+            make(replace(shapes, extras={}), symmetry=symmetry)
+        assert str(caught.value) == (
+            f"{tmp_path / 'faces.h5'}: has no dataset `mirror_index`; store the index of each "
+            "landmark's mirror image, or set `symmetry: none`"
+        )
+
+
+@pytest.mark.parametrize(
+    "index",
+    [[1, 2, 0, 3, 4], [1, 0, 3, 5, 4], [1, 0, 3, -1, 4], [0, 1, 2, 3, 4], [1, 0, 3, 2], [1.0] * 5],
+    ids=["cycle", "too high", "negative", "nobody has a partner", "too few", "no integers"],
+)
+def test_an_index_that_pairs_nothing_is_refused(make, shapes, index):
+    broken = replace(shapes, extras={"mirror_index": np.array(index)})
+    with pytest.raises(InputError, match=r"faces\.h5:/mirror_index: does not pair the landmarks; "):
+        make(broken, symmetry="double")
+
+
+@pytest.mark.real_data
+def test_real_cars_are_symmetric_already(real_data, tmp_path):
+    cars = real_data / "cars" / "models.h5"
+    dictionaries = []
+    for symmetry in ("none", "symmetrise"):
+        config = LearnDictConfig(
+            shapes=str(cars), output=str(tmp_path / f"{symmetry}.h5"), method="exemplars",
+            align="none", symmetry=symmetry,
+        )  # fmt: skip
+        list(learn_dict.run(config))
+        dictionaries.append(read_dictionary(config.output))
+    plain, symmetric = dictionaries
+    np.testing.assert_allclose(symmetric.atoms, plain.atoms, atol=1e-6)
+    index = read_shapes([cars]).extras["mirror_index"]
+    np.testing.assert_allclose(mirror(symmetric.atoms, index), symmetric.atoms, atol=1e-12)

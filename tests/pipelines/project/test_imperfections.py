@@ -1,0 +1,156 @@
+"""Noise, hidden landmarks and outliers have the size and the share that was asked for."""
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from shapefit.pipelines.project.imperfections import (
+    BLOCK,
+    LEAST_VISIBLE,
+    Purpose,
+    add_noise,
+    corrupt,
+    displace,
+    hide,
+    stream,
+)
+
+P = 15
+
+
+@pytest.fixture
+def landmarks(rng):
+    return rng.standard_normal((BLOCK, 2, P))
+
+
+def test_noise_is_gaussian_of_the_given_deviation(landmarks, rng):
+    noise = (add_noise(landmarks, 0.02, rng) - landmarks) / 0.02
+    count = noise.size
+    assert abs(noise.mean()) < 5 / np.sqrt(count)
+    assert noise.std() == pytest.approx(1, abs=5 / np.sqrt(2 * count))
+    assert (noise**4).mean() == pytest.approx(3, abs=5 * np.sqrt(96 / count))
+    assert abs((noise[:, 0] * noise[:, 1]).mean()) < 5 / np.sqrt(count / 2)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.2, 0.5])
+def test_the_share_of_hidden_landmarks_holds(landmarks, rng, share):
+    hidden = np.isnan(hide(landmarks, share, rng))
+    assert np.array_equal(hidden[:, 0], hidden[:, 1])
+    number = hidden[:, 0].sum(axis=1)
+    assert set(number) <= {int(np.floor(share * P)), int(np.ceil(share * P))}
+    assert number.mean() == pytest.approx(share * P, abs=5 * 0.5 / np.sqrt(BLOCK))
+    often = hidden[:, 0].mean(axis=0)
+    np.testing.assert_allclose(often, share, atol=5 * np.sqrt(share * (1 - share) / BLOCK))
+
+
+def test_images_have_masks_of_their_own(landmarks, rng):
+    hidden = np.isnan(hide(landmarks, 0.4, rng)[:, 0])
+    assert len(np.unique(hidden, axis=0)) > 0.8 * BLOCK
+
+
+def test_what_is_not_hidden_stays(landmarks, rng):
+    after = hide(landmarks, 0.4, rng)
+    assert np.array_equal(after[np.isfinite(after)], landmarks[np.isfinite(after)])
+
+
+@pytest.mark.parametrize("p", [1, 3, 4, 15])
+def test_some_landmarks_stay_visible(rng, p):
+    visible = np.isfinite(hide(rng.standard_normal((50, 2, p)), 0.99, rng)[:, 0])
+    assert np.array_equal(visible.sum(axis=1), np.full(50, min(p, LEAST_VISIBLE)))
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_a_share_of_the_visible_landmarks_is_displaced(landmarks, rng, share):
+    landmarks[:, :, :5] = np.nan
+    after, moved = displace(landmarks, share, 2.0, rng)
+    assert np.array_equal(np.isnan(after), np.isnan(landmarks))
+    assert np.array_equal(moved, (after != landmarks).all(axis=1) & np.isfinite(landmarks[:, 0]))
+    assert moved.sum(axis=1).mean() == pytest.approx(10 * share, abs=5 * 0.5 / np.sqrt(BLOCK))
+
+
+def test_outliers_fill_the_disc_evenly(landmarks, rng):
+    step = displace(landmarks, 0.5, 2.0, rng)[0] - landmarks
+    step = step.swapaxes(1, 2)[(step != 0).all(axis=1)]
+    distance = np.linalg.norm(step, axis=1)
+    assert distance.max() <= 2 * (1 + 1e-12)
+    # Half of the area lies within size / sqrt(2), and half on each side of the middle.
+    allowed = 5 * 0.5 / np.sqrt(len(step))
+    assert (distance < np.sqrt(2)).mean() == pytest.approx(0.5, abs=allowed)
+    assert (step[:, 0] > 0).mean() == pytest.approx(0.5, abs=allowed)
+    assert (step[:, 1] > 0).mean() == pytest.approx(0.5, abs=allowed)
+
+
+def test_streams_differ_by_seed_purpose_and_block():
+    draws = {
+        stream(seed, purpose, block).random()
+        for seed in (0, 1)
+        for purpose in Purpose
+        for block in (0, 1)
+    }
+    assert len(draws) == 2 * len(Purpose) * 2
+
+
+def test_a_seed_means_the_same_in_every_version():
+    """Files of old runs can be made again: neither purposes nor their numbers may change."""
+    members = {name: purpose.value for name, purpose in Purpose.__members__.items()}
+    assert members == {"VIEW": 0, "NOISE": 1, "HIDDEN": 2, "OUTLIERS": 3, "CORRUPTION": 4}
+
+
+@pytest.mark.parametrize("spoil", [
+    lambda W, rng: add_noise(W, 0.1, rng),
+    lambda W, rng: hide(W, 0.3, rng),
+    lambda W, rng: displace(W, 0.3, 1.0, rng)[0],
+])  # fmt: skip
+def test_an_image_fares_the_same_however_many_follow(landmarks, spoil):
+    whole = spoil(landmarks, np.random.default_rng(3))
+    part = spoil(landmarks[:10], np.random.default_rng(3))
+    assert np.array_equal(whole[:10], part, equal_nan=True)
+
+
+class TestCorruption:
+    @pytest.fixture
+    def seen(self, landmarks, rng):
+        """The landmarks with a third of them unseen, and one image without any."""
+        hidden = rng.random((BLOCK, P)) < 1 / 3
+        hidden[0] = True
+        return np.where(hidden[:, None], np.nan, landmarks)
+
+    @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+    def test_the_share_of_the_visible_landmarks_is_replaced_and_named(self, seen, share, rng):
+        after, wrong = corrupt(seen, np.isfinite(seen[:, 0]), share, 0.1, rng)
+        visible = np.isfinite(seen[:, 0])
+        assert not wrong[~visible].any()
+        off = wrong.sum(axis=1) - share * visible.sum(axis=1)
+        assert np.abs(off).max() < 1
+        changed = ((after != seen) & np.isfinite(seen)).any(axis=1)
+        np.testing.assert_array_equal(changed, wrong)
+        np.testing.assert_array_equal(np.isfinite(after), np.isfinite(seen))
+
+    @pytest.mark.parametrize("margin", [0.0, 0.25])
+    def test_the_points_fill_the_grown_box(self, seen, margin, rng):
+        after, wrong = corrupt(seen, np.isfinite(seen[:, 0]), 0.5, margin, rng)
+        low, high = np.nanmin(seen[1:], axis=2), np.nanmax(seen[1:], axis=2)
+        place = (after[1:] - low[..., None]) / (high - low)[..., None]
+        place = (place.swapaxes(1, 2)[wrong[1:]] + margin) / (1 + 2 * margin)
+        assert ((place >= 0) & (place <= 1)).all()
+        assert kstest(place.ravel(), "uniform").pvalue > 1e-3
+
+    def test_a_larger_share_adds_landmarks_and_moves_no_others(self, seen):
+        visible = np.isfinite(seen[:, 0])
+        few, some = (
+            corrupt(seen, visible, share, 0.1, stream(1, Purpose.CORRUPTION, 0))
+            for share in (0.2, 0.6)
+        )
+        assert (some[1] | ~few[1]).all()
+        moved = np.broadcast_to(few[1][:, None], seen.shape)
+        np.testing.assert_array_equal(few[0][moved], some[0][moved])
+
+    def test_what_is_not_visible_has_no_part_in_it(self, seen, landmarks):
+        visible = np.isfinite(seen[:, 0])
+        far = np.where(visible[:, None], landmarks, 1e6)  # would stretch the box
+        expected, after = (
+            corrupt(given, visible, 0.5, 0.1, stream(1, Purpose.CORRUPTION, 0))
+            for given in (seen, far)
+        )
+        np.testing.assert_array_equal(after[1], expected[1])
+        np.testing.assert_array_equal(after[0], np.where(visible[:, None], expected[0], 1e6))

@@ -1,0 +1,266 @@
+"""`project`: views of known shapes, with what is carried along and what is drawn at random."""
+
+import json
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.config import ProjectConfig
+from shapefit.errors import InputError
+from shapefit.io import open_landmarks, write_shapes
+from shapefit.io.kinds import shapes as shape_files
+from shapefit.io.records import ShapeSet
+from shapefit.pipelines.project.imperfections import BLOCK
+from shapefit.pipelines.project.run import run
+
+NAMES = ("head", "left", "right", "foot", "hand")
+LENGTHS = {"walk": 5, "run": 3}
+
+
+@pytest.fixture
+def shapes(rng):
+    """Sequences of 5 and 3 frames, the second begun before the first one ends."""
+    sequences = ("walk", "walk", "run", "walk", "run", "walk", "walk", "run")
+    return ShapeSet(
+        shapes=rng.standard_normal((8, 3, 5)),
+        landmark_names=NAMES,
+        items=tuple(f"item{i}" for i in range(8)),
+        sequences=sequences,
+        unit="m",
+        extras={
+            "subject": np.array([f"subject of {name}" for name in sequences], object),
+            "mirror_index": np.array([0, 2, 1, 3, 4]),
+        },
+    )
+
+
+@pytest.fixture
+def many(rng):
+    """More shapes than fit into two blocks."""
+    n = 2 * BLOCK + 100
+    return ShapeSet(rng.standard_normal((n, 3, 5)), NAMES, tuple(map(str, range(n))))
+
+
+def view(folder, *parts, **keys):
+    """Project sets of shapes, each in a file of its own; returns images and outcomes."""
+    paths = [folder / f"shapes{number}.h5" for number, _ in enumerate(parts)]
+    for path, shapes in zip(paths, parts, strict=True):
+        write_shapes(path, shapes)
+    config = ProjectConfig(shapes=paths, output=folder / "views.h5", **keys)
+    outcomes = list(run(config))
+    with open_landmarks([config.output]) as source:
+        (images,) = source.chunks(10**6)
+    return images, outcomes
+
+
+def test_every_image_is_the_shape_seen_under_its_true_rotation(tmp_path, shapes):
+    images, _ = view(tmp_path, shapes, camera={"view": "random"})
+    R = images.extras["true_rotation"]
+    np.testing.assert_allclose(images.landmarks, (R @ shapes.shapes)[:, :2], atol=1e-12)
+    np.testing.assert_allclose(R @ R.swapaxes(-1, -2), np.tile(np.eye(3), (8, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-12)
+    assert len(np.unique(R.round(6), axis=0)) == 8
+
+
+def test_a_fixed_camera_uses_the_given_rotation(tmp_path, shapes):
+    rotation = ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
+    images, _ = view(tmp_path, shapes, camera={"view": "fixed", "rotation": rotation})
+    np.testing.assert_array_equal(images.landmarks[:, 0], -shapes.shapes[:, 2])
+    np.testing.assert_array_equal(images.landmarks[:, 1], shapes.shapes[:, 1])
+    np.testing.assert_array_equal(images.extras["true_rotation"], np.tile(rotation, (8, 1, 1)))
+
+
+def test_each_sequence_turns_once_whatever_stands_between_its_frames(tmp_path, shapes):
+    images, _ = view(tmp_path, shapes)
+    for name, length in LENGTHS.items():
+        frames = [i for i, sequence in enumerate(shapes.sequences) if sequence == name]
+        R = images.extras["true_rotation"][frames]
+        turned = np.arctan2(R[:, 0, 2], R[:, 0, 0]) / (2 * np.pi) % 1
+        np.testing.assert_allclose(turned, np.arange(length) / length, atol=1e-12)
+        np.testing.assert_allclose(R[:, 1], np.tile([0, 1, 0], (length, 1)), atol=1e-12)
+
+
+def test_shapes_without_sequences_are_one_sequence_over_all_blocks(tmp_path, many):
+    images, _ = view(tmp_path, many, camera={"up": "z"})
+    R = images.extras["true_rotation"]
+    turned = np.arctan2(-R[:, 2, 0], R[:, 0, 0]) / (2 * np.pi) % 1
+    np.testing.assert_allclose(turned, np.arange(len(many)) / len(many), atol=1e-12)
+    np.testing.assert_allclose(images.landmarks[:, 1], many.shapes[:, 2], atol=1e-12)
+
+
+def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes):
+    images, _ = view(tmp_path, shapes)
+    assert images.landmark_names == NAMES
+    assert images.items == shapes.items
+    assert images.sequences == shapes.sequences
+    assert (images.unit, images.y_axis, images.confidence) == ("m", "up", None)
+    assert list(images.extras["subject"]) == list(shapes.extras["subject"])
+    assert list(images.extras["mirror_index"]) == [0, 2, 1, 3, 4]
+
+
+def test_the_file_says_how_it_was_made(tmp_path, shapes):
+    view(tmp_path, shapes, noise=0.5, seed=7)
+    with h5py.File(tmp_path / "views.h5") as file:
+        config = json.loads(file.attrs["config"])
+        assert (config["noise"], config["seed"]) == (0.5, 7)
+        assert list(json.loads(file.attrs["inputs"])) == [str(tmp_path / "shapes0.h5")]
+        assert file.attrs["version"] == 1
+        assert "shapefit_version" in file.attrs
+
+
+def test_outcomes_count_the_images_and_name_the_file(tmp_path, many):
+    _, outcomes = view(tmp_path, many)
+    assert [outcome.done for outcome in outcomes] == [BLOCK, BLOCK, 100, 0]
+    assert {outcome.total for outcome in outcomes} == {len(many)}
+    assert outcomes[-1].written == (tmp_path / "views.h5",)
+
+
+def test_a_weak_perspective_camera_scales_landmarks_and_noise_alike(tmp_path, many):
+    plain, _ = view(tmp_path, many, noise=0.1)
+    camera = {"model": "weak-perspective", "scale": 200.0}
+    scaled, _ = view(tmp_path, many, noise=0.1, camera=camera)
+    np.testing.assert_allclose(scaled.landmarks, 200 * plain.landmarks, rtol=1e-12)
+    assert (plain.unit, scaled.unit) == ("unknown", "px")
+
+
+def test_noise_has_the_given_level(tmp_path, many):
+    images, _ = view(tmp_path, many, noise=0.03)
+    exact = (images.extras["true_rotation"] @ many.shapes)[:, :2]
+    noise = images.landmarks - exact
+    assert noise.std() == pytest.approx(0.03, rel=5 / np.sqrt(2 * noise.size))
+
+
+def test_shares_of_hidden_landmarks_and_outliers_hold(tmp_path, many):
+    images, _ = view(
+        tmp_path, many, hidden=0.3, outliers={"share": 0.2, "size": 9.0}, camera={"view": "random"}
+    )
+    exact = (images.extras["true_rotation"] @ many.shapes)[:, :2]
+    visible = np.isfinite(images.landmarks[:, 0])
+    assert visible.sum(axis=1).min() == 3
+    assert visible.mean() == pytest.approx(0.7, abs=0.01)
+    distance = np.linalg.norm(images.landmarks - exact, axis=1)[visible]
+    assert (distance > 1e-9).mean() == pytest.approx(0.2, abs=0.01)
+    np.testing.assert_array_equal(images.extras["corrupted"][visible], distance > 1e-9)
+    assert not images.extras["corrupted"][~visible].any()
+    assert 8.5 < distance.max() <= 9
+
+
+def test_outliers_have_the_size_given_in_the_unit_of_the_image(tmp_path, many):
+    camera = {"model": "weak-perspective", "view": "random", "scale": 20.0}
+    images, _ = view(tmp_path, many, outliers={"share": 0.2, "size": 9.0}, camera=camera)
+    exact = 20 * (images.extras["true_rotation"] @ many.shapes)[:, :2]
+    assert images.unit == "px"
+    assert 8.5 < np.linalg.norm(images.landmarks - exact, axis=1).max() <= 9
+
+
+def test_the_seed_decides(tmp_path, shapes):
+    keys = {"noise": 0.1, "hidden": 0.3, "camera": {"view": "random"}}
+    first, _ = view(tmp_path, shapes, seed=1, **keys)
+    again, _ = view(tmp_path, shapes, seed=1, **keys)
+    other, _ = view(tmp_path, shapes, seed=2, **keys)
+    assert np.array_equal(first.landmarks, again.landmarks, equal_nan=True)
+    assert not np.array_equal(first.landmarks, other.landmarks, equal_nan=True)
+
+
+def test_blocks_do_not_repeat_each_other(tmp_path, many):
+    images, _ = view(tmp_path, many, camera={"view": "random"})
+    R = images.extras["true_rotation"]
+    assert not np.isclose(R[:BLOCK], R[BLOCK : 2 * BLOCK]).all(axis=(1, 2)).any()
+
+
+def test_an_image_depends_on_its_place_alone(tmp_path, many):
+    keys = {
+        "noise": 0.1,
+        "hidden": 0.2,
+        "outliers": {"share": 0.2, "size": 3.0},
+        "camera": {"view": "random"},
+    }
+    whole, _ = view(tmp_path, many, **keys)
+    part, _ = view(tmp_path, many.take(slice(BLOCK + 50)), **keys)
+    assert np.array_equal(whole.landmarks[: BLOCK + 50], part.landmarks, equal_nan=True)
+
+
+def test_permuted_landmarks_give_permuted_views(tmp_path, shapes):
+    order = [3, 0, 4, 1, 2]
+    names = tuple(NAMES[i] for i in order)
+    permuted = replace(shapes, shapes=shapes.shapes[..., order], landmark_names=names, extras={})
+    first, _ = view(tmp_path, shapes)
+    second, _ = view(tmp_path, permuted)
+    assert second.landmark_names == names
+    np.testing.assert_array_equal(second.landmarks, first.landmarks[..., order])
+
+
+def test_files_are_seen_one_after_the_other(tmp_path, many):
+    keys = {"noise": 0.1, "camera": {"view": "random"}}
+    whole, _ = view(tmp_path, many, **keys)
+    split, _ = view(tmp_path, many.take(slice(700)), many.take(slice(700, None)), **keys)
+    np.testing.assert_array_equal(split.landmarks, whole.landmarks)
+
+
+def test_no_shapes_give_a_file_without_images(tmp_path, shapes):
+    images, outcomes = view(tmp_path, shapes.take(slice(0)))
+    assert len(images) == 0
+    assert [outcome.done for outcome in outcomes] == [0, 0]
+
+
+def test_csv_in_and_out(tmp_path, shapes):
+    write_shapes(tmp_path / "shapes.csv", shapes)
+    out = tmp_path / "views.csv"
+    list(run(ProjectConfig(shapes=[tmp_path / "shapes.csv"], output=out, hidden=0.2)))
+    lines = out.read_text().splitlines()
+    assert lines[0] == "item,landmark,x,y,sequence"
+    assert len(lines) == 1 + 8 * 5
+    assert sum(",,," in line for line in lines) == 8
+
+
+def test_an_output_that_cannot_be_written_is_told_before_the_work(tmp_path):
+    (tmp_path / "shapes.h5").write_text("this is looked at later")
+    config = ProjectConfig(shapes=[tmp_path / "shapes.h5"], output=tmp_path / "no" / "views.h5")
+    with pytest.raises(InputError, match="does not exist"):
+        next(run(config))
+
+
+def test_later_passes_have_other_views_and_names(tmp_path, shapes):
+    once, _ = view(tmp_path, shapes, noise=0.1)
+    images, _ = view(tmp_path, shapes, noise=0.1, repeat=3)
+    n = len(shapes)
+    assert len(images) == 3 * n
+    assert images.items[:n] == shapes.items
+    assert images.items[2 * n] == f"{shapes.items[0]}#3"
+    assert list(images.extras["true_item"]) == 3 * list(shapes.items)
+    np.testing.assert_array_equal(images.landmarks[:n], once.landmarks)
+    turned = images.extras["true_rotation"][n] @ images.extras["true_rotation"][0].T
+    np.testing.assert_allclose(np.trace(turned), 1 + 2 * np.cos(2 * np.pi / 3))
+    later = images.extras["true_rotation"][n:] @ shapes.take(list(range(n)) * 2).shapes
+    noise = images.landmarks[n:] - later[:, :2]
+    assert 0.05 < noise.std() < 0.15
+
+
+def test_what_came_with_the_shapes_is_no_truth_of_the_view(tmp_path, shapes):
+    before = np.tile(2 * np.eye(3), (len(shapes), 1, 1))
+    marks = np.arange(len(shapes))
+    known = replace(shapes, extras={"true_rotation": before, "corrupted": marks, "mass": marks})
+    images, _ = view(tmp_path, known, camera={"view": "random"})
+    np.testing.assert_allclose(np.linalg.det(images.extras["true_rotation"]), 1)
+    np.testing.assert_array_equal(images.extras["input_true_rotation"], before)
+    np.testing.assert_array_equal(images.extras["input_corrupted"], marks)
+    np.testing.assert_array_equal(images.extras["mass"], marks)
+    assert "corrupted" not in images.extras
+
+
+def test_shapes_are_read_block_by_block(tmp_path, many, monkeypatch):
+    """What is held at a time is a block, however many shapes there are."""
+    sizes = []
+    read = shape_files._read_rows
+
+    def counted(reader, rows):
+        part = read(reader, rows)
+        sizes.append(len(part))
+        return part
+
+    monkeypatch.setattr(shape_files, "_read_rows", counted)
+    _, outcomes = view(tmp_path, many, repeat=2)
+    assert sum(outcome.done for outcome in outcomes) == 2 * len(many)
+    assert max(sizes) == BLOCK
