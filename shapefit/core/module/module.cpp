@@ -20,4 +20,5 @@ NB_MODULE(_core, module) {
     shapefit::bind_outliers(module, parts);
     shapefit::bind_perspective(module, parts);
     shapefit::bind_pursuit(module, parts);
+    shapefit::bind_rotation_search(module, parts);
 }

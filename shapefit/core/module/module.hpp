@@ -12,5 +12,6 @@ void bind_lifting(nanobind::module_& module, nanobind::module_& parts);
 void bind_outliers(nanobind::module_& module, nanobind::module_& parts);
 void bind_perspective(nanobind::module_& module, nanobind::module_& parts);
 void bind_pursuit(nanobind::module_& module, nanobind::module_& parts);
+void bind_rotation_search(nanobind::module_& module, nanobind::module_& parts);
 
 }  // namespace shapefit

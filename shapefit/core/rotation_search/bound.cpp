@@ -5,7 +5,7 @@ namespace {
 
 // The coefficients: a three times, a twice and b, three different ones. `form` numbers the products
 // <G_a, Q(q_b, q_c)>: 10 pairs b <= c for each a.
-constexpr int PAIRS = 10, TRIPLES = 20;
+constexpr int PAIRS = 10;
 constexpr int PAIR[PAIRS][2] = {{0, 0}, {1, 1}, {2, 2}, {3, 3}, {0, 1},
                                 {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 constexpr int NUMBER[4][4] = {{0, 4, 5, 6}, {4, 1, 7, 8}, {5, 7, 2, 9}, {6, 8, 9, 3}};
@@ -86,7 +86,7 @@ void find_largest(const Vertex* const* corner, long k, const Forms& forms, doubl
 
 }  // namespace
 
-Verdict CellTest::judge(const Vertex* const* corner) const {
+void CellTest::find_excess(const Vertex* const* corner, double* excess) const {
     const ReducedAtoms& atoms = objective_.atoms;
     Forms forms;
     double left[TRIPLES];
@@ -102,16 +102,19 @@ Verdict CellTest::judge(const Vertex* const* corner) const {
     }
     const double margin = 3 * ((ROUNDING + OFF_THE_EDGE) * size +
                                (atoms.q + 64) * 0x1p-52 * length * objective_.largest);
-    Verdict verdict{true, {}};
-    double excess[TRIPLES];
     for (int t = 0; t < TRIPLES; ++t) {
         const int a = TRIPLE[t][0], b = TRIPLE[t][1], c = TRIPLE[t][2];
         const double right = objective_.lam * (forms.inner[NUMBER[b][c]] + forms.inner[NUMBER[a][c]] +
                                                forms.inner[NUMBER[a][b]]);
         excess[t] = left[t] + margin - right;
-        verdict.dropped &= excess[t] <= 0;
     }
-    if (verdict.dropped) return verdict;
+}
+
+Verdict CellTest::judge(const Vertex* const* corner) const {
+    double excess[TRIPLES];
+    find_excess(corner, excess);
+    Verdict verdict{true, {}};
+    for (double over : excess) verdict.dropped &= over <= 0;
     for (int edge = 0; edge < EDGES; ++edge)
         verdict.excess[edge] = larger(excess[ON_EDGE + 2 * edge], excess[ON_EDGE + 2 * edge + 1]);
     return verdict;

@@ -21,12 +21,17 @@ struct Verdict {
     double excess[EDGES];
 };
 
+constexpr int TRIPLES = 20;
+
 class CellTest {
   public:
     CellTest(const RotationObjective& objective) : objective_(objective) {}
 
     // Four vertices that reach the cut, in any signs.
     Verdict judge(const Vertex* const* corner) const;
+
+    // By how much the left side of each inequality exceeds the right one, rounding included.
+    void find_excess(const Vertex* const* corner, double* excess) const;
 
   private:
     const RotationObjective& objective_;

@@ -75,6 +75,13 @@ struct TreeData {
     Vector<int64_t> splits;      // (c,) of each cell, depth first: the edge that is split, or -1
 };
 
+// The inequalities of one cell, for the tests that judge them.
+struct CellData {
+    SearchProblem problem;              // of one image
+    Matrix<const double> corners;       // quaternions (4, 4)
+    double cut;
+};
+
 struct TreeSize {
     long cells;
     long vertices;

@@ -31,6 +31,9 @@ class Vertices {
     // Forget all and begin with those of the 600-cell.
     void begin(const RootCells& roots);
 
+    // A new vertex at q, whose coefficients start from those of another one, if any.
+    Vertex& add(const double* q, const Vertex* like);
+
     // The vertex half-way between two; false where there is no room for it.
     bool middle(int a, int b, int& number);
 
@@ -45,7 +48,6 @@ class Vertices {
     double cut() const { return cut_; }
 
   private:
-    Vertex& add(const double* q, const Vertex* like);
     void lay(Vertex& vertex);
     void find_products(Vertex& vertex);
     void grow_table();
