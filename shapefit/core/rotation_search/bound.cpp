@@ -3,8 +3,7 @@
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
-// The coefficients: a three times, a twice and b, three different ones. `form` numbers the products
-// <G_a, Q(q_b, q_c)>: 10 pairs b <= c for each a.
+// The coefficients a <= b <= c, and the pairs b <= c.
 constexpr int PAIRS = 10;
 constexpr int PAIR[PAIRS][2] = {{0, 0}, {1, 1}, {2, 2}, {3, 3}, {0, 1},
                                 {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
@@ -20,12 +19,37 @@ constexpr double ROUNDING = 128 * 0x1p-53;
 // By which midpoints may lie off their edges, in all generations of cells together.
 constexpr double OFF_THE_EDGE = 1e-12;
 
-// forms[a][pair] (6,) = s_a Q(q_b, q_c).
+// rows[a][pair] (6,) = s_a Q(q_b, q_c), as often as a, b, c stands on the left side of its triple.
 struct Forms {
     double rows[4][PAIRS][6];
     double inner[PAIRS];
 };
 
+// The triple of a and a pair.
+constexpr int triple_of(int a, int pair) {
+    int sorted[3] = {a, PAIR[pair][0], PAIR[pair][1]};
+    for (int pass = 0; pass < 2; ++pass)
+        for (int e = 0; e < 2; ++e)
+            if (sorted[e] > sorted[e + 1]) {
+                const int low = sorted[e + 1];
+                sorted[e + 1] = sorted[e];
+                sorted[e] = low;
+            }
+    int t = 0;
+    while (TRIPLE[t][0] != sorted[0] || TRIPLE[t][1] != sorted[1] || TRIPLE[t][2] != sorted[2]) ++t;
+    return t;
+}
+
+struct Targets {
+    constexpr Targets() : triple() {
+        for (int a = 0; a < 4; ++a)
+            for (int pair = 0; pair < PAIRS; ++pair) triple[a][pair] = triple_of(a, pair);
+    }
+    int triple[4][PAIRS];
+};
+constexpr Targets TARGETS;
+
+// The signs of the corners are those of the hemisphere about the first.
 void find_forms(const Vertex* const* corner, Forms& forms) {
     double q[4][4];
     for (int a = 0; a < 4; ++a) {
@@ -33,43 +57,33 @@ void find_forms(const Vertex* const* corner, Forms& forms) {
         for (int e = 0; e < 4; ++e) q[a][e] = sign * corner[a]->q[e];
     }
     for (int pair = 0; pair < PAIRS; ++pair) {
-        const double *one = q[PAIR[pair][0]], *other = q[PAIR[pair][1]];
+        const int b = PAIR[pair][0], c = PAIR[pair][1];
         double Q[6];
-        bilinear_rows(one, other, Q);
-        forms.inner[pair] = inner4(one, other);
-        for (int a = 0; a < 4; ++a)
-            for (int e = 0; e < 6; ++e) forms.rows[a][pair][e] = corner[a]->scale * Q[e];
+        bilinear_rows(q[b], q[c], Q);
+        forms.inner[pair] = inner4(q[b], q[c]);
+        for (int a = 0; a < 4; ++a) {
+            const int often = 1 + (a == b) + (a == c);
+            for (int e = 0; e < 6; ++e) forms.rows[a][pair][e] = often * corner[a]->scale * Q[e];
+        }
     }
 }
 
-[[gnu::always_inline]] inline Lanes product(const Lanes* G, const double* Q) {
-    return Q[0] * G[0] + Q[1] * G[1] + Q[2] * G[2] + Q[3] * G[3] + Q[4] * G[4] + Q[5] * G[5];
-}
-
 // The left side of every inequality at WIDTH atoms from i on; the largest so far goes to `most`.
+// Not inlined: out of its loop the compiler would copy each number of the forms into a vector.
 template <bool is_signed>
-[[gnu::always_inline]] inline void raise(const Vertex* const* corner, long k, long i,
-                                         const Forms& forms, Lanes* most) {
+[[gnu::noinline]] void raise(const Vertex* const* corner, long k, long i, const Forms& forms,
+                             Lanes* most) {
     Lanes left[TRIPLES] = {};
+#pragma GCC unroll 4
     for (int a = 0; a < 4; ++a) {
         Lanes G[6];
         for (int e = 0; e < 6; ++e) G[e] = load(corner[a]->products + e * k + i);
-#pragma GCC unroll 20
-        for (int t = 0; t < TRIPLES; ++t) {
-            const int *abc = TRIPLE[t];
-            // how often a is among the three; the others are a pair
-            if (abc[0] == a && abc[2] == a)
-                left[t] += 3.0 * product(G, forms.rows[a][NUMBER[a][a]]);
-            else if (abc[0] == a && abc[1] == a)
-                left[t] += 2.0 * product(G, forms.rows[a][NUMBER[a][abc[2]]]);
-            else if (abc[1] == a && abc[2] == a)
-                left[t] += 2.0 * product(G, forms.rows[a][NUMBER[abc[0]][a]]);
-            else if (abc[0] == a)
-                left[t] += product(G, forms.rows[a][NUMBER[abc[1]][abc[2]]]);
-            else if (abc[1] == a)
-                left[t] += product(G, forms.rows[a][NUMBER[abc[0]][abc[2]]]);
-            else if (abc[2] == a)
-                left[t] += product(G, forms.rows[a][NUMBER[abc[0]][abc[1]]]);
+#pragma GCC unroll 10
+        for (int pair = 0; pair < PAIRS; ++pair) {
+            const double* Q = forms.rows[a][pair];
+            Lanes& sum = left[TARGETS.triple[a][pair]];
+#pragma GCC unroll 6
+            for (int e = 0; e < 6; ++e) sum += Q[e] * G[e];
         }
     }
     for (int t = 0; t < TRIPLES; ++t)
