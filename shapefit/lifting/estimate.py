@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,8 @@ class Estimate:
     of them are not 0; transforms M (n, k, 2, 3); relative_gap (n,); tight (n,), as in
     Reconstruction; outliers (n, p), the landmarks that a robust loss or a search
     before the fit set aside; convex_proof, of the convex program that it is or starts from.
+    further: what else a method knows, (n, ...) by the name of its dataset in the result; in the
+    unit that it is stored in, and among what the table of methods says that it yields.
     """
 
     shapes: Floats
@@ -67,6 +69,7 @@ class Estimate:
     tight: NDArray[np.bool_] | None = None
     outliers: NDArray[np.bool_] | None = None
     convex_proof: ConvexProof | None = None
+    further: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
 Estimator = Callable[[Problem], Estimate]
@@ -85,7 +88,9 @@ class Placement:
     residual: Floats
 
 
-def place(problem: Problem, projected: Floats, translation: Floats | None = None) -> Placement:
+def fit_translation(
+    problem: Problem, projected: Floats, translation: Floats | None = None
+) -> Placement:
     """argmin_T 1/2 ||Omega o (W - S - T 1^T)||_F^2 for projected shapes S (n, 2, p), or a given T.
 
     T is the mean of W - S with the weights squared.
@@ -108,20 +113,30 @@ def place(problem: Problem, projected: Floats, translation: Floats | None = None
     return Placement(T, left, np.sqrt(share_left))
 
 
-def put(some: Estimate, rows: NDArray[np.intp], whole: Estimate) -> Estimate:
+def replace_rows(some: Estimate, rows: NDArray[np.intp], whole: Estimate) -> Estimate:
     """Whole estimate of n images, with those of the images `rows` (m,) replaced by some.
 
     Raises ValueError where one has a field that the other lacks.
     """
     changes: dict[str, Any] = {}
-    for field in fields(Estimate):
-        old, new = getattr(whole, field.name), getattr(some, field.name)
+    for name in (each.name for each in fields(Estimate)):
+        old, new = getattr(whole, name), getattr(some, name)
         if (old is None) != (new is None):
-            raise ValueError(f"{field.name} is in one of the estimates only")
+            raise ValueError(f"{name} is in one of the estimates only")
         if isinstance(old, np.ndarray):
-            changes[field.name] = old.copy()
-            changes[field.name][rows] = new
+            changes[name] = _with_rows(old, rows, new)
+    if some.further.keys() != whole.further.keys():
+        raise ValueError("further datasets are in one of the estimates only")
+    changes["further"] = {
+        name: _with_rows(values, rows, some.further[name]) for name, values in whole.further.items()
+    }
     status = list(whole.status)
     for row, word in zip(rows.tolist(), some.status, strict=True):
         status[row] = word
     return replace(whole, status=tuple(status), **changes)
+
+
+def _with_rows(old: NDArray[Any], rows: NDArray[np.intp], new: NDArray[Any]) -> NDArray[Any]:
+    values = old.copy()
+    values[rows] = new
+    return values

@@ -11,7 +11,8 @@ from shapefit import core
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.rotations import complete_rotation
-from shapefit.lifting.estimate import STATUS, Estimate, place
+from shapefit.lifting.estimate import STATUS, Estimate, fit_translation
+from shapefit.lifting.methods import Settings
 from shapefit.lifting.reconstruction import combine
 
 Floats = NDArray[np.float64]
@@ -131,7 +132,7 @@ def matching_pursuit(
     c = scale[:, None] * found.coefficients
     S = combine(c, problem.atoms) + (scale * found.mean_coefficient)[:, None, None] * mean_shape
     shapes = rotation @ S
-    placed = place(problem, shapes[:, :2])
+    placed = fit_translation(problem, shapes[:, :2])
     return Estimate(
         shapes=shapes,
         translation=placed.translation,
@@ -143,3 +144,9 @@ def matching_pursuit(
         coefficients=c,
         active_atoms=np.count_nonzero(c, axis=1),
     )
+
+
+def lift_by_pursuit(problem: Problem, settings: Settings) -> Estimate:
+    """Pursue the landmarks with PCA bases (Ramakrishna, Kanade, Sheikh, ECCV 2012)."""
+    edges = settings.needs.get("edges")
+    return matching_pursuit(problem, settings.mean_shape, edges, threads=settings.threads)

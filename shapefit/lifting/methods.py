@@ -1,30 +1,52 @@
-"""The methods of lifting by name: each takes a problem in normalised units to an estimate."""
+"""The table of methods: what each needs of a dictionary, yields, reads from the config, and runs.
+
+It is light, and stands below the methods themselves, which are imported where they are chosen:
+the config, the chain of `fit`, the exports and the page of a result ask the table.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
-from shapefit.convex.problem import Loss, Problem
-from shapefit.convex.solution import Solution, Status
-from shapefit.lifting.estimate import ConvexProof, Estimate, Estimator, place, put
-from shapefit.lifting.matching_pursuit import matching_pursuit
-from shapefit.lifting.outliers.robust_loss import believable, find_outliers
-from shapefit.lifting.reconstruction import combine, is_active, reconstruct
-from shapefit.lifting.shared_rotation.alternation import alternate
-from shapefit.lifting.shared_rotation.pose import (
-    find_moments,
-    find_pose,
-    spread_views,
-    turn_in_plane,
-)
-from shapefit.lifting.shared_rotation.synchronisation import synchronise
+    from shapefit.convex.problem import Problem
+    from shapefit.convex.solution import Solution
+    from shapefit.lifting.estimate import Estimate, Estimator
 
-Floats = NDArray[np.float64]
-Solve = Callable[[Problem], Solution]
+    Solve = Callable[[Problem], Solution]
+    Run = Callable[[Problem, "Settings"], Estimate]
+
+BASES = "pca-bases"
+"""How a dictionary is learned whose coefficients may have either sign."""
+
+ATOMS = ("sparse-coding", "exemplars")
+"""How dictionaries are learned whose shapes are sums without sign."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlternationOptions:
+    """The section `alternation`: how the methods that share one rotation search.
+
+    signed        alternate, alternate+: coefficients of either sign
+    views         where the pose of the mean shape is sought, by alternate and mean-shape, and by
+                  convex+refine and alternate+ in images where no atom fits at first: from as many
+                  views, spread evenly; 1 is along the z axis of the dictionary
+    multi_start   alternate: also starts from each of these views, and keeps the best
+    tolerance     alternation stops when a round lowers the objective by at most this share
+    max_rounds    and after this many rounds
+    """
+
+    signed: bool = False
+    views: int = 6
+    multi_start: bool = False
+    tolerance: float = 1e-6
+    max_rounds: int = 500
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,214 +55,163 @@ class Settings:
 
     solve            solver of the convex program
     mean_shape       (3, p) of the dictionary
-    edges            pmp: (e, 2), the limbs whose lengths it keeps
+    needs            what else of the dictionary the method needs, by name
+    options          the options of the method, of the type that the table names
     orthogonal       convex: each M_i / c_i is replaced by the nearest orthonormal rows
-    signed           alternate, alternate+: coefficients of either sign
-    views            where the pose of the mean shape is sought, by alternate and mean-shape, and
-                     by convex+refine and alternate+ in images where no atom fits at first: from
-                     as many views, spread evenly; 1 is along the z axis of the dictionary
-    multi_start      alternate: also starts from each of these views, and keeps the best
-    tolerance        alternation stops when a round lowers the objective by at most this share
-    max_rounds       and after this many rounds
     threads          0 is one per core
     """
 
     solve: Solve
-    mean_shape: Floats
-    edges: NDArray[np.int64] | None = None
+    mean_shape: NDArray[np.float64]
+    needs: dict[str, Any] = field(default_factory=dict)
+    options: Any = None
     orthogonal: bool = False
-    signed: bool = False
-    views: int = 6
-    multi_start: bool = False
-    tolerance: float = 1e-6
-    max_rounds: int = 500
     threads: int = 0
 
 
-Method = Callable[[Problem, Settings], Estimate]
+class Need(NamedTuple):
+    """A field of the dictionary that a method cannot do without, and how to get one that has it."""
+
+    name: str
+    what: str
+    fix: str
 
 
-def convex(problem: Problem, settings: Settings) -> Estimate:
-    """Solve the convex program and complete each transform (paper, section Reconstruction)."""
-    solution = settings.solve(problem)
-    found = reconstruct(solution.transforms, problem.atoms, orthogonal=settings.orthogonal)
-    return Estimate(
-        shapes=found.shapes,
-        translation=solution.translation,
-        rotation=found.rotation,
-        objective=solution.objective,
-        residual=place(problem, found.shapes[:, :2], solution.translation).residual,
-        iterations=solution.iterations,
-        status=solution.status,
-        coefficients=found.coefficients,
-        active_atoms=found.active_atoms,
-        transforms=solution.transforms,
-        relative_gap=solution.relative_gap,
-        tight=found.tight,
-        outliers=find_outliers(problem, solution),
-        convex_proof=ConvexProof.of(solution),
-    )
+class Section(NamedTuple):
+    """The section of the config of `fit` that holds the options of a method, and their type."""
+
+    name: str
+    options: type
 
 
-def convex_refine(problem: Problem, settings: Settings) -> Estimate:
-    """Synchronise the convex solution to one rotation and alternate from there, over c >= 0.
+ALTERNATION = Section("alternation", AlternationOptions)
 
-    With a robust loss the robust program finds the outliers, and the squared residuals of the
-    other landmarks are refined; the landmarks stay normalised by all that are seen.
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """A way to lift, and all that the rest of the package knows about it.
+
+    run            "module:function", takes a Problem and Settings to an Estimate
+    summary        what it does: a clause of the help
+    section        its options, if it has any
+    losses         data terms that it knows
+    learned        how the dictionary must be learned, by `method` of learn-dict; empty for any
+    needs          fields of the dictionary without which it cannot run
+    yields         optional fields of its Estimate
+    further        further datasets of the result that it yields, by name
+    proves         "optimum": it is the convex program, and its certificate is that of the result;
+                   "bound": it starts from the convex program, whose proof is stored beside it;
+                   "nothing": a local method
+    one_rotation   all atoms share one rotation
+    mixes_atoms    shapes are R sum_i c_i B_i (or sum_i c_i R_i B_i), so that whatever belongs to
+                   the atoms, as their meshes, can be mixed alike
+    perspective    may be refined under a perspective camera
+    tolerance      the default of `solver.tolerance`
     """
-    return _alternate_from_convex(problem, settings, signed=False)
+
+    run: str
+    summary: str
+    section: Section | None = None
+    losses: tuple[str, ...] = ("squared",)
+    learned: tuple[str, ...] = ATOMS
+    needs: tuple[Need, ...] = ()
+    yields: frozenset[str]
+    further: tuple[str, ...] = ()
+    proves: Literal["optimum", "bound", "nothing"] = "nothing"
+    one_rotation: bool = True
+    mixes_atoms: bool = True
+    perspective: bool = True
+    tolerance: float = 1e-6
+
+    def load(self) -> Run:
+        """Import the method and return it."""
+        module, _, name = self.run.partition(":")
+        run: Run = getattr(import_module(module), name)
+        return run
 
 
-def alternate_plus(problem: Problem, settings: Settings) -> Estimate:
-    """Alternate from the synchronised convex solution (paper, Experiments, "Alternate+").
+OF_ATOMS = frozenset({"coefficients", "active_atoms", "transforms"})
+ROBUST = ("l1", "sparse-error")
 
-    The same as convex+refine unless `signed`.
-    """
-    return _alternate_from_convex(problem, settings, signed=settings.signed)
-
-
-def alternate_from_mean(problem: Problem, settings: Settings) -> Estimate:
-    """Alternate from the pose of the mean shape (paper, Experiments, "Alternate")."""
-    views = spread_views(settings.views)
-    pose = find_pose(problem, settings.mean_shape, views, threads=settings.threads)
-    starts = pose.rotation[:, None]
-    if settings.multi_start:
-        _, D = find_moments(problem, settings.mean_shape)
-        starts = np.concatenate([starts, turn_in_plane(views, D)], axis=1)
-    return _alternate(problem, settings, starts, signed=settings.signed)
-
-
-def mean_shape(problem: Problem, settings: Settings) -> Estimate:
-    """Pose the mean shape: rotation, scale and translation and nothing else."""
-    views = spread_views(settings.views)
-    pose = find_pose(problem, settings.mean_shape, views, threads=settings.threads)
-    known = pose.size > 0
-    R = np.where(known[:, None, None], pose.rotation, 0.0)
-    shapes = pose.size[:, None, None] * (R @ settings.mean_shape)
-    placed = place(problem, shapes[:, :2])
-    return Estimate(
-        shapes=shapes,
-        translation=placed.translation,
-        rotation=pose.rotation,
-        objective=placed.misfit,
-        residual=placed.residual,
-        iterations=np.zeros(len(shapes), np.int64),
-        status=tuple(Status.CONVERGED if found else Status.DEGENERATE for found in known.tolist()),
-    )
-
-
-def pmp(problem: Problem, settings: Settings) -> Estimate:
-    """Pursue the landmarks with PCA bases (Ramakrishna, Kanade, Sheikh, ECCV 2012)."""
-    return matching_pursuit(problem, settings.mean_shape, settings.edges, threads=settings.threads)
-
-
-METHODS: Mapping[str, Method] = {
-    "convex": convex,
-    "convex+refine": convex_refine,
-    "alternate": alternate_from_mean,
-    "alternate+": alternate_plus,
-    "pmp": pmp,
-    "mean-shape": mean_shape,
+METHODS: dict[str, Method] = {
+    "convex": Method(
+        run="shapefit.lifting.convex_program:lift_convex",
+        summary="the convex program",
+        losses=("squared", "exact", *ROBUST),
+        yields=OF_ATOMS | {"relative_gap", "tight", "outliers", "convex_proof"},
+        proves="optimum",
+        one_rotation=False,
+    ),
+    "convex+refine": Method(
+        run="shapefit.lifting.shared_rotation.methods:refine_convex",
+        summary="it refined to one shared rotation",
+        section=ALTERNATION,
+        losses=("squared", *ROBUST),
+        yields=OF_ATOMS | {"relative_gap", "outliers", "convex_proof"},
+        proves="bound",
+    ),
+    "alternate": Method(
+        run="shapefit.lifting.shared_rotation.methods:alternate_from_mean",
+        summary="alternating minimisation from the mean shape",
+        section=ALTERNATION,
+        yields=OF_ATOMS,
+    ),
+    "alternate+": Method(
+        run="shapefit.lifting.shared_rotation.methods:alternate_from_convex",
+        summary="alternating minimisation from the convex program",
+        section=ALTERNATION,
+        yields=OF_ATOMS | {"relative_gap", "convex_proof"},
+        proves="bound",
+    ),
+    "pmp": Method(
+        run="shapefit.lifting.matching_pursuit:lift_by_pursuit",
+        summary="projected matching pursuit with PCA bases",
+        learned=(BASES,),
+        needs=(
+            Need(
+                "edges",
+                "the limbs whose lengths pmp keeps",
+                "learn it with `method: pca-bases` from shapes with edges",
+            ),
+        ),
+        yields=frozenset({"coefficients", "active_atoms"}),
+        mixes_atoms=False,
+        perspective=False,
+    ),
+    "mean-shape": Method(
+        run="shapefit.lifting.shared_rotation.methods:pose_mean_shape",
+        summary="the pose of the mean shape alone",
+        section=ALTERNATION,
+        learned=(),
+        yields=frozenset(),
+        mixes_atoms=False,
+    ),
 }
 
 
+def summarise() -> str:
+    """Return what each method does, for the help: `name`, summary; and so on."""
+    return "; ".join(f"`{name}`, {method.summary}" for name, method in METHODS.items())
+
+
 def choose_method(name: str, settings: Settings) -> Estimator:
-    """Return the method of that name with its settings, as `lift` wants it."""
+    """Return the method of that name with its settings, as `lift` wants it.
+
+    Without options it has its defaults.
+    """
     method = METHODS[name]
-    return lambda problem: method(problem, settings)
+    run = method.load()
+    if settings.options is None and method.section is not None:
+        settings = replace(settings, options=method.section.options())
+    return lambda problem: run(problem, settings)
 
 
-def _alternate_from_convex(problem: Problem, settings: Settings, *, signed: bool) -> Estimate:
-    """Alternate from the synchronised convex solution, under a robust loss on its inliers only.
-
-    Without a robust loss the convex optimum bounds the objective from below, for c_i Rbar is a
-    transform of spectral norm |c_i|, and the gap is that to its dual. A robust optimum bounds no
-    squared residuals: then there is no gap.
-    """
-    solution = settings.solve(problem)
-    start = synchronise(solution.transforms, threads=settings.threads).rotation[:, None]
-    outliers = find_outliers(problem, solution)
-    if outliers is None:
-        found = _alternate_or_restart(problem, settings, start, signed=signed)
-        bound = solution.objective * (1 - solution.relative_gap)
-        gap = np.divide(
-            found.objective - bound,
-            found.objective,
-            out=np.zeros_like(bound),
-            where=found.objective != 0,
-        )
-        found = replace(found, relative_gap=gap)
-    else:
-        outliers = believable(problem, outliers)
-        weights = np.where(outliers, 0.0, problem.weights)
-        inliers = replace(problem, weights=weights, loss=Loss.SQUARED)
-        found = replace(
-            _alternate_or_restart(inliers, settings, start, signed=signed), outliers=outliers
-        )
-    status = tuple(
-        first if first in (Status.DEGENERATE, Status.NUMERICAL_FAILURE) else second
-        for first, second in zip(solution.status, found.status, strict=True)
-    )
-    return replace(
-        found,
-        status=status,
-        iterations=solution.iterations + found.iterations,
-        convex_proof=ConvexProof.of(solution),
-    )
+def those(is_so: Callable[[Method], object]) -> tuple[str, ...]:
+    """Return the names of the methods of which something is so."""
+    return tuple(name for name, method in METHODS.items() if is_so(method))
 
 
-def _alternate_or_restart(
-    problem: Problem, settings: Settings, starts: Floats, *, signed: bool
-) -> Estimate:
-    """Alternate; where no atom fits at the synchronised rotation, from the mean shape's pose too.
-
-    Without coefficients there is no rotation to go on from, though another one may fit.
-    """
-    found = _alternate(problem, settings, starts, signed=signed)
-    assert found.coefficients is not None
-    empty = np.flatnonzero(~found.coefficients.any(axis=1))
-    if not len(empty):
-        return found
-    part = problem.take(empty)
-    views = spread_views(settings.views)
-    pose = find_pose(part, settings.mean_shape, views, threads=settings.threads)
-    posed = pose.size > 0  # degenerate images have none
-    again = _alternate(part.take(posed), settings, pose.rotation[posed, None], signed=signed)
-    rows = empty[posed]
-    return put(replace(again, iterations=found.iterations[rows] + again.iterations), rows, found)
-
-
-def share_rotation(coefficients: Floats, rotation: Floats) -> Floats:
-    """M_i = c_i Rbar (n, k, 2, 3) of c (n, k) and R (n, 3, 3); most c_i are 0."""
-    transforms = np.zeros((*coefficients.shape, 2, 3))
-    image, atom = np.nonzero(coefficients)
-    transforms[image, atom] = coefficients[image, atom, None, None] * rotation[image, :2]
-    return transforms
-
-
-def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: bool) -> Estimate:
-    """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
-    found = alternate(
-        problem,
-        starts,
-        signed=signed,
-        tolerance=settings.tolerance,
-        max_rounds=settings.max_rounds,
-        threads=settings.threads,
-    )
-    c = found.coefficients
-    R = np.where(np.isfinite(found.rotation), found.rotation, 0.0)
-    shapes = R @ combine(c, problem.atoms)
-    placed = place(problem, shapes[:, :2])
-    return Estimate(
-        shapes=shapes,
-        translation=placed.translation,
-        rotation=found.rotation,
-        objective=placed.misfit + problem.lam * np.abs(c).sum(axis=1),
-        residual=placed.residual,
-        iterations=found.rounds,
-        status=found.status,
-        coefficients=c,
-        active_atoms=is_active(c).sum(axis=1),
-        transforms=share_rotation(c, R),
-    )
+def listed(names: Iterable[str], conjunction: str = "or") -> str:
+    """Return names as a sentence lists them: a, b or c."""
+    *others, last = names
+    return f"{', '.join(others)} {conjunction} {last}" if others else last

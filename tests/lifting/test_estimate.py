@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.solution import Status
-from shapefit.lifting.estimate import place, put
+from shapefit.lifting.estimate import fit_translation, replace_rows
 from shapefit.lifting.methods import Settings, choose_method
 
 
@@ -30,7 +30,7 @@ def run(scene):
 
 def test_a_shape_is_placed_where_no_other_place_is_better(scene, rng):
     problem, S = scene.problem(0.1), rng.standard_normal((5, 2, 12))
-    placed = place(problem, S)
+    placed = fit_translation(problem, S)
     for i in range(5):
         w = scene.weights[i]
 
@@ -46,7 +46,7 @@ def test_a_shape_is_placed_where_no_other_place_is_better(scene, rng):
 
 def test_a_given_place_is_kept(scene, rng):
     problem, S, T = scene.problem(0.1), rng.standard_normal((5, 2, 12)), rng.normal(size=(5, 2))
-    placed = place(problem, S, T)
+    placed = fit_translation(problem, S, T)
     np.testing.assert_array_equal(placed.translation, T)
     left = scene.weights[:, None] * (problem.landmarks - S - T[..., None])
     np.testing.assert_allclose(placed.misfit, 0.5 * (left**2).sum(axis=(1, 2)))
@@ -61,7 +61,7 @@ def test_some_images_are_replaced_and_the_others_are_not(run):
         if isinstance(getattr(other, field.name), np.ndarray)
     }
     status = (Status.ITERATION_LIMIT, Status.DEGENERATE)
-    both = put(replace(other, status=status, **some), rows, whole)
+    both = replace_rows(replace(other, status=status, **some), rows, whole)
     for name in some:
         np.testing.assert_array_equal(getattr(both, name)[rows], getattr(other, name)[rows])
         np.testing.assert_array_equal(getattr(both, name)[rest], getattr(whole, name)[rest])
@@ -72,4 +72,4 @@ def test_some_images_are_replaced_and_the_others_are_not(run):
 
 def test_what_one_estimate_lacks_cannot_be_put(run):
     with pytest.raises(ValueError, match="coefficients is in one of the estimates only"):
-        put(run(0.1, "mean-shape"), np.arange(5), run(0.1))
+        replace_rows(run(0.1, "mean-shape"), np.arange(5), run(0.1))

@@ -12,7 +12,7 @@ from shapefit.convex.problem import Loss
 from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
-from shapefit.lifting.estimate import Estimate, place
+from shapefit.lifting.estimate import Estimate, fit_translation
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.noise_level import noise_dual_norm
@@ -234,16 +234,16 @@ class TestPlace:
     def test_the_translation_is_the_best(self, make_scene, rng):
         problem = make_scene(n=4, weighted=True, hidden=0.2).problem(0.1)
         projected = rng.standard_normal((4, 2, 12))
-        best = place(problem, projected)
+        best = fit_translation(problem, projected)
         for shift in 1e-3 * rng.standard_normal((20, 4, 2)):
-            moved = place(problem, projected, best.translation + shift)
+            moved = fit_translation(problem, projected, best.translation + shift)
             assert (moved.misfit >= best.misfit).all()
             np.testing.assert_array_equal(moved.translation, best.translation + shift)
 
     def test_misfit_and_residual(self, make_scene, rng):
         problem = make_scene(n=1, weighted=True).problem(0.1)
         projected, T = rng.standard_normal((1, 2, 12)), rng.standard_normal((1, 2))
-        found = place(problem, projected, T)
+        found = fit_translation(problem, projected, T)
         left = problem.weights * (problem.landmarks - projected - T[..., None])[0]
         assert found.misfit[0] == pytest.approx(0.5 * (left**2).sum())
         share = problem.weights[0] ** 2 / (problem.weights**2).sum()
@@ -253,12 +253,14 @@ class TestPlace:
 
     def test_no_residual_for_the_landmarks_themselves(self, make_scene):
         problem = make_scene(n=2).problem(0.1)
-        np.testing.assert_allclose(place(problem, problem.landmarks).residual, 0.0, atol=1e-14)
+        np.testing.assert_allclose(
+            fit_translation(problem, problem.landmarks).residual, 0.0, atol=1e-14
+        )
 
     def test_without_landmarks_all_is_unknown(self, make_scene):
         scene = make_scene(n=2)
         scene.weights[1] = 0.0
-        found = place(scene.problem(0.1), np.zeros((2, 2, 12)))
+        found = fit_translation(scene.problem(0.1), np.zeros((2, 2, 12)))
         for values in (found.translation, found.misfit, found.residual):
             assert np.isfinite(values[0]).all()
             assert np.isnan(values[1]).all()

@@ -15,9 +15,10 @@ from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.geometry.rotations import rotation_about
-from shapefit.lifting import methods
+from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.methods import METHODS, Settings, choose_method
+from shapefit.lifting.methods import METHODS, AlternationOptions, Settings, choose_method
+from shapefit.lifting.shared_rotation import methods as shared
 from shapefit.lifting.shared_rotation.alternation import alternate
 from shapefit.lifting.shared_rotation.pose import spread_views
 
@@ -59,7 +60,7 @@ def test_every_method_fits_hidden_weighted_moved_and_scaled_landmarks(name, scen
 def test_every_method_takes_no_images(name, scene, settings):
     none = scene.problem(0.1).take(np.arange(0))
     edges = np.array([[0, 1], [1, 2]])
-    found = choose_method(name, replace(settings, edges=edges))(none)
+    found = choose_method(name, replace(settings, needs={"edges": edges}))(none)
     assert found.shapes.shape == (0, 3, 12)
     assert found.status == ()
 
@@ -69,7 +70,9 @@ def test_every_method_takes_no_images(name, scene, settings):
 def test_an_estimate_of_one_rotation_agrees_with_itself(name, signed, scene, settings):
     """Shape, transforms, objective and residual follow from c, R and T."""
     problem = scene.problem(0.1)
-    found = choose_method(name, replace(settings, signed=signed))(problem)
+    found = choose_method(name, replace(settings, options=AlternationOptions(signed=signed)))(
+        problem
+    )
     c, R = found.coefficients, found.rotation
     np.testing.assert_allclose(
         found.shapes, R @ np.einsum("nk,kap->nap", c, scene.atoms), atol=1e-12
@@ -88,9 +91,11 @@ def test_an_estimate_of_one_rotation_agrees_with_itself(name, signed, scene, set
 
 def test_refinement_is_bounded_by_the_convex_program(scene, settings):
     problem = scene.problem(0.1)
-    convex = METHODS["convex"](problem, settings)
+    convex = choose_method("convex", settings)(problem)
     for name, signed in (("convex+refine", False), ("alternate+", True)):
-        found = METHODS[name](problem, replace(settings, signed=signed))
+        found = choose_method(name, replace(settings, options=AlternationOptions(signed=signed)))(
+            problem
+        )
         assert (found.relative_gap >= -1e-12).all()
         assert found.relative_gap.max() > 1e-3
         np.testing.assert_allclose(
@@ -112,7 +117,7 @@ def test_a_tight_convex_solution_of_one_rotation_is_kept_and_certified(rng, sett
     atoms *= (lam * share / s.sum(axis=1))[:, None, None]
     rows = U[0] @ Vt[0]
     problem = build_problem(30 * rows @ atoms[0] + Y, atoms, lam)
-    found = METHODS["convex+refine"](problem, settings)
+    found = choose_method("convex+refine", settings)(problem)
     np.testing.assert_allclose(found.coefficients[0], [30, 0, 0, 0, 0, 0], atol=1e-3)
     np.testing.assert_allclose(found.rotation[0, :2], rows, atol=1e-4)
     assert found.relative_gap[0] < 1e-6
@@ -120,31 +125,38 @@ def test_a_tight_convex_solution_of_one_rotation_is_kept_and_certified(rng, sett
 
 def test_refinement_is_alternate_plus_over_coefficients_of_one_sign(scene, settings):
     problem = scene.problem(0.1)
-    refined, plus = (METHODS[name](problem, settings) for name in ("convex+refine", "alternate+"))
+    refined, plus = (
+        choose_method(name, settings)(problem) for name in ("convex+refine", "alternate+")
+    )
     np.testing.assert_array_equal(refined.coefficients, plus.coefficients)
 
 
 @pytest.mark.parametrize("signed", [False, True])
 def test_more_starts_are_never_worse(scene, settings, signed):
-    problem, settings = scene.problem(0.1), replace(settings, signed=signed)
-    one = METHODS["alternate"](problem, settings)
-    many = METHODS["alternate"](problem, replace(settings, multi_start=True))
+    problem = scene.problem(0.1)
+    one, many = (
+        choose_method("alternate", replace(settings, options=options))(problem)
+        for options in (
+            AlternationOptions(signed=signed),
+            AlternationOptions(signed=signed, multi_start=True),
+        )
+    )
     assert (many.objective <= one.objective * (1 + 1e-12)).all()
     assert (many.iterations > one.iterations).all()
 
 
 def test_every_method_beats_the_floor_in_its_own_terms(scene, settings):
     problem = scene.problem(1e-3)
-    floor = METHODS["mean-shape"](problem, settings)
+    floor = choose_method("mean-shape", settings)(problem)
     assert floor.coefficients is None
     assert floor.transforms is None
     for name in NAMES:
         if name != "mean-shape":
-            assert METHODS[name](problem, settings).residual.mean() < floor.residual.mean()
+            assert choose_method(name, settings)(problem).residual.mean() < floor.residual.mean()
 
 
 def test_the_mean_shape_is_posed_and_nothing_else(scene, settings):
-    found = METHODS["mean-shape"](scene.problem(0.1), settings)
+    found = choose_method("mean-shape", settings)(scene.problem(0.1))
     size = np.linalg.norm(found.shapes, axis=(1, 2)) / np.linalg.norm(scene.mean_shape)
     np.testing.assert_allclose(
         found.shapes, size[:, None, None] * found.rotation @ scene.mean_shape, atol=1e-10
@@ -153,8 +165,8 @@ def test_the_mean_shape_is_posed_and_nothing_else(scene, settings):
 
 def test_orthogonal_changes_loose_transforms_only(scene, settings):
     problem = scene.problem(0.1)
-    plain = METHODS["convex"](problem, settings)
-    projected = METHODS["convex"](problem, replace(settings, orthogonal=True))
+    plain = choose_method("convex", settings)(problem)
+    projected = choose_method("convex", replace(settings, orthogonal=True))(problem)
     np.testing.assert_array_equal(plain.coefficients, projected.coefficients)
     change = np.abs(plain.shapes - projected.shapes).max(axis=(1, 2))
     assert 0 < plain.tight.sum() < 25
@@ -166,7 +178,7 @@ def test_orthogonal_changes_loose_transforms_only(scene, settings):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_large_lambda_and_hidden_images_are_no_accident(name, scene, settings):
     scene.weights[4] = 0.0
-    found = METHODS[name](scene.problem(1e4), settings)
+    found = choose_method(name, settings)(scene.problem(1e4))
     assert found.status[4] is Status.DEGENERATE
     if name != "mean-shape":
         np.testing.assert_array_equal(found.coefficients, 0.0)
@@ -187,22 +199,22 @@ def test_outliers_are_told_by_the_robust_losses_only(make_scene, settings):
     solve = partial(solve_newton, tolerance=1e-6)
     for loss, lam in ((Loss.SPARSE_ERROR, 0.05), (Loss.ABSOLUTE, 2.0)):
         problem = build_problem(scene.landmarks, scene.atoms, lam, loss=loss, beta=0.1)
-        found = METHODS["convex"](problem, replace(settings, solve=solve))
+        found = choose_method("convex", replace(settings, solve=solve))(problem)
         assert found.outliers[:, 5].all()
         assert not found.outliers.all()
-    assert METHODS["convex"](scene.problem(0.1), settings).outliers is None
+    assert choose_method("convex", settings)(scene.problem(0.1)).outliers is None
 
 
 def test_robust_losses_need_the_convex_program(scene, settings):
     problem = build_problem(scene.landmarks, scene.atoms, 0.1, loss=Loss.SPARSE_ERROR)
     with pytest.raises(ValueError, match="squared loss only, not sparse-error"):
-        METHODS["alternate"](problem, settings)
+        choose_method("alternate", settings)(problem)
 
 
 def test_no_image_is_no_error(make_scene, settings):
     scene = make_scene(n=2)
     problem = build_problem(scene.landmarks[:0], scene.atoms, 0.1, weights=scene.weights[:0])
-    assert METHODS["convex+refine"](problem, settings).shapes.shape == (0, 3, 12)
+    assert choose_method("convex+refine", settings)(problem).shapes.shape == (0, 3, 12)
 
 
 def test_where_no_atom_fits_at_the_start_another_rotation_is_tried(scene, settings):
@@ -212,8 +224,8 @@ def test_where_no_atom_fits_at_the_start_another_rotation_is_tried(scene, settin
         solution = solve_newton(problem)
         return replace(solution, transforms=-solution.transforms)
 
-    found = METHODS["convex+refine"](
-        scene.problem(0.05), replace(settings, solve=reversed_solution)
+    found = choose_method("convex+refine", replace(settings, solve=reversed_solution))(
+        scene.problem(0.05)
     )
     assert found.coefficients.any(axis=1).all()
 
@@ -239,13 +251,13 @@ def test_only_images_without_an_atom_begin_again(scene, settings, monkeypatch):
         sizes.append((len(starts), found.rounds))
         return found
 
-    monkeypatch.setattr(methods, "alternate", counted)
-    refined = METHODS["convex+refine"](problem, replace(settings, solve=solve))
+    monkeypatch.setattr(shared, "alternate", counted)
+    refined = choose_method("convex+refine", replace(settings, solve=solve))(problem)
     (first, first_rounds), (second, second_rounds) = sizes
     assert (first, second) == (25, 4)
 
     monkeypatch.undo()
-    plain = METHODS["convex+refine"](problem, replace(settings, solve=solve_newton))
+    plain = choose_method("convex+refine", replace(settings, solve=solve_newton))(problem)
     kept = np.setdiff1d(np.arange(25), [*wrong, 4])
     for field in fields(refined):
         mine, theirs = getattr(refined, field.name), getattr(plain, field.name)
@@ -256,7 +268,7 @@ def test_only_images_without_an_atom_begin_again(scene, settings, monkeypatch):
     assert refined.status[7] is Status.DEGENERATE
     assert {refined.status[i] for i in range(25) if i != 7} == {Status.CONVERGED}
 
-    alone = METHODS["alternate"](problem.take(wrong), settings)
+    alone = choose_method("alternate", settings)(problem.take(wrong))
     np.testing.assert_allclose(refined.coefficients[wrong], alone.coefficients, atol=1e-9)
     np.testing.assert_allclose(refined.shapes[wrong], alone.shapes, atol=1e-9)
     np.testing.assert_allclose(refined.residual[wrong], alone.residual, rtol=1e-9)
@@ -291,7 +303,10 @@ def test_on_motion_capture_every_method_beats_the_mean_shape(mocap):
         "one view": {"views": 1},
         "multi-start": {"multi_start": True},
     }.items():
-        method = choose_method(name if name in NAMES else "alternate", replace(settings, **changes))
+        method = choose_method(
+            name if name in NAMES else "alternate",
+            replace(settings, options=AlternationOptions(**changes)),
+        )
         found = lift(W, np.ones((len(W), 15)), atoms, Program(0.1), method)
         fitted = similarity_transform(found.shapes, truth).apply(found.shapes)
         errors[name] = np.linalg.norm(fitted - truth, axis=1).mean()
@@ -305,7 +320,7 @@ def test_on_motion_capture_every_method_beats_the_mean_shape(mocap):
 
 
 def test_views_of_the_settings_begin_with_the_front():
-    np.testing.assert_array_equal(spread_views(Settings.views)[0], np.eye(3))
+    np.testing.assert_array_equal(spread_views(AlternationOptions.views)[0], np.eye(3))
 
 
 @pytest.mark.parametrize("loss", [Loss.ABSOLUTE, Loss.SPARSE_ERROR])
@@ -338,8 +353,41 @@ def test_with_many_starts_turning_the_image_turns_the_result(scene, settings, rn
     problem = build_problem(rng.standard_normal((80, 2, 12)), scene.atoms, 0.1)
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array([1.1]))[0]
     turned = replace(problem, landmarks=turn[:2, :2] @ problem.landmarks)
-    alternate_many = choose_method("alternate", replace(settings, multi_start=True, views=2))
+    alternate_many = choose_method(
+        "alternate", replace(settings, options=AlternationOptions(multi_start=True, views=2))
+    )
     base, found = alternate_many(problem), alternate_many(turned)
     np.testing.assert_allclose(found.objective, base.objective, rtol=1e-6)
-    one = choose_method("alternate", replace(settings, views=2))(problem)
+    one = choose_method("alternate", replace(settings, options=AlternationOptions(views=2)))(
+        problem
+    )
     assert (base.objective < 0.99 * one.objective).any()
+
+
+OPTIONAL = {field.name for field in fields(Estimate) if field.default is None}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_table_says_what_a_method_yields(name, scene, settings):
+    method = METHODS[name]
+    settings = replace(settings, needs={"edges": np.array([[0, 1], [1, 2]])})
+    found, further = set(), set()
+    for loss in method.losses:
+        lam = np.full(25, 1.0 if loss == "exact" else 0.05)
+        problem = replace(scene.problem(0.05), lam=lam, loss=Loss(loss), beta=0.1)
+        estimate = choose_method(name, settings)(problem)
+        found |= {field for field in OPTIONAL if getattr(estimate, field) is not None}
+        further |= estimate.further.keys()
+        assert ("convex_proof" in found) == (method.proves != "nothing")
+    assert found == method.yields
+    assert further == set(method.further)
+
+
+def test_one_rotation_is_what_the_table_says(scene, settings):
+    """The transforms of all atoms are multiples of the same two rows, or they are not."""
+    for name, method in METHODS.items():
+        if "transforms" in method.yields:
+            found = choose_method(name, settings)(scene.problem(0.05))
+            rows = found.coefficients[:, :, None, None] * found.rotation[:, None, :2]
+            alike = np.allclose(found.transforms, np.where(np.isnan(rows), 0.0, rows), atol=1e-8)
+            assert alike == method.one_rotation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from annotated_types import Gt
 from pydantic import Field, PlainValidator, ValidationInfo, field_validator, model_validator
@@ -16,6 +16,23 @@ from shapefit.config.commands.fit_outliers import OutlierSearchConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, FromLists
 from shapefit.config.paths import InputPath, InputPaths, OutputPath
+from shapefit.lifting.methods import (
+    ALTERNATION,
+    METHODS,
+    ROBUST,
+    AlternationOptions,
+    listed,
+    summarise,
+    those,
+)
+
+if TYPE_CHECKING:
+    MethodName = str
+else:
+    MethodName = Literal[tuple(METHODS)]
+
+SEARCHING = listed(those(lambda method: method.section == ALTERNATION), "and")
+"""The methods that read the section `alternation`."""
 
 
 def _number_or_auto(value: Any) -> float | Literal["auto"]:
@@ -34,7 +51,7 @@ class SolverConfig(ConfigModel):
         default="newton", description="The fast solver, or the paper's ADMM."
     )
     tolerance: float = Field(
-        default=1e-6,
+        default=METHODS["convex"].tolerance,
         gt=0,
         description="An image is solved when its relative duality gap (stop: gap) or its relative "
         "residuals (stop: change) fall to this.",
@@ -60,25 +77,29 @@ class AlternationConfig(ConfigModel):
     """How the methods that share one rotation alternate."""
 
     signed: bool = Field(
-        default=False, description="Coefficients of either sign (convex+refine keeps them >= 0)."
+        default=AlternationOptions.signed,
+        description="Coefficients of either sign (convex+refine keeps them >= 0).",
     )
     views: int = Field(
-        default=6,
+        default=AlternationOptions.views,
         ge=1,
         le=1000,
         description="Views, spread evenly, from which the pose of the mean shape is sought.",
     )
     multi_start: bool = Field(
-        default=False,
+        default=AlternationOptions.multi_start,
         description="alternate: also start from each of the views, and keep the lowest objective.",
     )
     tolerance: float = Field(
-        default=1e-6,
+        default=AlternationOptions.tolerance,
         gt=0,
         description="Relative fall of the objective at which a round is the last.",
     )
     max_rounds: int = Field(
-        default=500, ge=1, le=MOST_STEPS, description="Most rounds for one image."
+        default=AlternationOptions.max_rounds,
+        ge=1,
+        le=MOST_STEPS,
+        description="Most rounds for one image.",
     )
 
 
@@ -119,14 +140,7 @@ class FitConfig(CommandConfig):
     output: OutputPath = Field(
         description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
     )
-    method: Literal["convex", "convex+refine", "alternate", "alternate+", "pmp", "mean-shape"] = (
-        Field(
-            default="convex",
-            description="How to lift: the convex program; it refined to one shared rotation; "
-            "alternating minimisation from the mean shape or (alternate+) from the convex program; "
-            "projected matching pursuit with PCA bases; or the pose of the mean shape alone.",
-        )
-    )
+    method: MethodName = Field(default="convex", description=f"How to lift: {summarise()}.")
     loss: Literal["squared", "exact", "l1", "sparse-error"] = Field(
         default="squared",
         description="The data term: half the squared residual; exact, no residual at all (lambda "
@@ -172,7 +186,7 @@ class FitConfig(CommandConfig):
     )
     alternation: AlternationConfig = Field(
         default_factory=AlternationConfig.model_construct,
-        description="How convex+refine, alternate, alternate+ and mean-shape search.",
+        description=f"How {SEARCHING} search.",
     )
     temporal: TemporalConfig = Field(
         default_factory=TemporalConfig.model_construct,
@@ -225,7 +239,7 @@ class FitConfig(CommandConfig):
     @property
     def labels_outliers(self) -> bool:
         """Whether the fit says which landmarks it judges wrong."""
-        return self.loss in ("l1", "sparse-error") or self.outliers.method != "none"
+        return self.loss in ROBUST or self.outliers.method != "none"
 
     @field_validator("path")
     @classmethod
@@ -240,20 +254,21 @@ class FitConfig(CommandConfig):
             raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
         if self.loss != "squared" and self.solver.name == "admm":
             raise ValueError(f"the solver admm knows only `loss: squared`, not {self.loss}")
-        robust = self.loss in ("l1", "sparse-error")
-        refinable = robust and self.method == "convex+refine"
-        if self.loss != "squared" and self.method != "convex" and not refinable:
+        method = METHODS[self.method]
+        if self.loss not in method.losses:
+            fit = those(lambda other: self.loss in other.losses)[0]
             raise ValueError(
                 f"the method {self.method} does not know `loss: {self.loss}`; "
-                "take `loss: squared` or `method: convex`"
+                f"take `loss: {method.losses[0]}` or `method: {fit}`"
             )
-        if robust and self.outliers.method != "none":
+        if self.loss in ROBUST and self.outliers.method != "none":
             raise ValueError(
                 f"`loss: {self.loss}` and `outliers: {{method: {self.outliers.method}}}` both look "
                 "for outliers; leave out one of them"
             )
-        if self.path and self.method != "convex":
-            raise ValueError("`path` belongs to the method convex; leave it out")
+        optima = listed(those(lambda other: other.proves == "optimum"))
+        if self.path and method.proves != "optimum":
+            raise ValueError(f"`path` belongs to the method {optima}; leave it out")
         if self.path and (self.loss == "exact" or self.solver.name == "admm"):
             raise ValueError(
                 "`path` needs the solver newton and a loss that lambda weighs against; leave it out"
@@ -268,13 +283,15 @@ class FitConfig(CommandConfig):
                 "`temporal: {depths: true}` refines shapes under weak perspective; leave out "
                 "either it or `camera: {model: perspective}`"
             )
-        if self.export.rotation == "per-atom" and not (self.method == "convex" and weak):
+        free = listed(those(lambda other: not other.one_rotation))
+        if self.export.rotation == "per-atom" and (method.one_rotation or not weak):
             raise ValueError(
-                "`export: {rotation: per-atom}` belongs to the method convex and weak perspective; "
-                "the others have one rotation an image: set shared"
+                f"`export: {{rotation: per-atom}}` belongs to the method {free} and weak "
+                "perspective; the others have one rotation an image: set shared"
             )
-        if self.camera.model == "perspective" and self.method == "pmp":
+        if not (weak or method.perspective):
             raise ValueError(
-                "`camera: {model: perspective}` does not go with the method pmp; take another"
+                f"`camera: {{model: perspective}}` does not go with the method {self.method}; "
+                "take another"
             )
         return self

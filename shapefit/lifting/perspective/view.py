@@ -13,7 +13,7 @@ from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
-from shapefit.lifting.estimate import Estimate, place
+from shapefit.lifting.estimate import Estimate, fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.perspective.refinement import PerspectiveOptions, refine_perspective
 from shapefit.lifting.perspective.start import mean_coefficients
@@ -77,7 +77,7 @@ def refine_view(
     pixels = norm.scale[:, None, None] * projected + norm.centroid[..., None]
     # what is hidden may lie behind the camera, and counts for nothing
     shown = np.where(part.weights[:, None] > 0, projected, 0.0)
-    residual = place(part, shown, np.zeros((len(rows), 2))).residual
+    residual = fit_translation(part, shown, np.zeros((len(rows), 2))).residual
 
     def spread(values: Floats, rest: float = np.nan) -> Floats:
         """Put values of the refined images in their rows."""

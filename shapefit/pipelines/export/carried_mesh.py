@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
+from shapefit.lifting.methods import METHODS, listed, those
 
 
 class AtomMeshes(NamedTuple):
@@ -28,17 +29,16 @@ def find_meshes(dictionary: Dictionary) -> AtomMeshes | None:
 def mixes_atoms(config: FitConfig) -> bool:
     """Whether shapes are sum_i c_i R_i B_i, so that what belongs to the atoms can be mixed alike.
 
-    That of pmp is not, nor is the mean shape unless it is refined under a perspective camera.
+    Refined under a perspective camera they always are.
     """
-    refined = config.camera.model == "perspective"
-    return config.method != "pmp" and (config.method != "mean-shape" or refined)
+    return METHODS[config.method].mixes_atoms or config.camera.model == "perspective"
 
 
 def find_obstacle(config: FitConfig) -> tuple[str, str] | None:
     """Say what keeps a mesh from following the landmarks, and the fix; None where nothing does."""
     if not mixes_atoms(config):
         found = f"`method: {config.method}` gives no coefficients to mix the meshes of the atoms"
-        return found, "choose convex+refine, convex, alternate or alternate+"
+        return found, f"choose {listed(those(lambda method: method.mixes_atoms))}"
     if config.temporal.depths:
         found = "`temporal.depths` moves every landmark on its own, and a mesh cannot follow"
         return found, "set `temporal.depths: false`"

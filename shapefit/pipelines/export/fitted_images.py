@@ -9,6 +9,7 @@ from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.io import ResultSet
+from shapefit.lifting.methods import METHODS
 from shapefit.meshes.dense import (
     around_centroid,
     camera_frame,
@@ -46,7 +47,7 @@ def fitted_image(
     if config.camera.model == "perspective":
         seen_shape = _in_perspective(found.shapes, found)
         seen_mesh = None if mesh is None else _in_perspective(mesh, found)
-    elif config.method == "convex" and carried is not None:
+    elif carried is not None and not METHODS[config.method].one_rotation:
         seen_mesh = camera_frame_sheared(
             carried, required(transforms), *_place(found), orthogonal=config.orthogonal
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -17,9 +17,11 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Lifting, Program, fail_nonfinite, lift
-from shapefit.lifting.methods import Settings, Solve, choose_method
+from shapefit.lifting.methods import METHODS, Settings, choose_method
+from shapefit.pipelines.fit.dictionary_kind import check_needs
 
 if TYPE_CHECKING:
+    from shapefit.lifting.methods import Solve
     from shapefit.lifting.path import WarmSolve
     from shapefit.lifting.perspective.refinement import PerspectiveOptions
     from shapefit.lifting.temporal import Sequencing
@@ -39,7 +41,8 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
 
     Raises InputError where the dictionary lacks what the config asks for.
     """
-    check_limbs(config, dictionary)
+    check_needs(config, dictionary)
+    METHODS[config.method].load()
     refinement = choose_refinement(config, dictionary)
     program = choose_program(config)
     search = None
@@ -151,29 +154,21 @@ def choose_program(config: FitConfig) -> Program:
     )
 
 
-def check_limbs(config: FitConfig, dictionary: Dictionary) -> None:
-    """Raise InputError where the method keeps limbs, and the dictionary does not know them."""
-    if config.method == "pmp" and dictionary.edges is None:
-        raise input_error(
-            config.dictionary,
-            "no `edges`, the limbs whose lengths pmp keeps",
-            "learn it with `method: pca-bases` from shapes with edges",
-        )
-
-
 def choose_settings(config: FitConfig, dictionary: Dictionary) -> Settings:
     """Return what the methods need besides the problem."""
-    options = config.alternation
+    method = METHODS[config.method]
+    options = None
+    if method.section is not None:
+        name, kind = method.section
+        options = kind(
+            **{key.name: getattr(getattr(config, name), key.name) for key in fields(kind)}
+        )
     return Settings(
         solve=choose_solver(config),
         mean_shape=dictionary.mean_shape,
-        edges=dictionary.edges,
+        needs={need.name: getattr(dictionary, need.name) for need in method.needs},
+        options=options,
         orthogonal=config.orthogonal,
-        signed=options.signed,
-        views=options.views,
-        multi_start=options.multi_start,
-        tolerance=options.tolerance,
-        max_rounds=options.max_rounds,
         threads=config.threads,
     )
 

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
+from shapefit.lifting.methods import METHODS
 
-BASES = "pca-bases"
-"""How a dictionary is learned whose coefficients may have either sign."""
+
+def check_needs(config: FitConfig, dictionary: Dictionary) -> None:
+    """Raise InputError where the dictionary lacks what the method cannot do without."""
+    for need in METHODS[config.method].needs:
+        if getattr(dictionary, need.name) is None:
+            raise input_error(config.dictionary, f"no `{need.name}`, {need.what}", need.fix)
 
 
 def mismatch(config: FitConfig, dictionary: Dictionary) -> tuple[str, ...]:
-    """Return a warning where bases of either sign meet a method of sums without sign, or atoms pmp.
+    """Return a warning where the method is made for dictionaries that were learned otherwise.
 
-    A dictionary that does not tell how it was learned passes.
+    A dictionary that does not tell how it was learned passes, and any where signs are free.
     """
     learned = dictionary.provenance.get("method")
-    takes_either = config.method == "mean-shape" or config.alternation.signed
-    if learned is None or takes_either or (learned == BASES) == (config.method == "pmp"):
+    wanted = METHODS[config.method].learned
+    if learned is None or not wanted or config.alternation.signed or learned in wanted:
         return ()
-    wanted = f"`method: {BASES}`" if config.method == "pmp" else "`sparse-coding` or `exemplars`"
+    kinds = " or ".join(f"`{kind}`" for kind in wanted)
+    if len(wanted) == 1:
+        kinds = f"`method: {wanted[0]}`"
     found = f"the dictionary was learned with `method: {learned}`"
-    return (f"{found}; {config.method} is made for {wanted}",)
+    return (f"{found}; {config.method} is made for {kinds}",)

@@ -15,9 +15,8 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.methods import Solve
 from shapefit.lifting.outliers.ransac import find_consensus
-from shapefit.lifting.outliers.truncated import find_untruncated
+from shapefit.lifting.outliers.truncated import Solve, find_untruncated
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

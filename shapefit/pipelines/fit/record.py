@@ -15,6 +15,7 @@ from shapefit.io.extras import Extras, names_apart
 from shapefit.io.layout import RESULTS
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting, PerspectiveView
+from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.left_out_items import find_left_out
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ OF_A_RESULT = RESULTS.names | {
     *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
     *("path_lambda", "path_objective", "path_relative_gap", "path_residual", "path_active_atoms"),
     *("camera_translation", "focal", "principal_point", "position", "left_out"),
+    *(name for method in METHODS.values() for name in method.further),
 }
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
 
@@ -79,7 +81,8 @@ def with_proof(record: ResultSet, lifting: Lifting, config: FitConfig) -> Result
         return record
     failed = np.isnan(lifting.scale)
     active = proof.transforms.any(axis=(2, 3)) & ~failed[:, None]
-    of_the_program = config.method == "convex" and lifting.perspective is None
+    optimal = METHODS[config.method].proves == "optimum"
+    of_the_program = optimal and lifting.perspective is None
     return replace(
         record,
         dual=np.where(failed[:, None, None], np.nan, proof.dual),
@@ -112,6 +115,7 @@ def further_datasets(
         "active_atoms": found.active_atoms,
         "tight": found.tight,
         "outliers": found.outliers,
+        **found.further,
     }
     if path is not None:
         own["path_lambda"] = path.lam

@@ -13,6 +13,7 @@ from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation import metrics
 from shapefit.geometry.procrustes import similarity_transform
+from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.view.gathering import CAMERA, JUDGEMENTS, Gathered
 from shapefit.viewer.scene import Blend, Layer, Measure
 
@@ -69,8 +70,10 @@ def mesh_obstacle(gathered: Gathered, dictionary: Dictionary) -> str | None:
     if found["coefficients"].shape[1] != dictionary.k:
         count = found["coefficients"].shape[1]
         return f"its {count} coefficients are not those of {dictionary.k} atoms"
-    if gathered.attributes.get("method") == "pmp":
-        return "method pmp gives no coefficients to mix the meshes of the atoms"
+    name = str(gathered.attributes.get("method"))
+    method = METHODS.get(name)
+    if method is not None and not method.mixes_atoms and _camera(gathered) is None:
+        return f"method {name} gives no coefficients to mix the meshes of the atoms"
     temporal = fit_config(gathered).get("temporal")
     if isinstance(temporal, dict) and temporal.get("depths"):
         return "temporal.depths moves every landmark on its own"

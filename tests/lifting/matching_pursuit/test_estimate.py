@@ -14,7 +14,7 @@ from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.io import read_shapes
-from shapefit.lifting.estimate import place
+from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.matching_pursuit import matching_pursuit
 
@@ -41,7 +41,7 @@ class TestEstimate:
         np.testing.assert_array_equal(found.iterations, pursuit.rounds)
         assert found.status == pursuit.status
         assert list(found.active_atoms) == [(c != 0).sum() for c in pursuit.coefficients]
-        placed = place(noisy.problem, found.shapes[:, :2])
+        placed = fit_translation(noisy.problem, found.shapes[:, :2])
         np.testing.assert_array_equal(found.translation, placed.translation)
         np.testing.assert_array_equal(found.residual, placed.residual)
 

@@ -12,7 +12,8 @@ from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
 from shapefit.convex.solution import Status
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.methods import METHODS, Settings, believable
+from shapefit.lifting.methods import Settings, choose_method
+from shapefit.lifting.outliers.robust_loss import believable
 
 ROBUST = (Loss.ABSOLUTE, Loss.SPARSE_ERROR)
 
@@ -38,18 +39,18 @@ def corrupted(scene, rng):
 @pytest.mark.parametrize("loss", ROBUST)
 def test_planted_outliers_are_labelled_and_left_out(loss, corrupted, settings):
     problem, wrong = corrupted
-    robust = METHODS["convex+refine"](replace(problem, loss=loss, beta=0.1), settings)
+    robust = choose_method("convex+refine", settings)(replace(problem, loss=loss, beta=0.1))
     assert set(robust.status) == {Status.CONVERGED}
     assert robust.relative_gap is None
     assert robust.outliers[wrong].all()
-    labels = METHODS["convex"](replace(problem, loss=loss, beta=0.1), settings).outliers
+    labels = choose_method("convex", settings)(replace(problem, loss=loss, beta=0.1)).outliers
     np.testing.assert_array_equal(robust.outliers, labels)
 
     garbage = np.where(wrong[:, None], 1e6, problem.landmarks)
     inliers = replace(
         problem, landmarks=garbage, weights=np.where(robust.outliers, 0.0, problem.weights)
     )
-    alone = METHODS["convex+refine"](inliers, settings)
+    alone = choose_method("convex+refine", settings)(inliers)
     np.testing.assert_allclose(robust.objective, alone.objective, rtol=1e-3)
     assert (robust.residual < 0.05).all()
 
@@ -57,8 +58,8 @@ def test_planted_outliers_are_labelled_and_left_out(loss, corrupted, settings):
 @pytest.mark.parametrize("loss", ROBUST)
 def test_the_rotation_is_that_without_outliers(loss, corrupted, scene, settings):
     problem, _ = corrupted
-    robust = METHODS["convex+refine"](replace(problem, loss=loss, beta=0.1), settings)
-    squared = METHODS["convex+refine"](problem, settings)
+    robust = choose_method("convex+refine", settings)(replace(problem, loss=loss, beta=0.1))
+    squared = choose_method("convex+refine", settings)(problem)
 
     def errors(found):
         return np.abs(found.rotation - scene.rotation).max(axis=(1, 2))
@@ -81,7 +82,7 @@ def test_labels_that_leave_too_little_are_not_believed(scene, settings):
         scene.weights,
         scene.atoms,
         program,
-        partial(METHODS["convex+refine"], settings=settings),
+        choose_method("convex+refine", settings),
     )
     assert found.failures == {}
     assert np.isfinite(found.shapes).all()

@@ -16,7 +16,7 @@ from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.lifting.estimate import place
+from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.shared_rotation.alternation import alternate
 
 signs = pytest.mark.parametrize("signed", [False, True])
@@ -30,7 +30,7 @@ def parts(problem, found):
     """Return the weighted residual, the weighted centred atoms, and the objective."""
     c, R = found.coefficients, np.nan_to_num(found.rotation)  # nan where c = 0
     projected = R[:, :2] @ np.einsum("nk,kap->nap", c, problem.atoms)
-    placed = place(problem, projected)
+    placed = fit_translation(problem, projected)
     omega = problem.weights[:, None]
     residual = omega * (problem.landmarks - projected - placed.translation[..., None])
     return residual, placed.misfit + problem.lam * np.abs(c).sum(axis=1)

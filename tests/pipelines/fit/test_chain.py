@@ -15,7 +15,7 @@ from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.methods import Settings, choose_method
+from shapefit.lifting.methods import AlternationOptions, Settings, choose_method
 from shapefit.lifting.perspective.refinement import PerspectiveOptions
 from shapefit.lifting.temporal import Sequencing
 from shapefit.pipelines.fit.chain import (
@@ -48,11 +48,15 @@ def test_settings_of_the_methods(config, dictionary):
     alternation = {
         "signed": True, "views": 9, "multi_start": True, "tolerance": 1e-3, "max_rounds": 17
     }  # fmt: skip
-    found = choose_settings(config(alternation=alternation, orthogonal=True), dictionary)
-    assert {key: getattr(found, key) for key in alternation} == alternation
+    told = config(alternation=alternation, orthogonal=True, method="alternate+")
+    found = choose_settings(told, dictionary)
+    assert found.options == AlternationOptions(**alternation)
     assert (found.orthogonal, found.threads) == (True, 3)
     assert found.mean_shape is dictionary.mean_shape
-    assert found.edges is dictionary.edges
+    assert found.needs == {}
+    pursuing = choose_settings(config(method="pmp"), dictionary)
+    assert pursuing.needs["edges"] is dictionary.edges
+    assert pursuing.options is None
 
 
 def test_options_of_the_solvers(config):

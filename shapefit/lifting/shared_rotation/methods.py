@@ -1,0 +1,174 @@
+"""The methods whose atoms share one rotation, and the pose of the mean shape."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.convex.problem import Loss, Problem
+from shapefit.convex.solution import Status
+from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation, replace_rows
+from shapefit.lifting.methods import AlternationOptions, Settings
+from shapefit.lifting.outliers.robust_loss import believable, find_outliers
+from shapefit.lifting.reconstruction import combine, is_active
+from shapefit.lifting.shared_rotation.alternation import alternate
+from shapefit.lifting.shared_rotation.pose import (
+    find_moments,
+    find_pose,
+    spread_views,
+    turn_in_plane,
+)
+from shapefit.lifting.shared_rotation.synchronisation import synchronise
+
+Floats = NDArray[np.float64]
+
+
+def refine_convex(problem: Problem, settings: Settings) -> Estimate:
+    """Synchronise the convex solution to one rotation and alternate from there, over c >= 0.
+
+    With a robust loss the robust program finds the outliers, and the squared residuals of the
+    other landmarks are refined; the landmarks stay normalised by all that are seen.
+    """
+    return _alternate_from_solution(problem, settings, signed=False)
+
+
+def alternate_from_convex(problem: Problem, settings: Settings) -> Estimate:
+    """Alternate from the synchronised convex solution (paper, Experiments, "Alternate+").
+
+    The same as convex+refine unless `signed`.
+    """
+    options: AlternationOptions = settings.options
+    return _alternate_from_solution(problem, settings, signed=options.signed)
+
+
+def alternate_from_mean(problem: Problem, settings: Settings) -> Estimate:
+    """Alternate from the pose of the mean shape (paper, Experiments, "Alternate")."""
+    options: AlternationOptions = settings.options
+    views = spread_views(options.views)
+    pose = find_pose(problem, settings.mean_shape, views, threads=settings.threads)
+    starts = pose.rotation[:, None]
+    if options.multi_start:
+        _, D = find_moments(problem, settings.mean_shape)
+        starts = np.concatenate([starts, turn_in_plane(views, D)], axis=1)
+    return _alternate(problem, settings, starts, signed=options.signed)
+
+
+def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
+    """Pose the mean shape: rotation, scale and translation and nothing else."""
+    options: AlternationOptions = settings.options
+    views = spread_views(options.views)
+    pose = find_pose(problem, settings.mean_shape, views, threads=settings.threads)
+    known = pose.size > 0
+    R = np.where(known[:, None, None], pose.rotation, 0.0)
+    shapes = pose.size[:, None, None] * (R @ settings.mean_shape)
+    placed = fit_translation(problem, shapes[:, :2])
+    return Estimate(
+        shapes=shapes,
+        translation=placed.translation,
+        rotation=pose.rotation,
+        objective=placed.misfit,
+        residual=placed.residual,
+        iterations=np.zeros(len(shapes), np.int64),
+        status=tuple(Status.CONVERGED if found else Status.DEGENERATE for found in known.tolist()),
+    )
+
+
+def _alternate_from_solution(problem: Problem, settings: Settings, *, signed: bool) -> Estimate:
+    """Alternate from the synchronised convex solution, under a robust loss on its inliers only.
+
+    Without a robust loss the convex optimum bounds the objective from below, for c_i Rbar is a
+    transform of spectral norm |c_i|, and the gap is that to its dual. A robust optimum bounds no
+    squared residuals: then there is no gap.
+    """
+    solution = settings.solve(problem)
+    start = synchronise(solution.transforms, threads=settings.threads).rotation[:, None]
+    outliers = find_outliers(problem, solution)
+    if outliers is None:
+        found = _alternate_or_restart(problem, settings, start, signed=signed)
+        bound = solution.objective * (1 - solution.relative_gap)
+        gap = np.divide(
+            found.objective - bound,
+            found.objective,
+            out=np.zeros_like(bound),
+            where=found.objective != 0,
+        )
+        found = replace(found, relative_gap=gap)
+    else:
+        outliers = believable(problem, outliers)
+        weights = np.where(outliers, 0.0, problem.weights)
+        inliers = replace(problem, weights=weights, loss=Loss.SQUARED)
+        found = replace(
+            _alternate_or_restart(inliers, settings, start, signed=signed), outliers=outliers
+        )
+    status = tuple(
+        first if first in (Status.DEGENERATE, Status.NUMERICAL_FAILURE) else second
+        for first, second in zip(solution.status, found.status, strict=True)
+    )
+    return replace(
+        found,
+        status=status,
+        iterations=solution.iterations + found.iterations,
+        convex_proof=ConvexProof.of(solution),
+    )
+
+
+def _alternate_or_restart(
+    problem: Problem, settings: Settings, starts: Floats, *, signed: bool
+) -> Estimate:
+    """Alternate; where no atom fits at the synchronised rotation, from the mean shape's pose too.
+
+    Without coefficients there is no rotation to go on from, though another one may fit.
+    """
+    found = _alternate(problem, settings, starts, signed=signed)
+    assert found.coefficients is not None
+    empty = np.flatnonzero(~found.coefficients.any(axis=1))
+    if not len(empty):
+        return found
+    part = problem.take(empty)
+    options: AlternationOptions = settings.options
+    views = spread_views(options.views)
+    pose = find_pose(part, settings.mean_shape, views, threads=settings.threads)
+    posed = pose.size > 0  # degenerate images have none
+    again = _alternate(part.take(posed), settings, pose.rotation[posed, None], signed=signed)
+    rows = empty[posed]
+    again = replace(again, iterations=found.iterations[rows] + again.iterations)
+    return replace_rows(again, rows, found)
+
+
+def share_rotation(coefficients: Floats, rotation: Floats) -> Floats:
+    """M_i = c_i Rbar (n, k, 2, 3) of c (n, k) and R (n, 3, 3); most c_i are 0."""
+    transforms = np.zeros((*coefficients.shape, 2, 3))
+    image, atom = np.nonzero(coefficients)
+    transforms[image, atom] = coefficients[image, atom, None, None] * rotation[image, :2]
+    return transforms
+
+
+def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: bool) -> Estimate:
+    """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
+    options: AlternationOptions = settings.options
+    found = alternate(
+        problem,
+        starts,
+        signed=signed,
+        tolerance=options.tolerance,
+        max_rounds=options.max_rounds,
+        threads=settings.threads,
+    )
+    c = found.coefficients
+    R = np.where(np.isfinite(found.rotation), found.rotation, 0.0)
+    shapes = R @ combine(c, problem.atoms)
+    placed = fit_translation(problem, shapes[:, :2])
+    return Estimate(
+        shapes=shapes,
+        translation=placed.translation,
+        rotation=found.rotation,
+        objective=placed.misfit + problem.lam * np.abs(c).sum(axis=1),
+        residual=placed.residual,
+        iterations=found.rounds,
+        status=found.status,
+        coefficients=c,
+        active_atoms=is_active(c).sum(axis=1),
+        transforms=share_rotation(c, R),
+    )

@@ -1,0 +1,122 @@
+"""A method, a file format and a metric are added by an entry in a table: each runs end to end."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import landmark_writer, write_dictionary
+from shapefit.io.records import LandmarkSet
+
+PROJECT = Path(__file__).resolve().parents[1]
+NAMES = tuple("abcdef")
+
+
+@pytest.fixture
+def folder(tmp_path, rng) -> Path:
+    """A folder with a dictionary of six landmarks, and five images of them."""
+    atoms = rng.normal(size=(4, 3, 6))
+    write_dictionary(tmp_path / "dictionary.h5", Dictionary(atoms, NAMES, atoms[0]))
+    with landmark_writer(tmp_path / "views.h5") as writer:
+        landmarks = rng.normal(size=(5, 2, 6))
+        writer.append(LandmarkSet(landmarks=landmarks, landmark_names=NAMES, items=tuple("12345")))
+    return tmp_path
+
+
+class Toy:
+    """A new file beside the package, an entry in a table of it, and command lines run with both."""
+
+    def __init__(self, folder: Path, module: str, entry: str) -> None:
+        (folder / "toy.py").write_text(module, encoding="utf-8")
+        self._entry = entry
+        self._folder = folder
+
+    def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        source = (
+            f"import sys\nsys.path.insert(0, {str(self._folder)!r})\n{self._entry}\n"
+            "from shapefit_cli.main import run\nsys.exit(run(sys.argv[1:]))"
+        )
+        command = [sys.executable, "-c", source, *arguments]
+        return subprocess.run(
+            command, capture_output=True, text=True, cwd=self._folder, timeout=120, check=False
+        )
+
+    def succeed(self, *arguments: str) -> str:
+        done = self.run(*arguments)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+
+FLAT = '''
+"""The method `flat`: every landmark at depth 0."""
+
+import numpy as np
+
+from shapefit.convex.solution import Status
+from shapefit.lifting.estimate import Estimate, fit_translation
+
+
+def lift_flat(problem, settings):
+    shapes = np.concatenate([problem.landmarks, 0 * problem.landmarks[:, :1]], axis=1)
+    placed, n = fit_translation(problem, shapes[:, :2]), len(shapes)
+    return Estimate(
+        shapes=shapes,
+        translation=placed.translation,
+        rotation=np.tile(np.eye(3), (n, 1, 1)),
+        objective=placed.misfit,
+        residual=placed.residual,
+        iterations=np.zeros(n, np.int64),
+        status=(Status.CONVERGED,) * n,
+        further={"flatness": np.full((n, 2), 0.5)},
+    )
+'''
+
+FLAT_ENTRY = """
+from shapefit.lifting.methods import METHODS, Method
+METHODS["flat"] = Method(
+    run="toy:lift_flat", summary="every landmark at depth 0", learned=(), mixes_atoms=False,
+    yields=frozenset(), further=("flatness",),
+)
+"""
+
+
+def test_a_method_is_a_file_and_an_entry(folder):
+    toy = Toy(folder, FLAT, FLAT_ENTRY)
+    fit = ("fit", "views.h5", "-d", "dictionary.h5", "--set", "method=flat")
+    toy.succeed(*fit, "-o", "result.h5")
+    with h5py.File(folder / "views.h5") as views, h5py.File(folder / "result.h5") as result:
+        assert result.attrs["method"] == "flat"
+        np.testing.assert_allclose(result["landmarks_fitted"], views["landmarks"], atol=1e-12)
+        assert not result["shapes"][:, :, 2].any()
+        np.testing.assert_array_equal(result["flatness"], np.full((5, 2), 0.5))
+        assert "coefficients" not in result
+    toy.succeed(*fit, "-o", "truth.csv")
+    toy.succeed("eval", "result.h5", "--truth", "truth.csv", "-o", "report", "--set", "plots=false")
+    rows = (folder / "report" / "per_image.csv").read_text(encoding="utf-8").splitlines()[1:]
+    errors = [float(row.split(",")[4]) for row in rows if ",similarity," in row]
+    assert len(errors) == 10  # five images, in two units
+    assert max(errors) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("setting", "answer"),
+    [
+        (
+            "method=flt",
+            "alternate+ or pmp or mean-shape or flat, found 'flt'; did you mean 'flat'?",
+        ),
+        ("loss=l1", "the method flat does not know `loss: l1`"),
+        ("path=[1.0, 0.5]", "`path` belongs to the method convex"),
+    ],
+)
+def test_the_config_knows_a_new_method(folder, setting, answer):
+    fit = ("fit", "views.h5", "-d", "dictionary.h5", "-o", "r.h5", "--set", "method=flat")
+    done = Toy(folder, FLAT, FLAT_ENTRY).run(*fit, "--set", setting)
+    assert done.returncode == 2
+    assert answer in done.stderr
