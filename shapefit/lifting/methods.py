@@ -50,6 +50,24 @@ class AlternationOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SearchOptions:
+    """The section `search`: how the method global searches.
+
+    signed        coefficients of either sign
+    modes         list all readings whose objective is at most this share above the least; 0: none
+    max_cells     the search of an image gives up after so many cells
+    max_seconds   or so many seconds
+    proof_every   keep the tree of every so many images; 0: of none
+    """
+
+    signed: bool = False
+    modes: float = 0.0
+    max_cells: int = 200_000
+    max_seconds: float = 10.0
+    proof_every: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """What the methods need besides the problem; each reads what concerns it.
 
@@ -58,6 +76,7 @@ class Settings:
     needs            what else of the dictionary the method needs, by name
     options          the options of the method, of the type that the table names
     orthogonal       convex: each M_i / c_i is replaced by the nearest orthonormal rows
+    tolerance        global: the relative gap at which an image is solved
     threads          0 is one per core
     """
 
@@ -66,6 +85,7 @@ class Settings:
     needs: dict[str, Any] = field(default_factory=dict)
     options: Any = None
     orthogonal: bool = False
+    tolerance: float = 1e-2
     threads: int = 0
 
 
@@ -85,6 +105,7 @@ class Section(NamedTuple):
 
 
 ALTERNATION = Section("alternation", AlternationOptions)
+SEARCH = Section("search", SearchOptions)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +122,8 @@ class Method:
     further        further datasets of the result that it yields, by name
     proves         "optimum": it is the convex program, and its certificate is that of the result;
                    "bound": it starts from the convex program, whose proof is stored beside it;
+                   "global": it is the optimum with one rotation, and its certificate that of the
+                   result; what proves it is stored on request;
                    "nothing": a local method
     one_rotation   all atoms share one rotation
     mixes_atoms    shapes are R sum_i c_i B_i (or sum_i c_i R_i B_i), so that whatever belongs to
@@ -117,7 +140,7 @@ class Method:
     needs: tuple[Need, ...] = ()
     yields: frozenset[str]
     further: tuple[str, ...] = ()
-    proves: Literal["optimum", "bound", "nothing"] = "nothing"
+    proves: Literal["optimum", "bound", "global", "nothing"] = "nothing"
     one_rotation: bool = True
     mixes_atoms: bool = True
     perspective: bool = True
@@ -162,6 +185,15 @@ METHODS: dict[str, Method] = {
         section=ALTERNATION,
         yields=OF_ATOMS | {"relative_gap", "convex_proof"},
         proves="bound",
+    ),
+    "global": Method(
+        run="shapefit.lifting.global_optimum.method:find_global",
+        summary="the certified optimum over all rotations shared by the atoms",
+        section=SEARCH,
+        yields=OF_ATOMS | {"relative_gap"},
+        further=("modes", "modes_complete"),
+        proves="global",
+        tolerance=1e-2,
     ),
     "pmp": Method(
         run="shapefit.lifting.matching_pursuit:lift_by_pursuit",

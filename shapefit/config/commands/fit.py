@@ -21,6 +21,7 @@ from shapefit.lifting.methods import (
     METHODS,
     ROBUST,
     AlternationOptions,
+    SearchOptions,
     listed,
     summarise,
     those,
@@ -54,7 +55,8 @@ class SolverConfig(ConfigModel):
         default=METHODS["convex"].tolerance,
         gt=0,
         description="An image is solved when its relative duality gap (stop: gap) or its relative "
-        "residuals (stop: change) fall to this.",
+        f"residuals (stop: change) fall to this; {METHODS['global'].tolerance:g} by default for the "
+        "method global, whose gap is that to the bound on all rotations.",
     )
     stop: Literal["gap", "change"] = Field(
         default="gap",
@@ -100,6 +102,37 @@ class AlternationConfig(ConfigModel):
         ge=1,
         le=MOST_STEPS,
         description="Most rounds for one image.",
+    )
+
+
+class SearchConfig(ConfigModel):
+    """How the method global searches all rotations."""
+
+    signed: bool = Field(
+        default=SearchOptions.signed, description="Coefficients of either sign."
+    )
+    modes: float = Field(
+        default=SearchOptions.modes,
+        ge=0,
+        le=1,
+        description="Also list all other readings of an image whose objective is at most this "
+        "share above the least, such as 0.05, and prove that there is none besides; 0 lists none.",
+    )
+    max_cells: int = Field(
+        default=SearchOptions.max_cells,
+        ge=1,
+        le=MOST_STEPS,
+        description="Most cells of rotations that are looked at for one image.",
+    )
+    max_seconds: float = Field(
+        default=SearchOptions.max_seconds, gt=0, description="Most seconds for one image."
+    )
+    proof_every: int = Field(
+        default=SearchOptions.proof_every,
+        ge=0,
+        le=MOST_STEPS,
+        description="Also store the proof of every so many images, for `shapefit verify` (HDF5 "
+        "only; some 100 KB for each); 0 stores none.",
     )
 
 
@@ -188,6 +221,10 @@ class FitConfig(CommandConfig):
         default_factory=AlternationConfig.model_construct,
         description=f"How {SEARCHING} search.",
     )
+    search: SearchConfig = Field(
+        default_factory=SearchConfig.model_construct,
+        description="How the method global searches all rotations.",
+    )
     temporal: TemporalConfig = Field(
         default_factory=TemporalConfig.model_construct,
         description="What the images of one sequence tell about each other.",
@@ -249,6 +286,14 @@ class FitConfig(CommandConfig):
         return path
 
     @model_validator(mode="after")
+    def _tolerance_of_the_method(self) -> Self:
+        """Fill in the tolerance of the method where the config gives none."""
+        if "tolerance" not in self.solver.model_fields_set:
+            solver = self.solver.model_copy(update={"tolerance": METHODS[self.method].tolerance})
+            object.__setattr__(self, "solver", solver)
+        return self
+
+    @model_validator(mode="after")
     def _belong_together(self) -> Self:
         if self.lam == "auto" and self.noise is None:
             raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
@@ -282,6 +327,11 @@ class FitConfig(CommandConfig):
             raise ValueError(
                 "`temporal: {depths: true}` refines shapes under weak perspective; leave out "
                 "either it or `camera: {model: perspective}`"
+            )
+        if self.search.modes and not weak:
+            raise ValueError(
+                "`search: {modes: ...}` lists readings under weak perspective; leave out either it "
+                "or `camera: {model: perspective}`"
             )
         free = listed(those(lambda other: not other.one_rotation))
         if self.export.rotation == "per-atom" and (method.one_rotation or not weak):

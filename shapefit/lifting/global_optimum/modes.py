@@ -13,8 +13,6 @@ from shapefit.lifting.global_optimum.optimum import Limits, as_arguments, check_
 from shapefit.lifting.reconstruction import combine
 
 Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 APART = np.deg2rad(20.0)
 """Least angle between two modes."""
@@ -25,26 +23,21 @@ MOST = 32
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of n images, one image after the other, each image's best one first.
+    """The m modes of one image, best first.
 
-    count (n,) of them, m in all; image (m,) that each belongs to; rotation R (m, 3, 3),
-    coefficients c (m, k), objective (m,), shapes R sum_i c_i B_i (m, 3, p), in normalised units
-    with mean 0; valleys (n,), see docs/global.md; complete (n,): it is proved that there is no
-    further mode.
+    rotation R (m, 3, 3); objective (m,); shapes R sum_i c_i B_i (m, 3, p), in normalised units
+    with the translation left out; complete: it is proved that there is no further one; valleys:
+    how many rotations beside the modes their valleys reach, see docs/global.md.
     """
 
-    count: Indices
     rotation: Floats
-    coefficients: Floats
     objective: Floats
     shapes: Floats
-    valleys: Indices
-    complete: Flags
+    complete: bool
+    valleys: int
 
-    @property
-    def image(self) -> Indices:
-        """Image (m,) that each mode belongs to."""
-        return np.repeat(np.arange(len(self.count)), self.count)
+    def __len__(self) -> int:
+        return len(self.objective)
 
 
 def find_modes(
@@ -55,7 +48,7 @@ def find_modes(
     signed: bool = False,
     limits: Limits | None = None,
     threads: int = 0,
-) -> Modes:
+) -> tuple[Modes, ...]:
     """List the local minima of v(R) with v <= (1 + within) min v, pairwise more than APART apart.
 
     best (n, 3, 3) are the global optima; images where it is nan have no mode. Raises ValueError
@@ -63,12 +56,11 @@ def find_modes(
     """
     check_loss(problem)
     limits = limits or Limits()
-    n, k = len(problem.landmarks), len(problem.atoms)
-    count, valleys, cells, codes = (np.zeros(n, np.int64) for _ in range(4))
     known = np.isfinite(best).all(axis=(1, 2))
     part = problem.take(known)
-    rotation, objective = np.zeros((len(part.lam), MOST, 3, 3)), np.zeros((len(part.lam), MOST))
-    found = [np.zeros(len(part.lam), np.int64) for _ in range(4)]
+    n, k = len(part.lam), len(problem.atoms)
+    rotation, objective = np.zeros((n, MOST, 3, 3)), np.zeros((n, MOST))
+    count, valleys, cells, codes = (np.zeros(n, np.int64) for _ in range(4))
     core.find_modes(
         **as_arguments(part, signed=signed),
         best=np.ascontiguousarray(best[known]),
@@ -78,24 +70,28 @@ def find_modes(
         most_seconds=limits.seconds,
         rotation=rotation,
         objective=objective,
-        count=found[0],
-        valleys=found[1],
-        cells=found[2],
-        status=found[3],
+        count=count,
+        valleys=valleys,
+        cells=cells,
+        status=codes,
         threads=threads,
     )
-    for whole, values in zip((count, valleys, cells, codes), found, strict=True):
-        whole[known] = values
-    listed = np.arange(MOST) < found[0][:, None]
-    image = np.repeat(np.flatnonzero(known), found[0])
-    R = rotation[listed]
-    c, value = np.zeros((len(R), k)), objective[listed]
+    listed = np.arange(MOST) < count[:, None]
+    R, value = rotation[listed], objective[listed]
+    c = np.zeros((len(R), k))
     core.find_coefficients(
-        **as_arguments(problem.take(image), signed=signed),
+        **as_arguments(part.take(np.repeat(np.arange(n), count)), signed=signed),
         rotation=R,
         coefficients=c,
         objective=value,
         threads=threads,
     )
     shapes = R @ combine(c, problem.atoms)
-    return Modes(count, R, c, value, shapes, valleys, known & (codes == 0))
+    none = Modes(np.zeros((0, 3, 3)), np.zeros(0), shapes[:0], complete=False, valleys=0)
+    found = [none] * len(known)
+    ends = np.cumsum(count)
+    for row, image in enumerate(np.flatnonzero(known).tolist()):
+        mine = slice(ends[row] - count[row], ends[row])
+        complete = bool(codes[row] == 0)
+        found[image] = Modes(R[mine], value[mine], shapes[mine], complete, int(valleys[row]))
+    return tuple(found)

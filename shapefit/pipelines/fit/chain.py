@@ -169,6 +169,7 @@ def choose_settings(config: FitConfig, dictionary: Dictionary) -> Settings:
         needs={need.name: getattr(dictionary, need.name) for need in method.needs},
         options=options,
         orthogonal=config.orthogonal,
+        tolerance=config.solver.tolerance,
         threads=config.threads,
     )
 
@@ -189,11 +190,16 @@ def choose_solver(config: FitConfig) -> Solve:
 
 
 def choose_newton(config: FitConfig) -> WarmSolve:
-    """Return the fast solver with the options of the config."""
-    options = config.solver
+    """Return the fast solver with the options of the config.
+
+    Where the tolerance is that of another gap, the convex program is solved at its own default.
+    """
+    options, tolerance = config.solver, config.solver.tolerance
+    if METHODS[config.method].proves == "global":
+        tolerance = min(tolerance, METHODS["convex"].tolerance)
     return partial(
         solve_newton,
-        tolerance=options.tolerance,
+        tolerance=tolerance,
         max_iterations=options.max_iterations,
         threads=config.threads,
     )
