@@ -191,7 +191,7 @@ METHODS: dict[str, Method] = {
         summary="the certified optimum over all rotations shared by the atoms",
         section=SEARCH,
         yields=OF_ATOMS | {"relative_gap"},
-        further=("modes", "modes_complete"),
+        further=("modes_complete",),
         proves="global",
         tolerance=1e-2,
     ),

@@ -108,9 +108,7 @@ class AlternationConfig(ConfigModel):
 class SearchConfig(ConfigModel):
     """How the method global searches all rotations."""
 
-    signed: bool = Field(
-        default=SearchOptions.signed, description="Coefficients of either sign."
-    )
+    signed: bool = Field(default=SearchOptions.signed, description="Coefficients of either sign.")
     modes: float = Field(
         default=SearchOptions.modes,
         ge=0,

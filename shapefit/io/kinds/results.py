@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from shapefit.io.duplicates import ItemList, check_unique_items
-from shapefit.io.layout import PROOF, RESULTS
+from shapefit.io.layout import PROOF, RESULTS, TREES
 from shapefit.io.magnitudes import Axis, check_magnitudes
 from shapefit.io.records import ResultSet
 from shapefit.io.sources import is_hdf5, source_name
@@ -15,7 +15,7 @@ def read_results(path: Path) -> ResultSet:
     """Read a result from HDF5 or CSV (`-` is standard input).
 
     From CSV all but shapes, names, items and sequences is None. What proves the optimum stays in
-    the file: see proof_files.py. Raises InputError for what is
+    the file: see proofs.py. Raises InputError for what is
     wrong with the file, and for items that occur twice.
     """
     results = _read(path)
@@ -37,7 +37,7 @@ def _read(path: Path) -> ResultSet:
         check_named(reader, [items])
         check_unique_items([ItemList(lambda: [items], lambda row: reader.place("item", row))])
         return ResultSet(
-            **reader.fields(without=PROOF),
+            **reader.fields(without=PROOF + TREES),
             extras=reader.extras(),
             unit=reader.unit,
             y_axis=reader.y_axis,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.lifting.estimate import Estimate
-from shapefit.lifting.global_optimum.modes import Modes, find_modes
+from shapefit.lifting.global_optimum.modes import find_modes
 from shapefit.lifting.global_optimum.optimum import GlobalOptimum, Limits, find_optimum
 from shapefit.lifting.global_optimum.tree import Tree, record_tree
 from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings
@@ -38,9 +38,7 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
         limits=limits,
         threads=settings.threads,
     )
-    estimate = describe(
-        problem, found.coefficients, found.rotation, found.cells, found.status
-    )
+    estimate = describe(problem, found.coefficients, found.rotation, found.cells, found.status)
     estimate = replace(estimate, relative_gap=found.relative_gap)
     if options.proof_every:
         trees = record_trees(problem, found, options)
@@ -54,7 +52,8 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
             limits=limits,
             threads=settings.threads,
         )
-        estimate = replace(estimate, readings=readings, further=as_datasets(readings))
+        complete = np.array([one.complete for one in readings], dtype=bool)
+        estimate = replace(estimate, readings=readings, further={"modes_complete": complete})
     return estimate
 
 
@@ -63,14 +62,6 @@ def find_starts(problem: Problem, settings: Settings, options: SearchOptions) ->
     local = replace(settings, options=AlternationOptions(signed=options.signed))
     ends = [alternate_from_convex(problem, local), alternate_from_mean(problem, local)]
     return np.stack([end.rotation for end in ends], axis=1)
-
-
-def as_datasets(readings: tuple[Modes, ...]) -> dict[str, NDArray[np.integer] | NDArray[np.bool_]]:
-    """Number of modes of each image, and whether it is proved that there is no further one."""
-    return {
-        "modes": np.array([len(one) for one in readings], dtype=np.int64),
-        "modes_complete": np.array([one.complete for one in readings], dtype=bool),
-    }
 
 
 def record_trees(

@@ -56,7 +56,7 @@ def find_modes(
     """
     check_loss(problem)
     limits = limits or Limits()
-    known = np.isfinite(best).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(best).all(axis=(1, 2)))
     part = problem.take(known)
     n, k = len(part.lam), len(problem.atoms)
     rotation, objective = np.zeros((n, MOST, 3, 3)), np.zeros((n, MOST))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,7 +109,7 @@ def check_loss(problem: Problem) -> None:
         raise ValueError(f"the search knows the squared loss only, not {problem.loss.value}")
 
 
-def as_arguments(problem: Problem, *, signed: bool) -> dict[str, Floats | bool]:
+def as_arguments(problem: Problem, *, signed: bool) -> dict[str, Any]:
     """Return the arguments of a kernel that say what the problem is."""
     return {
         "landmarks": problem.landmarks,

@@ -39,9 +39,7 @@ def record_tree(
     p = one.landmarks.shape[2]
 
     def record(cells: int, vertices: int) -> tuple[Tree, tuple[int, int, bool]]:
-        tree = Tree(
-            np.zeros(cells, np.int64), np.zeros((vertices, 4)), np.zeros((vertices, 2, p))
-        )
+        tree = Tree(np.zeros(cells, np.int64), np.zeros((vertices, 4)), np.zeros((vertices, 2, p)))
         size = core.record_tree(
             **as_arguments(one, signed=signed),
             cut=bound,

@@ -17,6 +17,7 @@ from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.left_out_items import find_left_out
+from shapefit.pipelines.fit.searched import with_readings, with_trees
 
 if TYPE_CHECKING:
     from shapefit.lifting.path import Path
@@ -68,6 +69,7 @@ def as_result(
         y_axis=images.y_axis,
         extras=further_datasets(images, lifting, path, config, dictionary),
     )
+    record = with_trees(with_readings(record, lifting), lifting)
     return with_proof(record, lifting, config) if config.proof else record
 
 

@@ -29,6 +29,7 @@ from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import choose_lifter, choose_newton
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.record import as_result, find_renamed
+from shapefit.pipelines.fit.searched import find_ambiguous
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
 from shapefit.pipelines.outcome import Failure, Outcome, nothing_in
 
@@ -175,7 +176,7 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
                 "all landmarks lie far to one side of the optical axis; is "
                 "`camera.principal_point` right?"
             )
-    return tuple(told)
+    return (*told, *find_ambiguous(lifting, config.search.modes))
 
 
 def find_empty(lifting: Lifting) -> list[int]:
