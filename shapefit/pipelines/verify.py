@@ -167,6 +167,11 @@ def explain(terms: Terms) -> list[str]:
             "Proved is the optimum of the robust program that finds the outliers; no bound is "
             "known for what refines it."
         )
+    elif terms.is_global:
+        said.append(
+            "Where a tree is stored (`search.proof_every`) no rotation has an objective below "
+            "`objective * (1 - relative_gap)`; of other images the gap is stated, not proved."
+        )
     else:
         said.append(f"The method {terms.method} has no proof of an optimum.")
     if not (terms.is_program or terms.has_one_rotation):

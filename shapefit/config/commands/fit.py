@@ -55,8 +55,8 @@ class SolverConfig(ConfigModel):
         default=METHODS["convex"].tolerance,
         gt=0,
         description="An image is solved when its relative duality gap (stop: gap) or its relative "
-        f"residuals (stop: change) fall to this; {METHODS['global'].tolerance:g} by default for the "
-        "method global, whose gap is that to the bound on all rotations.",
+        "residuals (stop: change) fall to this. For the method global it is the gap to the bound "
+        f"on all rotations, {METHODS['global'].tolerance:g} by default.",
     )
     stop: Literal["gap", "change"] = Field(
         default="gap",
