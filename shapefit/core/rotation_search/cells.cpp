@@ -49,7 +49,7 @@ RootCells::RootCells() {
         for (int b = a + 1; b < ROOT_VERTICES; ++b)
             for (int c = b + 1; sign[a][b] != 0 && c < ROOT_VERTICES; ++c)
                 for (int d = c + 1; join(a, b, c) && d < ROOT_VERTICES; ++d)
-                    if (join(a, b, d) && join(a, c, d)) cell[count++] = {{a, b, c, d}};
+                    if (join(a, b, d) && join(a, c, d)) cell[count++] = {{a, b, c, d}, 0};
 }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -11,6 +11,7 @@ namespace shapefit::SHAPEFIT_LEVEL {
 // Four vertices, by number. Their signs are those of the hemisphere about the first.
 struct Cell {
     int vertex[4];
+    int passed = 0;  // splits in a row that spared its longest edge
 };
 
 constexpr int ROOT_VERTICES = 60, ROOT_CELLS = 300;

@@ -10,6 +10,8 @@ namespace {
 
 constexpr double FINE = 1e-13;     // share of v that a step of a descent must promise
 constexpr double BEYOND = 1.25;    // of `within`: up to here a rotation outside all balls gets its own
+constexpr double INNER = 0.9;      // share of a ball's radius from which on a rotation gets its own:
+                                   // what is left between balls would need very small cells
 constexpr double SAFE = 1 + 1e-12; // balls are smaller by what rounding may add to a cell
 constexpr long MOST_BALLS = 512;
 constexpr long CELLS_BETWEEN_LOOKS = 256;  // at the clock
@@ -25,7 +27,8 @@ class Findings {
     Findings(Workspace& workspace, double apart)
         : minima_(workspace.zeros<Minimum>(MOST_BALLS)),
           balls_(workspace.zeros<double>(4 * MOST_BALLS)),
-          near_(SAFE * ::cos(apart / 2)) {}
+          near_(SAFE * ::cos(apart / 2)),
+          inner_(::cos(INNER * apart / 2)) {}
 
     void clear() { minima = balls = 0; }
 
@@ -35,6 +38,11 @@ class Findings {
     bool is_in_a_ball(const double* q) const {
         for (long b = 0; b < balls; ++b)
             if (is_near(q, balls_ + 4 * b)) return true;
+        return false;
+    }
+    bool is_well_in_a_ball(const double* q) const {
+        for (long b = 0; b < balls; ++b)
+            if (magnitude(inner4(q, balls_ + 4 * b)) >= inner_) return true;
         return false;
     }
     // A ball about a quaternion is a convex cone: it holds a cell if it holds the corners.
@@ -73,17 +81,17 @@ class Findings {
   private:
     Minimum* minima_;
     double* balls_;
-    double near_;
+    double near_, inner_;
 };
 
-// Whatever the descent from a rotation outside all balls finds; the rotation is then in one.
+// What the descent from a rotation finds that is well in none of the balls; then it is in one.
 void explore(RotationObjective& objective, const Vertex& vertex, Findings& found) {
     double q[4];
     for (int e = 0; e < 4; ++e) q[e] = vertex.q[e];
     objective.coefficients().clear();
     const double value = descend(objective, q, FINE);
     if (!found.is_in_a_ball(q)) found.add_minimum(q, value);
-    if (!found.is_in_a_ball(vertex.q)) found.add_ball(vertex.q);
+    if (!found.is_well_in_a_ball(vertex.q)) found.add_ball(vertex.q);
 }
 
 // Search until every cell is dropped or lies in a ball; whether it was.
@@ -98,7 +106,7 @@ bool search(const ModesData& data, RotationObjective& objective, CellSearch& cel
     while (cells.take(cell)) {
         for (int number : cell.vertex) {
             const Vertex& vertex = cells.vertices[number];
-            if (vertex.objective < low && !found.is_full() && !found.is_in_a_ball(vertex.q))
+            if (vertex.objective < low && !found.is_full() && !found.is_well_in_a_ball(vertex.q))
                 explore(objective, vertex, found);
         }
         if (found.cover(cells.vertices, cell)) continue;

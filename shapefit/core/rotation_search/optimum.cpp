@@ -11,6 +11,7 @@ constexpr double ROUGH = 1e-5;         // share of v that a step must promise wh
 constexpr double FINE = 1e-13;         // and in the end
 constexpr double CLOSE = 1e-3;         // descents within this share of the best one go on to the end
 constexpr double ROUNDING = 64 * 0x1p-52;  // of an objective, beside ||w||^2
+constexpr double LOOSER = 3;              // each gap to the one before, where the limit is reached
 constexpr long CELLS_BETWEEN_LOOKS = 256;  // at the clock
 
 // The best rotation so far.
@@ -58,21 +59,22 @@ void find_upper_bound(const GlobalData& data, long image, RotationObjective& obj
     best.offer(best.q, descend(objective, best.q, FINE));
 }
 
-// Where the search ended: the bound, and whether all cells were dropped.
+// Where a search ended: the bound, and whether all cells were dropped.
 struct Ended {
     double bound;
     bool complete;
 };
 
-Ended search(const GlobalData& data, RotationObjective& objective, CellSearch& cells, Best& best) {
-    const Clock clock(data.limits.seconds);
-    const auto lower = [&] { cells.vertices.set_cut((1 - data.tolerance) * best.objective); };
+// Search with the cut (1 - gap) U until all cells are dropped, or so many were tested.
+Ended search(double gap, long most_cells, const Clock& clock, RotationObjective& objective,
+             CellSearch& cells, Best& best) {
+    const auto lower = [&] { cells.vertices.set_cut((1 - gap) * best.objective); };
     Cell cell;
     int edge = 0, middle = 0;
     lower();
     cells.begin();
     while (cells.take(cell)) {
-        const bool may_go_on = cells.tested < data.limits.cells &&
+        const bool may_go_on = cells.tested < most_cells &&
                                (cells.tested % CELLS_BETWEEN_LOOKS != 0 || !clock.is_over());
         const int before = cells.vertices.count();
         if (may_go_on && cells.is_dropped(cell, edge)) continue;
@@ -91,13 +93,34 @@ Ended search(const GlobalData& data, RotationObjective& objective, CellSearch& c
     return {cells.vertices.cut(), true};
 }
 
+// Search with the gap asked for, and where the limit is reached with looser ones, on as many cells
+// again at most: what a search that was cut short proves is little.
+Ended search_within_limits(const GlobalData& data, RotationObjective& objective, CellSearch& cells,
+                           Best& best) {
+    const Clock clock(data.limits.seconds), more(1.5 * data.limits.seconds);
+    const Ended first =
+        search(data.tolerance, data.limits.cells, clock, objective, cells, best);
+    if (first.complete) return first;
+    double bound = first.bound;
+    long room = data.limits.cells;
+    for (double gap = LOOSER * data.tolerance; gap < 1; gap *= LOOSER) {
+        const long before = cells.tested;
+        const Ended ended =
+            search(gap, before + room / 2, more, objective, cells, best);
+        bound = larger(ended.bound, bound);
+        if (ended.complete) break;
+        room -= cells.tested - before;
+    }
+    return {smaller(bound, best.objective), false};
+}
+
 }  // namespace
 
 void find_optimum(const GlobalData& data, Range range) {
     Workspace workspace;
     const RootCells roots;
     RotationObjective objective(workspace, data.problem);
-    CellSearch cells(workspace, objective, roots, data.limits.cells);
+    CellSearch cells(workspace, objective, roots, 2 * data.limits.cells);
     for (long image = range.first; image < range.last; ++image) {
         if (!objective.aim(image)) {
             data.status[image] = SearchStatus::DEGENERATE;
@@ -110,7 +133,7 @@ void find_optimum(const GlobalData& data, Range range) {
             data.status[image] = SearchStatus::FAILED;
             continue;
         }
-        const Ended ended = search(data, objective, cells, best);
+        const Ended ended = search_within_limits(data, objective, cells, best);
         double R[9];
         rotation_of(best.q, R);
         data.objective[image] = objective.value(R);

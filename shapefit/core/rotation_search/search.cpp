@@ -7,6 +7,7 @@ namespace {
 
 constexpr long DEEPEST = 700;            // cells that wait, beside those of the 600-cell
 constexpr double SHORTEST_SHARE = 0.25;  // of the longest edge's 1 - q_a.q_b; shorter ones stay whole
+constexpr int MOST_PASSED = 6;           // splits in a row that may spare the longest edge
 constexpr int HALVINGS = 40;
 
 double seconds_now() {
@@ -60,10 +61,12 @@ bool CellSearch::is_dropped(const Cell& cell, int& edge) {
 }
 
 // The edge with the most violation times length, among those that are not much shorter than
-// others: without this cells flatten, and there is no end. Where no edge is violated, the longest.
+// others: without this cells flatten. Where no edge is violated the longest, and after some splits
+// too, so that every cell gets small in the end.
 int CellSearch::choose_edge(const Cell& cell, const Verdict& verdict) {
     double length[EDGES], longest = 0, most = 0;
     int chosen = longest_edge(cell);
+    if (cell.passed >= MOST_PASSED) return chosen;
     for (int edge = 0; edge < EDGES; ++edge) {
         length[edge] = 1 - inner_along(cell, edge);
         longest = larger(length[edge], longest);
@@ -81,12 +84,13 @@ bool CellSearch::split(const Cell& cell, int edge, int& middle) {
     if (waiting_ + 2 > room_) return false;
     const int a = EDGE[edge][0], b = EDGE[edge][1];
     if (!vertices.middle(cell.vertex[a], cell.vertex[b], middle)) return false;
-    Cell half = cell;
-    half.vertex[a] = middle;
-    stack_[waiting_++] = half;
-    half = cell;
-    half.vertex[b] = middle;
-    stack_[waiting_++] = half;
+    const int passed = edge == longest_edge(cell) ? 0 : cell.passed + 1;
+    for (int end : EDGE[edge]) {
+        Cell& half = stack_[waiting_++];
+        half = cell;
+        half.vertex[end] = middle;
+        half.passed = passed;
+    }
     return true;
 }
 
