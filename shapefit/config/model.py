@@ -22,6 +22,9 @@ def _tuples(value: Any) -> Any:
 FromLists = BeforeValidator(_tuples)
 """Annotation metadata: lists (of lists ...) become tuples, so that a config cannot change."""
 
+Renaming = Mapping[str, str]
+"""Names of landmarks as files have them -> names that they are matched by."""
+
 MOST_STEPS = 1_000_000
 """Rounds or iterations that nobody waits for; some are counted in memory that is got beforehand."""
 

@@ -6,6 +6,7 @@
 #include "lifting/data.hpp"
 #include "outliers/data.hpp"
 #include "perspective/data.hpp"
+#include "posterior/data.hpp"
 #include "pursuit/data.hpp"
 #include "rotation_search/data.hpp"
 
@@ -20,6 +21,7 @@ struct Kernels {
     void (*alternate)(const AlternationData&, Range);
     void (*find_pose)(const PoseData&, Range);
     void (*find_consensus)(const ConsensusData&, Range);
+    void (*find_posterior)(const PosteriorData&, Range);
     void (*pursue)(const PursuitData&, Range);
     void (*refine_perspective)(const PerspectiveData&, Range);
     void (*synchronise)(const SynchronisationData&, Range);

@@ -15,6 +15,7 @@
 #include "outliers/parts.hpp"
 #include "perspective/projection.hpp"
 #include "perspective/refinement.hpp"
+#include "posterior/posterior.hpp"
 #include "pursuit/pursuit.hpp"
 #include "pursuit/sphere.hpp"
 #include "rotation_search/modes.hpp"
@@ -42,6 +43,7 @@ const Level table = {
             .alternate = alternate,
             .find_pose = find_pose,
             .find_consensus = find_consensus,
+            .find_posterior = find_posterior,
             .pursue = pursue,
             .refine_perspective = refine_perspective,
             .synchronise = synchronise,

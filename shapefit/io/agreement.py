@@ -33,6 +33,13 @@ def agreed(what: str, stated: Sequence[tuple[str, Text | None]], default: Text) 
     return default if first is None else first[1]
 
 
+def agreed_rate(stated: Sequence[tuple[str, float | None]]) -> float | None:
+    """Return the frame rate that all files state, None if none does; raises as `agreed`."""
+    texts = [(place, None if rate is None else f"{rate:.17g}") for place, rate in stated]
+    text = agreed("frame_rate", texts, "")
+    return float(text) if text else None
+
+
 def check_same_array(what: str, files: Sequence[tuple[str, NDArray[np.int64] | None]]) -> None:
     """Raise InputError unless all files have the same array, or none has it."""
     for place, array in files[1:]:

@@ -34,7 +34,8 @@ BLOCK = 16384
 class Listing:
     """A file of results, shapes or landmarks: n items, and the root attributes.
 
-    y_axis is None for shapes; datasets are the names of all that an HDF5 file holds.
+    y_axis is None for shapes; frame_rate as in the records; datasets are the names of all that an
+    HDF5 file holds.
     """
 
     path: Path
@@ -44,6 +45,7 @@ class Listing:
     landmark_names: tuple[str, ...]
     unit: str = UNKNOWN_UNIT
     y_axis: Literal["up", "down"] | None = None
+    frame_rate: float | None = None
     attributes: Mapping[str, Any] = field(default_factory=dict)
     datasets: frozenset[str] = frozenset()
 
@@ -71,6 +73,7 @@ def list_file(path: Path) -> Listing:
             landmark_names=reader.landmark_names,
             unit=reader.unit,
             y_axis=None if kind == "shapes" else reader.y_axis,
+            frame_rate=reader.frame_rate,
             attributes=reader.attributes,
             datasets=_datasets(path),
         )
@@ -110,6 +113,7 @@ def _result_chunks(path: Path, wanted: Collection[str]) -> Iterator[ResultSet]:
                 extras=reader.extras(rows),
                 unit=reader.unit,
                 y_axis=reader.y_axis,
+                frame_rate=reader.frame_rate,
                 attributes=reader.attributes,
             )
 
@@ -120,13 +124,14 @@ def _kind_of(path: Path) -> tuple[Kind, Format]:
     try:
         with h5py.File(path, "r") as file:
             stated = file.attrs.get("format")
-    except (OSError, RuntimeError) as error:
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
         found = f"cannot be read ({str(error).partition(chr(10))[0]})"
         fix = "the file may be cut off or damaged: copy or make it again"
         raise input_error(path, found, fix) from error
     name = stated.decode("utf-8", "replace") if isinstance(stated, bytes | np.bytes_) else stated
-    if name not in FORMATS:
-        found = "has no root attribute format" if name is None else f"is a {name} file"
+    if not isinstance(name, str) or name not in FORMATS:
+        named = f"is a {name} file" if isinstance(name, str) else "has a format that is no text"
+        found = "has no root attribute format" if name is None else named
         raise input_error(path, found, f"give one of {', '.join(FORMATS)}")
     return FORMATS[name]
 

@@ -28,8 +28,9 @@ class ShapeSet:
     """n shapes of p landmarks: shapes (n, 3, p) in `unit`.
 
     items are unique; sequences (n) name the clip or group of each; edges (e, 2) and mesh_faces
-    (f, 3) hold indices of landmarks and mesh vertices; mesh_vertices (n, 3, q). extras are
-    further datasets as they stand in the file.
+    (f, 3) hold indices of landmarks and mesh vertices; mesh_vertices (n, 3, q). frame_rate, in
+    Hz, is that of the items of a sequence, None where it is unknown. extras are further datasets
+    as they stand in the file.
     """
 
     shapes: Floats
@@ -40,6 +41,7 @@ class ShapeSet:
     mesh_vertices: Floats | None = None
     mesh_faces: Integers | None = None
     unit: str = UNKNOWN_UNIT
+    frame_rate: float | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
 
     def __post_init__(self) -> None:
@@ -57,7 +59,8 @@ class ShapeSet:
 class LandmarkSet:
     """n images of p landmarks: landmarks (n, 2, p) in `unit`, NaN where unseen.
 
-    confidence (n, p) >= 0 or None, which means 1 for all; y_axis tells where y points.
+    confidence (n, p) >= 0 or None, which means 1 for all; y_axis tells where y points; frame_rate
+    as in a ShapeSet.
     """
 
     landmarks: Floats
@@ -67,6 +70,7 @@ class LandmarkSet:
     sequences: Names | None = None
     unit: str = UNKNOWN_UNIT
     y_axis: Literal["up", "down"] = "up"
+    frame_rate: float | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
 
     def __post_init__(self) -> None:
@@ -88,21 +92,26 @@ class LandmarkSet:
         """Omega > 0 (n, p): the landmarks that have a place and confidence."""
         return self.weights() > 0
 
-    def arrange(self, names: Sequence[str], place: str = "landmark_names") -> LandmarkSet:
+    def arrange(
+        self, names: Sequence[str], place: str = "landmark_names", *, leave_out: bool = False
+    ) -> LandmarkSet:
         """Return the same images with the landmarks `names`, in that order.
 
         Landmarks that this set lacks are unseen (NaN, confidence 0) and have no label; extras but
-        `LABELS` stay as they are. Raises InputError at `place` where this set has a landmark that
-        `names` lacks.
+        `LABELS` stay as they are. Where this set has a landmark that `names` lacks, `leave_out`
+        leaves it out; without, that is an InputError at `place`.
         """
         names = tuple(names)
         if names == self.landmark_names:
             return self
-        columns = match_landmarks(names, self.landmark_names, place)
+        own = np.arange(len(self.landmark_names))
+        if leave_out:
+            own = np.flatnonzero([name in set(names) for name in self.landmark_names])
+        columns = match_landmarks(names, [self.landmark_names[j] for j in own], place)
 
         def arranged(values: NDArray[Any], absent: float) -> NDArray[Any]:
             every = np.full((*values.shape[:-1], len(names)), absent, values.dtype)
-            every[..., columns] = values
+            every[..., columns] = values[..., own]
             return every
 
         extras = Extras.of(self.extras, len(self))
@@ -140,7 +149,8 @@ class ResultSet:
     on all rotations: tree_cells (n,), 0 where the tree of an image was not kept, tree_splits (c,);
     tree_vertices (n,), tree_rotations (v, 4), tree_multipliers (v, 2, p).
 
-    attributes are stored with the file (method, times, config, digests).
+    frame_rate as in a ShapeSet. attributes are stored with the file (method, times, config,
+    digests).
     """
 
     shapes: Floats
@@ -177,6 +187,7 @@ class ResultSet:
     extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
     unit: str = UNKNOWN_UNIT
     y_axis: Literal["up", "down"] = "up"
+    frame_rate: float | None = None
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -244,8 +255,13 @@ def concatenate(parts: Sequence[Record]) -> Record:
     return replace(first, **changes, extras=Extras(per_item, extras[0].whole))
 
 
+def nearest_names(name: str, known: Sequence[str]) -> list[str]:
+    """Return the up to three known names that look most like a name."""
+    return get_close_matches(name, known, n=3, cutoff=0.5)
+
+
 def _strange_landmark(place: str, name: str, known: Sequence[str]) -> str:
-    nearest = get_close_matches(name, known, n=3, cutoff=0.5)
+    nearest = nearest_names(name, known)
     if nearest:
         fix = "did you mean " + " or ".join(f"'{near}'" for near in nearest) + "?"
     else:

@@ -210,10 +210,10 @@ def sequence(tmp_path_factory):
                 sequences=sequences,
                 unit="px",
                 y_axis="down",
+                frame_rate=50.0,
                 extras={"landmarks": landmarks.swapaxes(1, 2)},
             )
         )
-        writer.attributes.update(frame_rate=50.0)
     write_shapes(
         sets.truth,
         ShapeSet(

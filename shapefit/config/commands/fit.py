@@ -14,15 +14,22 @@ from shapefit.config.commands.fit_camera import ViewingConfig
 from shapefit.config.commands.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.commands.fit_outliers import OutlierSearchConfig
 from shapefit.config.expectation import Expected
-from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, FromLists
+from shapefit.config.model import (
+    MOST_STEPS,
+    MOST_THREADS,
+    CommandConfig,
+    ConfigModel,
+    FromLists,
+    Renaming,
+)
 from shapefit.config.paths import InputPath, InputPaths, OutputPath
+from shapefit.errors import listed
 from shapefit.lifting.methods import (
     ALTERNATION,
     METHODS,
     ROBUST,
     AlternationOptions,
     SearchOptions,
-    listed,
     summarise,
     those,
 )
@@ -168,6 +175,11 @@ class FitConfig(CommandConfig):
 
     landmarks: InputPaths = Field(description="Files of 2D landmarks (HDF5 or CSV; - is stdin).")
     dictionary: InputPath = Field(description="Dictionary file that learn-dict wrote.")
+    rename: Renaming = Field(
+        default_factory=dict,
+        description="Landmarks that the files call otherwise: name in the files -> name in the "
+        "dictionary.",
+    )
     output: OutputPath = Field(
         description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
     )

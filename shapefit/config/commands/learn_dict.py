@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from shapefit.config.expectation import Expected
-from shapefit.config.model import MOST_STEPS, CommandConfig
+from shapefit.config.model import MOST_STEPS, CommandConfig, Renaming
 from shapefit.config.paths import InputPaths, OutputPath
 
 _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
@@ -27,6 +27,11 @@ class LearnDictConfig(CommandConfig):
     """Learn a dictionary of rotatable basis shapes from 3D shapes."""
 
     shapes: InputPaths = Field(description="Files of 3D training shapes (HDF5 or CSV).")
+    rename: Renaming = Field(
+        default_factory=dict,
+        description="Landmarks that the dictionary shall call otherwise: name in the files -> name "
+        "in the dictionary.",
+    )
     output: OutputPath = Field(description="Dictionary file to write (HDF5).")
     method: Literal["sparse-coding", "exemplars", "pca-bases"] = Field(
         default="sparse-coding",

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from shapefit.config.model import CommandConfig, FromLists
+from shapefit.config.model import CommandConfig, FromLists, Renaming
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import (
     OptionalInputPath,
@@ -35,6 +35,11 @@ class ViewConfig(CommandConfig):
         min_length=1,
         description="What tells the true shape of an image: `item`, or the name of a dataset of "
         "the result that holds items of the truth.",
+    )
+    rename: Renaming = Field(
+        default_factory=dict,
+        description="Landmarks that the truth calls otherwise: name in the truth -> name in the "
+        "files to show.",
     )
     dictionary: OptionalInputPath = Field(
         default=None,

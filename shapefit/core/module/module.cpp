@@ -19,6 +19,7 @@ NB_MODULE(_core, module) {
     shapefit::bind_lifting(module, parts);
     shapefit::bind_outliers(module, parts);
     shapefit::bind_perspective(module, parts);
+    shapefit::bind_posterior(module);
     shapefit::bind_pursuit(module, parts);
     shapefit::bind_rotation_search(module, parts);
 }

@@ -8,22 +8,29 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.io.csv.grid import Grid, NumberedNames
+from shapefit.io.csv.grid import GROWTH, Grid, NumberedNames
 from shapefit.io.csv.numbers import read_numbers
 from shapefit.io.csv.text import Block, CsvText
+from shapefit.io.memory import check_fits
 from shapefit.io.problems import Problems
 from shapefit.io.records import Floats, Integers, LandmarkSet, Names, ResultSet, ShapeSet
 
 FINITE_FIX = "write a finite number"
 UNSEEN_FIX = f"{FINITE_FIX}, or leave the cell empty where the landmark is unseen"
+UNKNOWN_FIX = f"{FINITE_FIX}, or leave the cell empty where the landmark is unknown"
 FAILED_FIX = f"{FINITE_FIX}, or leave the cell empty where the item failed"
 CONFIDENCE_FIX = "write 0 (hidden) or a positive number"
 
 
-def read_shape_table(path: Path) -> ShapeSet:
-    """Read `item,landmark,x,y,z[,sequence]`, every landmark of every item."""
-    table = _Tidy(path, ("x", "y", "z"), ("sequence",), FINITE_FIX, empty_allowed=False)
-    table.check_complete()
+def read_shape_table(path: Path, *, gaps: bool = False) -> ShapeSet:
+    """Read `item,landmark,x,y,z[,sequence]`, every landmark of every item.
+
+    With `gaps` a landmark that has no row, or an empty or nan coordinate, is unknown: NaN.
+    """
+    fix = UNKNOWN_FIX if gaps else FINITE_FIX
+    table = _Tidy(path, ("x", "y", "z"), ("sequence",), fix, empty_allowed=gaps)
+    if not gaps:
+        table.check_complete()
     return ShapeSet(table.points, table.landmarks, table.items, table.sequences)
 
 
@@ -102,6 +109,7 @@ class _Tidy:
         known = len(self._names["item"])
         item, landmark = self._number(block, "item"), self._number(block, "landmark")
         n, p = len(self._names["item"]), len(self._names["landmark"])
+        self._check_fits(n, p)
         self._take_lines(block, item, landmark, (n, p))
         if "sequence" in block.cells:
             self._take_sequences(block, item, known)
@@ -112,6 +120,21 @@ class _Tidy:
         if "confidence" in block.cells:
             self._confidence.reach(n, p)
             self._confidence.values[item, landmark] = self._confidences(block)
+
+    def _check_fits(self, n: int, p: int) -> None:
+        """Raise InputError where the arrays of n items and p landmarks are more than memory holds.
+
+        A row of an item and a landmark of its own each takes p and n numbers more, not one.
+        """
+        grids = (self._lines, self._points, self._confidence)
+        held = self._lines.values.shape
+        if n <= held[0] and p <= held[1]:
+            return
+        axes = len(self._coordinates)
+        entry = sum(grid.values.itemsize for grid in (*grids, *(axes - 1) * [self._points]))
+        size = int(entry * n * p * GROWTH)
+        size -= sum(grid.values.nbytes for grid in grids) if p == held[1] else 0
+        check_fits(self._text.name, size, f"a table of {n} items and {p} landmarks")
 
     def _number(self, block: Block, column: str) -> Integers:
         """Return the number of the item or landmark of each row."""

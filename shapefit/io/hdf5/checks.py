@@ -26,6 +26,12 @@ def check_finite(reader: Hdf5Reader, name: str, blocks: Blocks) -> None:
     _check(reader, name, blocks, lambda values: ~(np.abs(values) <= LARGEST), fix)
 
 
+def check_finite_or_gap(reader: Hdf5Reader, name: str, blocks: Blocks) -> None:
+    """Raise InputError as `check_finite`, but for NaN, which stands for an unknown landmark."""
+    fix = f"write a number of at most {LARGEST:g}, or NaN where the landmark is unknown"
+    _check(reader, name, blocks, lambda values: np.abs(values) > LARGEST, fix)
+
+
 def check_not_infinite(reader: Hdf5Reader, name: str, blocks: Blocks) -> None:
     """Raise InputError where a coordinate of the points (n, d, p) is infinite."""
     _check(reader, name, blocks, np.isinf, "write NaN where the landmark is unseen")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
@@ -14,6 +15,7 @@ import numpy as np
 
 from shapefit.errors import input_error, printable
 from shapefit.io.extras import Extras, is_per_item
+from shapefit.io.hdf5.pieces import read_rows
 from shapefit.io.hdf5.sizes import size_in_memory
 from shapefit.io.layout import (
     AXES,
@@ -96,6 +98,20 @@ class Hdf5Reader:
             return "down"
         found = f"the root attribute y_axis is '{direction}'"
         raise input_error(self.path, found, "set it to up or down")
+
+    @property
+    def frame_rate(self) -> float | None:
+        """Frames a second of a sequence; None where the file states none.
+
+        Raises InputError for what is not a number > 0.
+        """
+        rate = self._root.get("frame_rate")
+        if rate is None:
+            return None
+        if isinstance(rate, int | float) and not isinstance(rate, bool) and 0 < rate < math.inf:
+            return float(rate)
+        found = f"the root attribute frame_rate is {rate!r}"
+        raise input_error(self.path, found, "set it to frames a second, a number > 0, or remove it")
 
     def has(self, name: str) -> bool:
         """Whether the file has this dataset of its format."""
@@ -220,8 +236,8 @@ class Hdf5Reader:
             with self._damage(name):
                 dataset = self._file[name]
                 if not _is_text(dataset):
-                    return dataset[rows]
-                texts = dataset.asstr()[rows]
+                    return read_rows(dataset, rows, text=False)
+                texts = read_rows(dataset, rows, text=True)
         except UnicodeDecodeError as error:
             fix = "write its texts as UTF-8"
             raise input_error(self.place(name), "holds text that is not UTF-8", fix) from error

@@ -104,6 +104,8 @@ class Hdf5Writer:
         root["unit"] = self._first.unit
         if hasattr(self._first, "y_axis"):
             root["y_axis"] = self._first.y_axis
+        if getattr(self._first, "frame_rate", None) is not None:
+            root["frame_rate"] = self._first.frame_rate
         for name, value in self.attributes.items():
             root[stored_name(name)] = value
 

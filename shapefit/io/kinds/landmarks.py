@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,12 +10,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from shapefit.io.agreement import agreed, check_same_extras
+from shapefit.io.agreement import agreed, agreed_rate, check_same_extras
 from shapefit.io.chunked import ChunkedSource, SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
 from shapefit.io.layout import LANDMARKS, UNKNOWN_UNIT
 from shapefit.io.records import LandmarkSet
+from shapefit.io.renaming import check_known, renamed
 from shapefit.io.sources import is_hdf5, source_name
 
 Read = Callable[[slice], LandmarkSet]
@@ -29,14 +30,20 @@ class _File(SourceFile[LandmarkSet]):
     y_axis: Direction | None = None
 
 
-def open_landmarks(paths: Sequence[Path]) -> LandmarkSource:
+def open_landmarks(
+    paths: Sequence[Path], rename: Mapping[str, str] | None = None
+) -> LandmarkSource:
     """Open HDF5 and CSV files of landmarks (`-` is standard input) as one source.
 
     Everything is checked before the first image is given out. Raises InputError for what is
     wrong with a file, for items that occur twice, and for files that do not go together (other
-    units, directions of y, or further datasets). HDF5 is read a chunk at a time, CSV whole.
+    units, directions of y, frame rates, or further datasets). HDF5 is read a chunk at a time, CSV
+    whole. `rename` maps names of landmarks as files have them to those they are given out under;
+    a name that no file has is an error.
     """
-    return LandmarkSource([_open(path) for path in paths])
+    files = [_open(path) for path in paths]
+    check_known(rename or {}, [(file.name, file.head.landmark_names) for file in files])
+    return LandmarkSource([_renamed(file, rename or {}) for file in files])
 
 
 class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
@@ -71,13 +78,20 @@ class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
         return self._head.y_axis
 
     @property
+    def frame_rate(self) -> float | None:
+        """Frames a second of a sequence; None where no file states it."""
+        return self._head.frame_rate
+
+    @property
     def further_datasets(self) -> tuple[str, ...]:
         """Names of the datasets that the format does not know."""
         return tuple(self._head.extras)
 
     def _conform(self, part: LandmarkSet, place: str) -> LandmarkSet:
         """Give a part of one file the landmarks and fields of the whole source."""
-        changes: dict[str, Any] = {"unit": self._head.unit, "y_axis": self._head.y_axis}
+        changes: dict[str, Any] = {
+            name: getattr(self._head, name) for name in ("unit", "y_axis", "frame_rate")
+        }
         if self._head.confidence is not None and part.confidence is None:
             changes["confidence"] = np.ones((len(part), len(part.landmark_names)))
         if self._head.sequences is not None and part.sequences is None:
@@ -101,12 +115,26 @@ def _common_head(files: Sequence[_File]) -> LandmarkSet:
         sequences=() if sequences else None,
         unit=agreed("unit", units, UNKNOWN_UNIT),
         y_axis=agreed("y_axis", [(file.name, file.y_axis) for file in files], "up"),
+        frame_rate=agreed_rate([(file.name, file.head.frame_rate) for file in files]),
         extras=first.arrange(tuple(names)).extras,
     )
 
 
 def _stated_unit(head: LandmarkSet) -> str | None:
     return None if head.unit == UNKNOWN_UNIT else head.unit
+
+
+def _renamed(file: _File, rename: Mapping[str, str]) -> _File:
+    """Return a file that gives its landmarks out under their new names."""
+
+    @contextmanager
+    def opened() -> Iterator[Read]:
+        with file.open() as read:
+            yield lambda rows: renamed(read(rows), rename, file.name)
+
+    return (
+        replace(file, head=renamed(file.head, rename, file.name), open=opened) if rename else file
+    )
 
 
 def _open(path: Path) -> _File:
@@ -151,4 +179,10 @@ def _read_rows(reader: Any, rows: slice) -> LandmarkSet:
     unseen = np.isnan(landmarks).any(axis=1, keepdims=True)
     fields["landmarks"] = np.where(unseen, np.nan, landmarks)
     extras = reader.extras(rows)
-    return LandmarkSet(**fields, unit=reader.unit, y_axis=reader.y_axis, extras=extras)
+    return LandmarkSet(
+        **fields,
+        unit=reader.unit,
+        y_axis=reader.y_axis,
+        frame_rate=reader.frame_rate,
+        extras=extras,
+    )

@@ -41,5 +41,6 @@ def _read(path: Path) -> ResultSet:
             extras=reader.extras(),
             unit=reader.unit,
             y_axis=reader.y_axis,
+            frame_rate=reader.frame_rate,
             attributes=reader.attributes,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.agreement import agreed, check_same_array, check_same_extras
+from shapefit.io.agreement import agreed, agreed_rate, check_same_array, check_same_extras
 from shapefit.io.chunked import ChunkedSource, SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Array, Extras
 from shapefit.io.layout import SHAPES, UNKNOWN_UNIT
 from shapefit.io.magnitudes import Axis, check_magnitudes
 from shapefit.io.records import ShapeSet, match_landmarks
+from shapefit.io.renaming import check_known, renamed
 from shapefit.io.sources import is_hdf5, source_name
 from shapefit.io.writing import record_writer
 
@@ -29,14 +30,18 @@ class _File(SourceFile[ShapeSet]):
     sequences: Callable[[], Iterable[Sequence[str]]]
 
 
-def read_shapes(paths: Sequence[Path]) -> ShapeSet:
+def read_shapes(
+    paths: Sequence[Path], rename: Mapping[str, str] | None = None, *, gaps: bool = False
+) -> ShapeSet:
     """Read shapes from HDF5 and CSV files as one set, as `open_shapes` opens them."""
-    with open_shapes(paths) as source:
+    with open_shapes(paths, rename, gaps=gaps) as source:
         (shapes,) = source.chunks(max(source.count, 1))
         return shapes
 
 
-def open_shapes(paths: Sequence[Path]) -> ShapeSource:
+def open_shapes(
+    paths: Sequence[Path], rename: Mapping[str, str] | None = None, *, gaps: bool = False
+) -> ShapeSource:
     """Open HDF5 and CSV files of shapes (`-` is standard input) as one source.
 
     Landmarks are matched by name and stand in the order of the first file, items in the order of
@@ -44,8 +49,13 @@ def open_shapes(paths: Sequence[Path]) -> ShapeSource:
     Everything is checked before the first shape is given out. Raises InputError for what is wrong
     with a file, for items that occur twice, and for files that do not go together (other
     landmarks, units, meshes or further datasets). HDF5 is read a chunk at a time, CSV whole.
+
+    With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where it is in
+    one, and may lack its row in CSV. Without, that is wrong. `rename` as in `open_landmarks`.
     """
-    return ShapeSource([_open(path) for path in paths])
+    files = [_open(path, gaps) for path in paths]
+    check_known(rename or {}, [(file.name, file.head.landmark_names) for file in files])
+    return ShapeSource([_renamed(file, rename or {}) for file in files])
 
 
 class ShapeSource(ChunkedSource[ShapeSet, _File]):
@@ -73,8 +83,14 @@ class ShapeSource(ChunkedSource[ShapeSet, _File]):
         sequences = part.sequences
         if self._head.sequences is not None and sequences is None:
             sequences = ("",) * len(part)
-        edges, unit = self._head.edges, self._head.unit
-        return replace(part, sequences=sequences, edges=edges, unit=unit)
+        head = self._head
+        return replace(
+            part,
+            sequences=sequences,
+            edges=head.edges,
+            unit=head.unit,
+            frame_rate=head.frame_rate,
+        )
 
 
 def write_shapes(path: Path, shapes: ShapeSet) -> None:
@@ -86,14 +102,27 @@ def write_shapes(path: Path, shapes: ShapeSet) -> None:
         writer.append(shapes)
 
 
-def _open(path: Path) -> _File:
-    return _open_hdf5(path) if is_hdf5(path) else _open_table(path)
+def _renamed(file: _File, rename: Mapping[str, str]) -> _File:
+    """Return a file that gives its landmarks out under their new names."""
+
+    @contextmanager
+    def opened() -> Iterator[Callable[[slice], ShapeSet]]:
+        with file.open() as read:
+            yield lambda rows: renamed(read(rows), rename, file.name)
+
+    return (
+        replace(file, head=renamed(file.head, rename, file.name), open=opened) if rename else file
+    )
 
 
-def _open_table(path: Path) -> _File:
+def _open(path: Path, gaps: bool) -> _File:
+    return _open_hdf5(path, gaps) if is_hdf5(path) else _open_table(path, gaps)
+
+
+def _open_table(path: Path, gaps: bool) -> _File:
     from shapefit.io.csv.tables import read_shape_table
 
-    table = read_shape_table(path)
+    table = read_shape_table(path, gaps=gaps)
     name, landmarks = source_name(path), Axis("landmark", table.landmark_names)
     check_magnitudes(name, table.shapes, Axis("item", table.items), landmarks)
     items = ItemList(lambda: [table.items], lambda _: name)
@@ -107,7 +136,7 @@ def _open_table(path: Path) -> _File:
     )
 
 
-def _open_hdf5(path: Path) -> _File:
+def _open_hdf5(path: Path, gaps: bool) -> _File:
     from shapefit.io.hdf5 import checks as hdf5_checks
     from shapefit.io.hdf5.reading import Hdf5Reader
 
@@ -122,7 +151,8 @@ def _open_hdf5(path: Path) -> _File:
 
     with Hdf5Reader(path, SHAPES) as reader:
         hdf5_checks.check_named(reader, reader.read_blocks("item"))
-        hdf5_checks.check_finite(reader, "shapes", reader.read_blocks("shapes"))
+        check_known = hdf5_checks.check_finite_or_gap if gaps else hdf5_checks.check_finite
+        check_known(reader, "shapes", reader.read_blocks("shapes"))
         if reader.has("mesh_vertices"):
             hdf5_checks.check_finite(reader, "mesh_vertices", reader.read_blocks("mesh_vertices"))
         hdf5_checks.check_indices(reader, "edges", "p")
@@ -138,7 +168,15 @@ def _open_hdf5(path: Path) -> _File:
 
 
 def _read_rows(reader: Any, rows: slice) -> ShapeSet:
-    return ShapeSet(**reader.fields(rows), unit=reader.unit, extras=reader.extras(rows))
+    fields = reader.fields(rows)
+    unknown = np.isnan(fields["shapes"]).any(axis=1, keepdims=True)
+    fields["shapes"] = np.where(unknown, np.nan, fields["shapes"])
+    return ShapeSet(
+        **fields,
+        unit=reader.unit,
+        frame_rate=reader.frame_rate,
+        extras=reader.extras(rows),
+    )
 
 
 def _arranged(shapes: ShapeSet, names: tuple[str, ...], place: str) -> ShapeSet:
@@ -185,4 +223,5 @@ def _common_head(files: Sequence[_File]) -> ShapeSet:
     check_same_extras([(name, Extras.of(head.extras, 0)) for name, head in heads])
     edges = next((head.edges for _, head in heads if head.edges is not None), None)
     sequences = () if any(head.sequences is not None for _, head in heads) else None
-    return replace(heads[0][1], unit=unit, edges=edges, sequences=sequences)
+    rate = agreed_rate([(name, head.frame_rate) for name, head in heads])
+    return replace(heads[0][1], unit=unit, edges=edges, sequences=sequences, frame_rate=rate)

@@ -81,6 +81,9 @@ def floor_errors(file: Path, truth: ShapeSet, images: Mapping[str, Shown]) -> li
     shapes = dict.fromkeys((shown.row, shown.left_out) for shown in images.values())
     columns = match_landmarks(truth.landmark_names, names)
     true = truth.shapes[[row for row, _ in shapes]][..., columns]
+    if np.isnan(true).any():
+        found = "the truth lacks landmarks (NaN), and the nearest atoms need all"
+        raise input_error("floors", found, "drop `floors`, or give the shapes that are complete")
     errors = _errors(true, [left_out for _, left_out in shapes], dictionary)
     place = {shape: index for index, shape in enumerate(shapes)}
     of_image = [place[shown.row, shown.left_out] for shown in images.values()]

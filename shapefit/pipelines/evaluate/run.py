@@ -8,9 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from shapefit import __version__
 from shapefit.config import EvalConfig, ViewConfig
-from shapefit.errors import input_error, path_text, printable
+from shapefit.errors import counted, input_error, path_text, printable
 from shapefit.evaluation.plots import bars as plots
 from shapefit.evaluation.plots.box_plots import box_plot
 from shapefit.evaluation.report import NORMALISED, Method, Report
@@ -48,9 +50,11 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     examples = config.examples if config.plots else 0
     if examples:
         check_can_draw("examples")
-    truth = read_shapes(config.truth)
+    truth = read_shapes(config.truth, config.rename, gaps=True)
     check_examples(examples, truth, config.truth)
-    found = _Found()
+    found = _Found(warnings=count_gaps(truth))
+    if found.warnings:
+        yield Outcome(warnings=tuple(found.warnings))
     yield from _judge_all(config, truth, found, keep_all=bool(examples))
     errors = found.errors
     if not errors:
@@ -79,12 +83,23 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     yield Outcome(warnings=warnings, note=markdown(report).rstrip(), written=written)
 
 
+def count_gaps(truth: ShapeSet) -> list[str]:
+    """Say how many landmarks of the truth are unknown."""
+    gaps = np.asarray(np.isnan(truth.shapes).any(axis=1))
+    if not gaps.any():
+        return []
+    shapes = counted(int(gaps.any(axis=1).sum()), "shape")
+    return [f"the truth lacks {counted(int(gaps.sum()), 'landmark')} of {shapes} (NaN): left out"]
+
+
 def view_of(config: EvalConfig) -> ViewConfig | None:
     """Return what the viewer beside the report shows; None without it, or where a pipe was read."""
     files = [*config.truth, *(file for files in config.results.values() for file in files)]
     if not config.view or not all(file.is_file() for file in files):
         return None
-    return ViewConfig(files=config.results, truth=config.truth, match=config.match)
+    return ViewConfig(
+        files=config.results, truth=config.truth, match=config.match, rename=config.rename
+    )
 
 
 @dataclass

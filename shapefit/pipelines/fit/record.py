@@ -67,6 +67,7 @@ def as_result(
         transforms=where_fitted(found.transforms) if config.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
+        frame_rate=images.frame_rate,
         extras=further_datasets(images, lifting, path, config, dictionary),
     )
     record = with_trees(with_readings(record, lifting), lifting)

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
 from shapefit.core import STRETCH
-from shapefit.errors import counted, input_error
+from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
@@ -23,6 +23,7 @@ from shapefit.io import (
     read_dictionary,
     result_writer,
 )
+from shapefit.io.records import nearest_names
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.export.run import open_exports
@@ -32,6 +33,9 @@ from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.searched import find_ambiguous
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
 from shapefit.pipelines.outcome import Failure, Outcome, nothing_in
+
+FEWEST_LANDMARKS = 3
+"""Of a file that the dictionary must know, so that it can do without the others."""
 
 GATHERED = 4096
 """Images that are read before the first whole sequences of them are lifted."""
@@ -50,12 +54,14 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         unknown = UnknownItems(config.leave_out, dictionary)
     solve_seconds, done = 0.0, 0
     with (
-        open_landmarks(config.landmarks) as source,
+        open_landmarks(config.landmarks, config.rename) as source,
         open_exports(config, dictionary, source.count) as exports,
         result_writer(config.output) as writer,
     ):
+        names = dictionary.landmark_names
+        strange = find_strange(source.landmark_names, names)
         for chunk in find_chunks(source, config):
-            images = chunk.arrange(dictionary.landmark_names, source_names(config))
+            images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
             began = time.perf_counter()
             lifting = lifter(images, dictionary)
             solve_seconds += time.perf_counter() - began
@@ -93,6 +99,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         warnings=nothing_in(source.count, "images")
         + mismatch(config, dictionary)
         + find_renamed(source, config)
+        + left_out_landmarks(strange, names)
         + left_in
         + exports.warnings,
         note=exports.note,
@@ -131,6 +138,23 @@ def with_sequences(images: LandmarkSet) -> LandmarkSet:
 def source_names(config: FitConfig) -> str:
     """Name the place of the landmark names for messages."""
     return ", ".join(str(path) for path in config.landmarks) + ": landmark names"
+
+
+def find_strange(own: Sequence[str], known: Sequence[str]) -> list[str]:
+    """List the landmarks that the dictionary lacks and a fit can do without: three others match."""
+    strange = [name for name in own if name not in set(known)]
+    return strange if len(own) - len(strange) >= FEWEST_LANDMARKS else []
+
+
+def left_out_landmarks(strange: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """Warn of landmarks that the dictionary lacks, with the names that they may mean."""
+    if not strange:
+        return ()
+    near = {name: nearest_names(name, known)[:1] for name in strange}
+    pairs = [f"{name}: {close[0]}" for name, close in near.items() if close]
+    hint = f"; if they are the same: `rename: {{{', '.join(pairs[:5])}}}`" if pairs else ""
+    found = f"{counted(len(strange), 'landmark')} left out, which the dictionary lacks"
+    return (f"{found} ({abbreviate(strange)}){hint}",)
 
 
 def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[Failure, ...]:

@@ -48,7 +48,7 @@ def find_training_shapes(config: LearnDictConfig) -> TrainingShapes:
     shapes without the pairs of landmarks that `symmetry` needs, unknown landmarks in `align`,
     0 shapes, and k above their number.
     """
-    kept = read_shapes(config.shapes)
+    kept = read_shapes(config.shapes, config.rename)
     sequences = kept.sequences or ("",) * len(kept)
     kept = kept.take(every_nth(sequences, config.every))
     usable, failures = separate(kept)

@@ -123,5 +123,6 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, block: i
         sequences=shapes.sequences,
         unit=shapes.unit if config.camera.model == "orthographic" else PIXELS,
         y_axis="up",
+        frame_rate=shapes.frame_rate,
         extras=extras,
     )

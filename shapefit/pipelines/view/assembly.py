@@ -240,8 +240,8 @@ def _frame_rate(config: ViewConfig, found: Sequence[Gathered], frames: Frames) -
     """Frames a second of the page: those of the config or the files, by the step."""
     files = [listing for each in found for listing in each.listings]
     files += [list_file(path) for path in config.truth if is_hdf5(path)]
-    stated = [config.frame_rate, *(file.attributes.get("frame_rate") for file in files)]
-    rate = next((r for r in stated if isinstance(r, int | float) and 0 < r < 1e6), None)
+    stated = [config.frame_rate, *(file.frame_rate for file in files)]
+    rate = next((r for r in stated if r is not None and r < 1e6), None)
     return None if rate is None else rate / frames.step
 
 

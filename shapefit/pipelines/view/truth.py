@@ -30,7 +30,7 @@ def read_truth(
     config: ViewConfig, results: Sequence[Gathered], frames: Frames, landmarks: Sequence[str]
 ) -> Truth:
     """Read the truth of the frames. Raises InputError where there is none of any."""
-    shapes = read_shapes(config.truth)
+    shapes = read_shapes(config.truth, config.rename, gaps=True)
     keys = _keys(config.match, results, frames)
     index = {item: row for row, item in enumerate(shapes.items)}
     rows = np.array([index.get(key, -1) for key in keys], dtype=np.intp)

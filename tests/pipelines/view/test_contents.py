@@ -66,7 +66,7 @@ def test_coarse_floats_keep_three_digits():
 def test_many_frames_are_thinned_and_the_page_says_so(desk):
     n = 20_000
     sequences = tuple("long" if i < 15_000 else "short" for i in range(n))
-    result = desk.result(n=n, sequences=sequences, attributes={"frame_rate": 60.0})
+    result = desk.result(n=n, sequences=sequences, frame_rate=60.0)
     config = ViewConfig(files={"result": (result,)}, megabytes=1)
     page = make_page(config, kept=("i7", "i19999"))
     assert len(page.html) <= 1_000_000
@@ -200,7 +200,7 @@ def test_pictures_lie_under_their_frames(desk):
 
 
 def test_frame_rates_come_from_the_config_the_result_or_the_truth(desk):
-    result = desk.result(sequences=("s",) * 6, attributes={"frame_rate": 30.0})
+    result = desk.result(sequences=("s",) * 6, frame_rate=30.0)
     assert desk.view(result).data["frameRate"] == 30
     assert desk.view(result, frame_rate=12.5).data["frameRate"] == 12.5
     plain = desk.view(desk.result(sequences=("s",) * 6)).data

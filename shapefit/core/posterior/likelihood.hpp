@@ -1,0 +1,81 @@
+// The likelihood of an image under Gaussians over shapes and known views, one Gaussian a lane.
+//
+// In the unit of shapes the landmarks y = w / s are jointly Gaussian,
+//
+//     y ~ N(R_2 mu, S),   S = R_2 C R_2^T + TAU^2 1 1^T + N / q,   N_j = v_j + V_j / s^2,
+//
+// the translation integrated out under a wide prior. With alpha = S^-1 (y - R_2 mu) the expected
+// shape is X = R mu + R C R_2^T alpha. The log likelihood of the m seen landmarks w is that of y less
+// (2 m - 2) log s. Derivatives are over theta: R <- exp([theta_1..3]_x) R, s <- exp(theta_4) s.
+//
+// q_j is the belief that landmark j is not gross. A gross one is uniform with the density u; with
+// the chance g of that the value is the variational bound
+//
+//     log N(y; R_2 mu, S) + sum_j (1 - q_j) (log 2 pi |N_j|^1/2 + log g u) + q_j log(1 - g)
+//                         - (1 + q_j) log q_j - (1 - q_j) log(1 - q_j),
+//
+// and a landmark is believed by the odds of its expected Gaussian density beside g u.
+#pragma once
+
+#include "../algebra/lanes.hpp"
+#include "../algebra/workspace.hpp"
+#include "data.hpp"
+
+namespace shapefit::SHAPEFIT_LEVEL {
+
+constexpr int VIEW = 4;             // numbers of theta
+constexpr double TAU_SQUARE = 900;  // variance of the translation in the unit of shapes: wide
+constexpr double LEAST_BELIEF = 1e-6;
+
+// Where row i of a lower triangle begins.
+[[gnu::always_inline]] inline long corner(long i) { return i * (i + 1) / 2; }
+
+// The m seen landmarks of an image.
+struct Observed {
+    long m = 0;
+    long* index;     // (p,) their places among all p landmarks
+    double* w;       // (p, 2)
+    double* misfit;  // v (p,)
+    double* noise;   // V (p, 3): xx, xy, yy
+    bool noisy = false;  // whether a V is not 0
+};
+
+// The components that the lanes of a block stand for.
+struct Pack {
+    Lanes* mean;        // mu (p, 3)
+    Lanes* covariance;  // C_jk (3, 3) for k <= j, at 9 (corner(j) + k)
+};
+
+struct LaneView {
+    Lanes R[9];
+    Lanes log_scale;
+};
+
+struct Likelihood {
+    Lanes value;
+    Lanes gradient[VIEW];          // of -value
+    Lanes curvature[VIEW * VIEW];  // Gauss and Newton's
+    Lanes surprise;                // twice the fall below the value at y = R_2 mu
+};
+
+struct LikelihoodSpace {
+    LikelihoodSpace(Workspace& workspace, long p);
+
+    Lanes* L;            // lower triangle of S, then of its Cholesky factor (2 m rows)
+    Lanes* inverse;      // L^-1 by columns (2 m, 2 m), 0 above the diagonal within blocks
+    Lanes* reciprocal;   // 1 / L_ii (2 m,)
+    Lanes *y, *r, *white, *alpha;  // (2 m,); white = L^-1 r
+    Lanes *mean, *X;     // R mu and X (m, 3)
+    Lanes* J;            // (VIEW, 2 m) of r, then L^-1 of them
+    Lanes* diagonal;     // S^-1_jj (m, 3)
+};
+
+Observed room_for_observed(Workspace& workspace, long p);
+void observe(const PosteriorData& data, long image, Observed& seen);
+
+// `belief` q (m,) in, `next` (m,) its next fixed point.
+void find_likelihood(const PosteriorData& data, const Observed& seen, const Pack& pack,
+                     const LaneView& view, const Lanes* belief, const LikelihoodSpace& space,
+                     Likelihood& found, Lanes* next);
+
+}  // namespace shapefit::SHAPEFIT_LEVEL

@@ -1,0 +1,36 @@
+"""A prior over shapes: a mixture of Gaussians over normalised, aligned shapes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """p(x) = sum_k pi_k N(x; mu_k, C_k) over shapes x, flattened: all x, then all y, then all z.
+
+    weights pi (K,), positive, with the sum 1; means mu (K, 3, p); covariances C (K, 3p, 3p).
+    """
+
+    weights: Floats
+    means: Floats
+    covariances: Floats
+
+    def __len__(self) -> int:
+        return len(self.weights)
+
+    def log_density(self, shapes: Floats) -> Floats:
+        """log(pi_k N(x_n; mu_k, C_k)) for shapes (n, 3, p): (n, K)."""
+        x = shapes.reshape(len(shapes), -1)
+        found = np.empty((len(x), len(self)))
+        for k, (mean, covariance) in enumerate(zip(self.means, self.covariances, strict=True)):
+            L = np.linalg.cholesky(covariance)
+            z = np.linalg.solve(L, (x - mean.ravel()).T)
+            log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
+            found[:, k] = np.log(self.weights[k]) - 0.5 * (z * z).sum(axis=0) - log_size
+        return found

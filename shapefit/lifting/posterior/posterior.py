@@ -1,0 +1,151 @@
+"""The posterior over shape and view of each image, by the compiled kernel.
+
+w_j = s (R_2 x_j + t) + e_j,  x ~ sum_k pi_k N(mu_k, C_k),  e_j ~ N(0, s^2 v_j I + V_j)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit import core
+from shapefit.dictionary.mixture import Mixture
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Gross:
+    """A landmark is gross with the chance `chance`; then it falls with the density `density`.
+
+    The density is per area in the unit of shapes; a chance of 0 believes every landmark.
+    """
+
+    chance: float = 0.0
+    density: float = 0.05
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The M most likely modes of n images, the most likely first: a component and a view each.
+
+    component (n, M), -1 where there are fewer; rotation R (n, M, 3, 3); scale s (n, M);
+    log_evidence (n, M) of component and image together, the view integrated out, -inf where there
+    are fewer; mean (n, M, 3, p) of y = s (R x + t) in the frame of the camera, with mean depth 0;
+    covariance (n, M, 3p, 3p) of y, all x first, then y, then z, the uncertainty of the view
+    included; belief (n, M, p) that a landmark is not gross, nan where it is hidden.
+    """
+
+    component: NDArray[np.int64]
+    rotation: Floats
+    scale: Floats
+    log_evidence: Floats
+    mean: Floats
+    covariance: Floats
+    belief: Floats
+
+    @property
+    def shares(self) -> Floats:
+        """Each mode's share of the posterior (n, M): they add up to 1 in an image that has one."""
+        with np.errstate(invalid="ignore"):
+            share = np.exp(self.log_evidence - self.log_evidence[:, :1])
+            found: Floats = np.nan_to_num(share / share.sum(axis=1, keepdims=True))
+        return found
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """The mixture of the modes of n images, nan where there is none.
+
+    mean (n, 3, p) of y and its standard deviations (n, 3, p); covariance (n, 3p, 3p), None where
+    it was not asked for; belief (n, p); log_evidence (n,) of the image; surprise (n,), twice what
+    the log likelihood lacks to that of landmarks exactly where they are expected; rounds (n,), the
+    steps of all climbs; modes, those asked for.
+    """
+
+    mean: Floats
+    deviation: Floats
+    covariance: Floats | None
+    belief: Floats
+    log_evidence: Floats
+    surprise: Floats
+    rounds: NDArray[np.int64]
+    modes: Modes
+
+
+def find_posterior(
+    landmarks: Floats,
+    misfit: Floats,
+    noise: Floats,
+    prior: Mixture,
+    starts: Floats,
+    gross: Gross | None = None,
+    *,
+    modes: int = 0,
+    covariance: bool = False,
+    max_rounds: int = 30,
+    threads: int = 0,
+) -> Posterior:
+    """Return the posterior of n images.
+
+    landmarks w (n, 2, p), of any size; misfit v (n, p), the variance of what the model cannot
+    place, in the unit of the prior's shapes, inf where a landmark is hidden; noise V (n, p, 2, 2),
+    the covariance of the measurement in the unit of the landmarks; starts (n, S, 3, 3), rotations
+    from the frame of the prior to that of the camera, nan where there are fewer. Every start is
+    climbed under every component of the prior, and each maximum counts once, by its evidence.
+    """
+    gross = gross or Gross()
+    n, _, p = landmarks.shape
+    d, m, full = 3 * p, modes, n if covariance else 0
+    found = Posterior(
+        mean=np.empty((n, 3, p)),
+        deviation=np.empty((n, 3, p)),
+        covariance=np.empty((full, d, d)),
+        belief=np.empty((n, p)),
+        log_evidence=np.empty(n),
+        surprise=np.empty(n),
+        rounds=np.empty(n, np.int64),
+        modes=Modes(
+            component=np.empty((n, m), np.int64),
+            rotation=np.full((n, m, 3, 3), np.nan),
+            scale=np.full((n, m), np.nan),
+            log_evidence=np.empty((n, m)),
+            mean=np.full((n, m, 3, p), np.nan),
+            covariance=np.full((n, m, d, d), np.nan),
+            belief=np.full((n, m, p), np.nan),
+        ),
+    )
+    core.find_posterior(
+        landmarks=_whole(np.where(np.isfinite(misfit)[:, None], landmarks, 0.0)),
+        misfit=_whole(misfit),
+        noise=_whole(noise),
+        log_weights=np.log(prior.weights),
+        means=_whole(prior.means),
+        covariances=_whole(prior.covariances),
+        starts=_whole(starts),
+        chance=gross.chance,
+        density=gross.density,
+        max_rounds=max_rounds,
+        mean=found.mean,
+        deviation=found.deviation,
+        covariance=found.covariance,
+        belief=found.belief,
+        log_evidence=found.log_evidence,
+        surprise=found.surprise,
+        rounds=found.rounds,
+        mode_component=found.modes.component,
+        mode_rotation=found.modes.rotation,
+        mode_scale=found.modes.scale,
+        mode_log_evidence=found.modes.log_evidence,
+        mode_mean=found.modes.mean,
+        mode_covariance=found.modes.covariance,
+        mode_belief=found.modes.belief,
+        threads=threads,
+    )
+    return found
+
+
+def _whole(x: Floats) -> Floats:
+    return np.ascontiguousarray(x, np.float64)

@@ -1,0 +1,118 @@
+"""The posterior under one Gaussian in plain NumPy, without a shortcut: the judge of the kernel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.geometry.rotations import rotation_about
+
+Floats = NDArray[np.float64]
+
+TAU_SQUARE = 900.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One image and one Gaussian; hidden landmarks have an infinite misfit."""
+
+    landmarks: Floats  # (2, p)
+    misfit: Floats  # (p,)
+    noise: Floats  # (p, 2, 2)
+    mean: Floats  # (3, p)
+    covariance: Floats  # (3p, 3p)
+
+    @property
+    def seen(self) -> NDArray[np.intp]:
+        return np.flatnonzero(np.isfinite(self.misfit))
+
+
+def joint(scene: Scene, R: Floats, s: float, belief: Floats) -> tuple[Floats, Floats, Floats]:
+    """Mean (2m,) of the seen landmarks, their covariance, and that with s (R x + t) (3p, 2m)."""
+    p = scene.landmarks.shape[1]
+    turn = np.kron(R, np.eye(p))
+    C = turn @ scene.covariance @ turn.T
+    C[:p, :p] += TAU_SQUARE
+    C[p : 2 * p, p : 2 * p] += TAU_SQUARE
+    E = np.zeros((2 * len(scene.seen), 3 * p))
+    N = np.zeros((len(E), len(E)))
+    for row, j in enumerate(scene.seen):
+        for a in range(2):
+            E[2 * row + a, a * p + j] = 1
+        block = slice(2 * row, 2 * row + 2)
+        N[block, block] = (s * s * scene.misfit[j] * np.eye(2) + scene.noise[j]) / belief[j]
+    return s * E @ turn @ scene.mean.ravel(), s * s * E @ C @ E.T + N, s * s * C @ E.T
+
+
+def observed(scene: Scene) -> Floats:
+    return scene.landmarks[:, scene.seen].T.ravel()
+
+
+def log_likelihood(scene: Scene, R: Floats, s: float, gross: tuple[float, float], belief: Floats) -> float:
+    """The variational bound at the belief (p,); that of no gross landmarks where gross[0] = 0.
+
+    A translation with the deviation of TAU in the unit of shapes has the density of one that is
+    flat in the unit of the landmarks but for a factor: s^2 of it is taken back.
+    """
+    mean, S, _ = joint(scene, R, s, belief)
+    r = observed(scene) - mean
+    value = -0.5 * (r @ np.linalg.solve(S, r) + np.linalg.slogdet(2 * np.pi * S)[1])
+    value += 2 * np.log(s)
+    chance, density = gross
+    if chance > 0:
+        for j in scene.seen:
+            q = belief[j]
+            N = 2 * np.pi * (s * s * scene.misfit[j] * np.eye(2) + scene.noise[j])
+            value += 0.5 * np.linalg.slogdet(N / q)[1] - 0.5 * q * np.linalg.slogdet(N)[1]
+            value += q * np.log1p(-chance) + (1 - q) * np.log(chance * density / s**2)
+            value -= q * np.log(q) + (0 if q == 1 else (1 - q) * np.log1p(-q))
+    return float(value)
+
+
+def condition(scene: Scene, R: Floats, s: float, belief: Floats) -> tuple[Floats, Floats]:
+    """Mean (3p,) and covariance of y = s (R x + t) given the view, the mean depth taken out."""
+    p = scene.landmarks.shape[1]
+    mean, S, cross = joint(scene, R, s, belief)
+    turn = np.kron(R, np.eye(p))
+    C = turn @ scene.covariance @ turn.T
+    C[:p, :p] += TAU_SQUARE
+    C[p : 2 * p, p : 2 * p] += TAU_SQUARE
+    gain = cross @ np.linalg.inv(S)
+    y = s * turn @ scene.mean.ravel() + gain @ (observed(scene) - mean)
+    Z = np.eye(3 * p)
+    Z[2 * p :, 2 * p :] -= 1 / p
+    return Z @ y, Z @ (s * s * C - gain @ cross.T) @ Z.T
+
+
+def moved(R: Floats, s: float, theta: Floats) -> tuple[Floats, float]:
+    """R <- exp([theta_1..3]_x) R, s <- exp(theta_4) s."""
+    angle = float(np.linalg.norm(theta[:3]))
+    turn = rotation_about(theta[:3] / angle, np.array(angle)) if angle > 0 else np.eye(3)
+    return turn @ R, s * float(np.exp(theta[3]))
+
+
+def derivative(function, R: Floats, s: float, step: float = 1e-5) -> Floats:  # type: ignore[no-untyped-def]
+    """Central differences of function(R, s) over theta, along the first axis."""
+    rows = []
+    for i in range(4):
+        theta = np.zeros(4)
+        theta[i] = step
+        rows.append((function(*moved(R, s, theta)) - function(*moved(R, s, -theta))) / (2 * step))
+    return np.array(rows)
+
+
+def hessian(function, R: Floats, s: float, step: float = 1e-3) -> Floats:  # type: ignore[no-untyped-def]
+    """Second differences of function(R, s) over theta."""
+    H = np.empty((4, 4))
+    eye = step * np.eye(4)
+    for i in range(4):
+        for j in range(4):
+            H[i, j] = (
+                function(*moved(R, s, eye[i] + eye[j]))
+                - function(*moved(R, s, eye[i] - eye[j]))
+                - function(*moved(R, s, eye[j] - eye[i]))
+                + function(*moved(R, s, -eye[i] - eye[j]))
+            ) / (4 * step * step)
+    return H
