@@ -118,7 +118,7 @@ class Method:
     losses         data terms that it knows
     learned        how the dictionary must be learned, by `method` of learn-dict; empty for any
     needs          fields of the dictionary without which it cannot run
-    yields         optional fields of its Estimate
+    yields         optional fields of its Estimate, those on request included
     further        further datasets of the result that it yields, by name
     proves         "optimum": it is the convex program, and its certificate is that of the result;
                    "bound": it starts from the convex program, whose proof is stored beside it;
@@ -173,6 +173,15 @@ METHODS: dict[str, Method] = {
         yields=OF_ATOMS | {"relative_gap", "outliers", "convex_proof"},
         proves="bound",
     ),
+    "global": Method(
+        run="shapefit.lifting.global_optimum.method:find_global",
+        summary="the certified optimum over all rotations shared by the atoms",
+        section=SEARCH,
+        yields=OF_ATOMS | {"relative_gap", "readings", "trees"},
+        further=("modes_complete",),
+        proves="global",
+        tolerance=1e-2,
+    ),
     "alternate": Method(
         run="shapefit.lifting.shared_rotation.methods:alternate_from_mean",
         summary="alternating minimisation from the mean shape",
@@ -185,15 +194,6 @@ METHODS: dict[str, Method] = {
         section=ALTERNATION,
         yields=OF_ATOMS | {"relative_gap", "convex_proof"},
         proves="bound",
-    ),
-    "global": Method(
-        run="shapefit.lifting.global_optimum.method:find_global",
-        summary="the certified optimum over all rotations shared by the atoms",
-        section=SEARCH,
-        yields=OF_ATOMS | {"relative_gap"},
-        further=("modes_complete",),
-        proves="global",
-        tolerance=1e-2,
     ),
     "pmp": Method(
         run="shapefit.lifting.matching_pursuit:lift_by_pursuit",

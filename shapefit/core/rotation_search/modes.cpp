@@ -13,6 +13,7 @@ constexpr double BEYOND = 1.25;    // of `within`: up to here a rotation outside
 constexpr double INNER = 0.9;      // share of a ball's radius from which on a rotation gets its own:
                                    // what is left between balls would need very small cells
 constexpr double SAFE = 1 + 1e-12; // balls are smaller by what rounding may add to a cell
+constexpr double ALIKE = 1e-9;     // share of v by which minima that are one reading may differ
 constexpr long MOST_BALLS = 512;
 constexpr long CELLS_BETWEEN_LOOKS = 256;  // at the clock
 
@@ -66,12 +67,14 @@ class Findings {
     bool is_full() const { return balls + 2 > MOST_BALLS; }
     const Minimum& operator[](long at) const { return minima_[at]; }
 
-    // The next best minimum that is apart from all that were taken; -1 for none.
+    // The next best minimum that is apart from all that were taken; -1 for none. The first one found
+    // is the global optimum, and comes before others that are as good to within rounding.
     long take_best(bool* done) const {
         long best = -1;
         for (long m = 0; m < minima; ++m)
             if (!done[m] && (best < 0 || minima_[m].value < minima_[best].value)) best = m;
         if (best < 0) return -1;
+        if (!done[0] && minima_[0].value <= minima_[best].value * (1 + ALIKE)) best = 0;
         for (long m = 0; m < minima; ++m) done[m] |= is_near(minima_[m].q, minima_[best].q);
         return best;
     }
