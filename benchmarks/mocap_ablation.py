@@ -27,8 +27,9 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.symmetry import double
 from shapefit.io import ShapeSet, read_shapes
+from shapefit.lifting.options import DepthOptions
 from shapefit.lifting.reconstruction import reconstruct
-from shapefit.lifting.temporal import Sequencing, refine_sequences
+from shapefit.lifting.temporal import refine_sequences
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
 FOLDS = (("86_13", "86_14", "86_15"), ("86_01", "86_05", "86_09"), ("86_10", "86_11"))
@@ -43,12 +44,12 @@ DICTIONARIES: tuple[dict[str, Any], ...] = (
 )
 LAMBDAS = (0.1, 0.01, 0.003, 0.001)
 REFINEMENTS = (
-    Sequencing(smoothness=100, rigidity=0, tolerance=0.1),
-    Sequencing(smoothness=100, rigidity=3, tolerance=0.1),
-    Sequencing(smoothness=100, rigidity=30, tolerance=0.1),
-    Sequencing(smoothness=10, rigidity=30, tolerance=0.1),
-    Sequencing(smoothness=10, rigidity=30, tolerance=0.01),
-    Sequencing(smoothness=10, rigidity=100, tolerance=0.01),
+    DepthOptions(smoothness=100, rigidity=0, tolerance=0.1),
+    DepthOptions(smoothness=100, rigidity=3, tolerance=0.1),
+    DepthOptions(smoothness=100, rigidity=30, tolerance=0.1),
+    DepthOptions(smoothness=10, rigidity=30, tolerance=0.1),
+    DepthOptions(smoothness=10, rigidity=30, tolerance=0.01),
+    DepthOptions(smoothness=10, rigidity=100, tolerance=0.01),
 )
 BEST: dict[str, Any] = {"k": 128}
 BEST_LAMBDA = 0.03
@@ -180,7 +181,7 @@ def camera_views(shapes: ShapeSet) -> Floats:
     return project(shapes.shapes, turntable(turns, "y"))
 
 
-def refine(shapes: Floats, held: ShapeSet, settings: Sequencing, observed: bool = True) -> Floats:
+def refine(shapes: Floats, held: ShapeSet, settings: DepthOptions, observed: bool = True) -> Floats:
     """Refine the depths along each sequence; the edges of the data are the bones."""
     assert held.edges is not None
     views = camera_views(held)

@@ -58,7 +58,7 @@ class Case:
 
 
 def made_result(path: Path, frames: int) -> Path:
-    """Write a result of 15 landmarks and as many frames as told."""
+    """Write a result of 15 landmarks and as many frames as asked for."""
     rng = np.random.default_rng(0)
     base = rng.normal(size=(3, 15))
     with result_writer(path) as writer:

@@ -19,7 +19,7 @@ import numpy as np
 Command = tuple[str, ...]
 Finding = Callable[[Path], Command]
 
-SEEDS = (("hdf5", 118), ("hdf5", 231), ("hdf5", 362), ("hdf5", 487))
+SEEDS = (("hdf5", 118), ("hdf5", 231), ("hdf5", 362), ("hdf5", 487), ("set", 1663))
 """Kinds and seeds of cases that failed."""
 
 FIT = ("fit", "views.h5", "-d", "dict.h5", "-o", "out.h5", "--set=threads=1")
@@ -189,6 +189,15 @@ def _table_without_end(_folder: Path) -> Command:
     return ("fit", "/dev/zero", "-d", "dict.h5", "-o", "out.h5")
 
 
+def _page_of_a_table_without_end(_folder: Path) -> Command:
+    return ("view", "/dev/full", "-o", "out.html")
+
+
+def _match_by_matrices(_folder: Path) -> Command:
+    truth = ("--truth", "shapes.h5", "--set=match=true_rotation")
+    return ("view", "result.h5", *truth, "-o", "out.html")
+
+
 def _config_without_end(_folder: Path) -> Command:
     return ("fit", "-c", "/dev/zero")
 
@@ -219,6 +228,8 @@ FINDINGS: Mapping[str, Finding] = {
         _item_that_forges_a_line,
         _signalling_nan,
         _table_without_end,
+        _page_of_a_table_without_end,
+        _match_by_matrices,
         _config_without_end,
     )
 }

@@ -35,7 +35,7 @@ def run_command(
     otherwise notes are states of the work, for the bar. `afterwards` is called with the report when
     all is done. Raises InputError on a wrong config.
     """
-    # No plug-in has a say in the schema, and to look for them in all that is installed takes long.
+    # No plug-in changes the schema, and looking for them in all installed packages takes long.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     from shapefit.config import dump_config, load_config
 

@@ -36,8 +36,8 @@ def evaluate(
 ) -> int:
     """Compare results with the truth; print the table of errors (Markdown) to stdout.
 
-    RESULTs are files that fit wrote; globs work. Each is called by its file name in the table;
-    the config can give other names.
+    RESULTs are files that fit wrote; globs work. In the table each has the name of its file; the
+    config can set other names.
     """
     return run_command(
         "eval",

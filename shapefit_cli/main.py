@@ -37,7 +37,7 @@ PIPE_CLOSED = 128 + signal.SIGPIPE
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="""\b
 Exit codes:
-  0  everything was done
+  0  everything succeeded
   1  finished, but some items failed (they are listed)
   2  bad usage, config or input
   3  internal error (--traceback shows where)
@@ -54,8 +54,8 @@ Examples, the whole chain:
 def commands() -> None:
     """Lift 2D landmarks in single images to 3D shapes with a convex program.
 
-    Each command reads a YAML config; arguments and --set go over what it says. Human text goes
-    to stderr, data to files or stdout.
+    Each command reads a YAML config; arguments and --set override it. Messages go to stderr, data
+    to files or stdout.
     """
 
 

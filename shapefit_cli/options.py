@@ -36,7 +36,7 @@ def common_options(command: Command) -> Command:
         click.option(
             "--print-config",
             is_flag=True,
-            help="Print the config with every default as YAML, and do nothing else.",
+            help="Print the config with every default as YAML, and exit.",
         ),
         click.option(
             "--set",
@@ -51,7 +51,7 @@ def common_options(command: Command) -> Command:
             "config_path",
             metavar="CONFIG",
             type=click.Path(path_type=Path),
-            help="YAML config, - is stdin. Its keys are described in docs/config.md.",
+            help="YAML config; - is stdin. Its keys are described in docs/config.md.",
         ),
     ):
         command = option(command)

@@ -12,7 +12,7 @@ from .options import common_options
 
 @click.command(
     "project",
-    short_help="Turn 3D shapes into synthetic 2D landmarks.",
+    short_help="Project 3D shapes to synthetic 2D landmarks.",
     epilog="""\b
 Examples:
   shapefit project -c project.yaml
@@ -32,7 +32,7 @@ def project(
     overrides: tuple[str, ...],
     print_config: bool,
 ) -> int:
-    """Turn 3D shapes into synthetic 2D landmarks with a known camera.
+    """Project 3D shapes to synthetic 2D landmarks with a known camera.
 
     SHAPES are files of 3D shapes, HDF5 or CSV; globs work, - is stdin (CSV).
     """

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @click.command(
     "view",
-    short_help="Show results on a page that turns and plays.",
+    short_help="Show results on a page to rotate and play.",
     epilog="""\b
 Examples:
   shapefit view result.h5
@@ -45,10 +45,11 @@ def view(
     overrides: tuple[str, ...],
     print_config: bool,
 ) -> int:
-    """Write one HTML page that shows results, turns them, and plays them.
+    """Write one HTML page that shows results, to rotate and play.
 
-    The page needs no network and no server: send it to a colleague. Left the landmarks in the
-    image, right the shapes in 3D, below a strip that shows where to look.
+    The page needs no network and no server: send it to a colleague. On the left are the
+    landmarks in the image, on the right the shapes in 3D, and below them a strip that shows where
+    to look.
     """
     return run_command(
         "view",

@@ -111,7 +111,7 @@ def test_a_method_is_a_file_and_an_entry(folder):
             "method=flt",
             "alternate+ or pmp or mean-shape or flat, found 'flt'; did you mean 'flat'?",
         ),
-        ("loss=l1", "the method flat does not know `loss: l1`"),
+        ("loss=l1", "the method flat does not support `loss: l1`"),
         ("path=[1.0, 0.5]", "`path` belongs to the method convex"),
     ],
 )

@@ -14,14 +14,14 @@ from shapefit.config.loader import CONFIGS
 _INTRODUCTION = """\
 # Config keys
 
-Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no` is a text. \
-`--set key=value` and `--set key.key=value` go over the file, arguments of the command over both.
+Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no` is a string. \
+`--set key=value` and `--set key.key=value` override the file; arguments override both.
 
 - Paths in a file are relative to the file, paths on the command line to the working directory.
 - A path to read may be a glob (`*`, `?`, `[...]`, `**`); it must match at least one file.
 - `-` is standard input or output, as CSV.
-- A path may begin with `{data}`: it stands for the folder that the key `data` names.
-- `--print-config` prints the config as the command understands it, with every default.
+- A path may begin with `{data}`: it is replaced by the folder that the key `data` names.
+- `--print-config` prints the resolved config, with every default.
 """
 
 

@@ -160,6 +160,6 @@ def _text(path: Path) -> str:
             raise input_error(name, f"larger than {MOST_BYTES} bytes", "give a config in YAML")
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise input_error(name, "not a text in UTF-8", "save it as UTF-8") from None
+        raise input_error(name, "not UTF-8 text", "save it as UTF-8") from None
     except OSError as error:
         raise input_error(name, error.strerror or "cannot be read", "check the path") from None

@@ -1,4 +1,4 @@
-"""What a file holds, told without its numbers: kind, items, sequences, names of landmarks."""
+"""What a file holds, without its numbers: kind, items, sequences, names of landmarks."""
 
 from __future__ import annotations
 
@@ -25,6 +25,9 @@ FORMATS: Mapping[str, tuple[Kind, Format]] = {
     SHAPES.name: ("shapes", SHAPES),
     LANDMARKS.name: ("landmarks", LANDMARKS),
 }
+
+LONGEST_HEADER = 1 << 16
+"""Characters of a first line that are looked at: a device may never end it."""
 
 BLOCK = 16384
 """Items that are read at a time."""
@@ -147,7 +150,7 @@ def _list_table(path: Path) -> Listing:
     from shapefit.io.csv.tables import read_landmark_table, read_result_table
 
     with path.open(encoding="utf-8", errors="replace") as file:
-        columns = file.readline().lstrip("\ufeff").strip().split(",")
+        columns = file.readline(LONGEST_HEADER).lstrip("\ufeff").strip().split(",")
     solid = "z" in {column.strip(' "') for column in columns}
     table = read_result_table(path) if solid else read_landmark_table(path)
     return Listing(

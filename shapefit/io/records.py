@@ -59,7 +59,7 @@ class ShapeSet:
 class LandmarkSet:
     """n images of p landmarks: landmarks (n, 2, p) in `unit`, NaN where unseen.
 
-    confidence (n, p) >= 0 or None, which means 1 for all; y_axis tells where y points; frame_rate
+    confidence (n, p) >= 0 or None, which means 1 for all; y_axis is the direction of y; frame_rate
     as in a ShapeSet.
     """
 
@@ -222,12 +222,12 @@ def match_landmarks(
     stripped = {name.strip() for name in have}
     if spaced := [repr(name) for name in strange if name.strip() in stripped]:
         found = f"names of landmarks differ from the known ones in spaces ({_some(spaced)})"
-        raise input_error(place, found, "take away the spaces around names")
+        raise input_error(place, found, "remove the spaces around names")
     if len(strange) == len(want) > 1:
         found = (
             f"none of the {len(want)} landmarks ({_some(want)}) is known; known are {_some(have)}"
         )
-        raise input_error(place, found, "give files that fit together")
+        raise input_error(place, found, "give files with the same landmark names")
     if strange:
         raise input_problems([_strange_landmark(place, name, have) for name in strange])
     return np.array([index[name] for name in want], dtype=np.intp)

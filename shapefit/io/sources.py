@@ -61,12 +61,12 @@ def is_hdf5(path: Path) -> bool:
 
 
 def read_text_blocks(path: Path) -> Iterator[bytes]:
-    """Yield the bytes of standard input, a pipe or a text file, a block at a time.
+    """Yield the bytes of standard input, a pipe or a file, block by block.
 
     Raises InputError where there are none, and where they are HDF5.
     """
     if is_stream(path) and sys.stdin is None:
-        raise input_error(source_name(path), "is closed", "send something there, or name a file")
+        raise input_error(source_name(path), "is closed", "send data there, or name a file")
     with nullcontext(sys.stdin.buffer) if is_stream(path) else path.open("rb") as file:
         block = file.read(BLOCK_BYTES)
         if not block:

@@ -15,6 +15,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import Estimate, Estimator
 from shapefit.lifting.noise_level import lambda_for_noise
+from shapefit.lifting.options import BETA
 
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
@@ -41,7 +42,7 @@ class Program:
 
     lam: float | None
     loss: Loss = Loss.SQUARED
-    beta: float = 0.1
+    beta: float = BETA
     noise: float = 0.0
 
 
@@ -120,7 +121,7 @@ def lift(
 
 
 def choose_lambda(program: Program, atoms: Floats, scale: Floats, visible_share: Floats) -> Floats:
-    """Lambda of each image: as given, from the noise, or 1 where it has no say."""
+    """Lambda of each image: as given, from the noise, or 1 where it is ignored."""
     if program.loss is Loss.EXACT:
         return np.ones_like(scale)
     if program.lam is None:

@@ -167,7 +167,7 @@ METHODS: dict[str, Method] = {
     ),
     "convex+refine": Method(
         run="shapefit.lifting.shared_rotation.methods:refine_convex",
-        summary="it refined to one shared rotation",
+        summary="its solution refined to one shared rotation",
         section=ALTERNATION,
         losses=("squared", *ROBUST),
         yields=OF_ATOMS | {"relative_gap", "outliers", "convex_proof"},

@@ -16,12 +16,13 @@ sequence should move smoothly is in Zhou et al., MonoCap.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
+
+from shapefit.lifting.options import DepthOptions
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -30,22 +31,8 @@ DIFFERENCE = (1.0, -2.0, 1.0)
 STILL = 1e-4  # rounds end when no depth moves by more, in units of the size of the landmarks
 
 
-@dataclass(frozen=True)
-class Sequencing:
-    """How depths are refined along a sequence, in units of the size of its landmarks.
-
-    smoothness and rigidity weigh the terms above beside the estimates, `tolerance` is the size
-    beyond which a difference from an estimate counts as gross.
-    """
-
-    smoothness: float = 10.0
-    rigidity: float = 100.0
-    tolerance: float = 0.01
-    max_rounds: int = 100
-
-
 def refine_sequences(
-    shapes: Floats, sequences: tuple[str, ...], bones: Indices, settings: Sequencing
+    shapes: Floats, sequences: tuple[str, ...], bones: Indices, settings: DepthOptions
 ) -> Floats:
     """Refine the depths of shapes (n, 3, p) in camera frames, each sequence by itself.
 
@@ -84,7 +71,9 @@ def longest_lengths(landmarks: Floats, bones: Indices) -> Floats:
     return longest
 
 
-def refine_depths(points: Floats, bones: Indices, lengths: Floats, settings: Sequencing) -> Floats:
+def refine_depths(
+    points: Floats, bones: Indices, lengths: Floats, settings: DepthOptions
+) -> Floats:
     """Local minimum z (t, p) of the objective above from points (t, 3, p) = (x, y, z0).
 
     bones (e, 2) of lengths (e,), in the unit of the points, whose landmarks have a size of

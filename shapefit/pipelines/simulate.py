@@ -37,7 +37,7 @@ PROGRAMS = {
 def run(config: SimulateConfig) -> Iterator[Outcome]:
     """Attempt all trials of each cell, then write the tables and the heat map to the folder.
 
-    One outcome a cell, with the trials that could not be solved, and a last one with the Markdown
+    One outcome per cell, with the trials that could not be solved, and a last one with the Markdown
     table as its note. Raises InputError for a folder that cannot be written, and plots that are
     asked for without matplotlib.
     """
@@ -87,8 +87,8 @@ def _check_memory(config: SimulateConfig) -> None:
 def attempt(config: SimulateConfig, p: int, z: int, trial: int) -> Attempt:
     """Plant and recover one instance.
 
-    Its random numbers belong to the seed, the cell and the trial: neither the other cells nor the
-    number of threads have a say.
+    Its random numbers belong to the seed, the cell and the trial: they depend neither on the other
+    cells nor on the number of threads.
     """
     stream = np.random.SeedSequence(config.seed, spawn_key=(p, z, trial))
     return recover(

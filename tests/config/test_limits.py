@@ -33,7 +33,9 @@ def bomb(levels):
 
 def test_aliases_of_aliases_are_counted():
     (line,) = problems_of(bomb(8))
-    assert line == f"1:1: more than {MOST_VALUES} values, aliases written out; a config is small"
+    assert (
+        line == f"1:1: more than {MOST_VALUES} values, aliases written out; a config must be small"
+    )
     assert problems_of(bomb(2)) == []
 
 
@@ -68,14 +70,14 @@ def test_numbers_of_steps_have_a_limit(key):
 
 def test_half_a_letter_is_no_text():
     lines = problems("fit", 'landmarks="\\ud800"')
-    assert any("has half a letter in it" in line for line in lines)
+    assert any("contains an unpaired surrogate" in line for line in lines)
 
 
 def test_the_default_of_active_atoms_is_checked_like_any_other():
     lines = problems("simulate", "k=5")
     assert lines == (
         "command line: expected numbers of atoms in use up to k = 5, found 10; "
-        "leave out what is larger, or raise k",
+        "leave out larger numbers, or raise k",
     )
 
 

@@ -7,14 +7,14 @@ import pytest
 
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.temporal import (
-    Sequencing,
+    DepthOptions,
     longest_lengths,
     refine_depths,
     refine_sequences,
     runs,
 )
 
-SETTINGS = Sequencing(max_rounds=300)
+SETTINGS = DepthOptions(max_rounds=300)
 BONES = np.array([[0, 1], [1, 2], [2, 3], [1, 4], [4, 5]])
 
 
@@ -65,7 +65,7 @@ def test_truth_with_its_lengths_and_no_acceleration_is_a_fixed_point(rng):
 
 def test_constant_sequence_without_rigidity_is_unchanged(rng):
     shapes = np.repeat(rng.standard_normal((1, 3, 6)), 9, axis=0)
-    found = refine(shapes, settings=Sequencing(rigidity=0.0))
+    found = refine(shapes, settings=DepthOptions(rigidity=0.0))
     np.testing.assert_allclose(found, shapes, atol=1e-12)
 
 
@@ -119,7 +119,7 @@ def test_objective_never_rises(estimate):
     lengths = longest_lengths(estimate[:, :2], BONES)
     values = []
     for rounds in range(1, 12):
-        settings = Sequencing(max_rounds=rounds)
+        settings = DepthOptions(max_rounds=rounds)
         z = refine_depths(estimate, BONES, lengths, settings)
         values.append(objective(estimate, z, lengths, settings))
     assert (np.diff(values) <= 1e-9 * values[0]).all()

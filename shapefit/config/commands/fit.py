@@ -33,6 +33,7 @@ from shapefit.lifting.methods import (
     summarise,
     those,
 )
+from shapefit.lifting.options import BETA, DepthOptions
 
 if TYPE_CHECKING:
     MethodName = str
@@ -71,7 +72,7 @@ class SolverConfig(ConfigModel):
         "the change between iterations (admm only).",
     )
     max_iterations: int = Field(
-        default=1000, ge=1, le=MOST_STEPS, description="Most iterations for one image."
+        default=1000, ge=1, le=MOST_STEPS, description="Maximum iterations per image."
     )
 
     @field_validator("stop")
@@ -108,7 +109,7 @@ class AlternationConfig(ConfigModel):
         default=AlternationOptions.max_rounds,
         ge=1,
         le=MOST_STEPS,
-        description="Most rounds for one image.",
+        description="Maximum rounds per image.",
     )
 
 
@@ -142,31 +143,37 @@ class SearchConfig(ConfigModel):
 
 
 class TemporalConfig(ConfigModel):
-    """What the images of one sequence tell about each other."""
+    """How the images of a sequence inform one another."""
 
     depths: bool = Field(
         default=False,
         description="Refine the depths along each sequence: the bones (edges of the dictionary) "
-        "keep their lengths and points do not jump. For one body a sequence, its images in order "
-        "of time, a camera of constant scale, and little noise.",
+        "keep their lengths and landmarks move smoothly. Assumes one body per "
+        "sequence, images in temporal order, a camera of constant scale, and little "
+        "noise.",
     )
     smoothness: float = Field(
-        default=10.0,
+        default=DepthOptions.smoothness,
         ge=0,
         description="Weight of the second difference of depths from image to image; a higher "
-        "frame rate wants more.",
+        "frame rate needs more.",
     )
     rigidity: float = Field(
-        default=100.0, ge=0, description="Weight of the differences in the lengths of bones."
+        default=DepthOptions.rigidity,
+        ge=0,
+        description="Weight of the differences in the lengths of bones.",
     )
     tolerance: float = Field(
-        default=0.01,
+        default=DepthOptions.tolerance,
         gt=0,
-        description="Change of a depth beyond which the estimate of the single image is taken "
-        "for a gross error, in units of the size of the landmarks.",
+        description="Change of a depth beyond which the estimate from the single image is "
+        "treated as a gross error, in units of the size of the landmarks.",
     )
     max_rounds: int = Field(
-        default=100, ge=1, le=MOST_STEPS, description="Most rounds for one sequence."
+        default=DepthOptions.max_rounds,
+        ge=1,
+        le=MOST_STEPS,
+        description="Maximum rounds per sequence.",
     )
 
 
@@ -177,8 +184,7 @@ class FitConfig(CommandConfig):
     dictionary: InputPath = Field(description="Dictionary file that learn-dict wrote.")
     rename: Renaming = Field(
         default_factory=dict,
-        description="Landmarks that the files call otherwise: name in the files -> name in the "
-        "dictionary.",
+        description="Landmarks to rename: name in the files -> name in the dictionary.",
     )
     output: OutputPath = Field(
         description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
@@ -186,9 +192,10 @@ class FitConfig(CommandConfig):
     method: MethodName = Field(default="convex", description=f"How to lift: {summarise()}.")
     loss: Literal["squared", "exact", "l1", "sparse-error"] = Field(
         default="squared",
-        description="The data term: half the squared residual; exact, no residual at all (lambda "
-        "has no say); l1, the sum of absolute residuals; sparse-error, the squared residual "
-        "beside sparse errors with weight beta. The last two survive outliers and label them.",
+        description="The data term: half the squared residual; exact, no residual at all "
+        "(lambda is ignored); l1, the sum of absolute residuals; sparse-error, the "
+        "squared residual plus sparse errors with weight beta. The last two are "
+        "robust to outliers and label them.",
     )
     lam: Annotated[
         float | Literal["auto"],
@@ -198,7 +205,7 @@ class FitConfig(CommandConfig):
         default=0.1,
         alias="lambda",
         description="Weight of the sum of spectral norms, for normalised landmarks and atoms; "
-        "auto follows from `noise`.",
+        "auto derives it from `noise`.",
     )
     noise: float | None = Field(
         default=None,
@@ -207,17 +214,18 @@ class FitConfig(CommandConfig):
         "landmarks; `lambda: auto` needs it.",
     )
     beta: float = Field(
-        default=0.1,
+        default=BETA,
         gt=0,
-        description="Residual, for normalised landmarks, beyond which a robust loss judges a "
+        description="Residual, for normalised landmarks, beyond which a robust loss labels a "
         "landmark an outlier; the weight of the errors of sparse-error.",
     )
     path: Annotated[
-        tuple[Annotated[float, Gt(0)], ...], FromLists, Expected("a list of falling numbers > 0")
+        tuple[Annotated[float, Gt(0)], ...], FromLists, Expected("a list of decreasing numbers > 0")
     ] = Field(
         default=(),
-        description="Lambdas, falling, at which the program is solved too, each from the "
-        "solution before it; objective, gap, residual and active atoms go into the result.",
+        description="Decreasing lambdas at which the program is also solved, each from the "
+        "previous solution; objective, gap, residual and active atoms are added to "
+        "the result.",
     )
     solver: SolverConfig = Field(
         default_factory=SolverConfig.model_construct,
@@ -237,18 +245,18 @@ class FitConfig(CommandConfig):
     )
     temporal: TemporalConfig = Field(
         default_factory=TemporalConfig.model_construct,
-        description="What the images of one sequence tell about each other.",
+        description="How the images of a sequence inform one another.",
     )
     leave_out: str | None = Field(
         default=None,
         min_length=1,
         description="Dataset of the landmarks that names, for each image, the training shape "
-        "whose atoms its fit must do without (dictionaries of exemplars); `item` where images are "
-        "named like training shapes.",
+        "whose atoms its fit must not use (dictionaries of exemplars); `item` if "
+        "images are named after training shapes.",
     )
     outliers: OutlierSearchConfig = Field(
         default_factory=OutlierSearchConfig.model_construct,
-        description="Which landmarks the fit leaves out because they are wrong.",
+        description="Which landmarks the fit rejects as wrong.",
     )
     camera: ViewingConfig = Field(
         default_factory=ViewingConfig.model_construct,
@@ -267,9 +275,9 @@ class FitConfig(CommandConfig):
         default=4096,
         ge=1,
         le=10_000_000,
-        description="Images held in memory at a time, rounded up to a multiple of 64; no result "
-        "depends on it, except with `leave_out`, within the tolerance of the solver. With "
-        "`temporal.depths` whole sequences are held instead.",
+        description="Images held in memory at a time, rounded up to a multiple of 64. Results "
+        "do not depend on it, except with `leave_out`, within the tolerance of the "
+        "solver. With `temporal.depths` whole sequences are held instead.",
     )
     strict: bool = Field(
         default=False, description="Count an image whose tolerance was not reached as failed."
@@ -279,8 +287,8 @@ class FitConfig(CommandConfig):
     )
     proof: bool = Field(
         default=True,
-        description="Also write what proves the optimum of the convex program, the dual and the "
-        "active transforms, for `shapefit verify` (HDF5 only).",
+        description="Also write the proof of the optimum of the convex program (the dual and "
+        "the active transforms) for `shapefit verify` (HDF5 only).",
     )
 
     @property
@@ -308,13 +316,13 @@ class FitConfig(CommandConfig):
         if self.lam == "auto" and self.noise is None:
             raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
         if self.loss != "squared" and self.solver.name == "admm":
-            raise ValueError(f"the solver admm knows only `loss: squared`, not {self.loss}")
+            raise ValueError(f"the solver admm supports only `loss: squared`, not {self.loss}")
         method = METHODS[self.method]
         if self.loss not in method.losses:
             fit = those(lambda other: self.loss in other.losses)[0]
             raise ValueError(
-                f"the method {self.method} does not know `loss: {self.loss}`; "
-                f"take `loss: {method.losses[0]}` or `method: {fit}`"
+                f"the method {self.method} does not support `loss: {self.loss}`; "
+                f"use `loss: {method.losses[0]}` or `method: {fit}`"
             )
         if self.loss in ROBUST and self.outliers.method != "none":
             raise ValueError(
@@ -326,11 +334,11 @@ class FitConfig(CommandConfig):
             raise ValueError(f"`path` belongs to the method {optima}; leave it out")
         if self.path and (self.loss == "exact" or self.solver.name == "admm"):
             raise ValueError(
-                "`path` needs the solver newton and a loss that lambda weighs against; leave it out"
+                "`path` needs the solver newton and a loss that uses lambda; leave it out"
             )
         if self.path and (self.leave_out or self.outliers.method != "none"):
             raise ValueError(
-                "`path` goes with neither `leave_out` nor a search for outliers; leave it out"
+                "`path` works neither with `leave_out` nor with a search for outliers; leave it out"
             )
         weak = self.camera.model == "weak-perspective"
         if self.temporal.depths and not weak:
@@ -347,11 +355,11 @@ class FitConfig(CommandConfig):
         if self.export.rotation == "per-atom" and (method.one_rotation or not weak):
             raise ValueError(
                 f"`export: {{rotation: per-atom}}` belongs to the method {free} and weak "
-                "perspective; the others have one rotation an image: set shared"
+                "perspective; the others have one rotation per image: set shared"
             )
         if not (weak or method.perspective):
             raise ValueError(
-                f"`camera: {{model: perspective}}` does not go with the method {self.method}; "
+                f"`camera: {{model: perspective}}` does not work with the method {self.method}; "
                 "take another"
             )
         return self

@@ -8,6 +8,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from shapefit.config.expectation import Expected
 from shapefit.config.model import MOST_STEPS, ConfigModel, FromLists
+from shapefit.lifting.options import PerspectiveOptions
 
 
 class ViewingConfig(ConfigModel):
@@ -15,9 +16,9 @@ class ViewingConfig(ConfigModel):
 
     model: Literal["weak-perspective", "perspective"] = Field(
         default="weak-perspective",
-        description="Weak perspective, as in the convex program; or, from there, rotation, "
-        "translation and coefficients refined under the full projection, which needs the focal "
-        "length.",
+        description="Weak perspective, as in the convex program; or rotation, translation and "
+        "coefficients refined from there under the full projection, which requires "
+        "the focal length.",
     )
     focal: float | None = Field(
         default=None, gt=0, description="Focal length of all images, in the unit of the landmarks."
@@ -26,7 +27,7 @@ class ViewingConfig(ConfigModel):
         default=None,
         min_length=1,
         description="Dataset of the landmarks that holds focal lengths or 3x3 camera matrices, "
-        "one for the file or one an image; instead of `focal`.",
+        "one for the file or one per image; instead of `focal`.",
     )
     principal_point: Annotated[
         tuple[float, float] | None, Expected("two numbers, x and y"), FromLists
@@ -36,19 +37,22 @@ class ViewingConfig(ConfigModel):
         "default that of the camera matrices, or 0, 0.",
     )
     ridge: float = Field(
-        default=0.3,
+        default=PerspectiveOptions.ridge,
         gt=0,
         description="perspective: weight of the squared distance of the coefficients to those of "
         "the mean shape.",
     )
     softness: float = Field(
-        default=0.1,
+        default=PerspectiveOptions.softness,
         gt=0,
-        description="perspective: residual, for normalised landmarks, beyond which a landmark "
-        "loses its pull (Cauchy's loss).",
+        description="perspective: residual, for normalised landmarks, beyond which the pull of "
+        "a landmark decreases (Cauchy's loss).",
     )
     max_rounds: int = Field(
-        default=1000, ge=1, le=MOST_STEPS, description="perspective: most rounds for one image."
+        default=PerspectiveOptions.max_rounds,
+        ge=1,
+        le=MOST_STEPS,
+        description="perspective: maximum rounds per image.",
     )
 
     @field_validator("principal_point", "ridge", "softness", "max_rounds")

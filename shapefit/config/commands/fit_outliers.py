@@ -10,21 +10,22 @@ from shapefit.config.model import ConfigModel
 
 
 class OutlierSearchConfig(ConfigModel):
-    """Which landmarks the fit leaves out because they are wrong."""
+    """Which landmarks the fit rejects as wrong."""
 
     method: Literal["none", "ransac", "truncated"] = Field(
         default="none",
-        description="Nothing; ransac, the mean shape posed on random triples of the landmarks "
-        "and the pose that most others agree with; truncated, truncated least squares around the "
-        "convex program, by graduated non-convexity.",
+        description="none; ransac poses the mean shape on random triples of landmarks and keeps "
+        "the pose with which most others agree; truncated solves truncated least "
+        "squares around the convex program, by graduated non-convexity.",
     )
     threshold: float = Field(
         default=0.25,
         gt=0,
-        description="Residual beyond which a landmark is wrong, in units of the size of the shape "
-        "that the other landmarks show (the mean standard deviation of its coordinates).",
+        description="Residual beyond which a landmark is wrong, in units of the size of the "
+        "shape as given by the other landmarks (the mean standard deviation of its "
+        "coordinates).",
     )
-    draws: int = Field(default=500, ge=1, description="ransac: triples drawn for one image.")
+    draws: int = Field(default=500, ge=1, description="ransac: triples drawn per image.")
     seed: int = Field(
         default=0,
         ge=0,
@@ -38,5 +39,5 @@ class OutlierSearchConfig(ConfigModel):
         description="truncated: weight of the sum of spectral norms in its programs.",
     )
     max_rounds: int = Field(
-        default=100, ge=1, description="Most rounds of fitting and judging again."
+        default=100, ge=1, description="Maximum rounds of fitting and judging again."
     )

@@ -29,15 +29,14 @@ class LearnDictConfig(CommandConfig):
     shapes: InputPaths = Field(description="Files of 3D training shapes (HDF5 or CSV).")
     rename: Renaming = Field(
         default_factory=dict,
-        description="Landmarks that the dictionary shall call otherwise: name in the files -> name "
-        "in the dictionary.",
+        description="Landmarks to rename: name in the files -> name in the dictionary.",
     )
     output: OutputPath = Field(description="Dictionary file to write (HDF5).")
     method: Literal["sparse-coding", "exemplars", "pca-bases"] = Field(
         default="sparse-coding",
-        description="How to learn: non-negative sparse coding with bounded atoms; exemplars, every "
-        "training shape an atom; or the principal components of each sequence, bases of either "
-        "sign for matching pursuit.",
+        description="How to learn: non-negative sparse coding with bounded atoms; exemplars, "
+        "which makes every training shape an atom; or the principal components of "
+        "each sequence, bases of either sign for matching pursuit.",
     )
     every: int = Field(
         default=1,
@@ -50,14 +49,14 @@ class LearnDictConfig(CommandConfig):
         BeforeValidator(_landmark_choice),
     ] = Field(
         default="all",
-        description="Landmarks that decide how training shapes are turned onto each other; none "
-        "keeps them in their common frame.",
+        description="Landmarks by which training shapes are aligned; none keeps them in their "
+        "common frame.",
     )
     symmetry: Literal["none", "symmetrise", "double"] = Field(
         default="none",
-        description="Left and right, as the `mirror_index` of the shapes pairs them: symmetrise "
-        "takes the mean of each training shape and its mirror image; double adds the mirror images "
-        "as further training shapes. Either leaves meshes out.",
+        description="Left and right, as paired by the `mirror_index` of the shapes: symmetrise "
+        "takes the mean of each training shape and its mirror image; double adds "
+        "the mirror images as further training shapes. Both drop meshes.",
     )
     k: int = Field(
         default=64,
@@ -73,7 +72,8 @@ class LearnDictConfig(CommandConfig):
         default=15,
         ge=1,
         le=MOST_STEPS,
-        description="Most rounds of coding all shapes and updating all atoms (sparse-coding only).",
+        description="Maximum rounds of coding all shapes and updating all atoms (sparse-coding "
+        "only).",
     )
     tolerance: float = Field(
         default=0.0,
@@ -90,8 +90,8 @@ class LearnDictConfig(CommandConfig):
         default=0.99,
         gt=0,
         le=1,
-        description="Share of the variation within a sequence that its bases hold "
-        "(pca-bases only).",
+        description="Share of the variation within a sequence that its bases explain (pca-bases "
+        "only).",
     )
     components: int | None = Field(
         default=None,

@@ -35,8 +35,8 @@ class CameraConfig(ConfigModel):
     )
     view: Literal["turntable", "random", "fixed"] = Field(
         default="turntable",
-        description="One full turn a sequence about the vertical axis, a random rotation for each "
-        "image, or one given rotation for all.",
+        description="One full turn per sequence about the vertical axis, a random rotation for "
+        "each image, or one given rotation for all.",
     )
     rotation: Annotated[Rotation | None, Expected("three rows of three numbers"), FromLists] = (
         Field(
@@ -66,18 +66,18 @@ class CameraConfig(ConfigModel):
 
 
 class OutlierConfig(ConfigModel):
-    """Landmarks that are grossly wrong."""
+    """Grossly wrong landmarks."""
 
     share: float = Field(default=0.0, ge=0, lt=1, description="Share of the visible landmarks.")
     size: float = Field(
         default=1.0,
         gt=0,
-        description="Largest distance that an outlier is moved, in units of the landmarks.",
+        description="Largest distance by which an outlier is moved, in units of the landmarks.",
     )
 
 
 class ProjectConfig(CommandConfig):
-    """Turn 3D shapes into synthetic 2D landmarks."""
+    """Project 3D shapes to synthetic 2D landmarks."""
 
     shapes: InputPaths = Field(description="Files of 3D shapes (HDF5 or CSV; - is stdin).")
     output: OutputPath = Field(
@@ -95,17 +95,19 @@ class ProjectConfig(CommandConfig):
         default=0.0,
         ge=0,
         lt=1,
-        description="Share of landmarks hidden, other ones in each image; three stay.",
+        description="Share of landmarks hidden, different ones in each image; at least three "
+        "remain visible.",
     )
     outliers: OutlierConfig = Field(
         default_factory=OutlierConfig.model_construct,
-        description="Landmarks that are grossly wrong.",
+        description="Grossly wrong landmarks.",
     )
     repeat: int = Field(
         default=1,
         ge=1,
-        description="Passes over the shapes, each with other views and other noise; the items of "
-        "later passes end in #2, #3, ..., and `true_item` names the shape of each image.",
+        description="Passes over the shapes, each with different views and noise; the items of "
+        "later passes end in #2, #3, ..., and `true_item` names the shape of each "
+        "image.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
 

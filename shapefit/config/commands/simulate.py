@@ -54,20 +54,20 @@ class ExactSolverConfig(ConfigModel):
         "fall to this.",
     )
     max_iterations: int = Field(
-        default=10000, ge=1, le=MOST_STEPS, description="Most iterations for one instance."
+        default=10000, ge=1, le=MOST_STEPS, description="Maximum iterations per instance."
     )
 
 
 class PublishedGridConfig(ConfigModel):
     """Shares of successes quoted from a publication."""
 
-    source: str = Field(default="", description="Where the shares stand, and how they were read.")
-    landmarks: Landmarks = Field(default=(), description="Numbers of landmarks, one a row.")
+    source: str = Field(default="", description="Source of the shares, and how they were read.")
+    landmarks: Landmarks = Field(default=(), description="Numbers of landmarks, one per row.")
     active_atoms: ActiveAtoms = Field(
-        default=(), description="Numbers of atoms in use, one a column."
+        default=(), description="Numbers of atoms in use, one per column."
     )
     success: Shares = Field(
-        default=(), description="Rows of shares of successes, to set beside ours."
+        default=(), description="Rows of success rates, to print beside the measured ones."
     )
 
     @model_validator(mode="after")
@@ -87,18 +87,19 @@ class SimulateConfig(CommandConfig):
     output: OutputPath = Field(description="Folder to write the report to.")
     k: int = Field(default=50, ge=1, description="Number of atoms, their entries N(0, 1).")
     landmarks: Landmarks = Field(
-        default=tuple(range(5, 51, 5)), description="Numbers of landmarks (p), one a row."
+        default=tuple(range(5, 51, 5)), description="Numbers of landmarks (p), one per row."
     )
     active_atoms: ActiveAtoms = Field(
         default=tuple(range(1, 11)),
         validate_default=True,
-        description="Numbers of atoms in use (z), one a column.",
+        description="Numbers of atoms in use (z), one per column.",
     )
     trials: int = Field(default=100, ge=1, description="Random instances in each cell.")
     translation: Literal["free", "none"] = Field(
         default="free",
-        description="free: the program has a translation T, which is the same as centring "
-        "landmarks and atoms and costs what one landmark tells; none: T is 0.",
+        description="free: the program has a translation T, which is equivalent to centring "
+        "landmarks and atoms and costs the information of one landmark; none: T is "
+        "0.",
     )
     success_below: float = Field(
         default=1e-3,
@@ -137,6 +138,6 @@ class SimulateConfig(CommandConfig):
         if k is not None and max(values) > k:
             raise ValueError(
                 f"expected numbers of atoms in use up to k = {k}, found {max(values)}; "
-                "leave out what is larger, or raise k"
+                "leave out larger numbers, or raise k"
             )
         return values

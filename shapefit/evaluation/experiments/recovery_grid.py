@@ -147,9 +147,9 @@ def markdown(grid: RecoveryGrid) -> str:
     trials, below = len(grid.cells[0].attempts), grid.cells[0].success_below
     parts = [
         "# Exact recovery",
-        f"{grid.program} Share of {trials} random instances a cell whose "
-        f"transforms come back with a relative error below {below:g}. p landmarks go down, z "
-        "atoms in use across.",
+        f"{grid.program} Share of {trials} random instances per cell whose "
+        f"transforms are recovered with a relative error below {below:g}. Rows: p landmarks; "
+        "columns: z atoms in use.",
         _table(grid.shares),
     ]
     if grid.published and grid.deviations:

@@ -20,14 +20,11 @@ from shapefit.evaluation.tables.document import Block, Listing, Section, Table, 
 Value = str | bool | int | float
 
 _LABELS = (
-    "Precision is the share of the landmarks labelled as outliers that were made wrong, recall the "
-    "share of those made wrong that are labelled, over the images with a shape that leave them "
-    "defined."
+    "Precision is the share of the landmarks labelled as outliers that were corrupted, recall the "
+    "share of the corrupted landmarks that were labelled, over the images with a shape for which "
+    "they are defined."
 )
-_TIMES = (
-    "Times are of solving alone, without reading and writing, after everything was compiled and "
-    "run once."
-)
+_TIMES = "Times are those of solving alone, without reading and writing, after one run to warm up."
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,7 @@ def points(
     grouping: Mapping[str, Sequence[str]],
     seconds_per_image: float,
 ) -> list[Point]:
-    """Sum up the errors in one metric at one value, one point a group.
+    """Sum up the errors in one metric at one value, one point per group.
 
     Every statistic of a group is the mean of that statistic over its sequences.
     """
@@ -131,7 +128,7 @@ COLUMNS = (
 
 
 def write_csv(path: Path, sweep: Sweep) -> None:
-    """Write sweep.csv, one row per value, group and metric; a number that does not exist is empty."""
+    """Write sweep.csv, one row per value, group and metric; a missing number is an empty cell."""
     known = (
         {"key": sweep.key, **asdict(point), "value": value_text(point.value)}
         for point in sweep.points

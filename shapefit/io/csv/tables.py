@@ -156,7 +156,7 @@ class _Tidy:
 
         def word(row: int) -> str:
             name, of = block.cells["item"][row], block.cells["landmark"][row]
-            found = f"item '{name}', landmark '{of}' stands also on line {first[row]}"
+            found = f"item '{name}', landmark '{of}' is also on line {first[row]}"
             return f"{found}; keep one of them"
 
         self._tell("repeated", block, first != block.lines, word)

@@ -162,7 +162,7 @@ class Hdf5Writer:
 
 
 def _in_file(dataset: Dataset, value: Any) -> Array:
-    """Return a field of a record as it stands in the file: one point a row."""
+    """Return a field of a record as it stands in the file: one point per row."""
     array = np.asarray(value, object) if dataset.kind == "text" else _storable(np.asarray(value))
     array = array.astype(dataset.stored) if dataset.stored else array
     return array.swapaxes(-1, -2) if dataset.points else array

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,35 +14,42 @@ from shapefit.io.layout import DICTIONARY
 from shapefit.io.sources import is_csv_target
 from shapefit.io.writing import record_writer
 
+if TYPE_CHECKING:
+    from shapefit.io.hdf5.checks import Datasets
+
 
 def read_dictionary(path: Path) -> Dictionary:
     """Read a dictionary. Raises InputError for what is wrong with the file."""
-    from shapefit.io.hdf5 import checks as hdf5_checks
     from shapefit.io.hdf5.reading import Hdf5Reader
 
     with Hdf5Reader(path, DICTIONARY) as reader:
+        check_dictionary(reader)
         fields = reader.fields()
-        atoms = fields["atoms"]
-        if atoms.size == 0:
-            found = f"has the shape {atoms.swapaxes(-1, -2).shape}"
-            raise input_error(
-                reader.place("atoms"), found, "a dictionary needs atoms and landmarks"
-            )
-        hdf5_checks.check_finite(reader, "atoms", [atoms])
-        hdf5_checks.check_finite(reader, "mean_shape", [fields["mean_shape"][None]])
-        if fields["mesh_vertices"] is not None:
-            hdf5_checks.check_finite(reader, "mesh_vertices", [fields["mesh_vertices"]])
-        if coincide(fields["mean_shape"]):
-            found = "all its landmarks lie on one point"
-            raise input_error(reader.place("mean_shape"), found, "make the dictionary again")
-        hdf5_checks.check_positive(reader, "atom_scale")
-        hdf5_checks.check_named(reader, [fields["atom_items"] or ()], "atom_item", "k")
-        hdf5_checks.check_indices(reader, "edges", "p")
-        hdf5_checks.check_indices(reader, "mesh_faces", "q")
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
         provenance = {name: str(value) for name, value in reader.attributes.items()}
         return Dictionary(**fields, unit=reader.unit, provenance=provenance)
+
+
+def check_dictionary(reader: Datasets) -> None:
+    """Raise InputError for a dictionary with which no fit is possible."""
+    from shapefit.io.hdf5 import checks
+
+    atoms, mean = reader.read("atoms"), reader.read("mean_shape")
+    if atoms.size == 0:
+        found = f"has the shape {atoms.swapaxes(-1, -2).shape}"
+        raise input_error(reader.place("atoms"), found, "a dictionary needs atoms and landmarks")
+    checks.check_finite(reader, "atoms", [atoms])
+    checks.check_finite(reader, "mean_shape", [mean[None]])
+    if reader.has("mesh_vertices"):
+        checks.check_finite(reader, "mesh_vertices", [reader.read("mesh_vertices")])
+    if coincide(mean):
+        found = "all its landmarks are at one point"
+        raise input_error(reader.place("mean_shape"), found, "learn the dictionary again")
+    checks.check_positive(reader, "atom_scale")
+    checks.check_named(reader, [reader.read("atom_item") or ()], "atom_item", "k")
+    checks.check_indices(reader, "edges", "p")
+    checks.check_indices(reader, "mesh_faces", "q")
 
 
 def write_dictionary(path: Path, dictionary: Dictionary) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -147,7 +147,18 @@ def _open_table(path: Path) -> _File:
     table = read_landmark_table(path)
     name = source_name(path)
     items = ItemList(lambda: [table.items], lambda _: name)
-    return _File(name, table.take(slice(0)), len(table), items, lambda: nullcontext(table.take))
+    return one_file(name, table, items, lambda: nullcontext(table.take))
+
+
+def one_file(
+    name: str,
+    landmarks: LandmarkSet,
+    items: ItemList,
+    opened: Callable[[], AbstractContextManager[Read]],
+    y_axis: Direction | None = None,
+) -> _File:
+    """Return landmarks in memory as a file of a source; `y_axis` where it is stated."""
+    return _File(name, landmarks.take(slice(0)), len(landmarks), items, opened, y_axis)
 
 
 def _open_hdf5(path: Path) -> _File:

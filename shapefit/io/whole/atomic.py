@@ -30,9 +30,9 @@ FIXES = {
     ),
     **dict.fromkeys(
         (errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENOTEMPTY),
-        "choose another name, or move away what is there",
+        "choose another name, or move the existing file away",
     ),
-    errno.EIO: "look after the disk, or choose another",
+    errno.EIO: "check the disk, or choose another",
     errno.ENOENT: "choose a folder that exists and stays",
     errno.ENAMETOOLONG: "choose a shorter name",
 }

@@ -121,7 +121,7 @@ class _Found:
 def _judge_all(
     config: EvalConfig, truth: ShapeSet, found: _Found, *, keep_all: bool
 ) -> Iterator[Outcome]:
-    """Judge every result file and add to what was found; one outcome a file.
+    """Judge every result file and add to what was found; one outcome per file.
 
     With `keep_all` the shapes stay, to draw examples of them.
     """
@@ -160,7 +160,7 @@ def _check_distinct(judgements: Sequence[Judgement]) -> None:
         for item in judgement.items:
             if item in seen:
                 found = f"has the item '{item}', which {seen[item]} has too"
-                fix = "give each file a name of its own in `results`, or leave one out"
+                fix = "give each file a unique name in `results`, or leave one out"
                 raise input_error(judgement.file, found, fix)
         seen |= dict.fromkeys(judgement.items, judgement.file)
 

@@ -92,7 +92,7 @@ class MeshExport:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was asked for and is not there."""
-        missing = f"images without a shape (failed, or all coefficients 0): {self._missing}"
+        missing = f"images without a shape (failed, or with all coefficients 0): {self._missing}"
         far = f"images with coordinates beyond {FARTHEST:g}, too far for the format: {self._far}"
         fix = "take `export.format: obj`, or a larger unit"
         return (
@@ -139,7 +139,7 @@ def _check_size(config: FitConfig, dictionary: Dictionary) -> None:
     """Raise InputError where the size in the unit of the dictionary cannot be known."""
     fix = "set `export.unit: landmarks`"
     if dictionary.atom_scale is None:
-        found = "has no `atom_scale`, which tells how large its atoms are"
+        found = "has no `atom_scale`, the sizes of its atoms"
         raise input_error(config.dictionary, found, f"learn it with `method: exemplars`, or {fix}")
     if not mixes_atoms(config):
         found = f"`method: {config.method}` gives no coefficients, so the size is not known"

@@ -141,7 +141,7 @@ def find_renamed(source: LandmarkSource, config: FitConfig) -> tuple[str, ...]:
     stored = [f"{name} is stored as {new}" for name, new in names.items() if new != name]
     if not stored or is_csv_target(config.output):
         return ()
-    return (f"datasets of the landmarks are named like those of a result: {', '.join(stored)}",)
+    return (f"datasets of the landmarks have names that a result uses: {', '.join(stored)}",)
 
 
 def perspective_datasets(

@@ -7,6 +7,7 @@ import json
 import math
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from shapefit.io.records import nearest_names
 from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.export.run import open_exports
-from shapefit.pipelines.fit.chain import choose_lifter, choose_newton
+from shapefit.pipelines.fit.chain import choose_chain, choose_newton, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.searched import find_ambiguous
@@ -37,15 +38,15 @@ from shapefit.pipelines.outcome import Failure, Outcome, nothing_in
 FEWEST_LANDMARKS = 3
 """Of a file that the dictionary must know, so that it can do without the others."""
 
-GATHERED = 4096
+READ_AHEAD = 4096
 """Images that are read before the first whole sequences of them are lifted."""
 
 
 def run(config: FitConfig) -> Iterator[Outcome]:
-    """Lift every image of the landmark files; yields an Outcome a chunk."""
+    """Lift every image of the landmark files; yields an Outcome per chunk."""
     check_holds_all(config)
     dictionary = read_dictionary(config.dictionary)
-    lifter = choose_lifter(config, dictionary)
+    chain = choose_chain(config, dictionary)
     newton = choose_newton(config)
     unknown = None
     if config.leave_out:
@@ -63,7 +64,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         for chunk in find_chunks(source, config):
             images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
             began = time.perf_counter()
-            lifting = lifter(images, dictionary)
+            lifting = fit_images(images, dictionary, chain)
             solve_seconds += time.perf_counter() - began
             if unknown:
                 unknown.add(images)
@@ -83,15 +84,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 warnings=find_warnings(images, lifting, config),
             )
         left_in = unknown.warnings if unknown else ()
-        writer.attributes.update(
-            method=config.method,
-            version=__version__,
-            config=config.as_json(),
-            config_digest=hashlib.sha256(config.as_json().encode()).hexdigest(),
-            inputs=json.dumps(digests((*config.landmarks, config.dictionary))),
-            solve_seconds=solve_seconds,
-            images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,
-        )
+        inputs = (*config.landmarks, config.dictionary)
+        writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
         # Taken back where the result cannot be completed, which happens on leaving this block.
         exports.publish()
     yield Outcome(
@@ -107,11 +101,26 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     )
 
 
+def attributes_of(
+    config: FitConfig, inputs: Sequence[Path], seconds: float, images: int
+) -> dict[str, str | float | int]:
+    """Return what is stored of a fit beside its images, `inputs` by their digests."""
+    return {
+        "method": config.method,
+        "version": __version__,
+        "config": config.as_json(),
+        "config_digest": hashlib.sha256(config.as_json().encode()).hexdigest(),
+        "inputs": json.dumps(digests(inputs)),
+        "solve_seconds": seconds,
+        "images_per_second": images / seconds if seconds > 0 else 0.0,
+    }
+
+
 def check_holds_all(config: FitConfig) -> None:
     """Raise InputError where the config asks for more than the output can hold."""
     for key in ("path", "transforms"):
         if getattr(config, key) and is_csv_target(config.output):
-            found = f"asks for what {config.output} cannot hold: CSV is for points only"
+            found = f"cannot be stored in {config.output}: CSV holds points only"
             raise input_error(key, found, "name an HDF5 output, or leave it out")
 
 
@@ -119,10 +128,10 @@ def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkS
     """Give out the images, cut where no result depends on `chunk`.
 
     An image starts from its neighbour's solution within a stretch, so chunks hold whole stretches.
-    With `temporal.depths` they hold whole sequences, GATHERED or more images at a time.
+    With `temporal.depths` they hold whole sequences, READ_AHEAD or more images at a time.
     """
     if config.temporal.depths:
-        return whole_sequences(map(with_sequences, source.chunks(GATHERED)))
+        return whole_sequences(map(with_sequences, source.chunks(READ_AHEAD)))
     return source.chunks(math.ceil(config.chunk / STRETCH) * STRETCH)
 
 
@@ -168,7 +177,7 @@ def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
 
 
 def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[str, ...]:
-    """Say how many images stopped at the iteration limit, and that the camera looks wrong."""
+    """Count images that stopped at the iteration limit, and warn where the camera looks wrong."""
     told = []
     limited = [
         image
@@ -183,21 +192,21 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
         )
     if images.confidence is not None and (images.confidence > 1).any():
         told.append(
-            "confidences above 1: they are weights, and larger ones pull harder against `lambda`; "
-            "divide them by their largest value if that is not meant"
+            "confidences above 1: they are weights, and larger ones count more against `lambda`; "
+            "divide them by their largest value if that is not intended"
         )
     empty = find_empty(lifting)
     if empty:
         told.append(
-            f"{counted(len(empty), 'image')} with an empty shape, all landmarks on one point: "
-            "lambda is above lambda_max there, or near it; lower `lambda`"
+            f"{counted(len(empty), 'image')} with an empty shape, all landmarks at one point: "
+            "lambda is at or above lambda_max of the image; lower `lambda`"
         )
     if lifting.perspective:
         from shapefit.pipelines.fit.intrinsics import all_aside
 
         if all_aside(images.landmarks, lifting.perspective.camera):
             told.append(
-                "all landmarks lie far to one side of the optical axis; is "
+                "all landmarks are far to one side of the optical axis; is "
                 "`camera.principal_point` right?"
             )
     return (*told, *find_ambiguous(lifting, config.search.modes))
@@ -218,5 +227,5 @@ def describe(lifting: Lifting, image: int) -> str:
         return reached
     gap = found.relative_gap[image]
     if np.isnan(gap):  # the exact loss, where nothing is proved
-        return f"{reached}, the landmarks are missed by {found.residual[image]:.2g} of their spread"
+        return f"{reached}, the landmarks are off by {found.residual[image]:.2g} of their spread"
     return f"{reached}, relative gap {gap:.2g}"

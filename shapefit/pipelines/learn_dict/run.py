@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.atom_scale import scale_of_atoms
+from shapefit.dictionary.coding import duality_gaps, objectives
 from shapefit.dictionary.learning import Learned, learn
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.pca_bases import principal_components
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import check_output, digests, write_dictionary
+from shapefit.io import ShapeSet, check_output, digests, read_shapes, write_dictionary
 from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
 from shapefit.pipelines.outcome import Outcome
@@ -25,16 +26,41 @@ from shapefit.pipelines.outcome import Outcome
 Floats = NDArray[np.float64]
 
 
+Making = Generator[Outcome, None, Dictionary]
+"""Yields an outcome a round, and returns the dictionary; the last outcome sums up."""
+
+
 def run(config: LearnDictConfig) -> Iterator[Outcome]:
     """Make the dictionary and write it; one outcome a round (`pca-bases`: a sequence).
 
-    The first outcome lists the shapes that could not be used. The dictionary has the landmarks
-    and edges of the shapes; atoms that are shapes or mixtures of shapes have meshes mixed alike.
-    Raises InputError for files that cannot be read or written, for what `find_training_shapes`
-    refuses, and for bases of sequences that all stand still.
+    The first outcome lists the shapes that could not be used. Raises InputError for files that
+    cannot be read or written, and as `make_dictionary` does.
     """
     check_output(config.output)
-    training = find_training_shapes(config)
+    making = make_dictionary(
+        read_shapes(config.shapes, config.rename), config, digests(config.shapes)
+    )
+    outcome = next(making)
+    while True:
+        try:
+            following = next(making)
+        except StopIteration as stop:
+            dictionary = stop.value
+            break
+        yield outcome
+        outcome = following
+    write_dictionary(config.output, dictionary)
+    yield replace(outcome, written=(config.output,))
+
+
+def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[str, str]) -> Making:
+    """Make the dictionary of shapes; `inputs` are the digests of their files.
+
+    It has the landmarks and edges of the shapes; atoms that are shapes or mixtures of shapes have
+    meshes mixed alike. Raises InputError for what `find_training_shapes` refuses, and for bases of
+    sequences that all stand still.
+    """
+    training = find_training_shapes(given, config)
     yield Outcome(
         failures=training.failures,
         warnings=training.warnings,
@@ -45,24 +71,31 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
         "exemplars": _exemplars,
         "pca-bases": _pca_bases,
     }
-    yield from methods[config.method](config, training)
+    made = yield from methods[config.method](config, training)
+    provenance = {
+        "method": config.method,
+        "version": __version__,
+        "config": config.as_json(),
+        "inputs": json.dumps(inputs),
+    }
+    return replace(made, provenance=provenance)
 
 
-def _exemplars(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Outcome]:
+def _exemplars(config: LearnDictConfig, training: TrainingShapes) -> Making:
     """Make every shape an atom."""
     atoms = training.alignment.shapes
     dictionary = replace(
-        _dictionary(config, training, atoms),
+        _dictionary(training, atoms),
         mesh_vertices=training.mesh_vertices,
         mesh_faces=training.original.mesh_faces,
         atom_scale=training.scale,
         atom_items=training.original.items,
     )
-    write_dictionary(config.output, dictionary)
-    yield Outcome(note=counted(len(atoms), "atom"), written=(config.output,))
+    yield Outcome(note=counted(len(atoms), "atom"))
+    return dictionary
 
 
-def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Outcome]:
+def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Making:
     """Learn by sparse coding, with the objective of each round in its note."""
     shapes = training.alignment.shapes
     rounds = learn(
@@ -78,29 +111,39 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Iterato
         yield Outcome(done=1, total=config.iterations, note=note)
     mesh_vertices = _mix_meshes(training, learned.atoms)
     dictionary = replace(
-        _dictionary(config, training, learned.atoms),
+        _dictionary(training, learned.atoms),
         mesh_vertices=mesh_vertices,
         mesh_faces=None if mesh_vertices is None else training.original.mesh_faces,
         atom_scale=scale_of_atoms(learned.atoms, learned.coefficients, training.scale),
         objective_trace=learned.trace,
     )
-    write_dictionary(config.output, dictionary)
     warnings = [*_dead_atoms(learned)]
     if training.mesh_vertices is not None and mesh_vertices is None:
-        warnings.append("the meshes are left out: an atom is no mixture of the training shapes")
+        warnings.append("the meshes are left out: an atom is no combination of the training shapes")
     yield Outcome(
         total=config.iterations,
         warnings=tuple(warnings),
         note=(
             f"objective {learned.trace[-1]:.6g}, "
             f"relative error {learned.relative_error(shapes):.4f}, "
+            f"{_largest_gap(learned, shapes, config.beta)}"
             f"{learned.active_atoms:.1f} active atoms per shape"
         ),
-        written=(config.output,),
     )
+    return dictionary
 
 
-def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Outcome]:
+def _largest_gap(learned: Learned, shapes: Floats, beta: float) -> str:
+    """Return how far the coding of any shape can be from its optimum; unknown without beta."""
+    if beta == 0:
+        return ""
+    gaps = duality_gaps(shapes, learned.atoms, beta, learned.coefficients)
+    objective = objectives(shapes, learned.atoms, beta, learned.coefficients)
+    relative = np.divide(gaps, objective, out=np.zeros_like(gaps), where=objective > 0)
+    return f"relative gap of the coding at most {max(relative.max(), 0.0):.1g}, "
+
+
+def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Making:
     """Find the bases of each sequence, with their number in its note."""
     sequences = np.array(training.original.sequences or ("",) * len(training))
     names = dict.fromkeys(sequences.tolist())
@@ -114,13 +157,11 @@ def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Ou
     if not len(bases):
         problem = "the shapes of each sequence are all alike"
         raise input_error("shapes", problem, "give sequences that move")
-    write_dictionary(config.output, _dictionary(config, training, bases))
     warnings: tuple[str, ...] = ()
     if training.mesh_vertices is not None:
         warnings = ("the meshes are left out: bases are differences of shapes, not shapes",)
-    yield Outcome(
-        total=len(names), warnings=warnings, note=f"{len(bases)} bases", written=(config.output,)
-    )
+    yield Outcome(total=len(names), warnings=warnings, note=f"{len(bases)} bases")
+    return _dictionary(training, bases)
 
 
 def _mix_meshes(training: TrainingShapes, atoms: Floats) -> Floats | None:
@@ -138,7 +179,7 @@ def _dead_atoms(learned: Learned) -> Iterator[str]:
         yield f"{learned.dead_atoms} of {len(learned.atoms)} atoms are used by no training shape"
 
 
-def _dictionary(config: LearnDictConfig, training: TrainingShapes, atoms: Floats) -> Dictionary:
+def _dictionary(training: TrainingShapes, atoms: Floats) -> Dictionary:
     """Return what the dictionaries of all methods have."""
     return Dictionary(
         atoms=atoms,
@@ -146,10 +187,4 @@ def _dictionary(config: LearnDictConfig, training: TrainingShapes, atoms: Floats
         mean_shape=normalise(training.alignment.mean).points,
         edges=training.original.edges,
         unit=training.original.unit,
-        provenance={
-            "method": config.method,
-            "version": __version__,
-            "config": config.as_json(),
-            "inputs": json.dumps(digests(config.shapes)),
-        },
     )

@@ -45,11 +45,11 @@ PIXELS = "px"
 
 
 def run(config: ProjectConfig) -> Iterator[Outcome]:
-    """Look at every shape with the camera of the config; yields an Outcome a block of images.
+    """Look at every shape with the camera of the config; yields an Outcome per block of images.
 
     The images have the items, sequences and further datasets of the shapes and `true_rotation`
-    (n, 3, 3), object to camera frame, and where there are outliers `corrupted` (n, p), which tells
-    them; y points up. An orthographic camera keeps the unit of the shapes, a weak-perspective one
+    (n, 3, 3), object to camera frame, and where there are outliers `corrupted` (n, p), their
+    labels; y points up. An orthographic camera keeps the unit of the shapes, a weak-perspective one
     gives px. Raises InputError for files that cannot be read or written.
     """
     check_output(config.output)

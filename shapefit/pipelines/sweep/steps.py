@@ -35,7 +35,7 @@ class Files:
 def prepare(
     config: SweepConfig, value: Value, before: Files | None, folder: Path, work: Path
 ) -> Generator[Outcome, None, Files]:
-    """Learn and project where this value is the first, or has a say in it."""
+    """Learn and project for the first value, and where the value matters."""
     steps = config.steps(value)
 
     def place(section: str) -> Path | None:

@@ -54,7 +54,9 @@ def check_page(config: ViewConfig) -> Path:
         first = next(iter(config.files.values()))[0]
         output = Path.cwd() / f"{first.stem}.html"
     if is_stream(output):
-        raise input_error("output", "a page is not for a terminal", "give the name of a file")
+        raise input_error(
+            "output", "a page is not written to a terminal", "give the name of a file"
+        )
     check_output(output)
     return output
 

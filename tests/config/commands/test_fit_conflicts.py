@@ -33,17 +33,17 @@ def problem(addition: str, *options: str) -> str:
         (
             "loss: exact\nmethod: convex+refine",
             "4:7",
-            "the method convex+refine does not know `loss: exact`",
+            "the method convex+refine does not support `loss: exact`",
         ),
-        ("method: alternate\nloss: l1", "5:7", "the method alternate does not know `loss: l1`"),
-        ("loss: l1\nsolver: {name: admm}", "4:7", "the solver admm knows only `loss: squared`"),
+        ("method: alternate\nloss: l1", "5:7", "the method alternate does not support `loss: l1`"),
+        ("loss: l1\nsolver: {name: admm}", "4:7", "the solver admm supports only `loss: squared`"),
         ("outliers: {threshold: 0}", "4:23", "expected a number > 0"),
         ("lambda: auto", "4:9", "`lambda: auto` needs `noise`"),
         ("path: [1, 2]", "4:7", "expected falling numbers, found [1.0, 2.0]"),
         ("path: [2, 1, 1]", "4:7", "expected falling numbers, found [2.0, 1.0, 1.0]"),
         ("method: alternate\npath: [2, 1]", "5:7", "`path` belongs to the method convex"),
-        ("leave_out: item\npath: [2, 1]", "5:7", "`path` goes with neither `leave_out`"),
-        ("outliers: {method: ransac}\npath: [2, 1]", "5:7", "`path` goes with neither"),
+        ("leave_out: item\npath: [2, 1]", "5:7", "`path` works neither with `leave_out`"),
+        ("outliers: {method: ransac}\npath: [2, 1]", "5:7", "`path` works neither"),
         (
             "temporal: {depths: true}\ncamera: {model: perspective, focal: 2}",
             "4:11",
@@ -52,7 +52,7 @@ def problem(addition: str, *options: str) -> str:
         (
             "method: pmp\ncamera: {model: perspective, focal: 2}",
             "5:9",
-            "`camera: {model: perspective}` does not go with the method pmp",
+            "`camera: {model: perspective}` does not work with the method pmp",
         ),
         (
             "camera: {ridge: 1, model: weak-perspective}",

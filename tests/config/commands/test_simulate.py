@@ -55,7 +55,7 @@ GRID = "published={landmarks: [5, 10], active_atoms: [1], success: %s}"
         (
             "active_atoms=[51]",
             "expected numbers of atoms in use up to k = 50, found 51; "
-            "leave out what is larger, or raise k",
+            "leave out larger numbers, or raise k",
         ),
         ("trials=0", "expected a whole number >= 1, found 0"),
         ("success_below=0", "expected a number > 0, found 0"),

@@ -200,7 +200,7 @@ def test_digest(tmp_path, problems):
 @pytest.mark.parametrize(
     ("number", "fix"),
     [
-        (errno.EISDIR, "choose another name, or move away what is there"),
+        (errno.EISDIR, "choose another name, or move the existing file away"),
         (errno.EACCES, "choose another folder, or change its permissions"),
         (errno.EROFS, "choose another folder, or change its permissions"),
         (errno.ENAMETOOLONG, "choose a shorter name"),

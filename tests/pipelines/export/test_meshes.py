@@ -173,7 +173,7 @@ def test_only_the_items_asked_for_are_written(tmp_path, export, views):
     }
     assert written == {chosen, *suvs}
     assert other not in written
-    assert outcomes[-1].warnings == ("export.items: no item is called or matches 'nobody*'",)
+    assert outcomes[-1].warnings == ("export.items: no item has this name or matches 'nobody*'",)
 
 
 def test_images_without_a_shape_are_counted(tmp_path, export, views):
@@ -185,7 +185,7 @@ def test_images_without_a_shape_are_counted(tmp_path, export, views):
     ]
     assert outcomes[-1].note == "5 meshes"
     assert outcomes[-1].warnings == (
-        "images without a shape (failed, or all coefficients 0): 1; they have no mesh",
+        "images without a shape (failed, or with all coefficients 0): 1; they have no mesh",
     )
     assert len(list((tmp_path / "meshes").rglob("*.ply"))) == 5
 
@@ -193,7 +193,7 @@ def test_images_without_a_shape_are_counted(tmp_path, export, views):
 def test_a_shape_that_shrank_to_a_point_is_counted_too(tmp_path, export):
     _, outcomes = export(fit_keys={"method": "convex", "lambda": 1e6})
     assert outcomes[-1].warnings == (
-        "images without a shape (failed, or all coefficients 0): 6; they have no mesh",
+        "images without a shape (failed, or with all coefficients 0): 6; they have no mesh",
     )
     assert outcomes[-1].written == (tmp_path / "result.h5",)
     assert not (tmp_path / "meshes").exists()

@@ -16,8 +16,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import AlternationOptions, Settings, choose_method
-from shapefit.lifting.perspective.refinement import PerspectiveOptions
-from shapefit.lifting.temporal import Sequencing
+from shapefit.lifting.options import DepthOptions, PerspectiveOptions
 from shapefit.pipelines.fit.chain import (
     choose_newton,
     choose_options,
@@ -84,7 +83,7 @@ def test_options_of_the_perspective_camera(config):
 def test_options_of_the_depths_along_a_sequence(config, dictionary):
     told = {"smoothness": 3.0, "rigidity": 40.0, "tolerance": 0.2, "max_rounds": 31}
     refinement = choose_refinement(config(temporal={"depths": True, **told}), dictionary)
-    assert refinement.keywords["settings"] == Sequencing(**told)
+    assert refinement.keywords["settings"] == DepthOptions(**told)
     assert refinement.keywords["bones"] is dictionary.edges
 
 
@@ -102,6 +101,6 @@ def test_an_image_that_failed_gets_no_observed_landmarks(dictionary, rng):
         sequences=("walk",) * 4,
     )  # fmt: skip
     lifting = lift(images.landmarks, np.ones((4, 5)), dictionary.atoms, Program(0.1), estimator)
-    refined = refine(lifting, images, dictionary.edges, Sequencing())
+    refined = refine(lifting, images, dictionary.edges, DepthOptions())
     assert np.isnan(refined.shapes[0]).all()
     np.testing.assert_allclose(refined.shapes[1:, :2], images.landmarks[1:])

@@ -168,9 +168,9 @@ def test_images_that_cannot_be_searched_or_lifted(method, run, views, rng):
     found, failures = run(images, outliers={"method": method, "threshold": 0.01})
     name = images.items
     assert failures[name[1]] == "only 2 visible landmarks, 3 are needed"
-    assert failures[name[2]] == "all visible landmarks lie on one point"
+    assert failures[name[2]] == "all visible landmarks are at one point"
     assert failures[name[3]].endswith(
-        "of 5 visible landmarks agree with each other; it takes 4, not all on one line"
+        "of 5 visible landmarks agree with each other; the minimum is 4, not all on one line"
     )
     assert failures[name[4]] == "all landmarks are hidden"
     labels = found.extras["outliers"].astype(bool)

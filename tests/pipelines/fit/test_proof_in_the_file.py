@@ -87,6 +87,6 @@ def test_no_file_of_points_is_asked_to_hold_more(files, tmp_path, key):
         output=str(tmp_path / "result.csv"),
         **{key: {"path": (1.0, 0.1), "transforms": True}[key]},
     )
-    with pytest.raises(InputError, match=f"{key}: asks for what .*csv cannot hold"):
+    with pytest.raises(InputError, match=f"{key}: cannot be stored in .*csv"):
         list(run(config))
     assert not config.output.exists()

@@ -54,7 +54,7 @@ def fit(tmp_path, rng):
 
 def test_sequences_are_not_divided(fit, monkeypatch):
     whole = fit(temporal={"depths": True})
-    monkeypatch.setattr("shapefit.pipelines.fit.run.GATHERED", 2)
+    monkeypatch.setattr("shapefit.pipelines.fit.run.READ_AHEAD", 2)
     cut = fit(temporal={"depths": True})
     np.testing.assert_allclose(cut.shapes, whole.shapes, rtol=1e-4, atol=1e-2)
     assert cut.items == whole.items

@@ -214,7 +214,7 @@ def test_the_json_says_how_it_was_made(sweep, tmp_path):
 
 
 def test_wrong_folders_and_groups_and_no_matplotlib_are_input_errors(sweep, tmp_path, monkeypatch):
-    with pytest.raises(InputError, match="no sequence matches a group"):
+    with pytest.raises(InputError, match="no sequence matches any group"):
         sweep({"fit.lambda": [0.1]}, groups={"None": "nobody*"})
     with pytest.raises(InputError, match="mkdir -p"):
         sweep({"fit.lambda": [0.1]}, output=str(tmp_path / "no/out"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -81,6 +83,10 @@ def test_a_format_that_is_no_text(desk, form):
     with h5py.File(path, "r+") as file:
         file.attrs["format"] = form
     assert "result.h5: has a format that is no text; give one of" in refused(desk, path)
+
+
+def test_a_table_without_end(desk):
+    assert "/dev/zero:1: is not text (a zero byte)" in refused(desk, Path("/dev/zero"))
 
 
 def test_images_that_are_not_there_or_no_images(desk, rng):
