@@ -1,4 +1,4 @@
-"""Files to records and back, with one landmark a row."""
+"""Files to records and back, with one landmark per row."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -26,18 +25,16 @@ from shapefit.face.records import (
 from shapefit.io.extras import Extras
 from shapefit.io.kinds.given import check_given_dictionary, given_landmarks
 from shapefit.io.records import LandmarkSet, concatenate
-from shapefit.pipelines.fit.chain import choose_lifter, choose_newton
+from shapefit.pipelines.fit.chain import choose_chain
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.left_out import UnknownItems
-from shapefit.pipelines.fit.record import as_result
 from shapefit.pipelines.fit.run import (
     attributes_of,
-    find_chunks,
     find_failures,
     find_strange,
     find_warnings,
+    fit_chunks,
     left_out_landmarks,
-    source_names,
 )
 
 CAMERA = "camera_matrix"
@@ -79,7 +76,7 @@ def fit(
     if matrices is not None:
         extras = Extras.of(dict(images.extras) | {CAMERA: matrices}, len(images))
         images = replace(images, extras=extras)
-    lifter = choose_lifter(config, atoms)
+    chain = choose_chain(config, atoms)
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
     messages = dict.fromkeys(mismatch(config, atoms))
@@ -87,27 +84,19 @@ def fit(
     with given_landmarks(images, "landmarks", config.rename) as source:
         names = atoms.landmark_names
         strange = find_strange(source.landmark_names, names)
-        for chunk in find_chunks(source, config):
-            arranged = chunk.arrange(names, source_names(config), leave_out=bool(strange))
-            began = time.perf_counter()
-            lifting = lifter(arranged, atoms)
-            seconds += time.perf_counter() - began
+        for arranged, lifting, record, spent in fit_chunks(source, config, atoms, chain):
             if unknown:
                 unknown.add(arranged)
-            path = None
-            if config.path:
-                from shapefit.lifting.path import follow_path
-
-                path = follow_path(lifting.problem, config.path, choose_newton(config))
-            records.append(as_result(arranged, lifting, path, config, atoms))
+            records.append(record)
+            seconds += spent
             failures |= {f.item: f.reason for f in find_failures(arranged, lifting, config)}
             messages |= dict.fromkeys(find_warnings(arranged, lifting, config))
     left_in = unknown.warnings if unknown else ()
     for message in (*messages, *left_out_landmarks(strange, names), *left_in):
         warnings.warn(message, stacklevel=2)
-    record = concatenate(records)
-    attributes = attributes_of(config, (), seconds, len(record))
-    return fit_of(replace(record, attributes=attributes), failures)
+    whole = concatenate(records)
+    attributes = attributes_of(config, (), seconds, len(whole))
+    return fit_of(replace(whole, attributes=attributes), failures)
 
 
 def _camera(

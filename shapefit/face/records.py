@@ -1,4 +1,4 @@
-"""Shapes, landmarks, dictionaries and fits with one landmark a row, as files have them.
+"""Shapes, landmarks, dictionaries and fits with one landmark per row, as files have them.
 
 Inside the package a point is a column, (..., 3, p); here and in files it is a row, (..., p, 3).
 """
@@ -192,7 +192,7 @@ def rows_of(
     form: Format,
     **more: Any,
 ) -> Kind:
-    """Return a record of the package with one landmark a row, as a `kind`; `more` fields of it."""
+    """Return a record of the package with one landmark per row, as a `kind`, with `more` fields."""
     names = {entry.name for entry in fields(kind)}
     values = {name: getattr(record, name) for name in names if hasattr(record, name)}
     for dataset in form.datasets:
@@ -221,7 +221,7 @@ def _turned(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _columns(given: Any, form: Format, place: str) -> dict[str, Any]:
-    """Return the fields of a record with one landmark a column.
+    """Return the fields of a record with one landmark per column.
 
     Raises InputError for arrays that are no numbers or whose axes disagree.
     """
@@ -246,7 +246,7 @@ def _columns(given: Any, form: Format, place: str) -> dict[str, Any]:
         )
         if not fits:
             axes = f"({', '.join(map(str, expected))}{',' * (len(expected) == 1)})"
-            row = ", one landmark a row" if dataset.points else ""
+            row = ", one landmark per row" if dataset.points else ""
             raise input_error(where, f"has the shape {shape}", f"it must be {axes}{row}")
         sizes |= {str(axis): size for axis, size in zip(dataset.axes, shape, strict=True)}
         values[name] = _turned(np.asarray(value)) if dataset.points else value

@@ -62,6 +62,11 @@ class Format:
     datasets: tuple[Dataset, ...]
 
     @property
+    def kind(self) -> str:
+        """What a file of it holds: landmarks, shapes, result or dictionary."""
+        return self.name.removeprefix("shapefit-")
+
+    @property
     def per_item(self) -> tuple[Dataset, ...]:
         """Datasets with a row for each item."""
         return tuple(dataset for dataset in self.datasets if dataset.per_item)

@@ -84,7 +84,7 @@ def test_an_image_that_failed_has_no_error(chain, sample):
         ({"match": "model"}, "there is no dataset 'model' with one name"),
         ({"floors": {"dictionary": "x.h5"}}, "x.h5"),
         ({"examples": 3}, r"^evaluate\.examples: is a key of reports only"),
-        ({"groups": {"a": "nobody*"}}, "no sequence matches a group"),
+        ({"groups": {"a": "nobody*"}}, "no sequence matches any group"),
     ],
 )
 def test_what_is_wrong_is_an_error_with_its_place(chain, sample, changes, message):

@@ -1,4 +1,4 @@
-"""What is read is written as it was, with one landmark a row; names are imported when used."""
+"""What is read is written as it was, with one landmark per row; names are imported when used."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import numpy as np
 import orjson
 
 from shapefit.errors import input_error
-from shapefit.io.layout import NOTHING_APPENDED
+from shapefit.io.layout import NOTHING_APPENDED, Format
 from shapefit.io.records import Floats, LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_file, storage_errors, write_all
@@ -59,7 +59,7 @@ class CsvWriter:
 
 
 @contextmanager
-def csv_output(target: Path) -> Iterator[CsvWriter]:
+def csv_output(target: Path, form: Format) -> Iterator[CsvWriter]:
     """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
     if is_stream(target):
         if sys.stdout is None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from shapefit.errors import input_error, printable
 from shapefit.io.extras import Extras, is_per_item
+from shapefit.io.formats import HDF5, find_format
 from shapefit.io.hdf5.pieces import read_rows
 from shapefit.io.hdf5.sizes import Stored, size_in_memory
 from shapefit.io.layout import (
@@ -29,7 +30,7 @@ from shapefit.io.layout import (
 )
 from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.problems import input_problems
-from shapefit.io.sources import is_hdf5, source_name
+from shapefit.io.sources import source_name
 
 BLOCK, BLOCK_BYTES = 16384, 1 << 24
 """Most items, and most bytes of them, that a check reads at a time."""
@@ -51,7 +52,7 @@ class Hdf5Reader:
         self.path = path
         self.form = form
         self._asked: dict[str, Stored] = {}
-        if not is_hdf5(path):
+        if find_format(path) is not HDF5:
             found = "is not an HDF5 file" if path.is_file() else "is not a file on a disk"
             raise input_error(source_name(path), found, f"give a {form.name} file")
         with self._damage():

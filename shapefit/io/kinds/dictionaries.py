@@ -10,8 +10,8 @@ import numpy as np
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
+from shapefit.io.formats import find_reader
 from shapefit.io.layout import DICTIONARY
-from shapefit.io.sources import is_csv_target
 from shapefit.io.writing import record_writer
 
 if TYPE_CHECKING:
@@ -20,6 +20,12 @@ if TYPE_CHECKING:
 
 def read_dictionary(path: Path) -> Dictionary:
     """Read a dictionary. Raises InputError for what is wrong with the file."""
+    dictionary: Dictionary = find_reader(path, "dictionary")(path)
+    return dictionary
+
+
+def read_hdf5(path: Path) -> Dictionary:
+    """Read a dictionary from HDF5."""
     from shapefit.io.hdf5.reading import Hdf5Reader
 
     with Hdf5Reader(path, DICTIONARY) as reader:
@@ -57,8 +63,6 @@ def write_dictionary(path: Path, dictionary: Dictionary) -> None:
 
     Raises InputError where the file cannot be written; the old one then stays as it was.
     """
-    if is_csv_target(path):
-        raise input_error(path, "a dictionary cannot be CSV", "give it a name in .h5")
     with record_writer(path, DICTIONARY) as writer:
         writer.append(dictionary)
         writer.attributes.update(dictionary.provenance)

@@ -23,8 +23,9 @@ from shapefit.lifting.options import DepthOptions, PerspectiveOptions
 from shapefit.pipelines.fit.dictionary_kind import check_needs
 
 if TYPE_CHECKING:
+    from shapefit.convex.problem import Problem
     from shapefit.lifting.methods import Solve
-    from shapefit.lifting.path import WarmSolve
+    from shapefit.lifting.path import Path, WarmSolve
     from shapefit.pipelines.fit.outlier_search import Agreement
 
 Floats = NDArray[np.float64]
@@ -49,6 +50,7 @@ class Chain:
     method: Callable[[Dictionary], Estimator]
     view: View | None
     depths: Refinement | None
+    path: Callable[[Problem], Path] | None
 
 
 def fit_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Lifting:
@@ -97,6 +99,7 @@ def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
         method=lambda part: choose_method(config.method, choose_settings(config, part, solve)),
         view=choose_view(config),
         leave_out=choose_groups(config, dictionary),
+        path=choose_path(config),
     )
 
 
@@ -184,6 +187,15 @@ def refine(
     shapes[:, :2] = np.where(seen[:, None, :], images.landmarks, shapes[:, :2])
     refined = refine_sequences(shapes, images.sequences or (), bones, settings)
     return replace(lifting, shapes=refined)
+
+
+def choose_path(config: FitConfig) -> Callable[[Problem], Path] | None:
+    """Return what solves the program along falling lambdas, if the config asks for it."""
+    if not config.path:
+        return None
+    from shapefit.lifting.path import follow_path
+
+    return partial(follow_path, lambdas=config.path, solve=choose_newton(config))
 
 
 def choose_program(config: FitConfig) -> Program:

@@ -12,8 +12,8 @@ from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet, LandmarkSource, ResultSet
 from shapefit.io.extras import Extras, names_apart
+from shapefit.io.formats import find_target_format
 from shapefit.io.layout import RESULTS
-from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.left_out_items import find_left_out
@@ -139,7 +139,7 @@ def find_renamed(source: LandmarkSource, config: FitConfig) -> tuple[str, ...]:
     """Warn of datasets of the landmarks that a result cannot store under their names."""
     names = names_apart(source.further_datasets, OF_A_RESULT)
     stored = [f"{name} is stored as {new}" for name, new in names.items() if new != name]
-    if not stored or is_csv_target(config.output):
+    if not stored or find_target_format(config.output).points_only:
         return ()
     return (f"datasets of the landmarks have names that a result uses: {', '.join(stored)}",)
 

@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,20 +16,22 @@ from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
 from shapefit.core import STRETCH
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
+    ResultSet,
     digests,
     open_landmarks,
     read_dictionary,
     result_writer,
 )
+from shapefit.io.formats import find_target_format
 from shapefit.io.records import nearest_names
-from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.export.run import open_exports
-from shapefit.pipelines.fit.chain import choose_chain, choose_newton, fit_images
+from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.searched import find_ambiguous
@@ -47,7 +50,6 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     check_holds_all(config)
     dictionary = read_dictionary(config.dictionary)
     chain = choose_chain(config, dictionary)
-    newton = choose_newton(config)
     unknown = None
     if config.leave_out:
         from shapefit.pipelines.fit.left_out import UnknownItems
@@ -59,23 +61,12 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         open_exports(config, dictionary, source.count) as exports,
         result_writer(config.output) as writer,
     ):
-        names = dictionary.landmark_names
-        strange = find_strange(source.landmark_names, names)
-        for chunk in find_chunks(source, config):
-            images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
-            began = time.perf_counter()
-            lifting = fit_images(images, dictionary, chain)
-            solve_seconds += time.perf_counter() - began
+        for images, lifting, record, seconds in fit_chunks(source, config, dictionary, chain):
             if unknown:
                 unknown.add(images)
-            path = None
-            if config.path:
-                from shapefit.lifting.path import follow_path
-
-                path = follow_path(lifting.problem, config.path, newton)
-            record = as_result(images, lifting, path, config, dictionary)
             writer.append(record)
             exports.add(record, lifting.estimate.transforms)
+            solve_seconds += seconds
             done += len(images)
             yield Outcome(
                 done=len(images),
@@ -83,6 +74,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 failures=find_failures(images, lifting, config),
                 warnings=find_warnings(images, lifting, config),
             )
+        names = dictionary.landmark_names
+        strange = find_strange(source.landmark_names, names)
         left_in = unknown.warnings if unknown else ()
         inputs = (*config.landmarks, config.dictionary)
         writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
@@ -99,6 +92,31 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         note=exports.note,
         written=(config.output, *exports.folders, *exports.sheets),
     )
+
+
+class Fitted(NamedTuple):
+    """A chunk of images with what was found, and the seconds that it took to lift them."""
+
+    images: LandmarkSet
+    lifting: Lifting
+    record: ResultSet
+    seconds: float
+
+
+def fit_chunks(
+    source: LandmarkSource, config: FitConfig, dictionary: Dictionary, chain: Chain
+) -> Iterator[Fitted]:
+    """From landmarks to the records of a result, chunk by chunk."""
+    names = dictionary.landmark_names
+    strange = find_strange(source.landmark_names, names)
+    for chunk in find_chunks(source, config):
+        images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
+        began = time.perf_counter()
+        lifting = fit_images(images, dictionary, chain)
+        seconds = time.perf_counter() - began
+        path = None if chain.path is None else chain.path(lifting.problem)
+        record = as_result(images, lifting, path, config, dictionary)
+        yield Fitted(images, lifting, record, seconds)
 
 
 def attributes_of(
@@ -119,7 +137,7 @@ def attributes_of(
 def check_holds_all(config: FitConfig) -> None:
     """Raise InputError where the config asks for more than the output can hold."""
     for key in ("path", "transforms"):
-        if getattr(config, key) and is_csv_target(config.output):
+        if getattr(config, key) and find_target_format(config.output).points_only:
             found = f"cannot be stored in {config.output}: CSV holds points only"
             raise input_error(key, found, "name an HDF5 output, or leave it out")
 

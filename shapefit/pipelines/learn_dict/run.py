@@ -134,7 +134,7 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Making:
 
 
 def _largest_gap(learned: Learned, shapes: Floats, beta: float) -> str:
-    """Return how far the coding of any shape can be from its optimum; unknown without beta."""
+    """Say how far the coding of any shape can be from its optimum; unknown where beta is 0."""
     if beta == 0:
         return ""
     gaps = duality_gaps(shapes, learned.atoms, beta, learned.coefficients)

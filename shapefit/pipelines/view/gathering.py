@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.listing import Listing, Records, read_chunks
+from shapefit.io.kinds.listing import Listing, Records, read_chunks
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
 Floats = NDArray[np.float64]

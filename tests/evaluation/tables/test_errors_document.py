@@ -129,7 +129,7 @@ class TestWithoutGroups:
 
     def test_a_published_row_has_a_mean_only(self, methods, summaries):
         text = markdown(Report(methods, summaries, {"Paper": {"all": 0.259}}))
-        assert "is quoted" in text
+        assert "are quoted" in text
         rows = cells(text, "Errors against the truth")
         assert rows[-1] == ["*Paper*", "0.259", "–", "–", "–"]
 

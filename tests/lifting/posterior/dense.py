@@ -50,9 +50,7 @@ def observed(scene: Scene) -> Floats:
     return scene.landmarks[:, scene.seen].T.ravel()
 
 
-def log_likelihood(
-    scene: Scene, R: Floats, s: float, gross: tuple[float, float], belief: Floats
-) -> float:
+def log_likelihood(scene: Scene, R: Floats, s: float, gross: tuple[float, float], belief: Floats) -> float:
     """The variational bound at the belief (p,); that of no gross landmarks where gross[0] = 0.
 
     A translation with the deviation of TAU in the unit of shapes has the density of one that is

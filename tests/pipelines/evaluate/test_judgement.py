@@ -273,7 +273,7 @@ class TestInputErrors:
             judged(fields, truth, "true_model")
 
     def test_dataset_to_match_by_is_not_one_name_an_image(self, fields, truth):
-        with pytest.raises(InputError, match=r"convex.h5: .*'true_rotation' with one name an"):
+        with pytest.raises(InputError, match=r"convex.h5: .*'true_rotation' with one name per"):
             judged(fields, truth, "true_rotation")
 
     @pytest.mark.parametrize("name", ["true_rotation", "landmarks", "bounding_box"])

@@ -62,7 +62,7 @@ def test_the_time_of_an_image_is_that_of_all_images(desk, partly_seen):
     told = replace(partly_seen, attributes={"solve_seconds": 0.014})
     desk.write("convex.h5", told)
     *_, last = desk.run(least_visible=5, groups={})
-    assert last.note.split("\n\n")[2].splitlines()[2].endswith("|           2 |      500 |")
+    assert last.note.split("\n\n")[2].splitlines()[2].endswith("|            2 |      500 |")
 
 
 def test_results_without_observed_landmarks_are_an_error(desk, results):

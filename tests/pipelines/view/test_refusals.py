@@ -66,7 +66,7 @@ def test_a_page_that_would_replace_its_input(desk):
 
 def test_a_terminal_and_a_folder_are_no_place_for_a_page(desk):
     result = desk.result()
-    for output, found in (("-", "not for a terminal"), (desk.folder, "it is a folder")):
+    for output, found in (("-", "not written to a terminal"), (desk.folder, "it is a folder")):
         with pytest.raises(InputError, match=found):
             list(run(ViewConfig(files={"result": (result,)}, output=output)))
 

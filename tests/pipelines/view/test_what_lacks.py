@@ -16,7 +16,7 @@ def test_a_result_with_all_it_needs_says_nothing(desk):
 
 def test_without_observed_landmarks(desk):
     made = desk.view(desk.result(extras={}))
-    assert "no observed landmarks; name the landmark file too" in made.notes
+    assert "no observed landmarks; add the landmark file" in made.notes
     assert made.data["seen"] is None
     assert made.data["flat"]
 
