@@ -35,7 +35,6 @@ SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
 demo: $(RUNS)
 	$(call chain,demo)
-	@mkdir -p results/demo/cars
 	$(SHAPEFIT) learn-dict -c configs/demo/cars/learn-dict.yaml
 	$(SHAPEFIT) fit -c configs/demo/cars/fit.yaml
 	$(SHAPEFIT) eval -c configs/demo/cars/eval.yaml
@@ -46,31 +45,32 @@ demo: $(RUNS)
 	@echo "  cars    $(CURDIR)/results/demo/cars/report/view.html"
 
 mocap-table: $(RUNS)
-	@mkdir -p results/mocap
 	$(SHAPEFIT) learn-dict -c configs/mocap/learn-dict.yaml $(SET_DATA)
 	$(SHAPEFIT) project -c configs/mocap/project.yaml $(SET_DATA)
 	$(SHAPEFIT) fit -c configs/mocap/fit.yaml $(SET_DATA)
 	$(SHAPEFIT) fit -c configs/mocap/fit-global.yaml $(SET_DATA)
 	$(SHAPEFIT) eval -c configs/mocap/eval.yaml $(SET_DATA)
+	$(BIN)/python -m benchmarks.published mocap results/mocap/report
 	@echo "The report with tables and plots is in results/mocap/report."
 
 recovery: $(RUNS)
-	@mkdir -p results
 	$(SHAPEFIT) simulate -c configs/recovery.yaml
+	$(BIN)/python -m benchmarks.published recovery results/recovery
 
 PAPER_FITS := convex global refine alternate alternate-plus pmp mean-shape
 PAPER_SWEEPS := timing timing-pmp sensitivity-lambda sensitivity-noise sensitivity-hidden sensitivity-k
 
 # A fit or simulation in which single items fail (exit code 1) lists them; the others are used.
 paper: $(RUNS)
-	@mkdir -p results/mocap results/paper
 	$(SHAPEFIT) learn-dict -c configs/mocap/learn-dict.yaml $(SET_DATA)
 	$(SHAPEFIT) learn-dict -c configs/paper/learn-pmp.yaml $(SET_DATA)
 	$(SHAPEFIT) project -c configs/mocap/project.yaml $(SET_DATA)
 	for fit in $(PAPER_FITS); do \
 	    $(SHAPEFIT) fit -c configs/paper/fit-$$fit.yaml || [ $$? -eq 1 ] || exit; done
 	$(SHAPEFIT) eval -c configs/paper/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
+	$(BIN)/python -m benchmarks.published mocap results/paper/mocap
 	$(SHAPEFIT) simulate -c configs/recovery.yaml -o results/paper/recovery || [ $$? -eq 1 ]
+	$(BIN)/python -m benchmarks.published recovery results/paper/recovery
 	for sweep in $(PAPER_SWEEPS); do \
 	    $(SHAPEFIT) sweep -c configs/paper/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(BIN)/python -m benchmarks.paper_index results/paper
@@ -79,12 +79,12 @@ CAR_METHODS := $(basename $(notdir $(wildcard configs/cars/methods/*.yaml)))
 CAR_SWEEPS := $(basename $(notdir $(wildcard configs/cars/outliers-*.yaml)))
 
 cars: $(RUNS)
-	@mkdir -p results/cars
 	$(SHAPEFIT) learn-dict -c configs/cars/learn-dict.yaml $(SET_DATA)
 	$(SHAPEFIT) fit -c configs/cars/fit.yaml $(SET_DATA) || [ $$? -eq 1 ]
 	for method in $(CAR_METHODS); do \
 	    $(SHAPEFIT) fit -c configs/cars/methods/$$method.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(SHAPEFIT) eval -c configs/cars/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
+	$(BIN)/python -m benchmarks.published cars results/cars/report
 	for sweep in $(CAR_SWEEPS); do \
 	    $(SHAPEFIT) sweep -c configs/cars/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	@echo "The report, pictures and meshes are in results/cars."
@@ -154,7 +154,6 @@ clean:
 
 # $(call chain,NAME): learn, project, fit and evaluate with configs/NAME into results/NAME.
 define chain
-@mkdir -p results/$(1)
 $(SHAPEFIT) learn-dict -c configs/$(1)/learn-dict.yaml $(SET_DATA)
 $(SHAPEFIT) project -c configs/$(1)/project.yaml $(SET_DATA)
 $(SHAPEFIT) fit -c configs/$(1)/fit.yaml $(SET_DATA)

@@ -109,10 +109,10 @@ def test_a_method_is_a_file_and_an_entry(folder):
     [
         (
             "method=flt",
-            "alternate+ or pmp or mean-shape or flat, found 'flt'; did you mean 'flat'?",
+            "pmp or mean-shape or flat, found 'flt'; did you mean 'flat'?",
         ),
-        ("loss=l1", "the method flat does not support `loss: l1`"),
-        ("path=[1.0, 0.5]", "`path` belongs to the method convex"),
+        ("loss=exact", "the method flat does not support `loss: exact`"),
+        ("outliers.method=l1", "the method flat does not support `outliers: {method: l1}`"),
     ],
 )
 def test_the_config_knows_a_new_method(folder, setting, answer):

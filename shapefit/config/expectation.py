@@ -78,3 +78,12 @@ def submodel(field: FieldInfo) -> type[BaseModel] | None:
         kinds = [kind for kind in get_args(field.annotation) if kind is not NoneType]
     kind = kinds[0]
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+
+
+def dotted_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Yield all keys of a model, those of sections with the section before them: `a.b`."""
+    for key, field in field_keys(model).items():
+        yield prefix + key
+        inner = submodel(field)
+        if inner is not None:
+            yield from dotted_keys(inner, f"{prefix}{key}.")

@@ -26,6 +26,13 @@ class PathWords(Expected):
     """Annotation metadata: the field holds paths."""
 
 
+class OfTheData:
+    """Annotation metadata: the field fits certain data only, and a preset leaves it out."""
+
+
+OF_THE_DATA = OfTheData()
+
+
 def change_paths(
     values: Mapping[str, Any], keys: PathKeys, change: Callable[[Any], Any]
 ) -> dict[str, Any]:

@@ -36,6 +36,7 @@ from shapefit.pipelines.fit.run import (
     fit_chunks,
     left_out_landmarks,
 )
+from shapefit.pipelines.outcome import Counted, add_up
 
 CAMERA = "camera_matrix"
 """Dataset that holds the matrices given as `camera`."""
@@ -79,7 +80,7 @@ def fit(
     chain = choose_chain(config, atoms)
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
-    messages = dict.fromkeys(mismatch(config, atoms))
+    messages: dict[str, str | Counted] = {text: text for text in mismatch(config, atoms)}
     unknown = UnknownItems(config.leave_out, atoms) if config.leave_out else None
     with given_landmarks(images, "landmarks", config.rename) as source:
         names = atoms.landmark_names
@@ -90,10 +91,11 @@ def fit(
             records.append(record)
             seconds += spent
             failures |= {f.item: f.reason for f in find_failures(arranged, lifting, config)}
-            messages |= dict.fromkeys(find_warnings(arranged, lifting, config))
+            for warning in find_warnings(arranged, lifting, config):
+                add_up(messages, warning)
     left_in = unknown.warnings if unknown else ()
-    for message in (*messages, *left_out_landmarks(strange, names), *left_in):
-        warnings.warn(message, stacklevel=2)
+    for message in (*messages.values(), *left_out_landmarks(strange, names), *left_in):
+        warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
     attributes = attributes_of(config, (), seconds, len(whole))
     return fit_of(replace(whole, attributes=attributes), failures)

@@ -48,7 +48,7 @@ def learn(
             dictionary = stop.value
             break
         failures += outcome.failures
-        messages += outcome.warnings
+        messages += map(str, outcome.warnings)
     if failures:
         unused = f"{failures[0].item}, for one: {failures[0].reason}"
         messages.insert(0, f"{counted(len(failures), 'shape')} cannot be used; {unused}")

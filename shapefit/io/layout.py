@@ -97,6 +97,9 @@ _PREFIX = "shapefit_"
 # Attribute of a carried dataset: False where it belongs to the file, whatever its shape suggests.
 PER_ITEM_FLAG = "per_item"
 
+DEVIATIONS = ("sd_x", "sd_y", "sd_z")
+"""Columns of CSV results: standard deviations, which nothing here reads back."""
+
 NOTHING_APPENDED = "nothing was appended; append one record, which may be empty"
 
 AXES = {
@@ -107,6 +110,7 @@ AXES = {
     "e": "edges",
     "f": "faces",
     "t": "half-steps",
+    "c": "components",
     "a": "active transforms",
     "m": "modes",
     "c": "cells of trees",
@@ -195,6 +199,7 @@ RESULTS = Format(
         Dataset("iterations", ("n",), "index"),
         Dataset("status", ("n",), "label"),
         _SEQUENCE,
+        Dataset("shape_sd", ("n", "p", 3), points=True),
         Dataset("transforms", ("n", "k", 2, 3)),
         _MESH_VERTICES,
         *PROOF,
@@ -215,6 +220,9 @@ DICTIONARY = Format(
         Dataset("atom_scale", ("k",)),
         Dataset("atom_item", ("k",), "text", field="atom_items"),
         Dataset("objective_trace", ("t",)),
+        Dataset("prior_weights", ("c",)),
+        Dataset("prior_means", ("c", "p", 3), points=True),
+        Dataset("prior_covariances", ("c", "p", 3, "p", 3)),
     ),
 )
 

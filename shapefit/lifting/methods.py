@@ -29,24 +29,53 @@ ATOMS = ("sparse-coding", "exemplars")
 """How dictionaries are learned whose shapes are sums without sign."""
 
 
+DEFAULT_VIEWS = 6
+"""Views from which the pose of the mean shape is sought."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class AlternationOptions:
     """The section `alternation`: how the methods that share one rotation search.
 
-    signed        alternate, alternate+: coefficients of either sign
+    signed        coefficients of either sign
     views         where the pose of the mean shape is sought, by alternate and mean-shape, and by
-                  convex+refine and alternate+ in images where no atom fits at first: from as many
-                  views, spread evenly; 1 is along the z axis of the dictionary
-    multi_start   alternate: also starts from each of these views, and keeps the best
+                  convex+refine in images where no atom fits at first: from as many views, spread
+                  evenly; 1 is along the z axis of the dictionary; all: from 6, and alternate starts
+                  from each of them too, and keeps the best
     tolerance     alternation stops when a round lowers the objective by at most this share
     max_rounds    and after this many rounds
     """
 
     signed: bool = False
-    views: int = 6
-    multi_start: bool = False
+    views: int | Literal["all"] = DEFAULT_VIEWS
     tolerance: float = 1e-6
     max_rounds: int = 500
+
+    @property
+    def number_of_views(self) -> int:
+        """From how many views the pose of the mean shape is sought."""
+        return DEFAULT_VIEWS if self.views == "all" else self.views
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosteriorOptions:
+    """The section `posterior`: the model of the landmarks, and what is reported.
+
+    misfit         variance that the model cannot place, of a coordinate in the unit of normalised
+                   shapes, at confidence 1
+    gross_chance   chance that a landmark is gross; 0 believes all
+    gross_density  density of gross landmarks per area, in the unit of normalised shapes
+    widening       factor of all covariances, for bodies and motions that the prior lacks
+    covariance     whether the covariance of all landmarks together is wanted
+    max_rounds     most steps from one start under one component
+    """
+
+    misfit: float = 0.01
+    gross_chance: float = 0.02
+    gross_density: float = 0.05
+    widening: float = 1.0
+    covariance: bool = False
+    max_rounds: int = 30
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +135,7 @@ class Section(NamedTuple):
 
 ALTERNATION = Section("alternation", AlternationOptions)
 SEARCH = Section("search", SearchOptions)
+POSTERIOR = Section("posterior", PosteriorOptions)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,13 +218,6 @@ METHODS: dict[str, Method] = {
         section=ALTERNATION,
         yields=OF_ATOMS,
     ),
-    "alternate+": Method(
-        run="shapefit.lifting.shared_rotation.methods:alternate_from_convex",
-        summary="alternating minimisation from the convex program",
-        section=ALTERNATION,
-        yields=OF_ATOMS | {"relative_gap", "convex_proof"},
-        proves="bound",
-    ),
     "pmp": Method(
         run="shapefit.lifting.matching_pursuit:lift_by_pursuit",
         summary="projected matching pursuit with PCA bases",
@@ -217,6 +240,23 @@ METHODS: dict[str, Method] = {
         learned=(),
         yields=frozenset(),
         mixes_atoms=False,
+    ),
+    "posterior": Method(
+        run="shapefit.lifting.posterior.method:lift_to_posterior",
+        summary="the posterior mean under the prior over shapes, with its uncertainty",
+        section=POSTERIOR,
+        needs=(
+            Need(
+                "prior",
+                "the prior over shapes that posterior weighs the landmarks against",
+                "learn it by `shapefit learn-dict` with `prior: {components: 16}`",
+            ),
+        ),
+        yields=frozenset({"convex_proof", "deviation", "covariance"}),
+        further=("log_evidence", "plausibility", "belief"),
+        proves="bound",
+        mixes_atoms=False,
+        perspective=False,
     ),
 }
 

@@ -27,7 +27,7 @@ from shapefit.verification.check import Check
 from shapefit.verification.claims import verify_images
 from shapefit.verification.inputs import check_landmarks, false_inputs
 from shapefit.verification.tally import Tally
-from shapefit.verification.terms import Terms, lacks_proof, read_terms
+from shapefit.verification.terms import STARTED, Terms, lacks_proof, read_terms
 
 Chunk = tuple[ResultSet, LandmarkSet | None]
 """Results, with the landmarks of the same images where they are given."""
@@ -156,6 +156,11 @@ def explain(terms: Terms) -> list[str]:
         said.append(
             "The optimum of the convex program from which the refinement under perspective starts "
             "is proved; no bound is known for the result of the refinement."
+        )
+    elif terms.has_program and terms.method in STARTED:
+        said.append(
+            "Proved is the optimum of the convex program that gives the view to start from; the "
+            "posterior itself has no proof."
         )
     elif terms.has_program and terms.loss == "squared":
         said.append(

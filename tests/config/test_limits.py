@@ -28,7 +28,7 @@ def bomb(levels):
     for number in range(levels):
         alias = f"*{chr(97 + number)}"
         lists.append(f"&{chr(98 + number)} [{','.join([alias] * 10)}]")
-    return f"caveats: [{', '.join(lists)}]"
+    return f"metrics: [{', '.join(lists)}]"
 
 
 def test_aliases_of_aliases_are_counted():
@@ -55,9 +55,6 @@ def test_whole_numbers_have_64_bits(value):
     "key",
     [
         "solver.max_iterations",
-        "alternation.max_rounds",
-        "camera.max_rounds",
-        "temporal.max_rounds",
         "threads",
         "chunk",
         "alternation.views",

@@ -16,10 +16,9 @@ from .conftest import run_command, same_file
 OPTIONS = {
     "squared": {},
     "exact": {"loss": "exact"},
-    "sparse-error": {"loss": "sparse-error", "beta": 0.2},
+    "sparse-error": {"outliers": {"method": "sparse-error", "threshold": 0.2}},
     "noise": {"lam": "auto", "noise": 3.0},
-    "path": {"path": [1.0, 0.3]},
-    "transforms": {"transforms": True, "orthogonal": True},
+    "transforms": {"transforms": True, "rotations": "orthogonal"},
     "ransac": {"outliers": {"method": "ransac", "seed": 3}},
     "truncated": {"outliers": {"method": "truncated"}},
     "sequences": {"temporal": {"depths": True}},

@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, Renaming
 from shapefit.config.named_files import NamedFiles
-from shapefit.config.paths import InputPath, InputPaths, OutputPath
+from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
 from shapefit.errors import listed
 from shapefit.evaluation.metric_table import METRICS, of_fits, of_labels
 
@@ -51,7 +51,7 @@ class FloorsConfig(ConfigModel):
         "combination get their own rows, each aligned with the truth as well as "
         "possible; without `floors` there are no such rows."
     )
-    leave_out: str | None = Field(
+    leave_out: Annotated[str | None, OF_THE_DATA] = Field(
         default=None,
         min_length=1,
         description="Dataset of the result that names, for each image, the training shape whose "
@@ -72,20 +72,20 @@ class EvalConfig(CommandConfig):
         description="Landmarks to rename: name in the truth -> name in the results.",
     )
     output: OutputPath = Field(description="Folder to write the report to.")
-    match: str = Field(
+    match: Annotated[str, OF_THE_DATA] = Field(
         default="item",
         min_length=1,
         description="What identifies the true shape of an image: `item`, or the name of a "
         "dataset of the result that holds items of the truth.",
     )
-    groups: Mapping[str, str] = Field(
+    groups: Annotated[Mapping[str, str], OF_THE_DATA] = Field(
         default_factory=dict,
         description="Groups of sequences to average over: name -> glob on sequence names.",
     )
     metrics: Annotated[tuple[AnyMetric, ...], FromLists] = Field(
         default=of_fits(),
         description=f"Errors to measure; {listed(of_labels(), 'and')}, of the outlier labels, only "
-        "if listed here.",
+        "where they are named here.",
     )
     least_visible: int = Field(
         default=0,
@@ -96,14 +96,6 @@ class EvalConfig(CommandConfig):
     floors: FloorsConfig | None = Field(
         default=None,
         description="Smallest similarity errors that the dictionary allows.",
-    )
-    published: Mapping[str, Mapping[str, float]] = Field(
-        default_factory=dict,
-        description="Rows quoted from a paper, to print beside the measured ones: row -> group "
-        "-> mean similarity error of normalised shapes.",
-    )
-    caveats: Annotated[tuple[str, ...], FromLists] = Field(
-        default=(), description="Remarks that readers of the numbers need; printed with them."
     )
     plots: Plots = Field(
         default="auto",
@@ -142,17 +134,3 @@ class EvalConfig(CommandConfig):
         if floors and taken:
             raise ValueError(f"{min(taken)!r} is the name of a row here; rename it in `results`")
         return floors
-
-    @field_validator("published")
-    @classmethod
-    def _groups_exist(
-        cls, published: Mapping[str, Mapping[str, float]], info: ValidationInfo
-    ) -> Mapping[str, Mapping[str, float]]:
-        groups = info.data.get("groups", {})
-        for row, errors in published.items():
-            for group in errors:
-                if groups and group not in groups:
-                    raise ValueError(
-                        f"row {row!r} names the group {group!r}, which `groups` does not have"
-                    )
-        return published

@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from annotated_types import Gt
-from pydantic import Field, PlainValidator, ValidationInfo, field_validator, model_validator
+from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.fit_camera import ViewingConfig
 from shapefit.config.commands.fit_export import ExportConfig, PicturesConfig
-from shapefit.config.commands.fit_outliers import OutlierSearchConfig
+from shapefit.config.commands.fit_outliers import OutliersConfig
+from shapefit.config.commands.fit_posterior import PosteriorConfig
 from shapefit.config.expectation import Expected
-from shapefit.config.model import (
-    MOST_STEPS,
-    MOST_THREADS,
-    CommandConfig,
-    ConfigModel,
-    FromLists,
-    Renaming,
-)
-from shapefit.config.paths import InputPath, InputPaths, OutputPath
+from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, Renaming
+from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
 from shapefit.errors import listed
 from shapefit.lifting.methods import (
     ALTERNATION,
+    DEFAULT_VIEWS,
     METHODS,
     ROBUST,
     AlternationOptions,
@@ -33,7 +26,7 @@ from shapefit.lifting.methods import (
     summarise,
     those,
 )
-from shapefit.lifting.options import BETA, DepthOptions
+from shapefit.lifting.options import DepthOptions
 
 if TYPE_CHECKING:
     MethodName = str
@@ -54,33 +47,29 @@ def _number_or_auto(value: Any) -> float | Literal["auto"]:
 
 
 class SolverConfig(ConfigModel):
-    """How the convex program is solved, and when an image counts as solved."""
+    """When an image counts as solved."""
 
-    name: Literal["newton", "admm"] = Field(
-        default="newton", description="The fast solver, or the paper's ADMM."
-    )
     tolerance: float = Field(
         default=METHODS["convex"].tolerance,
         gt=0,
-        description="An image is solved when its relative duality gap (stop: gap) or its relative "
-        "residuals (stop: change) fall to this. For the method global it is the gap to the bound "
-        f"on all rotations, {METHODS['global'].tolerance:g} by default.",
-    )
-    stop: Literal["gap", "change"] = Field(
-        default="gap",
-        description="What the tolerance bounds: the relative duality gap, or the paper's rule on "
-        "the change between iterations (admm only).",
+        description="An image is solved when its relative duality gap falls to this. For the method "
+        "global it is the gap to the bound on all rotations, "
+        f"{METHODS['global'].tolerance:g} by default.",
     )
     max_iterations: int = Field(
         default=1000, ge=1, le=MOST_STEPS, description="Maximum iterations per image."
     )
 
-    @field_validator("stop")
-    @classmethod
-    def _change_needs_admm(cls, stop: str, info: ValidationInfo) -> str:
-        if stop == "change" and info.data.get("name") == "newton":
-            raise ValueError("`stop: change` belongs to the solver admm; use `gap` or name: admm")
-        return stop
+
+_MOST_VIEWS = 1000
+_VIEWS = f"a whole number from 1 to {_MOST_VIEWS} or all"
+
+
+def _views(value: Any) -> int | str:
+    is_number = isinstance(value, int) and not isinstance(value, bool)
+    if value == "all" or (is_number and 1 <= value <= _MOST_VIEWS):
+        return value
+    raise PydanticCustomError("views", f"expected {_VIEWS}")
 
 
 class AlternationConfig(ConfigModel):
@@ -88,28 +77,13 @@ class AlternationConfig(ConfigModel):
 
     signed: bool = Field(
         default=AlternationOptions.signed,
-        description="Coefficients of either sign (convex+refine keeps them >= 0).",
+        description="Coefficients of either sign; without, they are >= 0.",
     )
-    views: int = Field(
+    views: Annotated[int | Literal["all"], Expected(_VIEWS), BeforeValidator(_views)] = Field(
         default=AlternationOptions.views,
-        ge=1,
-        le=1000,
-        description="Views, spread evenly, from which the pose of the mean shape is sought.",
-    )
-    multi_start: bool = Field(
-        default=AlternationOptions.multi_start,
-        description="alternate: also start from each of the views, and keep the lowest objective.",
-    )
-    tolerance: float = Field(
-        default=AlternationOptions.tolerance,
-        gt=0,
-        description="Relative fall of the objective at which a round is the last.",
-    )
-    max_rounds: int = Field(
-        default=AlternationOptions.max_rounds,
-        ge=1,
-        le=MOST_STEPS,
-        description="Maximum rounds per image.",
+        description="Views, spread evenly, from which the pose of the mean shape is sought; all: "
+        f"from {DEFAULT_VIEWS} views, and alternate starts from each of them and keeps "
+        "the lowest objective.",
     )
 
 
@@ -163,17 +137,11 @@ class TemporalConfig(ConfigModel):
         ge=0,
         description="Weight of the differences in the lengths of bones.",
     )
-    tolerance: float = Field(
+    softness: float = Field(
         default=DepthOptions.tolerance,
         gt=0,
         description="Change of a depth beyond which the estimate from the single image is "
         "treated as a gross error, in units of the size of the landmarks.",
-    )
-    max_rounds: int = Field(
-        default=DepthOptions.max_rounds,
-        ge=1,
-        le=MOST_STEPS,
-        description="Maximum rounds per sequence.",
     )
 
 
@@ -190,12 +158,10 @@ class FitConfig(CommandConfig):
         description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
     )
     method: MethodName = Field(default="convex", description=f"How to lift: {summarise()}.")
-    loss: Literal["squared", "exact", "l1", "sparse-error"] = Field(
+    loss: Literal["squared", "exact"] = Field(
         default="squared",
-        description="The data term: half the squared residual; exact, no residual at all "
-        "(lambda is ignored); l1, the sum of absolute residuals; sparse-error, the "
-        "squared residual plus sparse errors with weight beta. The last two are "
-        "robust to outliers and label them.",
+        description="The data term: half the squared residual; or exact, no residual at all, where "
+        "lambda is ignored. Robust ones are methods of `outliers`.",
     )
     lam: Annotated[
         float | Literal["auto"],
@@ -213,27 +179,15 @@ class FitConfig(CommandConfig):
         description="Expected standard deviation of a landmark's coordinate, in the unit of the "
         "landmarks; `lambda: auto` needs it.",
     )
-    beta: float = Field(
-        default=BETA,
-        gt=0,
-        description="Residual, for normalised landmarks, beyond which a robust loss labels a "
-        "landmark an outlier; the weight of the errors of sparse-error.",
-    )
-    path: Annotated[
-        tuple[Annotated[float, Gt(0)], ...], FromLists, Expected("a list of decreasing numbers > 0")
-    ] = Field(
-        default=(),
-        description="Decreasing lambdas at which the program is also solved, each from the "
-        "previous solution; objective, gap, residual and active atoms are added to "
-        "the result.",
-    )
     solver: SolverConfig = Field(
         default_factory=SolverConfig.model_construct,
         description="How the convex program is solved.",
     )
-    orthogonal: bool = Field(
-        default=False,
-        description="convex: replace the rotation of each atom by the nearest proper one.",
+    rotations: Literal["shared", "per-atom", "orthogonal"] = Field(
+        default="shared",
+        description="convex: how atoms are rotated. shared: landmarks by the transform of each "
+        "atom, meshes by one rotation; per-atom: meshes by the transform of each atom too, under "
+        "which they shear; orthogonal: both by the rotation nearest to the transform of each atom.",
     )
     alternation: AlternationConfig = Field(
         default_factory=AlternationConfig.model_construct,
@@ -243,20 +197,24 @@ class FitConfig(CommandConfig):
         default_factory=SearchConfig.model_construct,
         description="How the method global searches all rotations.",
     )
+    posterior: PosteriorConfig = Field(
+        default_factory=PosteriorConfig.model_construct,
+        description="How posterior weighs landmarks against the prior over shapes.",
+    )
     temporal: TemporalConfig = Field(
         default_factory=TemporalConfig.model_construct,
         description="How the images of a sequence inform one another.",
     )
-    leave_out: str | None = Field(
+    leave_out: Annotated[str | None, OF_THE_DATA] = Field(
         default=None,
         min_length=1,
         description="Dataset of the landmarks that names, for each image, the training shape "
         "whose atoms its fit must not use (dictionaries of exemplars); `item` if "
         "images are named after training shapes.",
     )
-    outliers: OutlierSearchConfig = Field(
-        default_factory=OutlierSearchConfig.model_construct,
-        description="Which landmarks the fit rejects as wrong.",
+    outliers: OutliersConfig = Field(
+        default_factory=OutliersConfig.model_construct,
+        description="How wrong landmarks are found.",
     )
     camera: ViewingConfig = Field(
         default_factory=ViewingConfig.model_construct,
@@ -294,14 +252,12 @@ class FitConfig(CommandConfig):
     @property
     def labels_outliers(self) -> bool:
         """Whether the fit says which landmarks it judges wrong."""
-        return self.loss in ROBUST or self.outliers.method != "none"
+        return self.outliers.method != "none"
 
-    @field_validator("path")
-    @classmethod
-    def _path_falls(cls, path: tuple[float, ...]) -> tuple[float, ...]:
-        if any(after >= before for before, after in pairwise(path)):
-            raise ValueError(f"expected falling numbers, found {list(path)}")
-        return path
+    @property
+    def data_term(self) -> str:
+        """Return the loss of the program: that of a robust method of `outliers`, or else `loss`."""
+        return self.outliers.method if self.outliers.method in ROBUST else self.loss
 
     @model_validator(mode="after")
     def _tolerance_of_the_method(self) -> Self:
@@ -315,30 +271,22 @@ class FitConfig(CommandConfig):
     def _belong_together(self) -> Self:
         if self.lam == "auto" and self.noise is None:
             raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
-        if self.loss != "squared" and self.solver.name == "admm":
-            raise ValueError(f"the solver admm supports only `loss: squared`, not {self.loss}")
         method = METHODS[self.method]
-        if self.loss not in method.losses:
-            fit = those(lambda other: self.loss in other.losses)[0]
-            raise ValueError(
-                f"the method {self.method} does not support `loss: {self.loss}`; "
-                f"use `loss: {method.losses[0]}` or `method: {fit}`"
+        if self.data_term not in method.losses:
+            fit = those(lambda other: self.data_term in other.losses)[0]
+            key = (
+                f"outliers: {{method: {self.data_term}}}"
+                if self.data_term in ROBUST
+                else f"loss: {self.data_term}"
             )
-        if self.loss in ROBUST and self.outliers.method != "none":
             raise ValueError(
-                f"`loss: {self.loss}` and `outliers: {{method: {self.outliers.method}}}` both look "
-                "for outliers; leave out one of them"
+                f"the method {self.method} does not support `{key}`; use another, or "
+                f"`method: {fit}`"
             )
-        optima = listed(those(lambda other: other.proves == "optimum"))
-        if self.path and method.proves != "optimum":
-            raise ValueError(f"`path` belongs to the method {optima}; leave it out")
-        if self.path and (self.loss == "exact" or self.solver.name == "admm"):
+        if self.outliers.method in ROBUST and self.loss != "squared":
             raise ValueError(
-                "`path` needs the solver newton and a loss that uses lambda; leave it out"
-            )
-        if self.path and (self.leave_out or self.outliers.method != "none"):
-            raise ValueError(
-                "`path` works neither with `leave_out` nor with a search for outliers; leave it out"
+                f"`loss: {self.loss}` and `outliers: {{method: {self.outliers.method}}}` are both "
+                "data terms; leave out one of them"
             )
         weak = self.camera.model == "weak-perspective"
         if self.temporal.depths and not weak:
@@ -352,14 +300,14 @@ class FitConfig(CommandConfig):
                 "or `camera: {model: perspective}`"
             )
         free = listed(those(lambda other: not other.one_rotation))
-        if self.export.rotation == "per-atom" and (method.one_rotation or not weak):
+        if self.rotations != "shared" and (method.one_rotation or not weak):
             raise ValueError(
-                f"`export: {{rotation: per-atom}}` belongs to the method {free} and weak "
-                "perspective; the others have one rotation per image: set shared"
+                f"`rotations: {self.rotations}` belongs to the method {free} and weak perspective; "
+                "the others have one rotation per image: leave it out"
             )
         if not (weak or method.perspective):
             raise ValueError(
-                f"`camera: {{model: perspective}}` does not work with the method {self.method}; "
+                f"`camera: {{model: perspective}}` does not work with the method  {self.method}; "
                 "take another"
             )
         return self

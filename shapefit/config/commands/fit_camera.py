@@ -7,7 +7,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from shapefit.config.expectation import Expected
-from shapefit.config.model import MOST_STEPS, ConfigModel, FromLists
+from shapefit.config.model import ConfigModel, FromLists
+from shapefit.config.paths import OF_THE_DATA
 from shapefit.lifting.options import PerspectiveOptions
 
 
@@ -20,7 +21,7 @@ class ViewingConfig(ConfigModel):
         "coefficients refined from there under the full projection, which requires "
         "the focal length.",
     )
-    focal: float | None = Field(
+    focal: Annotated[float | None, OF_THE_DATA] = Field(
         default=None, gt=0, description="Focal length of all images, in the unit of the landmarks."
     )
     intrinsics: str | None = Field(
@@ -30,7 +31,7 @@ class ViewingConfig(ConfigModel):
         "one for the file or one per image; instead of `focal`.",
     )
     principal_point: Annotated[
-        tuple[float, float] | None, Expected("two numbers, x and y"), FromLists
+        tuple[float, float] | None, Expected("two numbers, x and y"), FromLists, OF_THE_DATA
     ] = Field(
         default=None,
         description="Where the optical axis meets the image, in the unit of the landmarks; by "
@@ -48,14 +49,8 @@ class ViewingConfig(ConfigModel):
         description="perspective: residual, for normalised landmarks, beyond which the pull of "
         "a landmark decreases (Cauchy's loss).",
     )
-    max_rounds: int = Field(
-        default=PerspectiveOptions.max_rounds,
-        ge=1,
-        le=MOST_STEPS,
-        description="perspective: maximum rounds per image.",
-    )
 
-    @field_validator("principal_point", "ridge", "softness", "max_rounds")
+    @field_validator("principal_point", "ridge", "softness")
     @classmethod
     def _belongs_to_perspective(cls, value: object, info: ValidationInfo) -> object:
         key = str(info.field_name)

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from shapefit.config.model import ConfigModel, FromLists
-from shapefit.config.paths import Folder
+from shapefit.config.paths import OF_THE_DATA, Folder
 
-Items = Annotated[tuple[str, ...], FromLists]
+Items = Annotated[tuple[str, ...], FromLists, OF_THE_DATA]
 
 MOST_ON_A_SHEET = 200
 """More would be too small to see, or too large to open."""
@@ -55,11 +55,6 @@ class ExportConfig(_FilesConfig):
     wireframe: Literal["tubes", "lines"] = Field(
         default="tubes",
         description="How edges between fitted landmarks are written if the dictionary has no mesh.",
-    )
-    rotation: Literal["shared", "per-atom"] = Field(
-        default="shared",
-        description="convex: one rotation for the mesh; or one per atom, as for the landmarks "
-        "of the result, which shears the mesh.",
     )
     items: Items = Field(default=("*",), description="Items to write: names or globs.")
 

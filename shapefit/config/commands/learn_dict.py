@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
 
+from shapefit.config.commands.learn_dict_prior import PriorConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import MOST_STEPS, CommandConfig, Renaming
 from shapefit.config.paths import InputPaths, OutputPath
@@ -21,6 +23,16 @@ def _landmark_choice(value: Any) -> Any:
     if len(value) < 3 or len(set(value)) < len(value):
         raise ValueError(f"expected {_ALIGN}, found {list(value)}")
     return tuple(value)
+
+
+_BASES = "a whole number >= 1, or a share > 0 and < 1"
+
+
+def _share_or_number(value: Any) -> float | int:
+    is_number = isinstance(value, int) and not isinstance(value, bool) and value >= 1
+    if is_number or (isinstance(value, float) and 0 < value < 1):
+        return value
+    raise PydanticCustomError("share_or_number", f"expected {_BASES}")
 
 
 class LearnDictConfig(CommandConfig):
@@ -58,6 +70,13 @@ class LearnDictConfig(CommandConfig):
         "takes the mean of each training shape and its mirror image; double adds "
         "the mirror images as further training shapes. Both drop meshes.",
     )
+    mirror: Annotated[
+        dict[str, str] | None, Expected("a mapping of landmark names to landmark names")
+    ] = Field(
+        default=None,
+        description="The partner of each landmark on one side, as rhip: lhip, for `symmetry`; "
+        "landmarks that it does not name lie on the plane of symmetry. In place of `mirror_index`.",
+    )
     k: int = Field(
         default=64,
         ge=1,
@@ -72,46 +91,24 @@ class LearnDictConfig(CommandConfig):
         default=15,
         ge=1,
         le=MOST_STEPS,
-        description="Maximum rounds of coding all shapes and updating all atoms (sparse-coding "
-        "only).",
+        description="Rounds of coding all shapes and updating all atoms (sparse-coding only).",
     )
-    tolerance: float = Field(
-        default=0.0,
-        ge=0,
-        description="Stop when a round lowers the objective by less than this share of it; "
-        "0 runs all rounds (sparse-coding only).",
-    )
-    atom_bound: Literal["unit", "mean"] = Field(
-        default="unit",
-        description="Largest norm of an atom: 1, or the mean norm of the atoms learning "
-        "starts from (sparse-coding only).",
-    )
-    energy: float = Field(
+    bases: Annotated[float | int, Expected(_BASES), BeforeValidator(_share_or_number)] = Field(
         default=0.99,
-        gt=0,
-        le=1,
-        description="Share of the variation within a sequence that its bases explain (pca-bases "
-        "only).",
-    )
-    components: int | None = Field(
-        default=None,
-        ge=1,
-        description="Number of bases of each sequence, instead of `energy` (pca-bases only).",
+        description="Bases of each sequence: their number, or, below 1, the share of the variation "
+        "within the sequence that they explain (pca-bases only).",
     )
 
-    @field_validator("k", "beta", "iterations", "tolerance", "atom_bound", "energy", "components")
+    prior: PriorConfig = Field(
+        default_factory=PriorConfig.model_construct,
+        description="The prior over shapes, for `method: posterior` of fit.",
+    )
+
+    @field_validator("k", "beta", "iterations", "bases")
     @classmethod
     def _belongs_to_the_method(cls, value: object, info: ValidationInfo) -> object:
         key = str(info.field_name)
-        owner = "pca-bases" if key in ("energy", "components") else "sparse-coding"
+        owner = "pca-bases" if key == "bases" else "sparse-coding"
         if info.data.get("method", owner) != owner and value != cls.model_fields[key].default:
             raise ValueError(f"`{key}` belongs to `method: {owner}`; leave it out")
         return value
-
-    @field_validator("components")
-    @classmethod
-    def _instead_of_energy(cls, components: int | None, info: ValidationInfo) -> int | None:
-        default = cls.model_fields["energy"].default
-        if components is not None and info.data.get("energy", default) != default:
-            raise ValueError("`components` and `energy` exclude each other; give one of them")
-        return components

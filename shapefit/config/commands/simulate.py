@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from annotated_types import Ge, Le
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+from annotated_types import Ge
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from shapefit.config.expectation import Expected
 from shapefit.config.model import (
@@ -37,11 +37,6 @@ ActiveAtoms = Annotated[
     AfterValidator(_distinct),
     Expected("a list of whole numbers >= 1"),
 ]
-Shares = Annotated[
-    tuple[tuple[Annotated[float, Ge(0), Le(1)], ...], ...],
-    FromLists,
-    Expected("a list of rows, each a list of numbers from 0 to 1"),
-]
 
 
 class ExactSolverConfig(ConfigModel):
@@ -56,29 +51,6 @@ class ExactSolverConfig(ConfigModel):
     max_iterations: int = Field(
         default=10000, ge=1, le=MOST_STEPS, description="Maximum iterations per instance."
     )
-
-
-class PublishedGridConfig(ConfigModel):
-    """Shares of successes quoted from a publication."""
-
-    source: str = Field(default="", description="Source of the shares, and how they were read.")
-    landmarks: Landmarks = Field(default=(), description="Numbers of landmarks, one per row.")
-    active_atoms: ActiveAtoms = Field(
-        default=(), description="Numbers of atoms in use, one per column."
-    )
-    success: Shares = Field(
-        default=(), description="Rows of success rates, to print beside the measured ones."
-    )
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        lengths = [len(row) for row in self.success]
-        if lengths != [len(self.active_atoms)] * len(self.landmarks):
-            raise ValueError(
-                f"expected in `success` {len(self.landmarks)} rows (landmarks) of "
-                f"{len(self.active_atoms)} shares (active_atoms), found rows of {lengths}"
-            )
-        return self
 
 
 class SimulateConfig(CommandConfig):
@@ -101,17 +73,8 @@ class SimulateConfig(CommandConfig):
         "landmarks and atoms and costs the information of one landmark; none: T is "
         "0.",
     )
-    success_below: float = Field(
-        default=1e-3,
-        gt=0,
-        description="Relative error of the transforms below which they are recovered exactly.",
-    )
     solver: ExactSolverConfig = Field(
         default_factory=ExactSolverConfig.model_construct, description="How the program is solved."
-    )
-    published: PublishedGridConfig = Field(
-        default_factory=PublishedGridConfig.model_construct,
-        description="Shares quoted from a publication.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
     threads: int = Field(

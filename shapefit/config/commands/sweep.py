@@ -20,6 +20,7 @@ from shapefit.config.commands.project import ProjectConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, plain
 from shapefit.config.paths import (
+    OF_THE_DATA,
     STANDARD_STREAM,
     InputPath,
     InputPaths,
@@ -27,6 +28,7 @@ from shapefit.config.paths import (
     PathWords,
     absolute_path,
 )
+from shapefit.config.presets import ConfigFile
 from shapefit.config.settings import Settings
 from shapefit.errors import InputError
 
@@ -101,13 +103,13 @@ class SweepConfig(CommandConfig):
         "Meshes and pictures are not written."
     )
     truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
-    match: str = Field(
+    match: Annotated[str, OF_THE_DATA] = Field(
         default="item",
         min_length=1,
         description="What identifies the true shape of an image: `item`, or the name of a "
         "dataset of the landmarks that holds items of the truth.",
     )
-    groups: Mapping[str, str] = Field(
+    groups: Annotated[Mapping[str, str], OF_THE_DATA] = Field(
         default_factory=dict,
         description="Groups of sequences to average over: name -> glob on sequence names.",
     )
@@ -125,17 +127,14 @@ class SweepConfig(CommandConfig):
         ge=0,
         description="Minimum number of visible landmarks for an image to be fitted.",
     )
-    frames: int = Field(
+    every: int = Field(
         default=1, ge=1, description="Fit every n-th image of those with enough landmarks."
     )
-    first: int = Field(
+    offset: int = Field(
         default=0,
         ge=0,
-        description="Images to skip before the first that is fitted: with `frames: 2`, 0 and 1 "
-        "are the two halves of the images.",
-    )
-    caveats: Annotated[tuple[str, ...], FromLists] = Field(
-        default=(), description="Remarks that readers of the numbers need; printed with them."
+        description="Images to skip before the first that is fitted: with `every: 2`, offsets 0 "
+        "and 1 are the two halves of the images.",
     )
     output: OutputPath = Field(description="Folder to write the report and intermediate files to.")
     plots: Plots = Field(
@@ -186,7 +185,7 @@ class SweepConfig(CommandConfig):
             made["landmarks"] = "-" if info.data.get("project") else None
             made["dictionary"] = "-" if info.data.get("learn_dict") else None
         try:
-            return load_model(COMMANDS[name], absolute_path(value), arguments=made)
+            return load_model(COMMANDS[name], ConfigFile(absolute_path(value)), arguments=made)
         except InputError as error:
             raise ValueError("; ".join(error.problems)) from None
 

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field
 from shapefit.config.model import CommandConfig, FromLists, Renaming
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import (
+    OF_THE_DATA,
     OptionalInputPath,
     OptionalInputPaths,
     OptionalPath,
@@ -31,7 +32,7 @@ class ViewConfig(CommandConfig):
         description="Files of the true 3D shapes, aligned with the first result by the best "
         "similarity.",
     )
-    match: str = Field(
+    match: Annotated[str, OF_THE_DATA] = Field(
         default="item",
         min_length=1,
         description="What identifies the true shape of an image: `item`, or the name of a "
@@ -56,7 +57,7 @@ class ViewConfig(CommandConfig):
         "files are named after the items, or a path in which `{item}` stands for "
         "the item.",
     )
-    items: Annotated[tuple[str, ...], FromLists] = Field(
+    items: Annotated[tuple[str, ...], FromLists, OF_THE_DATA] = Field(
         default=("*",), description="Items to show: names or globs."
     )
     frame_rate: float | None = Field(

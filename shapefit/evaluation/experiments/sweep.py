@@ -15,7 +15,7 @@ from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.summary import ALL, ImageErrors, summarise
 from shapefit.evaluation.tables.cells import ABSENT, HOW_TO_READ_PAIRS, pairs, percent
 from shapefit.evaluation.tables.csv_table import null_for_nan, write_table
-from shapefit.evaluation.tables.document import Block, Listing, Section, Table, Title, as_markdown
+from shapefit.evaluation.tables.document import Block, Table, Title, as_markdown
 
 Value = str | bool | int | float
 
@@ -58,7 +58,6 @@ class Sweep:
 
     key: str
     points: tuple[Point, ...]
-    caveats: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def of_metric(self) -> dict[tuple[str, str], dict[str, list[Point]]]:
@@ -141,7 +140,6 @@ def sweep_json(sweep: Sweep) -> str:
     document = {
         "key": sweep.key,
         "points": [_known(point) for point in sweep.points],
-        "caveats": sweep.caveats,
         **sweep.provenance,
     }
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -175,8 +173,6 @@ def document(sweep: Sweep) -> list[Block]:
     if any(METRICS[point.metric].of_labels for point in sweep.points):
         parts.append(_LABELS)
     parts += [Table([sweep.key, *columns], rows), _TIMES]
-    if sweep.caveats:
-        parts += [Section("Caveats"), Listing(sweep.caveats)]
     return parts
 
 

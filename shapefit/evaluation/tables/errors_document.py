@@ -37,10 +37,9 @@ _HOW_TO_READ = "Each number is the mean, over the sequences of the group, of the
 _HOW_TO_READ_OVERVIEW = f"{HOW_TO_READ_PAIRS} Times are those of solving alone."
 _HOW_TO_READ_SOLVING = (
     "Means over all images, as reported by the result files. Objectives of different models cannot "
-    "be compared: the convex program, the methods with one rotation (convex+refine, alternate, "
-    "alternate+), pmp and mean-shape minimise different functions, and all depend on lambda and "
-    "the dictionary. Times are those of the machine and the threads of each fit, for solving "
-    "alone."
+    "be compared: the convex program, the methods with one rotation (convex+refine, alternate), "
+    "pmp and mean-shape minimise different functions, and all depend on lambda and the dictionary. "
+    "Times are those of the machine and the threads of each fit, for solving alone."
 )
 _QUOTED = "Figures in italics are quoted from publications, not computed here."
 

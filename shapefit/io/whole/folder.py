@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 
 from shapefit.errors import input_error
-from shapefit.io.whole.atomic import is_writable, shortened, storage_errors
+from shapefit.io.whole.atomic import is_writable, new_folders, shortened, storage_errors
 from shapefit.io.whole.held_signals import held_signals
 from shapefit.io.whole.litter import lock_new, remove_litter
 from shapefit.io.whole.staged_names import StagedNames
@@ -164,6 +164,12 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
     ones. Raises InputError as `StagedFiles` does.
     """
     around = folder if folder.is_dir() else folder.parent
+    with new_folders(around), _staged_files(folder, around) as files:
+        yield files
+
+
+@contextmanager
+def _staged_files(folder: Path, around: Path) -> Iterator[StagedFiles]:
     start, end = f".{shortened(folder.name)}-", ".partial"
     for place in (folder, folder.parent):
         remove_litter(place, start, end, partial(_undo, folder))

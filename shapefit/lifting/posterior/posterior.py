@@ -5,13 +5,14 @@ w_j = s (R_2 x_j + t) + e_j,  x ~ sum_k pi_k N(mu_k, C_k),  e_j ~ N(0, s^2 v_j I
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
 from shapefit.dictionary.mixture import Mixture
+from shapefit.geometry.normalisation import centroid
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +61,8 @@ class Posterior:
     """The mixture of the modes of n images, nan where there is none.
 
     mean (n, 3, p) of y and its standard deviations (n, 3, p); covariance (n, 3p, 3p), None where
-    it was not asked for; belief (n, p); log_evidence (n,) of the image; surprise (n,), twice what
+    it was not asked for; belief (n, p); rotation (n, 3, 3) and scale (n,) of the most likely mode;
+    log_evidence (n,) of the image; surprise (n,), twice what
     the log likelihood lacks to that of landmarks exactly where they are expected; rounds (n,), the
     steps of all climbs; modes, those asked for.
     """
@@ -69,6 +71,8 @@ class Posterior:
     deviation: Floats
     covariance: Floats | None
     belief: Floats
+    rotation: Floats
+    scale: Floats
     log_evidence: Floats
     surprise: Floats
     rounds: NDArray[np.int64]
@@ -98,12 +102,16 @@ def find_posterior(
     """
     gross = gross or Gross()
     n, _, p = landmarks.shape
+    seen = np.isfinite(misfit)
+    middle = np.nan_to_num(centroid(landmarks, seen))[..., None]  # of which the wide prior is
     d, m, full = 3 * p, modes, n if covariance else 0
     found = Posterior(
         mean=np.empty((n, 3, p)),
         deviation=np.empty((n, 3, p)),
         covariance=np.empty((full, d, d)),
         belief=np.empty((n, p)),
+        rotation=np.empty((n, 3, 3)),
+        scale=np.empty(n),
         log_evidence=np.empty(n),
         surprise=np.empty(n),
         rounds=np.empty(n, np.int64),
@@ -118,7 +126,7 @@ def find_posterior(
         ),
     )
     core.find_posterior(
-        landmarks=_whole(np.where(np.isfinite(misfit)[:, None], landmarks, 0.0)),
+        landmarks=_whole(np.where(seen[:, None], landmarks - middle, 0.0)),
         misfit=_whole(misfit),
         noise=_whole(noise),
         log_weights=np.log(prior.weights),
@@ -132,6 +140,8 @@ def find_posterior(
         deviation=found.deviation,
         covariance=found.covariance,
         belief=found.belief,
+        rotation=found.rotation,
+        scale=found.scale,
         log_evidence=found.log_evidence,
         surprise=found.surprise,
         rounds=found.rounds,
@@ -144,7 +154,9 @@ def find_posterior(
         mode_belief=found.modes.belief,
         threads=threads,
     )
-    return found
+    found.mean[:, :2] += middle
+    found.modes.mean[:, :, :2] += middle[:, None]
+    return found if covariance else replace(found, covariance=None)
 
 
 def _whole(x: Floats) -> Floats:

@@ -66,8 +66,6 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     report = Report(
         methods=tuple(found.methods),
         summaries=tuple(s for e in errors for s in summarise(e, grouping)),
-        published=config.published,
-        caveats=config.caveats,
         warnings=tuple(map(printable, (*found.warnings, *ungrouped))),
         provenance=_provenance(config),
     )

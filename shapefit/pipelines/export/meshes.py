@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Encode = Callable[[Floats, Floats | None], Files]
 """Takes the points of one image, and its landmarks where they are wanted."""
 
-STRETCH = 64
+AT_A_TIME = 64
 """Images whose vertices are in memory at a time."""
 
 FARTHEST = 1e38
@@ -80,8 +80,8 @@ class MeshExport:
         fitted = has_shape(found)
         self._missing += int(np.count_nonzero(chosen & ~fitted))
         rows = np.flatnonzero(chosen & fitted)
-        for start in range(0, len(rows), STRETCH):
-            part = rows[start : start + STRETCH]
+        for start in range(0, len(rows), AT_A_TIME):
+            part = rows[start : start + AT_A_TIME]
             self._write(found.take(part), None if transforms is None else transforms[part])
 
     @property

@@ -16,16 +16,21 @@ from shapefit.convex.problem import Loss
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
+from shapefit.io.extras import LANDMARK_COVARIANCE
 from shapefit.lifting.estimate import Estimator
 from shapefit.lifting.lift import Lifting, Program, fail_nonfinite, lift
-from shapefit.lifting.methods import METHODS, Settings, choose_method
+from shapefit.lifting.methods import (
+    METHODS,
+    ROBUST,
+    AlternationOptions,
+    Settings,
+    choose_method,
+)
 from shapefit.lifting.options import DepthOptions, PerspectiveOptions
 from shapefit.pipelines.fit.dictionary_kind import check_needs
 
 if TYPE_CHECKING:
-    from shapefit.convex.problem import Problem
     from shapefit.lifting.methods import Solve
-    from shapefit.lifting.path import Path, WarmSolve
     from shapefit.pipelines.fit.outlier_search import Agreement
 
 Floats = NDArray[np.float64]
@@ -50,7 +55,6 @@ class Chain:
     method: Callable[[Dictionary], Estimator]
     view: View | None
     depths: Refinement | None
-    path: Callable[[Problem], Path] | None
 
 
 def fit_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Lifting:
@@ -75,7 +79,12 @@ def lift_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Li
     if agreed is not None:
         weights = np.where(agreed.inliers, weights, 0.0)
     lifting = lift(
-        images.landmarks, weights, dictionary.atoms, chain.program, chain.method(dictionary)
+        images.landmarks,
+        weights,
+        dictionary.atoms,
+        chain.program,
+        chain.method(dictionary),
+        find_covariance(images),
     )
     if agreed is not None:
         lifting = agreed.label(lifting)
@@ -99,7 +108,6 @@ def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
         method=lambda part: choose_method(config.method, choose_settings(config, part, solve)),
         view=choose_view(config),
         leave_out=choose_groups(config, dictionary),
-        path=choose_path(config),
     )
 
 
@@ -117,7 +125,7 @@ def choose_groups(
 
 def choose_search(config: FitConfig, solve: Solve) -> Search | None:
     """Return the search for outliers that the config names, if any."""
-    if config.outliers.method == "none":
+    if config.outliers.method in ("none", *ROBUST):
         return None
     from shapefit.pipelines.fit.outlier_search import choose_search as choose
     from shapefit.pipelines.fit.outlier_search import find_inliers
@@ -133,9 +141,8 @@ def choose_view(config: FitConfig) -> View | None:
     from shapefit.pipelines.fit.intrinsics import refine_through_camera
 
     options = choose_options(config)
-    return partial(
-        refine_through_camera, config=config.camera, options=options, views=config.alternation.views
-    )
+    views = AlternationOptions(views=config.alternation.views).number_of_views
+    return partial(refine_through_camera, config=config.camera, options=options, views=views)
 
 
 def choose_options(config: FitConfig) -> PerspectiveOptions:
@@ -143,7 +150,6 @@ def choose_options(config: FitConfig) -> PerspectiveOptions:
     return PerspectiveOptions(
         ridge=config.camera.ridge,
         softness=config.camera.softness,
-        max_rounds=config.camera.max_rounds,
         threads=config.threads,
     )
 
@@ -163,8 +169,7 @@ def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement |
     settings = DepthOptions(
         smoothness=config.temporal.smoothness,
         rigidity=config.temporal.rigidity,
-        tolerance=config.temporal.tolerance,
-        max_rounds=config.temporal.max_rounds,
+        tolerance=config.temporal.softness,
     )
     return partial(refine, bones=dictionary.edges, settings=settings)
 
@@ -189,21 +194,33 @@ def refine(
     return replace(lifting, shapes=refined)
 
 
-def choose_path(config: FitConfig) -> Callable[[Problem], Path] | None:
-    """Return what solves the program along falling lambdas, if the config asks for it."""
-    if not config.path:
-        return None
-    from shapefit.lifting.path import follow_path
+def find_covariance(images: LandmarkSet) -> Floats | None:
+    """Return the covariance (n, p, 2, 2) of the landmarks that came with them, if it did.
 
-    return partial(follow_path, lambdas=config.path, solve=choose_newton(config))
+    Raises InputError where the dataset holds no covariances.
+    """
+    name = LANDMARK_COVARIANCE
+    values = images.extras.get(name)
+    if values is None:
+        return None
+    shape = (len(images), len(images.landmark_names), 2, 2)
+    fix = "give each landmark a symmetric, positive semi-definite 2 x 2 matrix"
+    if np.shape(values) != shape:
+        raise input_error(name, f"has the shape {np.shape(values)}, not {shape}", fix)
+    covariance = np.where(images.seen()[..., None, None], values, 0.0).astype(np.float64)
+    if not np.isfinite(covariance).all() or (covariance != covariance.swapaxes(2, 3)).any():
+        raise input_error(name, "holds what is no covariance", fix)
+    if (np.linalg.eigvalsh(covariance) < -1e-9 * np.abs(covariance).max()).any():
+        raise input_error(name, "holds a matrix with a negative variance", fix)
+    return covariance
 
 
 def choose_program(config: FitConfig) -> Program:
     """Return the convex program that the config names."""
     return Program(
         lam=None if config.lam == "auto" else config.lam,
-        loss=Loss(config.loss),
-        beta=config.beta,
+        loss=Loss(config.data_term),
+        beta=config.outliers.limit,
         noise=config.noise or 0.0,
     )
 
@@ -214,37 +231,22 @@ def choose_settings(config: FitConfig, dictionary: Dictionary, solve: Solve) -> 
     options = None
     if method.section is not None:
         name, kind = method.section
-        options = kind(
-            **{key.name: getattr(getattr(config, name), key.name) for key in fields(kind)}
-        )
+        section = getattr(config, name)
+        keys = type(section).model_fields.keys() & {key.name for key in fields(kind)}
+        options = kind(**{key: getattr(section, key) for key in keys})
     return Settings(
         solve=solve,
         mean_shape=dictionary.mean_shape,
         needs={need.name: getattr(dictionary, need.name) for need in method.needs},
         options=options,
-        orthogonal=config.orthogonal,
+        orthogonal=config.rotations == "orthogonal",
         tolerance=config.solver.tolerance,
         threads=config.threads,
     )
 
 
 def choose_solver(config: FitConfig) -> Solve:
-    """Return the solver that the config names, with its options."""
-    options = config.solver
-    if options.name == "admm":
-        from shapefit.convex.admm import solve_admm
-
-        return partial(
-            solve_admm,
-            tolerance=options.tolerance,
-            stop=options.stop,
-            max_iterations=options.max_iterations,
-        )
-    return choose_newton(config)
-
-
-def choose_newton(config: FitConfig) -> WarmSolve:
-    """Return the fast solver with the options of the config.
+    """Return the solver with the options of the config.
 
     Where the tolerance is that of another gap, the convex program is solved at its own default.
     """

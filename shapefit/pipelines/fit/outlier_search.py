@@ -10,7 +10,7 @@ from hashlib import blake2b
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.config.commands.fit_outliers import OutlierSearchConfig
+from shapefit.config.commands.fit_outliers import OutliersConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
@@ -20,11 +20,14 @@ from shapefit.lifting.outliers.truncated import Solve, find_untruncated
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+MOST_ROUNDS = 100
+"""Of fitting and judging again, per image; they settle after a few."""
+
 Search = Callable[[LandmarkSet, Floats, Dictionary], Flags]
 """From images, their weights Omega (n, p) and a dictionary to the inliers (n, p)."""
 
 
-def choose_search(config: OutlierSearchConfig, solve: Solve, threads: int) -> Search:
+def choose_search(config: OutliersConfig, solve: Solve, threads: int) -> Search:
     """Return the search that the config names; `solve` solves the convex program."""
     if config.method == "truncated":
         return lambda images, weights, dictionary: find_untruncated(
@@ -33,15 +36,15 @@ def choose_search(config: OutlierSearchConfig, solve: Solve, threads: int) -> Se
             dictionary.atoms,
             solve,
             lam=config.lam,
-            threshold=config.threshold,
-            max_rounds=config.max_rounds,
+            threshold=config.limit,
+            max_rounds=MOST_ROUNDS,
             threads=threads,
         )
     consensus = partial(
         find_consensus,
-        threshold=config.threshold,
+        threshold=config.limit,
         draws=config.draws,
-        max_rounds=config.max_rounds,
+        max_rounds=MOST_ROUNDS,
         threads=threads,
     )
     return lambda images, weights, dictionary: consensus(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,12 @@ from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.left_out_items import find_left_out
 from shapefit.pipelines.fit.searched import with_readings, with_trees
 
-if TYPE_CHECKING:
-    from shapefit.lifting.path import Path
-
 Floats = NDArray[np.float64]
 
 OF_A_RESULT = RESULTS.names | {
     *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
-    *("path_lambda", "path_objective", "path_relative_gap", "path_residual", "path_active_atoms"),
     *("camera_translation", "focal", "principal_point", "position", "left_out"),
+    "shape_covariance",
     *(name for method in METHODS.values() for name in method.further),
 }
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
@@ -36,7 +33,6 @@ OF_A_RESULT = RESULTS.names | {
 def as_result(
     images: LandmarkSet,
     lifting: Lifting,
-    path: Path | None,
     config: FitConfig,
     dictionary: Dictionary,
 ) -> ResultSet:
@@ -50,6 +46,7 @@ def as_result(
         shape = (-1,) + (1,) * (values.ndim - 1)
         return np.where(failed.reshape(shape), np.nan, values)
 
+    unwanted = find_target_format(config.output).points_only and not config.posterior.csv_deviations
     record = ResultSet(
         shapes=lifting.shapes,
         landmarks_fitted=lifting.landmarks_fitted,
@@ -64,14 +61,31 @@ def as_result(
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
+        shape_sd=None if unwanted else scaled_deviation(lifting),
         transforms=where_fitted(found.transforms) if config.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
         frame_rate=images.frame_rate,
-        extras=further_datasets(images, lifting, path, config, dictionary),
+        extras=further_datasets(images, lifting, config, dictionary),
     )
     record = with_trees(with_readings(record, lifting), lifting)
     return with_proof(record, lifting, config) if config.proof else record
+
+
+def scaled_deviation(lifting: Lifting) -> Floats | None:
+    """Return the standard deviations of the shapes (n, 3, p) in the unit of the landmarks."""
+    deviation = lifting.estimate.deviation
+    return None if deviation is None else lifting.scale[:, None, None] * deviation
+
+
+def covariance_by_landmark(lifting: Lifting) -> Floats | None:
+    """Return the covariance (n, 3p, 3p) of x, y, z of one landmark after the other, likewise."""
+    covariance = lifting.estimate.covariance
+    if covariance is None:
+        return None
+    n, d, _ = covariance.shape
+    blocks = covariance.reshape(n, 3, d // 3, 3, d // 3).transpose(0, 2, 1, 4, 3)
+    return lifting.scale[:, None, None] ** 2 * blocks.reshape(n, d, d)
 
 
 def with_proof(record: ResultSet, lifting: Lifting, config: FitConfig) -> ResultSet:
@@ -103,7 +117,6 @@ def with_proof(record: ResultSet, lifting: Lifting, config: FitConfig) -> Result
 def further_datasets(
     images: LandmarkSet,
     lifting: Lifting,
-    path: Path | None,
     config: FitConfig,
     dictionary: Dictionary,
 ) -> Extras:
@@ -118,14 +131,9 @@ def further_datasets(
         "active_atoms": found.active_atoms,
         "tight": found.tight,
         "outliers": found.outliers,
+        "shape_covariance": covariance_by_landmark(lifting),
         **found.further,
     }
-    if path is not None:
-        own["path_lambda"] = path.lam
-        own["path_objective"] = path.objective
-        own["path_relative_gap"] = path.relative_gap
-        own["path_residual"] = path.residual
-        own["path_active_atoms"] = path.active_atoms
     if config.leave_out is not None:
         own["left_out"] = find_left_out(images, config.leave_out, dictionary).astype(object)
     if lifting.perspective is not None:

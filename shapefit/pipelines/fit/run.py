@@ -34,9 +34,9 @@ from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.record import as_result, find_renamed
-from shapefit.pipelines.fit.searched import find_ambiguous
+from shapefit.pipelines.fit.searched import Ambiguous
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
-from shapefit.pipelines.outcome import Failure, Outcome, nothing_in
+from shapefit.pipelines.outcome import Counted, Failure, Outcome, nothing_in
 
 FEWEST_LANDMARKS = 3
 """Of a file that the dictionary must know, so that it can do without the others."""
@@ -55,6 +55,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         from shapefit.pipelines.fit.left_out import UnknownItems
 
         unknown = UnknownItems(config.leave_out, dictionary)
+    ambiguous = Ambiguous(config.search.modes)
     solve_seconds, done = 0.0, 0
     with (
         open_landmarks(config.landmarks, config.rename) as source,
@@ -64,6 +65,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         for images, lifting, record, seconds in fit_chunks(source, config, dictionary, chain):
             if unknown:
                 unknown.add(images)
+            ambiguous.add(lifting)
             writer.append(record)
             exports.add(record, lifting.estimate.transforms)
             solve_seconds += seconds
@@ -88,6 +90,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         + find_renamed(source, config)
         + left_out_landmarks(strange, names)
         + left_in
+        + ambiguous.warnings
         + exports.warnings,
         note=exports.note,
         written=(config.output, *exports.folders, *exports.sheets),
@@ -114,8 +117,7 @@ def fit_chunks(
         began = time.perf_counter()
         lifting = fit_images(images, dictionary, chain)
         seconds = time.perf_counter() - began
-        path = None if chain.path is None else chain.path(lifting.problem)
-        record = as_result(images, lifting, path, config, dictionary)
+        record = as_result(images, lifting, config, dictionary)
         yield Fitted(images, lifting, record, seconds)
 
 
@@ -136,10 +138,9 @@ def attributes_of(
 
 def check_holds_all(config: FitConfig) -> None:
     """Raise InputError where the config asks for more than the output can hold."""
-    for key in ("path", "transforms"):
-        if getattr(config, key) and find_target_format(config.output).points_only:
-            found = f"cannot be stored in {config.output}: CSV holds points only"
-            raise input_error(key, found, "name an HDF5 output, or leave it out")
+    if config.transforms and find_target_format(config.output).points_only:
+        found = f"cannot be stored in {config.output}: CSV holds points only"
+        raise input_error("transforms", found, "name an HDF5 output, or leave it out")
 
 
 def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkSet]:
@@ -194,9 +195,11 @@ def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
     return tuple(Failure(images.items[image], reasons[image]) for image in sorted(reasons))
 
 
-def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[str, ...]:
+def find_warnings(
+    images: LandmarkSet, lifting: Lifting, config: FitConfig
+) -> tuple[str | Counted, ...]:
     """Count images that stopped at the iteration limit, and warn where the camera looks wrong."""
-    told = []
+    found: list[str | Counted] = []
     limited = [
         image
         for image, status in enumerate(lifting.estimate.status)
@@ -205,29 +208,42 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
     if limited and not config.strict:
         gap = lifting.estimate.relative_gap
         worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
-        told.append(
-            f"{counted(len(limited), 'image')} not optimal, the worst: {describe(lifting, worst)}"
+        found.append(
+            Counted(
+                len(limited),
+                "image",
+                "not optimal",
+                worst=describe(lifting, worst),
+                severity=0.0 if gap is None or np.isnan(gap[worst]) else float(gap[worst]),
+            )
         )
     if images.confidence is not None and (images.confidence > 1).any():
-        told.append(
+        found.append(
             "confidences above 1: they are weights, and larger ones count more against `lambda`; "
             "divide them by their largest value if that is not intended"
         )
+    plausibility = lifting.estimate.further.get("plausibility")
+    if plausibility is not None:
+        doubtful = int((plausibility < config.posterior.implausible).sum())
+        if doubtful:
+            text = f"not to be trusted: the plausibility is below {config.posterior.implausible:g}"
+            found.append(Counted(doubtful, "image", text))
     empty = find_empty(lifting)
     if empty:
-        told.append(
-            f"{counted(len(empty), 'image')} with an empty shape, all landmarks at one point: "
-            "lambda is at or above lambda_max of the image; lower `lambda`"
+        text = (
+            "with an empty shape, all landmarks at one point: lambda is at or above lambda_max of "
+            "the image; lower `lambda`"
         )
+        found.append(Counted(len(empty), "image", text))
     if lifting.perspective:
         from shapefit.pipelines.fit.intrinsics import all_aside
 
         if all_aside(images.landmarks, lifting.perspective.camera):
-            told.append(
+            found.append(
                 "all landmarks are far to one side of the optical axis; is "
                 "`camera.principal_point` right?"
             )
-    return (*told, *find_ambiguous(lifting, config.search.modes))
+    return tuple(found)
 
 
 def find_empty(lifting: Lifting) -> list[int]:

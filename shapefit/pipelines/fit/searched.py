@@ -59,23 +59,34 @@ def with_trees(record: ResultSet, lifting: Lifting) -> ResultSet:
     )
 
 
-def find_ambiguous(lifting: Lifting, within: float) -> tuple[str, ...]:
-    """Warn of images with more than one reading, and of those whose list may lack some."""
-    readings = lifting.estimate.readings
-    if readings is None:
-        return ()
-    several = sum(len(one) > 1 for one in readings)
-    unsure = sum(not one.complete and len(one) > 0 for one in readings)
-    told = []
-    if several:
-        share = several / len(readings)
-        told.append(
-            f"{counted(several, 'image')} ({share:.1%}) can be read in more than one way: another "
-            f"rotation comes within {within:.0%} of the optimum; see `modes` in the result"
-        )
-    if unsure:
-        told.append(
-            f"{counted(unsure, 'image')} may have further readings: raise `search.max_cells` or "
-            "`search.max_seconds`"
-        )
-    return tuple(told)
+class Ambiguous:
+    """Counts the images of a run with more than one reading, and those whose list may lack some."""
+
+    def __init__(self, within: float) -> None:
+        self._within = within
+        self._images = self._several = self._unsure = 0
+
+    def add(self, lifting: Lifting) -> None:
+        """Take the images of a chunk."""
+        readings = lifting.estimate.readings or ()
+        self._images += sum(len(one) > 0 for one in readings)
+        self._several += sum(len(one) > 1 for one in readings)
+        self._unsure += sum(not one.complete and len(one) > 0 for one in readings)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the report says of them, with their share."""
+        found = []
+        if self._several:
+            share = self._several / self._images
+            found.append(
+                f"{counted(self._several, 'image')} ({share:.1%}) can be read in more than one "
+                f"way: another rotation comes within {self._within:.0%} of the optimum; see "
+                "`modes` in the result"
+            )
+        if self._unsure:
+            found.append(
+                f"{counted(self._unsure, 'image')} may have further readings: raise "
+                "`search.max_cells` or `search.max_seconds`"
+            )
+        return tuple(found)

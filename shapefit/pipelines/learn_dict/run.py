@@ -20,6 +20,7 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import ShapeSet, check_output, digests, read_shapes, write_dictionary
 from shapefit.meshes.dense import mesh_of_atoms
+from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
 from shapefit.pipelines.outcome import Outcome
 
@@ -31,7 +32,7 @@ Making = Generator[Outcome, None, Dictionary]
 
 
 def run(config: LearnDictConfig) -> Iterator[Outcome]:
-    """Make the dictionary and write it; one outcome a round (`pca-bases`: a sequence).
+    """Make the dictionary and write it; one outcome per round, sequence or set of exemplars.
 
     The first outcome lists the shapes that could not be used. Raises InputError for files that
     cannot be read or written, and as `make_dictionary` does.
@@ -66,6 +67,10 @@ def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[st
         warnings=training.warnings,
         note=counted(len(training), "shape"),
     )
+    prior = None
+    if config.prior.components:
+        prior, note = learn_prior(config, training)
+        yield Outcome(note=note)
     methods = {
         "sparse-coding": _sparse_coding,
         "exemplars": _exemplars,
@@ -78,7 +83,7 @@ def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[st
         "config": config.as_json(),
         "inputs": json.dumps(inputs),
     }
-    return replace(made, provenance=provenance)
+    return replace(made, prior=prior, provenance=provenance)
 
 
 def _exemplars(config: LearnDictConfig, training: TrainingShapes) -> Making:
@@ -91,7 +96,7 @@ def _exemplars(config: LearnDictConfig, training: TrainingShapes) -> Making:
         atom_scale=training.scale,
         atom_items=training.original.items,
     )
-    yield Outcome(note=counted(len(atoms), "atom"))
+    yield Outcome(done=len(atoms), unit="shape", note=counted(len(atoms), "atom"))
     return dictionary
 
 
@@ -103,12 +108,10 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Making:
         config.k,
         config.beta,
         iterations=config.iterations,
-        tolerance=config.tolerance,
-        atom_bound=config.atom_bound,
     )
     for learned in rounds:
         note = f"objective {learned.trace[-1]:.6g}"
-        yield Outcome(done=1, total=config.iterations, note=note)
+        yield Outcome(done=1, total=config.iterations, unit="round", note=note)
     mesh_vertices = _mix_meshes(training, learned.atoms)
     dictionary = replace(
         _dictionary(training, learned.atoms),
@@ -150,9 +153,9 @@ def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Making:
     found = []
     for name in names:
         moving = training.alignment.shapes[sequences == name]
-        found.append(principal_components(moving, config.energy, config.components))
+        found.append(principal_components(moving, config.bases))
         note = f"{len(found[-1])} bases" + (f" of {name}" if name else "")
-        yield Outcome(done=1, total=len(names), note=note)
+        yield Outcome(done=1, total=len(names), unit="sequence", note=note)
     bases = np.concatenate(found)
     if not len(bases):
         problem = "the shapes of each sequence are all alike"

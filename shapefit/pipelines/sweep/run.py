@@ -79,7 +79,7 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         seconds = 1 / float(results.attributes["images_per_second"])
         judged += errors
         found += [point for e in errors for point in points(value, e, grouping, seconds)]
-    sweep = Sweep(config.key, tuple(found), config.caveats, _provenance(config))
+    sweep = Sweep(config.key, tuple(found), _provenance(config))
     writers = _writers(sweep, judged, with_plot=draws)
     best = best_value(sweep)
     pages = report_pages(

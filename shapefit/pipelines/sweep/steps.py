@@ -66,7 +66,7 @@ def prepare(
     files = Files(dictionary, seen, at / "landmarks.h5", at / "warm_up.h5")
     choose_images(
         seen,
-        Choice(config.least_visible, config.first, config.frames),
+        Choice(config.least_visible, config.offset, config.every),
         steps.corrupt if config.corrupts else None,
         read_dictionary(dictionary).landmark_names,
         files.landmarks,

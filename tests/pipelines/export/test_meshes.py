@@ -98,14 +98,12 @@ def test_by_default_a_car_stands_upright_and_looks_ahead(export, car_atoms, read
         assert place["left_front_wheel"][2] > place["left_rear_wheel"][2]
 
 
-@pytest.mark.parametrize("orthogonal", [False, True])
+@pytest.mark.parametrize("rotations", ["per-atom", "orthogonal"])
 def test_rotations_per_atom_give_the_landmarks_of_the_result(
-    export, car_atoms, orthogonal, read_one
+    export, car_atoms, rotations, read_one
 ):
-    keys = {"method": "convex", "orthogonal": orthogonal}
-    found, _ = export(
-        fit_keys=keys, rotation="per-atom", landmarks=True, frame="camera", format="ply"
-    )
+    keys = {"method": "convex", "rotations": rotations}
+    found, _ = export(fit_keys=keys, landmarks=True, frame="camera", format="ply")
     vertex = landmark_vertices(car_atoms)
     for image, item in enumerate(found.items):
         mesh = read_one(item, "ply")
@@ -203,7 +201,7 @@ def test_a_shape_that_shrank_to_a_point_is_counted_too(tmp_path, export):
 def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
     export, car_atoms, views, monkeypatch, read_one, mixed, rotation
 ):
-    monkeypatch.setattr("shapefit.pipelines.export.meshes.STRETCH", 3)
+    monkeypatch.setattr("shapefit.pipelines.export.meshes.AT_A_TIME", 3)
     copies = [replace(views, items=tuple(f"{i}#{copy}" for i in views.items)) for copy in "ab"]
     landmarks = concatenate(copies)
     landmarks.landmarks[7, :, 2:] = np.nan

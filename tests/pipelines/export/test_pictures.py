@@ -165,7 +165,7 @@ class TestFittedImages:
         return fit_and_gather
 
     def test_observed_landmarks_and_outliers(self, gather, views):
-        keys = {"method": "convex", "loss": "sparse-error", "beta": 0.02}
+        keys = {"method": "convex", "outliers": {"method": "sparse-error", "threshold": 0.02}}
         found, images = gather(**keys)
         assert np.any(found.extras["outliers"])
         for row, image in enumerate(images):
@@ -180,7 +180,7 @@ class TestFittedImages:
         [
             {"method": "convex+refine"},
             {"method": "convex"},
-            {"method": "convex", "orthogonal": True},
+            {"method": "convex", "rotations": "orthogonal"},
             {
                 "camera": {
                     "model": "perspective", "focal": 1600.0, "principal_point": [640.0, 480.0],

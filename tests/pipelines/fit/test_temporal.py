@@ -82,7 +82,7 @@ def test_x_and_y_are_observed_where_seen_and_fitted_where_hidden(fit):
 
 def test_what_is_set_aside_as_an_outlier_keeps_its_fitted_x_and_y(fit):
     fit.landmarks[2, :, 4] += 150.0
-    robust = {"loss": "l1", "beta": 0.3, "lambda": 1.0}
+    robust = {"outliers": {"method": "l1", "threshold": 0.3}, "lambda": 1.0}
     plain, refined = fit(**robust), fit(temporal={"depths": True}, **robust)
     outliers = plain.extras["outliers"].astype(bool)
     assert outliers[2, 4]
