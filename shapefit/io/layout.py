@@ -113,7 +113,7 @@ AXES = {
     "c": "components",
     "a": "active transforms",
     "m": "modes",
-    "c": "cells of trees",
+    "l": "cells of trees",
     "v": "vertices of trees",
 }
 
@@ -176,7 +176,7 @@ TREE_VERTICES = Dataset("tree_vertices", ("n",), "index", stored="int32")
 
 TREES = (
     TREE_CELLS,
-    Dataset("tree_splits", ("c",), "index", counted_by=TREE_CELLS.name, stored="int8"),
+    Dataset("tree_splits", ("l",), "index", counted_by=TREE_CELLS.name, stored="int8"),
     TREE_VERTICES,
     Dataset("tree_rotations", ("v", 4), counted_by=TREE_VERTICES.name),
     Dataset("tree_multipliers", ("v", "p", 2), points=True, counted_by=TREE_VERTICES.name),

@@ -150,7 +150,7 @@ class ResultSet:
 
     All readings, one image after the other and the best first: modes (n,) of each image, their
     mode_objective (m,), mode_rotation (m, 3, 3) and mode_shapes (m, 3, p). What proves the bound
-    on all rotations: tree_cells (n,), 0 where the tree of an image was not kept, tree_splits (c,);
+    on all rotations: tree_cells (n,), 0 where the tree of an image was not kept, tree_splits (l,);
     tree_vertices (n,), tree_rotations (v, 4), tree_multipliers (v, 2, p).
 
     frame_rate as in a ShapeSet. attributes are stored with the file (method, times, config,

@@ -52,8 +52,8 @@ class SolverConfig(ConfigModel):
     tolerance: float = Field(
         default=METHODS["convex"].tolerance,
         gt=0,
-        description="An image is solved when its relative duality gap falls to this. For the method "
-        "global it is the gap to the bound on all rotations, "
+        description="An image is solved when its relative duality gap falls to this; with the "
+        "method global its gap to the bound on all rotations, "
         f"{METHODS['global'].tolerance:g} by default.",
     )
     max_iterations: int = Field(

@@ -15,9 +15,9 @@ from shapefit.lifting.global_optimum.optimum import GlobalOptimum, Limits, find_
 from shapefit.lifting.global_optimum.tree import Tree, record_tree
 from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings
 from shapefit.lifting.shared_rotation.methods import (
-    alternate_from_convex,
     alternate_from_mean,
     describe,
+    refine_convex,
 )
 
 Floats = NDArray[np.float64]
@@ -58,9 +58,9 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
 
 
 def find_starts(problem: Problem, settings: Settings, options: SearchOptions) -> Floats:
-    """Rotations (n, 2, 3, 3) at which convex+refine (alternate+ where signed) and alternate end."""
+    """Rotations (n, 2, 3, 3) at which convex+refine and alternate end."""
     local = replace(settings, options=AlternationOptions(signed=options.signed))
-    ends = [alternate_from_convex(problem, local), alternate_from_mean(problem, local)]
+    ends = [refine_convex(problem, local), alternate_from_mean(problem, local)]
     return np.stack([end.rotation for end in ends], axis=1)
 
 
