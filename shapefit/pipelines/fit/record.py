@@ -14,7 +14,6 @@ from shapefit.io import LandmarkSet, LandmarkSource, ResultSet
 from shapefit.io.extras import Extras, names_apart
 from shapefit.io.formats import find_target_format
 from shapefit.io.layout import RESULTS
-from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.left_out_items import find_left_out
