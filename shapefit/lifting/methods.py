@@ -128,7 +128,7 @@ class Need(NamedTuple):
     name: str
     what: str
     fix: str
-    useless: Callable[[Dictionary], str]
+    useless: Callable[[Dictionary], str] = lambda _: ""
 
 
 def lacks_limbs(dictionary: Dictionary) -> str:
