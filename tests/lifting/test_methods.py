@@ -12,10 +12,10 @@ import pytest
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solution import Status
+from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.geometry.rotations import rotation_about
-from shapefit.dictionary.mixture import Mixture
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import METHODS, AlternationOptions, Settings, choose_method

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution
 from shapefit.lifting.methods import Settings
+from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.shared_rotation.pose import (
     find_moments,
     find_pose,
     spread_views,
     turn_in_plane,
 )
-from shapefit.lifting.shared_rotation.synchronisation import synchronise
 
 Floats = NDArray[np.float64]
 
@@ -22,12 +22,12 @@ VIEWS = 6
 
 
 def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Floats:
-    """Rotations (n, 1 + views, 3, 3): the one that the transforms of the convex program agree on.
+    """Rotations (n, 1 + views, 3, 3): the consensus of the convex program's rotations.
 
     Where they are all 0, the best pose of the mean shape. Then the views of the options, each
     turned in the plane onto the landmarks.
     """
-    rotation = synchronise(solution.transforms, threads=settings.threads).rotation
+    rotation = reconstruct(solution.transforms, problem.atoms).rotation.copy()
     empty = np.flatnonzero(~solution.transforms.any(axis=(1, 2, 3)))
     if len(empty):
         part = problem.take(empty)
