@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution, Status
+
+if TYPE_CHECKING:
+    from shapefit.lifting.global_optimum.modes import Modes
+    from shapefit.lifting.global_optimum.tree import Tree
 
 Floats = NDArray[np.float64]
 
@@ -52,6 +56,7 @@ class Estimate:
     Reconstruction; outliers (n, p), the landmarks that a robust loss or a search
     before the fit set aside; deviation (n, 3, p) and covariance (n, 3p, 3p; all x, then y, then z),
     how uncertain shapes + T are; convex_proof, of the convex program that it is or starts from.
+    readings and trees: of each image what `global` lists and proves, where it is asked to.
     further: what else a method knows, (n, ...) by the name of its dataset in the result; in the
     unit that it is stored in, and among what the table of methods says that it yields.
     """
@@ -72,6 +77,8 @@ class Estimate:
     deviation: Floats | None = None
     covariance: Floats | None = None
     convex_proof: ConvexProof | None = None
+    readings: tuple[Modes, ...] | None = None
+    trees: tuple[Tree | None, ...] | None = None
     further: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 

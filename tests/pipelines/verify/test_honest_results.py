@@ -90,7 +90,7 @@ def test_pmp_has_no_proof_and_is_no_failure(project, tmp_path, verify, landmarks
         ("people", {"method": "convex+refine"}, "bounded by the dual of the convex program"),
         ("people", {"method": "alternate"}, "alternate has no proof of an optimum"),
         ("cars", {"camera": PERSPECTIVE, "method": "convex+refine", "leave_out": "true_model"},
-         "the refinement under perspective starts from; no bound is known"),
+         "the refinement under perspective starts is proved; no bound is known"),
         ("people", {"method": "convex+refine", "outliers": {"method": "l1"}}, "robust program"),
     ],
 )  # fmt: skip
