@@ -93,8 +93,8 @@ def _recovery(report: Mapping[str, Any]) -> list[str]:
     return [
         "## Exact recovery (fig. freqexact)",
         "![Share recovered exactly, ours and published](recovery/recovery.png)",
-        f"{trials} trials a cell; the largest deviation from the published grid (itself read off "
-        f"a figure, within 0.02, from 100 trials a cell) is {largest:.2f}. The numbers: "
+        f"{trials} trials per cell; the largest deviation from the published grid (itself read off "
+        f"a figure, within 0.02, from 100 trials per cell) is {largest:.2f}. The numbers: "
         "[recovery/recovery.md](recovery/recovery.md).",
     ]
 

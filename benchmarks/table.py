@@ -68,7 +68,7 @@ def compared(
     least: float = NOISE,
     unit: str = "s",
 ) -> Row:
-    """Make a row of a comparison: images a second where their number is known, else seconds."""
+    """Make a row of a comparison: images per second where their number is known, else seconds."""
     before, now = (
         f"{images / seconds:,.0f}/s" if images else f"{seconds:.3g} {unit}"
         for seconds in (found.before, found.now)

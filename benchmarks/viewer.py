@@ -1,4 +1,4 @@
-"""Pages of `shapefit view`: their size, the time to write and to open them, frames a second.
+"""Pages of `shapefit view`: their size, the time to write and to open them, frames per second.
 
 `python -m benchmarks.viewer [--data FOLDER]` needs chromium and chromium-driver, whose renderer is
 software here: any graphics card is faster. FOLDER is that of the real data (mocap, cars, detected).

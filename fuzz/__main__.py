@@ -16,6 +16,7 @@ from .base_files import make_base_files
 from .campaign import run_cases
 from .case import Case
 from .kinds import KINDS
+from .past_findings import FINDINGS, SEEDS
 
 
 def main() -> int:
@@ -23,9 +24,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m fuzz", description=__doc__)
     parser.add_argument("--cases", type=int, default=50_000)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--past", action="store_true", help="what once failed, and nothing else")
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=list(KINDS))
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     arguments = parser.parse_args()
+    if arguments.past:
+        return run([*(Case(name, 0) for name in FINDINGS), *(Case(*seed) for seed in SEEDS)])
     jobs = max(arguments.jobs, 1)
     if jobs == 1:
         seeds = range(
@@ -54,8 +58,6 @@ def run(cases: list[Case]) -> int:
         with silenced():
             make_base_files(base)
         tally = run_cases(cases, base, work)
-    for finding in tally.findings:
-        print(finding)
     seconds = time.monotonic() - began
     counts = ", ".join(f"{code}: {number}" for code, number in sorted(tally.codes.items()))
     found = len(tally.findings)

@@ -57,9 +57,11 @@ def make_base_files(folder: Path) -> None:
         ("fit", "views.h5", "-d", "dict.h5", "-o", "result.h5"),
         ("fit", "views.csv", "-d", "dict.h5", "-o", "result.csv"),
         ("fit", "views.h5", "-d", "dict.h5", "-o", "x.h5", "--set", "loss=exact"),
-        ("fit", "views.h5", "-d", "dict.h5", "-o", "x.h5", "--set", "method=convex+refine"),
+        ("fit", "views.h5", "-d", "dict.h5", "-o", "refined.h5", "--set=method=convex+refine"),
         ("fit", "views.h5", "-d", "bases.h5", "-o", "x.h5", "--set", "method=pmp"),
         ("eval", "result.h5", "--truth", "shapes.h5", "-o", "report", "--set=plots=false"),
+        ("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5"),
+        ("view", "result.h5", "--truth", "shapes.h5", "-o", "page.html"),
         SIMULATE,
     ):
         if run(command) not in (0, 1):

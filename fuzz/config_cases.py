@@ -19,6 +19,7 @@ COMMANDS = {
     "project": {"shapes": "shapes.h5", "output": "out.h5"},
     "fit": {"landmarks": "views.h5", "dictionary": "dict.h5", "output": "out.h5", "threads": "1"},
     "eval": {"results": "result.h5", "truth": "shapes.h5", "output": "out", "plots": "false"},
+    "view": {"files": "result.h5", "truth": "shapes.h5", "output": "out.html"},
     "simulate": {"output": "out", "k": "6", "landmarks": "[5]", "active_atoms": "[1, 2]"}
     | {"trials": "1", "plots": "false", "threads": "1"},
     "sweep": {"truth": "shapes.h5", "output": "out", "vary": "{fit.lambda: [0.1, 0.2]}"}

@@ -119,6 +119,8 @@ def make(rng: Random, folder: Path) -> tuple[str, ...]:
     out = rng.choice(("out.h5", "out.csv"))
     if name == "views.csv":
         return ("fit", name, "-d", "dict.h5", "-o", out, "--set=threads=1", "--set", loss(rng))
+    if rng.random() < 0.15:
+        return ("view", name, "-o", "out.html")
     if name == "result.csv":
         return ("eval", name, "--truth", "shapes.h5", "-o", "out", "--set", "plots=false")
     return rng.choice(

@@ -23,9 +23,20 @@ NUMBERS = (
 TYPES = ("f2", "f4", "f8", "g", "i1", "u1", "i8", "u8", ">f8", ">i4", "?", "c16", "S3", "V4")
 
 
+MOST_VALUES = 10**6
+"""Of a dataset that is changed: one made sparse before it would take all memory."""
+
+
 def _dataset(rng: Random, file: Any) -> Any:
-    """Choose a dataset."""
-    return file[rng.choice([name for name in file if isinstance(file.get(name), h5py.Dataset)])]
+    """Choose a dataset that can be read."""
+    nodes = [file.get(name) for name in file]
+    datasets = [node for node in nodes if isinstance(node, h5py.Dataset)]
+    return rng.choice([one for one in datasets if (one.size or 0) <= MOST_VALUES])
+
+
+def _read(dataset: Any) -> Any:
+    """Return the values as an array, a single text too."""
+    return np.asarray(dataset[()])
 
 
 def _put(file: Any, name: str, values: Any, **keys: Any) -> None:
@@ -42,7 +53,7 @@ def _delete(rng: Random, file: Any) -> None:
 
 def _values(rng: Random, file: Any) -> None:
     dataset = _dataset(rng, file)
-    values = dataset[()]
+    values = _read(dataset)
     if values.size and values.dtype.kind in "fiu":
         flat = values.reshape(-1)
         with np.errstate(all="ignore"):
@@ -63,13 +74,13 @@ def _scale(rng: Random, file: Any) -> None:
     dataset = _dataset(rng, file)
     if dataset.dtype.kind == "f":
         with np.errstate(all="ignore"):
-            _put(file, dataset.name, dataset[()] * 10.0 ** rng.uniform(-320, 300))
+            _put(file, dataset.name, _read(dataset) * 10.0 ** rng.uniform(-320, 300))
 
 
 def _bits(rng: Random, file: Any) -> None:
     dataset = _dataset(rng, file)
     if dataset.dtype.kind in "fiu" and dataset.size:
-        data = bytearray(dataset[()].tobytes())
+        data = bytearray(_read(dataset).tobytes())
         for _ in range(rng.choice((1, 2, 8))):
             data[rng.randrange(len(data))] = rng.randrange(256)
         _put(file, dataset.name, np.frombuffer(bytes(data), dataset.dtype).reshape(dataset.shape))
@@ -104,13 +115,13 @@ def _type(rng: Random, file: Any) -> None:
             dataset.name,
             np.zeros(dataset.shape, rng.choice(TYPES))
             if rng.random() < 0.3
-            else dataset[()].astype(rng.choice(TYPES)),
+            else _read(dataset).astype(rng.choice(TYPES)),
         )
 
 
 def _shape(rng: Random, file: Any) -> None:
     dataset = _dataset(rng, file)
-    values = dataset[()]
+    values = _read(dataset)
     changed = rng.choice(
         (
             lambda: values[..., :-1] if values.ndim else values,
@@ -251,9 +262,21 @@ FITS = (
 )
 
 
+def _others(rng: Random, name: str) -> tuple[str, ...]:
+    """Read landmarks or a dictionary by a command other than `fit`."""
+    if name == "views.h5":
+        verify = ("verify", "result.h5", "-d", "dict.h5", "--landmarks", name)
+        return rng.choice((verify, ("view", name, "-o", "out.html")))
+    verify = ("verify", "result.h5", "-d", name)
+    return rng.choice((verify, ("view", "result.h5", "-d", name, "-o", "out.html")))
+
+
 def make(rng: Random, folder: Path) -> tuple[str, ...]:
     """Spoil one of the HDF5 files, and read it."""
-    names = ("views.h5", "dict.h5", "exemplars.h5", "bases.h5", "shapes.h5", "result.h5")
+    names = (
+        *("views.h5", "dict.h5", "exemplars.h5", "bases.h5", "shapes.h5"),
+        *("result.h5", "result.h5", "refined.h5"),
+    )
     name = rng.choice(names)
     spoiled_hdf5(rng, folder / name)
     out = rng.choice(("out.h5", "out.csv"))
@@ -267,8 +290,18 @@ def make(rng: Random, folder: Path) -> tuple[str, ...]:
                 ("eval", "result.h5", "--truth", name, "-o", "out", "--set", "plots=false"),
             )
         )
-    if name == "result.h5":
-        return ("eval", name, "--truth", "shapes.h5", "-o", "out", "--set", "plots=false")
+    if name in ("result.h5", "refined.h5"):
+        return rng.choice(
+            (
+                ("eval", name, "--truth", "shapes.h5", "-o", "out", "--set", "plots=false"),
+                ("verify", name, "-d", "dict.h5"),
+                ("verify", name, "-d", "dict.h5", "--landmarks", "views.h5"),
+                ("view", name, "-o", "out.html"),
+                ("view", "views.h5", name, "--truth", "shapes.h5", "-o", "out.html"),
+            )
+        )
+    if rng.random() < 0.1:
+        return _others(rng, name)
     dictionary = "dict.h5" if name == "views.h5" else name
     further = ("--set", rng.choice(FITS)) if rng.random() < 0.4 else ()
     chosen = "method=pmp" if name == "bases.h5" else loss(rng)

@@ -2,7 +2,7 @@
 
 Frame: x to the person's left, y up, z forward; metres. With all angles 0 the person stands
 upright with hanging arms. A motion is a mapping from channel to an array of angles in degrees, one
-a frame; missing channels are 0. Limb channels carry the prefix `r` or `l`:
+per frame; missing channels are 0. Limb channels carry the prefix `r` or `l`:
 
     root   yaw (to the left), lean (forward), roll (to the left)   of the pelvis
     trunk  bend (forward), twist (to the left), side (to the left) of the chest on the pelvis

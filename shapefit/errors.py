@@ -56,3 +56,9 @@ def _escape(letter: str) -> str:
     if "\udc80" <= letter <= "\udcff":  # a byte that is not UTF-8, as Python names files
         return f"\\x{ord(letter) - 0xDC00:02x}"
     return letter.encode("unicode_escape").decode()
+
+
+def listed(names: Iterable[str], conjunction: str = "or") -> str:
+    """Return names as a sentence lists them: a, b or c."""
+    *others, last = names
+    return f"{', '.join(others)} {conjunction} {last}" if others else last

@@ -120,3 +120,44 @@ def test_the_config_knows_a_new_method(folder, setting, answer):
     done = Toy(folder, FLAT, FLAT_ENTRY).run(*fit, "--set", setting)
     assert done.returncode == 2
     assert answer in done.stderr
+
+
+WORST = '''
+"""The metric `worst`: the largest distance in the image of the landmarks that were visited."""
+
+import numpy as np
+
+
+def worst(fitted, observed, visited):
+    distance = np.linalg.norm(fitted - observed, axis=1)
+    return np.where(visited, distance, 0.0).max(axis=1)
+'''
+
+WORST_ENTRY = """
+from shapefit.evaluation.metric_table import FITTED, LANDMARKS, METRICS, Dataset, Metric
+visited = Dataset("visited", ("p",), labels=True)
+METRICS["worst"] = Metric(
+    function="toy:worst", needs=(FITTED, LANDMARKS, visited), unit="steps", title="Worst landmark"
+)
+"""
+
+
+def test_a_metric_is_a_function_and_an_entry(folder):
+    toy = Toy(folder, WORST, WORST_ENTRY)
+    visited = np.ones((5, 6), np.int8)
+    visited[:, 2:] = 0
+    with h5py.File(folder / "views.h5", "a") as views:
+        views["visited"] = visited
+    toy.succeed("fit", "views.h5", "-d", "dictionary.h5", "-o", "result.h5")
+    toy.succeed("fit", "views.h5", "-d", "dictionary.h5", "-o", "truth.csv")
+    toy.succeed("eval", "result.h5", "--truth", "truth.csv", "-o", "report")
+    assert any(path.name.startswith("worst") for path in (folder / "report").rglob("*.svg"))
+    with h5py.File(folder / "result.h5") as result:
+        left = np.linalg.norm(result["landmarks_fitted"][:] - result["landmarks"][:], axis=2)
+    rows = (folder / "report" / "per_image.csv").read_text(encoding="utf-8").splitlines()[1:]
+    found = [float(row.split(",")[4]) for row in rows if ",worst," in row]
+    np.testing.assert_allclose(found, left[:, :2].max(axis=1))
+    assert all(row.endswith(",steps") for row in rows if ",worst," in row)
+
+    done = toy.run("eval", "-o", "report", "--set", "metrics=[wort]")
+    assert "or worst, found 'wort'; did you mean 'worst'?" in done.stderr

@@ -1,4 +1,4 @@
-"""What a solver returns: one status, one certificate and one set of transforms an image."""
+"""What a solver returns: one status, one certificate and one set of transforms per image."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Solution:
     errors E (n, 2, p), the sparse errors of a robust loss in the units of the landmarks, else
     zero; objective and relative_gap (n,), computed from scratch at the end; residual (n,),
     ||Omega o (W - sum M_i B_i - T 1^T)||_F / ||Omega o (W - mean)||_F; iterations (n,);
-    status, a Status an image.
+    status, a Status per image.
     """
 
     transforms: Floats

@@ -12,10 +12,6 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
-METRICS = ("precision", "recall")
-SHARE = "share"
-"""Unit of both."""
-
 
 def precision(labelled: Booleans, corrupted: Booleans) -> Floats:
     """|labelled and corrupted| / |labelled| of each image (n,); nan where nothing is labelled."""

@@ -1,4 +1,4 @@
-"""Errors of estimated shapes and landmarks, one number an image.
+"""Errors of estimated shapes and landmarks, one number per image.
 
 All functions take whole sets of images, and leave out, image by image, the landmarks that are nan
 on either side. An image with too few landmarks left has the error nan: it failed.

@@ -35,7 +35,7 @@ class Run:
 class Solving:
     """How one method solved its images; None where not all of its files say it.
 
-    Mean objective over the images that have one, milliseconds an image, and the share of images
+    Mean objective over the images that have one, milliseconds per image, and the share of images
     that are optimal or converged.
     """
 

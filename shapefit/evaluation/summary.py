@@ -17,7 +17,7 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class ImageErrors:
-    """Errors of one method in one metric and unit, one an image; nan = failed.
+    """Errors of one method in one metric and unit, one per image; nan = failed.
 
     items and sequences (n), values (n,).
     """

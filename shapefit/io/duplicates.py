@@ -22,7 +22,7 @@ class ItemList:
 def check_unique_items(files: Sequence[ItemList]) -> None:
     """Raise InputError for items that occur more than once, naming both places.
 
-    Holds 8 bytes an item; only where two hashes agree are the items read again and compared.
+    Holds 8 bytes per item; only where two hashes agree are the items read again and compared.
     """
     hashes = [
         np.fromiter(map(hash, block), np.int64, len(block))

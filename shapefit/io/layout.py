@@ -14,7 +14,7 @@ class Dataset:
 
     `axes` are as in the file: letters for sizes that agree over the file (n items, p landmarks,
     q mesh vertices, k atoms, ...), numbers for fixed sizes. `points` marks coordinates, one point
-    a row in the file (..., p, 3) and one a column in memory (..., 3, p). `field` names the field
+    a row in the file (..., p, 3) and one per column in memory (..., 3, p). `field` names the field
     of the record. A "label" is text or an integer code. `counted_by` names the dataset that says
     how many rows of this one belong to each item, one item after the other. `stored` is the NumPy
     type in the file where it is smaller than that in memory; `sparse` numbers are mostly 0 and are

@@ -124,13 +124,14 @@ def _kind_of(path: Path) -> tuple[Kind, Format]:
     try:
         with h5py.File(path, "r") as file:
             stated = file.attrs.get("format")
-    except (OSError, RuntimeError) as error:
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
         found = f"cannot be read ({str(error).partition(chr(10))[0]})"
         fix = "the file may be cut off or damaged: copy or make it again"
         raise input_error(path, found, fix) from error
     name = stated.decode("utf-8", "replace") if isinstance(stated, bytes | np.bytes_) else stated
-    if name not in FORMATS:
-        found = "has no root attribute format" if name is None else f"is a {name} file"
+    if not isinstance(name, str) or name not in FORMATS:
+        named = f"is a {name} file" if isinstance(name, str) else "has a format that is no text"
+        found = "has no root attribute format" if name is None else named
         raise input_error(path, found, f"give one of {', '.join(FORMATS)}")
     return FORMATS[name]
 

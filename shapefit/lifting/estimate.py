@@ -45,7 +45,7 @@ class Estimate:
     shapes (n, 3, p) in the camera frame, with mean depth 0; translation T (n, 2); rotation
     (n, 3, 3), shared by all atoms or their consensus, nan where unknown; objective (n,), that of
     the method; residual (n,), ||Omega o (W - shapes - T 1^T)||_F / ||Omega o (W - mean)||_F;
-    iterations (n,); status, a Status an image.
+    iterations (n,); status, a Status per image.
 
     None where the method has no such thing: coefficients (n, k) and active_atoms (n,), how many
     of them are not 0; transforms M (n, k, 2, 3); relative_gap (n,); tight (n,), as in

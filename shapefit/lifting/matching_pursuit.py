@@ -103,7 +103,7 @@ def pursue(
 
 
 def find_limbs(shapes: Floats, edges: NDArray[np.int64] | None) -> Floats:
-    """Limb vectors (n, 3 e) of shapes (n, 3, p), one an edge (e, 2).
+    """Limb vectors (n, 3 e) of shapes (n, 3, p), one per edge (e, 2).
 
     Raises ValueError where there is none, or all are 0 in the first shape.
     """

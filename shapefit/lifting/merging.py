@@ -43,7 +43,7 @@ def merge(groups: Sequence[Group], atoms: Floats) -> Lifting:
 
 
 class _Merger:
-    """Joins the fields of records, one record a group."""
+    """Joins the fields of records, one record per group."""
 
     def __init__(self, groups: Sequence[Group], k: int) -> None:
         self._groups = groups

@@ -6,7 +6,7 @@ the config, the chain of `fit`, the exports and the page of a result ask the tab
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -209,9 +209,3 @@ def choose_method(name: str, settings: Settings) -> Estimator:
 def those(is_so: Callable[[Method], object]) -> tuple[str, ...]:
     """Return the names of the methods of which something is so."""
     return tuple(name for name, method in METHODS.items() if is_so(method))
-
-
-def listed(names: Iterable[str], conjunction: str = "or") -> str:
-    """Return names as a sentence lists them: a, b or c."""
-    *others, last = names
-    return f"{', '.join(others)} {conjunction} {last}" if others else last

@@ -95,7 +95,7 @@ def reconstruct(M: Floats, atoms: Floats, *, orthogonal: bool = False) -> Recons
 def combine(coefficients: Floats, atoms: Floats) -> Floats:
     """sum_i c_i B_i for each image; c (n, k), atoms B (k, 3, p) -> (n, 3, p).
 
-    One product an image: a single one for all would round by how many there are, and results
+    One product per image: a single one for all would round by how many there are, and results
     would depend on how the images are divided.
     """
     n, (k, three, p) = len(coefficients), atoms.shape

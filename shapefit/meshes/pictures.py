@@ -102,7 +102,7 @@ class Pose:
 def fit_picture(
     images: Sequence[FittedImage], model: Model, views: Sequence[View] = NOVEL_VIEWS
 ) -> Figure:
-    """One row an image: its landmarks, the fitted model under them, the model in novel views."""
+    """One row per image: its landmarks, the fitted model under them, the model in novel views."""
     heads = ["landmarks", "fitted model", *(f"turned by {view.turn:+g}°" for view in views)]
     figure, grid = _grid(len(images), len(heads), WIDE, HEIGHT)
     for row, image in zip(grid, images, strict=True):

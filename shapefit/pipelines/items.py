@@ -23,17 +23,17 @@ def named_items(
     place: str | Path,
     key: str,
 ) -> tuple[str, ...]:
-    """Return what a dataset of the extras names, one an image; BY_ITEM names the items.
+    """Return what a dataset of the extras names, one per image; BY_ITEM names the items.
 
     `key` of the config chose the dataset. Raises InputError at `place` where the extras have no
-    such dataset with one name an image.
+    such dataset with one name per image.
     """
     if dataset == BY_ITEM:
         return tuple(items)
     per_item = Extras.of(extras, len(items)).per_item
     named = {name: values for name, values in per_item.items() if values.ndim == 1}
     if dataset not in named:
-        found = f"there is no dataset '{dataset}' with one name an image"
+        found = f"there is no dataset '{dataset}' with one name per image"
         texts = (name for name, values in named.items() if values.dtype.kind in "OSU")
         others = ", ".join([BY_ITEM, *sorted(texts)])
         raise input_error(place, found, f"set `{key}` to one of: {others}")

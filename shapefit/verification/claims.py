@@ -76,7 +76,7 @@ def check_subject(subject: Subject) -> list[Check]:
 
 
 def check_atoms(subject: Subject, M: Transforms) -> list[Check]:
-    """Check that an image has at most one transform an atom, and none of an atom left out."""
+    """Check that an image has at most one transform per atom, and none of an atom left out."""
     checks = [flagged("the transforms are in order", M.in_order())]
     if subject.kept is not None:
         without = np.ones(len(subject.rows), dtype=bool)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 import h5py
 import numpy as np
 import pytest
 
 from shapefit.io import (
     memory,
+    open_landmarks,
     open_shapes,
     read_dictionary,
     read_results,
@@ -139,3 +142,31 @@ def test_values_that_nobody_wrote_are_not_read(sparse, problems):
         f"{path}:/further: of its 80 MB the file holds 0 bytes; "
         "write its values, or make it smaller"
     )
+
+
+@pytest.mark.parametrize("columns", ["item,landmark,x,y", "item,landmark,x,y,z,sequence"])
+def test_a_table_whose_rows_share_nothing(tmp_path, problems, monkeypatch, columns):
+    path = tmp_path / "diagonal.csv"
+    cells = ",".join("0" * (columns.count(",") - 1))
+    rows = (f"item {row},landmark {row},{cells}" for row in range(20_000))
+    path.write_text("\n".join([columns, *rows]) + "\n")
+    monkeypatch.setattr(memory, "free_memory", lambda: 10**8)
+    (line,) = problems(read_shapes if "z" in columns else open_landmarks, [path])
+    found = re.fullmatch(
+        rf"{path}: a table of (\d+) items and (\d+) landmarks takes [0-9.]+ [MG]B of memory, and "
+        "100 MB are free; divide the file, or use a machine with more memory",
+        line,
+    )
+    assert found
+    assert found[1] == found[2]
+    assert int(found[1]) < 20_000  # not read to its end
+
+
+def test_a_long_table_is_not_taken_for_a_wide_one(tmp_path, monkeypatch):
+    path = tmp_path / "long.csv"
+    rows = (f"item {row // 2},{'ab'[row % 2]},1,2" for row in range(20_000))
+    path.write_text("\n".join(["item,landmark,x,y", *rows]) + "\n")
+    monkeypatch.setattr(memory, "ALWAYS_FITS", 0)
+    monkeypatch.setattr(memory, "free_memory", lambda: 2 * 10**6)
+    with open_landmarks([path]) as source:
+        assert source.count == 10_000

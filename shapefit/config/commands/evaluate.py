@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
@@ -12,11 +12,17 @@ from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, Renaming
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import InputPath, InputPaths, OutputPath
+from shapefit.errors import listed
+from shapefit.evaluation.metric_table import METRICS, of_fits, of_labels
 
-ErrorMetric = Literal["similarity", "camera", "rotation", "reprojection"]
-"""Metrics of every fit."""
-Metric = Literal[ErrorMetric, "precision", "recall"]
-"""Those too that judge the labels of outliers, which only some fits give."""
+if TYPE_CHECKING:
+    ErrorMetric = str
+    AnyMetric = str
+else:
+    ErrorMetric = Literal[of_fits()]
+    """Metrics of every fit."""
+    AnyMetric = Literal[tuple(METRICS)]
+    """Those too that judge the labels of outliers, which only some fits give."""
 
 MEAN_SHAPE = "Mean shape (oracle)"
 NEAREST_ATOM = "Nearest atom (oracle)"
@@ -77,10 +83,10 @@ class EvalConfig(CommandConfig):
         default_factory=dict,
         description="Groups of sequences to average over: name -> glob on sequence names.",
     )
-    metrics: Annotated[tuple[Metric, ...], FromLists] = Field(
-        default=get_args(ErrorMetric),
-        description="Errors to measure; precision and recall, of the outlier labels, only where "
-        "they are named here.",
+    metrics: Annotated[tuple[AnyMetric, ...], FromLists] = Field(
+        default=of_fits(),
+        description=f"Errors to measure; {listed(of_labels(), 'and')}, of the outlier labels, only "
+        "where they are named here.",
     )
     least_visible: int = Field(
         default=0,
@@ -123,7 +129,7 @@ class EvalConfig(CommandConfig):
 
     @field_validator("metrics")
     @classmethod
-    def _at_least_one(cls, metrics: tuple[Metric, ...]) -> tuple[Metric, ...]:
+    def _at_least_one(cls, metrics: tuple[AnyMetric, ...]) -> tuple[AnyMetric, ...]:
         if not metrics:
             raise ValueError("expected at least one metric, found an empty list")
         return metrics

@@ -23,12 +23,12 @@ from shapefit.config.model import (
     Renaming,
 )
 from shapefit.config.paths import InputPath, InputPaths, OutputPath
+from shapefit.errors import listed
 from shapefit.lifting.methods import (
     ALTERNATION,
     METHODS,
     ROBUST,
     AlternationOptions,
-    listed,
     summarise,
     those,
 )

@@ -6,6 +6,13 @@
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
+// Triples of inliers to be expected among the draws, after which none is drawn any more. One would do
+// for exact landmarks of the very shape; on made cars, whose shapes are not the mean and whose
+// landmarks are noisy, 20 find the pose in as many images as 500 draws (to three digits, for 0 to 70%
+// wrong landmarks) and 5 lose it in one of a hundred with 60% wrong.
+constexpr double ENOUGH = 20;
+constexpr long CHECKED = 8;  // draws from one check to the next, a multiple of every WIDTH
+
 // The landmarks inside the tolerance of a pose, now and before; 1 or 0 for each.
 struct Inside {
     double *now, *before;
@@ -23,10 +30,27 @@ double sum(const double* x, long n) {
     return total;
 }
 
-// Fit the pose to its inliers and judge again, until they stay or `most` times; the gain at the end.
-// A pose with no inliers but its triple is left as it is.
-double settle(const SeenLandmarks& seen, const Tolerance& tolerance, long most, double gain,
-              WeakPose& pose, Inside& inside) {
+// What the search in an image has found so far.
+struct Best {
+    double drawn = -INFINITE;  // gain of the best pose as drawn,
+    double gain = -INFINITE;   // and of the best of all, drawn or fitted to inliers,
+    long inliers = 0;          // with so many
+};
+
+// Keep what lies inside the tolerance of a pose if it gains more than all before it.
+void keep_better(const SeenLandmarks& seen, double gain, const double* inside, Best& best,
+                 Vector<bool> inliers) {
+    if (!(gain > best.gain)) return;
+    best.gain = gain;
+    best.inliers = static_cast<long>(sum(inside, seen.count));
+    for (long j = 0; j < seen.count; ++j) inliers[seen.index[j]] = inside[j] > 0;
+}
+
+// Fit a drawn pose to its inliers and judge again, until they stay or `most` times; a fit that gains
+// less than the pose before it does not replace it. A pose with no inliers but its triple is not fitted.
+void settle(const SeenLandmarks& seen, const Tolerance& tolerance, long most, WeakPose& pose,
+            Inside& inside, Best& best, Vector<bool> inliers) {
+    keep_better(seen, judge(seen, pose, tolerance, inside.now), inside.now, best, inliers);
     for (long round = 0; round < most && sum(inside.now, seen.count) > TRIPLE; ++round) {
         const Moments moments = find_moments(seen, inside.now);
         const double size = rotation_step({moments.P, moments.D, true}, pose.R).scale;
@@ -40,10 +64,17 @@ double settle(const SeenLandmarks& seen, const Tolerance& tolerance, long most, 
         double* before = inside.now;
         inside.now = inside.before;
         inside.before = before;
-        gain = judge(seen, pose, tolerance, inside.now);
+        keep_better(seen, judge(seen, pose, tolerance, inside.now), inside.now, best, inliers);
         if (!count_differences(inside.now, before, seen.count)) break;
     }
-    return gain;
+}
+
+// The share of the triples of m landmarks that are triples of `inliers` of them.
+double share_of_triples(long inliers, long m) {
+    double share = 1;
+    for (long drawn = 0; drawn < TRIPLE; ++drawn)
+        share *= static_cast<double>(inliers - drawn) / static_cast<double>(m - drawn);
+    return larger(share, 0);
 }
 
 WeakPose pose_of_lane(const PoseLanes& poses, int lane) {
@@ -53,12 +84,6 @@ WeakPose pose_of_lane(const PoseLanes& poses, int lane) {
     for (int a = 0; a < 2; ++a) pose.T[a] = poses.T[a][lane];
     return pose;
 }
-
-// What the search in an image has found so far.
-struct Best {
-    double drawn = -INFINITE;    // gain of the best pose as drawn,
-    double settled = -INFINITE;  // and of the best after its fits to inliers
-};
 
 // Let both poses of `count` triples compete, in the order of the draws.
 void compete(const SeenLandmarks& seen, const Triple* triples, int count, long most,
@@ -72,11 +97,7 @@ void compete(const SeenLandmarks& seen, const Triple* triples, int count, long m
             if (!(gains[side][lane] > best.drawn)) continue;
             best.drawn = gains[side][lane];
             WeakPose pose = pose_of_lane(poses[side], lane);
-            double gain = judge(seen, pose, tolerance, inside.now);
-            gain = settle(seen, tolerance, most, gain, pose, inside);
-            if (!(gain > best.settled)) continue;
-            best.settled = gain;
-            for (long j = 0; j < seen.count; ++j) inliers[seen.index[j]] = inside.now[j] > 0;
+            settle(seen, tolerance, most, pose, inside, best, inliers);
         }
 }
 
@@ -86,6 +107,9 @@ void search_image(const SeenLandmarks& seen, const ConsensusData& data, uint64_t
     Best best;
     Triple triples[WIDTH] = {};
     for (long drawn = 0; drawn < data.draws; drawn += WIDTH) {
+        // Stop by the inlier ratio: triples of inliers have been drawn often enough.
+        const double good = drawn % CHECKED ? 0 : share_of_triples(best.inliers, seen.count);
+        if (static_cast<double>(drawn) * good >= ENOUGH) break;
         const int count = static_cast<int>(data.draws - drawn < WIDTH ? data.draws - drawn : WIDTH);
         for (int lane = 0; lane < count; ++lane) triples[lane] = draw_triple(state, seen.count);
         compete(seen, triples, count, data.most_rounds, tolerance, best, inside, inliers);

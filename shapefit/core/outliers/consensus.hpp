@@ -7,8 +7,9 @@
 namespace shapefit::SHAPEFIT_LEVEL {
 
 // The inliers of the pose of S of the largest gain. Each draw that gains more than all draws before
-// is fitted to its inliers, and these are judged again. An image in which no triple determines a
-// pose has no inliers.
+// is fitted to its inliers, and these are judged again; the better of the drawn and the fitted poses
+// counts. An image has at most `draws` draws: they stop early by the share of inliers found. One in
+// which no triple determines a pose has no inliers.
 void find_consensus(const ConsensusData& data, Range range);
 
 // S Omega^2 S^T and w Omega^2 S^T of the inliers about their weighted means, and the means.

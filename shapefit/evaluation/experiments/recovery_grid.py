@@ -84,7 +84,7 @@ class RecoveryGrid:
 
 
 def write_csv(path: Path, grid: RecoveryGrid) -> None:
-    """Write recovery.csv, one row a cell; `success` is a share."""
+    """Write recovery.csv, one row per cell; `success` is a share."""
     rows = ((c.p, c.z, len(c.attempts), c.success) for c in grid.cells)
     write_table(path, ("p", "z", "trials", "success"), rows)
 

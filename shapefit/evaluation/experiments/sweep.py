@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from shapefit.evaluation import labels
+from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.summary import ALL, ImageErrors, summarise
 from shapefit.evaluation.tables.cells import ABSENT, HOW_TO_READ_PAIRS, pairs, percent
 from shapefit.evaluation.tables.csv_table import null_for_nan, write_table
@@ -131,7 +131,7 @@ COLUMNS = (
 
 
 def write_csv(path: Path, sweep: Sweep) -> None:
-    """Write sweep.csv, one row a value, group and metric; a number that does not exist is empty."""
+    """Write sweep.csv, one row per value, group and metric; a number that does not exist is empty."""
     known = (
         {"key": sweep.key, **asdict(point), "value": value_text(point.value)}
         for point in sweep.points
@@ -167,15 +167,15 @@ def document(sweep: Sweep) -> list[Block]:
             of_which = "" if group == ALL else f"{group}: "
             at = [point.value for point in found]
             columns[f"{of_which}{metric} ({unit})"] = dict(zip(at, pairs(found), strict=True))
-            if metric not in labels.METRICS and any(point.failed for point in found):
+            if not METRICS[metric].of_labels and any(point.failed for point in found):
                 shares = {point.value: _share_with_shape(point) for point in found}
                 columns[f"{of_which}with a shape"] = shares
-    columns["ms an image"] = {p.value: f"{1000 * p.seconds_per_image:.3g}" for p in sweep.points}
+    columns["ms per image"] = {p.value: f"{1000 * p.seconds_per_image:.3g}" for p in sweep.points}
     rows = [
         [value_text(v), *(column.get(v, ABSENT) for column in columns.values())] for v in values
     ]
     parts: list[Block] = [Title(f"Error against {sweep.key}"), HOW_TO_READ_PAIRS]
-    if any(point.metric in labels.METRICS for point in sweep.points):
+    if any(METRICS[point.metric].of_labels for point in sweep.points):
         parts.append(_LABELS)
     parts += [Table([sweep.key, *columns], rows), _TIMES]
     if sweep.caveats:

@@ -1,4 +1,4 @@
-"""Bar plots of the mean error of every sequence, one bar a method."""
+"""Bar plots of the mean error of every sequence, one bar per method."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from shapefit.evaluation.labels import SHARE
+from shapefit.evaluation.metric_table import METRICS, SHARE
 from shapefit.evaluation.summary import ALL, Summary
 
 if TYPE_CHECKING:
@@ -38,15 +38,6 @@ LETTER = 0.085
 """Width of a letter in inches, about, to tell what fits."""
 LEGEND_HANDLE = 0.6
 """Width in inches of an entry of the legend besides its letters."""
-
-TITLES = {
-    "similarity": "3D error up to a similarity",
-    "camera": "3D error in the camera frame",
-    "rotation": "Angle to the true rotation",
-    "reprojection": "RMS reprojection error",
-    "precision": "Precision of the outlier labels",
-    "recall": "Recall of the outlier labels",
-}
 
 
 @dataclass(frozen=True)
@@ -98,7 +89,7 @@ def bar_plot(summaries: Sequence[Summary]) -> Figure:
             ticks |= {start + cluster.place: cluster.label for cluster in group.clusters}
             start += group.slots + GAP
         axis.set_xticks(list(ticks), list(ticks.values()), rotation=90 if upright else 0)
-    add_head(figure, axes[0], TITLES[summaries[0].metric], methods)
+    add_head(figure, axes[0], METRICS[summaries[0].metric].title, methods)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Box plots of the errors of all images of each group, one box a method."""
+"""Box plots of the errors of all images of each group, one box per method."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.plots.bars import (
     BARS,
     GAP,
     INK,
     LETTER,
-    TITLES,
     add_head,
     axis_label,
     look,
@@ -38,7 +38,7 @@ FEWEST_SLOTS = 7
 def box_plot(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[str]]) -> Figure:
     """Draw the errors of the images of each group: quartiles, median with its number, whiskers.
 
-    errors of one metric and unit, one entry a method. Every image weighs the same, whichever its
+    errors of one metric and unit, one entry per method. Every image weighs the same, whichever its
     sequence. Failed images, nan, are left out, and so are groups without any image.
     """
     from matplotlib.figure import Figure
@@ -63,7 +63,7 @@ def box_plot(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[str]
         start += width + GAP
     axis.set_xticks(list(ticks), list(ticks.values()), fontweight="bold", fontsize=9)
     methods = [e.method for e in errors]
-    add_head(figure, axis, f"{TITLES[errors[0].metric]}, image by image", methods)
+    add_head(figure, axis, f"{METRICS[errors[0].metric].title}, image by image", methods)
     return figure
 
 

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from shapefit.evaluation.experiments.sweep import Point, Sweep, value_text
-from shapefit.evaluation.plots.bars import COLOURS, FAINT, INK, TITLES, axis_label
+from shapefit.evaluation.metric_table import METRICS
+from shapefit.evaluation.plots.bars import COLOURS, FAINT, INK, axis_label
 from shapefit.evaluation.summary import ALL
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def sweep_plot(sweep: Sweep) -> Figure:
             axis.set_xlabel(sweep.key, color=INK)
         else:
             _draw_bars(axis, groups)
-        axis.set_title(TITLES[metric], loc="left", fontsize=10, color=INK)
+        axis.set_title(METRICS[metric].title, loc="left", fontsize=10, color=INK)
         axis.set_ylabel(f"{axis_label(unit)}, mean and quartiles", color=INK)
         axis.set_ylim(bottom=0)
     if not sweep.is_numeric:

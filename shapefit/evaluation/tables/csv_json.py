@@ -19,7 +19,7 @@ REPORT = ("method", "metric", "group", "sequence", "images", "mean", "median", "
 
 
 def write_per_image(path: Path, errors: Sequence[ImageErrors], of: str = "method") -> None:
-    """Write per_image.csv, one row an image, metric and unit; a failed image's error is empty.
+    """Write per_image.csv, one row per image, metric and unit; a failed image's error is empty.
 
     `of` is the name of the first column: what the `method` of the errors is.
     """
@@ -32,7 +32,7 @@ def write_per_image(path: Path, errors: Sequence[ImageErrors], of: str = "method
 
 
 def write_report_csv(path: Path, summaries: Sequence[Summary]) -> None:
-    """Write report.csv, one row a group (its `sequence` is empty) and one a sequence."""
+    """Write report.csv, one row per group (its `sequence` is empty) and one per sequence."""
     write_table(path, REPORT, ([getattr(s, name) for name in REPORT] for s in summaries))
 
 

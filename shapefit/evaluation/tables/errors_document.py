@@ -31,7 +31,7 @@ Kind = tuple[str, str]
 FAILURES_SHOWN = 10
 """Failed items a method that the page lists; the JSON lists them all."""
 
-_SPEED = ("ms an image", "images/s")
+_SPEED = ("ms per image", "images/s")
 
 _HOW_TO_READ = "Each number is the mean, over the sequences of the group, of the sequence's mean."
 _HOW_TO_READ_OVERVIEW = f"{HOW_TO_READ_PAIRS} Times are those of solving alone."
@@ -51,9 +51,9 @@ def markdown(report: Report) -> str:
 
 
 def document(report: Report, failures: int = FAILURES_SHOWN) -> list[Block]:
-    """Return the blocks of the page, with so many failed items a method.
+    """Return the blocks of the page, with so many failed items per method.
 
-    Groups have a table a metric and unit, groups down and methods across. Without groups there is
+    Groups have a table per metric and unit, groups down and methods across. Without groups there is
     one table, methods down, and the means and medians of all metrics across.
     """
     tables = by_kind(summary for summary in report.summaries if summary.sequence is None)
@@ -151,7 +151,7 @@ def _solving(report: Report) -> list[Block]:
 
 
 def _speed(solving: Solving) -> list[str]:
-    """Cells of `_SPEED`; from 100 images a second on whole ones."""
+    """Cells of `_SPEED`; from 100 images per second on whole ones."""
     rate = solving.images_per_second
     return [
         ABSENT if solving.milliseconds is None else f"{solving.milliseconds:.3g}",

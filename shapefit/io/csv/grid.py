@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+GROWTH = 1.25
+"""Room that a growing array makes at once, as a multiple of what it holds."""
+
 
 class NumberedNames:
     """The distinct texts of a column, numbered in order of appearance."""
@@ -44,7 +47,7 @@ class Grid:
             wider[tuple(map(slice, self.values.shape))] = self.values
             self.values = wider
         if shape[0] > length:
-            self._lengthen(shape[0] + shape[0] // 4)
+            self._lengthen(int(GROWTH * shape[0]))
 
     def cut(self, *shape: int) -> NDArray[Any]:
         """Return the array in this shape, without the room to grow."""

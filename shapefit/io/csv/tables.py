@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.io.csv.grid import Grid, NumberedNames
+from shapefit.io.csv.grid import GROWTH, Grid, NumberedNames
 from shapefit.io.csv.numbers import read_numbers
 from shapefit.io.csv.text import Block, CsvText
+from shapefit.io.memory import check_fits
 from shapefit.io.problems import Problems
 from shapefit.io.records import Floats, Integers, LandmarkSet, Names, ResultSet, ShapeSet
 
@@ -108,6 +109,7 @@ class _Tidy:
         known = len(self._names["item"])
         item, landmark = self._number(block, "item"), self._number(block, "landmark")
         n, p = len(self._names["item"]), len(self._names["landmark"])
+        self._check_fits(n, p)
         self._take_lines(block, item, landmark, (n, p))
         if "sequence" in block.cells:
             self._take_sequences(block, item, known)
@@ -118,6 +120,21 @@ class _Tidy:
         if "confidence" in block.cells:
             self._confidence.reach(n, p)
             self._confidence.values[item, landmark] = self._confidences(block)
+
+    def _check_fits(self, n: int, p: int) -> None:
+        """Raise InputError where the arrays of n items and p landmarks are more than memory holds.
+
+        A row of an item and a landmark of its own each takes p and n numbers more, not one.
+        """
+        grids = (self._lines, self._points, self._confidence)
+        held = self._lines.values.shape
+        if n <= held[0] and p <= held[1]:
+            return
+        axes = len(self._coordinates)
+        entry = sum(grid.values.itemsize for grid in (*grids, *(axes - 1) * [self._points]))
+        size = int(entry * n * p * GROWTH)
+        size -= sum(grid.values.nbytes for grid in grids) if p == held[1] else 0
+        check_fits(self._text.name, size, f"a table of {n} items and {p} landmarks")
 
     def _number(self, block: Block, column: str) -> Integers:
         """Return the number of the item or landmark of each row."""

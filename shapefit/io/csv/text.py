@@ -72,7 +72,7 @@ class CsvText:
             for line, row in read_rows(section, self.name):
                 if len(row) != width:
                     found = f"has {len(row)} cells for {width} columns"
-                    widths.tell(f"{self.name}:{line}: {found}; write one cell a column", line)
+                    widths.tell(f"{self.name}:{line}: {found}; write one cell per column", line)
                     continue
                 rows.append(row)
                 lines.append(line)

@@ -15,6 +15,7 @@ import numpy as np
 
 from shapefit.errors import input_error, printable
 from shapefit.io.extras import Extras, is_per_item
+from shapefit.io.hdf5.pieces import read_rows
 from shapefit.io.hdf5.sizes import size_in_memory
 from shapefit.io.layout import (
     AXES,
@@ -235,8 +236,8 @@ class Hdf5Reader:
             with self._damage(name):
                 dataset = self._file[name]
                 if not _is_text(dataset):
-                    return dataset[rows]
-                texts = dataset.asstr()[rows]
+                    return read_rows(dataset, rows, text=False)
+                texts = read_rows(dataset, rows, text=True)
         except UnicodeDecodeError as error:
             fix = "write its texts as UTF-8"
             raise input_error(self.place(name), "holds text that is not UTF-8", fix) from error

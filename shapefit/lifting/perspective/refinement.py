@@ -34,7 +34,7 @@ class Refined:
     """Stationary points for n images: X = R sum_i c_i B_i + t.
 
     rotation R (n, 3, 3); translation t (n, 3); coefficients c (n, k) >= 0; objective (n,);
-    rounds (n,); status, a Status an image. nan where it is DEGENERATE, which means that a landmark
+    rounds (n,); status, a Status per image. nan where it is DEGENERATE, which means that a landmark
     begins behind the camera, or NUMERICAL_FAILURE.
     """
 

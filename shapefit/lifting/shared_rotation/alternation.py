@@ -20,7 +20,7 @@ class Alternation:
     """Local minima for n images: S = R sum_i c_i B_i.
 
     coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0, for it is unknown then; rounds
-    (n,), over all starts of an image; status, a Status an image.
+    (n,), over all starts of an image; status, a Status per image.
     """
 
     coefficients: Floats

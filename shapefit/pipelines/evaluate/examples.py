@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from shapefit.config.commands.evaluate import MOST_EXAMPLES
 from shapefit.errors import abbreviate, input_error
+from shapefit.evaluation.metric_table import LANDMARKS
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.meshes.pictures import Pose, skeleton_picture
@@ -61,7 +62,7 @@ def check_examples(wanted: int | Sequence[str], truth: ShapeSet, files: Sequence
 
 def keep(results: ResultSet, judgement: Judgement, truth: ShapeSet) -> Lifted:
     """Take from a result file what a picture of its images needs."""
-    observed = find_dataset(judgement.file, results, "landmarks")
+    observed = find_dataset(judgement.file, results, LANDMARKS)
     have, want = results.landmark_names, truth.landmark_names
     return Lifted(
         file=judgement.file,

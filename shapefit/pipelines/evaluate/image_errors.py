@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from shapefit.errors import abbreviate, input_error
-from shapefit.evaluation import labels
+from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.summary import ImageErrors, group_sequences
 from shapefit.pipelines.evaluate.judgement import Judgement
 
@@ -25,7 +25,7 @@ def image_errors(name: str, judgements: Sequence[Judgement]) -> list[ImageErrors
             for j in judgements
             if kind in j.errors
             for item, sequence, value in zip(j.items, j.sequences, j.errors[kind], strict=True)
-            if kind[0] not in labels.METRICS or not np.isnan(value) or item in j.failures
+            if not METRICS[kind[0]].of_labels or not np.isnan(value) or item in j.failures
         ]
         if images:
             items, sequences, values = zip(*images, strict=True)

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error
-from shapefit.evaluation import labels
+from shapefit.evaluation.metric_table import METRICS, ROTATION
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 from shapefit.evaluation.summary import ALL
 from shapefit.geometry.procrustes import coincide
 from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
 from shapefit.pipelines.evaluate.common_landmarks import common_landmarks
-from shapefit.pipelines.evaluate.measurement import NEEDS, Kind, datasets_of, measure
+from shapefit.pipelines.evaluate.measurement import Kind, datasets_of, measure
 from shapefit.pipelines.evaluate.result_datasets import find_dataset
 from shapefit.pipelines.items import named_items
 
@@ -64,10 +64,10 @@ def judge(
     errors: dict[Kind, Floats] = {}
     unmeasured: list[str] = []
     for metric in metrics:
-        data = {name: find_dataset(file, results, name) for name in datasets_of(metric)}
-        lacking = [name for name in NEEDS[metric] if data[name] is None]
+        data = {wanted: find_dataset(file, results, wanted) for wanted in datasets_of(metric)}
+        lacking = [wanted for wanted in METRICS[metric].datasets if data[wanted] is None]
         if lacking:
-            datasets = " and ".join(f"`{name}`" for name in lacking)
+            datasets = " and ".join(f"`{wanted.name}`" for wanted in lacking)
             unmeasured.append(f"no {metric} without the dataset {datasets}")
             continue
         with np.errstate(all="ignore"):  # what overflows is no error that can be told
@@ -152,13 +152,13 @@ def _failures(
         if judged[i].sum() < FEWEST_LANDMARKS:
             return f"only {judged[i].sum()} landmarks are known on both sides"
         lost = [kind for kind, values in certain.items() if np.isnan(values[i])]
-        if empty[i] and all(metric == "rotation" for metric, _ in lost):
+        if empty[i] and all(ROTATION in METRICS[metric].needs for metric, _ in lost):
             return "no rotation (deg): the shape is empty, all its landmarks on one point"
         kinds = [f"{metric} ({unit})" for metric, unit in lost]
         return f"what {', '.join(kinds)} needs is nan, or true landmarks are all on one point"
 
     empty = coincide(results.shapes) & np.isfinite(results.shapes).all(axis=(1, 2))
-    certain = {kind: v for kind, v in errors.items() if kind[0] not in labels.METRICS}
+    certain = {kind: v for kind, v in errors.items() if not METRICS[kind[0]].of_labels}
     failed = ~judged.any(axis=-1)
     for values in certain.values():
         failed |= np.isnan(values)

@@ -1,4 +1,4 @@
-"""From the datasets of a result file to its errors: what each metric takes, and its units."""
+"""From the arrays of a result to its errors in one metric, in its unit or two."""
 
 from __future__ import annotations
 
@@ -8,64 +8,54 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.evaluation import labels
 from shapefit.evaluation import metrics as measures
+from shapefit.evaluation.metric_table import (
+    BOX,
+    ESTIMATE,
+    IMAGE,
+    LANDMARKS,
+    LENGTH,
+    METRICS,
+    TRUTH,
+    Dataset,
+)
 from shapefit.evaluation.report import NORMALISED
-from shapefit.geometry.rotations import rotation_angle
 
 Floats = NDArray[np.float64]
 Kind = tuple[str, str]
 """A metric and its unit."""
 
-BOX = "box"
+OF_THE_BOX = "box"
 """Unit of distances in an image as shares of the diagonal of the object's box."""
 
-NEEDS: Mapping[str, tuple[str, ...]] = {
-    "similarity": (),
-    "camera": ("true_rotation",),
-    "rotation": ("true_rotation", "rotation"),
-    "reprojection": ("landmarks", "landmarks_fitted"),
-    "precision": ("outliers", "corrupted"),
-    "recall": ("outliers", "corrupted"),
-}
-"""Datasets of the result file, besides the shapes, that each metric takes."""
 
-USES: Mapping[str, tuple[str, ...]] = {"reprojection": ("bounding_box",)}
-"""Datasets that a metric takes where they are there."""
-
-
-def datasets_of(metric: str) -> tuple[str, ...]:
-    """Return the names of all datasets that a metric can take."""
-    return NEEDS[metric] + USES.get(metric, ())
+def datasets_of(metric: str) -> tuple[Dataset, ...]:
+    """Return all datasets of a result file that a metric can take; those in an image also a box."""
+    known = METRICS[metric]
+    return (*known.datasets, *((LANDMARKS, BOX) if known.unit == IMAGE else ()))
 
 
 def measure(
     metric: str,
     estimate: Floats,
     true: Floats,
-    data: Mapping[str, NDArray[Any] | None],
+    data: Mapping[Dataset, NDArray[Any] | None],
     units: tuple[str, str],
 ) -> dict[Kind, Floats]:
     """Errors (n,) in one metric, in one unit or two.
 
-    estimate and true (n, 3, p); data holds the datasets of the metric by name, all that it needs;
-    units are those of the truth and of the images.
+    estimate and true (n, 3, p); data holds the datasets of the metric, all that it needs; units
+    are those of the truth and of the images.
     """
-    needed: list[Any] = [data[name] for name in NEEDS[metric]]
-    if metric == "rotation":
-        return {(metric, "deg"): rotation_angle(*needed)}
-    if metric == "reprojection":
-        observed, fitted = needed
-        error = measures.reprojection(fitted, observed)
-        return {
-            (metric, units[1]): error,
-            (metric, BOX): error / _diagonal(data["bounding_box"], observed),
-        }
-    if metric in labels.METRICS:
-        share = labels.precision if metric == "precision" else labels.recall
-        return {(metric, labels.SHARE): share(*needed)}
-    distance = measures.camera if metric == "camera" else measures.similarity
-    return in_both_units(metric, distance(estimate, true, *needed), estimate, true, units[0])
+    known = METRICS[metric]
+    arrays = {**data, ESTIMATE: estimate, TRUTH: true}
+    error: Floats = known.load()(*(arrays[dataset] for dataset in known.needs))
+    if known.unit == LENGTH:
+        return in_both_units(metric, error, estimate, true, units[0])
+    if known.unit != IMAGE:
+        return {(metric, known.unit): error}
+    boxed = error / _diagonal(arrays[BOX], arrays[LANDMARKS])
+    return {(metric, units[1]): error, (metric, OF_THE_BOX): boxed}
 
 
 def in_both_units(
@@ -81,12 +71,13 @@ def in_both_units(
     )
 
 
-def _diagonal(boxes: NDArray[Any] | None, observed: Floats) -> Floats:
+def _diagonal(boxes: NDArray[Any] | None, observed: NDArray[Any] | None) -> Floats:
     """Diagonal (n,) of the given boxes (n, 4), x y w h, else of those of the observed landmarks.
 
     nan where it is 0 or unknown.
     """
     if boxes is None:
+        assert observed is not None  # a metric in an image takes them
         return measures.box_diagonal(observed)
     diagonal = np.hypot(boxes[:, 2], boxes[:, 3])
     return np.where(diagonal > 0, diagonal, np.nan)

@@ -15,7 +15,7 @@ import numpy as np
 
 from shapefit.config import ViewConfig
 from shapefit.errors import InputError
-from shapefit.evaluation import labels
+from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.tables.document import Block, Picture, Section, as_markdown
 from shapefit.pipelines.view.run import Page, make_page
@@ -97,7 +97,7 @@ def first_of_each(errors: Sequence[ImageErrors]) -> list[ImageErrors]:
     """Return the errors of each method in its first metric; outlier labels are none."""
     first: dict[str, ImageErrors] = {}
     for each in errors:
-        if each.metric not in labels.METRICS:
+        if not METRICS[each.metric].of_labels:
             first.setdefault(each.method, each)
     return list(first.values())
 

@@ -9,36 +9,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.extras import LABELS
+from shapefit.evaluation.metric_table import Dataset
+from shapefit.io.layout import RESULTS
 from shapefit.io.records import ResultSet
 
+FIELDS = {dataset.name: dataset.attribute for dataset in RESULTS.datasets}
 
-def find_dataset(file: Path, results: ResultSet, name: str) -> NDArray[Any] | None:
+
+def find_dataset(file: Path, results: ResultSet, wanted: Dataset) -> NDArray[Any] | None:
     """Return a dataset that a metric takes, in the paper's orientation; None if it is absent.
 
-    Points (n, 2, p), rotations (n, 3, 3), boxes (n, 4) or labels (n, p), which are booleans.
-    Raises InputError where the dataset has another shape than that.
+    Raises InputError where the dataset has another shape than the metric expects.
     """
-    if name == "rotation":
-        return results.rotation
-    if name == "landmarks_fitted":
-        return results.landmarks_fitted
-    data = results.extras.get(name)
+    if wanted.name in FIELDS:
+        known: NDArray[Any] | None = getattr(results, FIELDS[wanted.name])
+        return known
+    data = results.extras.get(wanted.name)
     if data is None:
         return None
-    expected = (len(results), *_shape(name, len(results.landmark_names)))
+    p = len(results.landmark_names)
+    expected = (len(results), *(p if size == "p" else size for size in wanted.shape))
     if data.shape != expected:
         found = f"has the shape {data.shape}"
-        raise input_error(f"{file}:/{name}", found, f"its shape must be {expected}")
-    if name in LABELS:
+        raise input_error(f"{file}:/{wanted.name}", found, f"its shape must be {expected}")
+    if wanted.labels:
         return np.asarray(data, dtype=np.bool_)
     numbers = np.asarray(data, dtype=np.float64)
-    # Carried datasets come as they stand in the file, one landmark a row.
-    return np.swapaxes(numbers, -1, -2) if name == "landmarks" else numbers
-
-
-def _shape(name: str, p: int) -> tuple[int, ...]:
-    """Shape, within one image, of a dataset as it stands in the file."""
-    if name in LABELS:
-        return (p,)
-    return {"true_rotation": (3, 3), "bounding_box": (4,), "landmarks": (p, 2)}[name]
+    # Carried datasets come as they stand in the file, one landmark per row.
+    return np.swapaxes(numbers, -1, -2) if wanted.points else numbers

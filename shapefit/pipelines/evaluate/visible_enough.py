@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.errors import input_error
+from shapefit.evaluation.metric_table import LANDMARKS
 from shapefit.evaluation.metrics import visible_in_both
 from shapefit.io.records import ResultSet
 from shapefit.pipelines.evaluate.result_datasets import find_dataset
@@ -21,7 +22,7 @@ def visible_enough(file: Path, results: ResultSet, least: int) -> tuple[ResultSe
     """
     if not least:
         return results, ()
-    observed = find_dataset(file, results, "landmarks")
+    observed = find_dataset(file, results, LANDMARKS)
     if observed is None:
         fix = f"fit to a file that ends in .h5, or leave out `{KEY}`"
         raise input_error(file, f"has no dataset 'landmarks', which `{KEY}` counts in", fix)

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
-from shapefit.lifting.methods import METHODS, listed, those
+from shapefit.errors import listed
+from shapefit.lifting.methods import METHODS, those
 
 
 class AtomMeshes(NamedTuple):
-    """One mesh an atom: vertices (k, 3, q), faces (f, 3)."""
+    """One mesh per atom: vertices (k, 3, q), faces (f, 3)."""
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]

@@ -30,7 +30,7 @@ def fitted_image(
     """Gather one image (n = 1); without mesh where that cannot follow, all nan without a shape.
 
     The mesh has one rotation. Where the camera sees it is another matter: there it is projected as
-    the fit projects it, with a rotation an atom (convex) or in perspective, so that it lies under
+    the fit projects it, with a rotation per atom (convex) or in perspective, so that it lies under
     the fitted landmarks.
     """
     extras = found.extras

@@ -1,4 +1,4 @@
-"""Mesh files of fitted images: one an image, named after its item."""
+"""Mesh files of fitted images: one per image, named after its item."""
 
 from __future__ import annotations
 
@@ -27,6 +27,9 @@ Encode = Callable[[Floats, Floats | None], Files]
 
 STRETCH = 64
 """Images whose vertices are in memory at a time."""
+
+FARTHEST = 1e38
+"""Coordinate that PLY and GLB can hold, in single precision."""
 
 
 def check_mesh_export(config: FitConfig, dictionary: Dictionary) -> None:
@@ -68,7 +71,8 @@ class MeshExport:
         self._files = files
         self._encode = choose_encoder(config, dictionary)
         self._items = ChosenItems("export.items", config.export.items)
-        self._written = self._missing = 0
+        self._farthest = np.inf if config.export.format == "obj" else FARTHEST
+        self._written = self._missing = self._far = 0
 
     def add(self, found: ResultSet, transforms: Floats | None) -> None:
         """Write the files of a chunk; transforms (n, k, 2, 3) where the method has them."""
@@ -88,14 +92,24 @@ class MeshExport:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was asked for and is not there."""
-        found = f"images without a shape (failed, or all coefficients 0): {self._missing}"
-        return ((f"{found}; they have no mesh",) if self._missing else ()) + self._items.warnings
+        missing = f"images without a shape (failed, or all coefficients 0): {self._missing}"
+        far = f"images with coordinates beyond {FARTHEST:g}, too far for the format: {self._far}"
+        fix = "take `export.format: obj`, or a larger unit"
+        return (
+            *((f"{missing}; they have no mesh",) if self._missing else ()),
+            *((f"{far}; they have no mesh: {fix}",) if self._far else ()),
+            *self._items.warnings,
+        )
 
     def _write(self, found: ResultSet, transforms: Floats | None) -> None:
         points, landmarks = self._points(
             ModelPlacement(self._config, self._dictionary, found, transforms)
         )
         for item, shape, marks in zip(found.items, points, landmarks, strict=True):
+            every = shape if marks is None else np.hstack([shape, marks])
+            if np.abs(every).max() > self._farthest:
+                self._far += 1
+                continue
             stem = file_stem(item)
             for suffix, content in self._encode(shape, marks).items():
                 name = stem.with_name(stem.name + suffix)

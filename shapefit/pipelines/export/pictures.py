@@ -1,4 +1,4 @@
-"""Pictures of fitted images: one file an image, and a contact sheet of images spread over all."""
+"""Pictures of fitted images: one file per image, and a contact sheet of images spread over all."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class ModelPlacement:
     def carry(self, atoms: Floats) -> Floats:
         """Return points (n, 3, q) of the atoms (k, 3, q), mixed and turned as the landmarks were.
 
-        With one rotation an image or, if `export.rotation` says so, one an atom.
+        With one rotation per image or, if `export.rotation` says so, one per atom.
         """
         one, none = np.ones(len(self.found)), np.zeros((len(self.found), 2))
         if self.config.export.rotation == "per-atom":

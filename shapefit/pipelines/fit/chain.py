@@ -44,16 +44,16 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
     check_needs(config, dictionary)
     METHODS[config.method].load()
     refinement = choose_refinement(config, dictionary)
-    program = choose_program(config)
+    program, solve = choose_program(config), choose_solver(config)
     search = None
     if config.outliers.method != "none":
         from shapefit.pipelines.fit.outlier_search import choose_search, lift_inliers
 
-        search = choose_search(config.outliers, choose_solver(config), config.threads)
+        search = choose_search(config.outliers, solve, config.threads)
     view = choose_view(config)
 
     def lift_with(images: LandmarkSet, part: Dictionary) -> Lifting:
-        estimator = choose_method(config.method, choose_settings(config, part))
+        estimator = choose_method(config.method, choose_settings(config, part, solve))
 
         def lift_weighted(weights: Floats) -> Lifting:
             return lift(images.landmarks, weights, part.atoms, program, estimator)
@@ -154,7 +154,7 @@ def choose_program(config: FitConfig) -> Program:
     )
 
 
-def choose_settings(config: FitConfig, dictionary: Dictionary) -> Settings:
+def choose_settings(config: FitConfig, dictionary: Dictionary, solve: Solve) -> Settings:
     """Return what the methods need besides the problem."""
     method = METHODS[config.method]
     options = None
@@ -164,7 +164,7 @@ def choose_settings(config: FitConfig, dictionary: Dictionary) -> Settings:
             **{key.name: getattr(getattr(config, name), key.name) for key in fields(kind)}
         )
     return Settings(
-        solve=choose_solver(config),
+        solve=solve,
         mean_shape=dictionary.mean_shape,
         needs={need.name: getattr(dictionary, need.name) for need in method.needs},
         options=options,

@@ -80,7 +80,7 @@ def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:
             raise input_error(place, f"holds a matrix that no camera has, {rows}", fix)
     else:
         found = f"has the shape {shape}"
-        fix = f"give one number or 3x3 matrix, or {n} of them, one an image"
+        fix = f"give one number or 3x3 matrix, or {n} of them, one per image"
         raise input_error(place, found, fix)
     if not (focal > 0).all():
         found = f"holds the focal length {focal.min():g}"

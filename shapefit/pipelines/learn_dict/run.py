@@ -94,7 +94,7 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Iterato
         note=(
             f"objective {learned.trace[-1]:.6g}, "
             f"relative error {learned.relative_error(shapes):.4f}, "
-            f"{learned.active_atoms:.1f} active atoms a shape"
+            f"{learned.active_atoms:.1f} active atoms per shape"
         ),
         written=(config.output,),
     )

@@ -11,7 +11,6 @@ from shapefit import __version__
 from shapefit.config import SweepConfig, ViewConfig
 from shapefit.config.commands.sweep import Value
 from shapefit.errors import input_error
-from shapefit.evaluation import labels
 from shapefit.evaluation.experiments.sweep import (
     Point,
     Sweep,
@@ -22,6 +21,7 @@ from shapefit.evaluation.experiments.sweep import (
     value_text,
     write_csv,
 )
+from shapefit.evaluation.metric_table import of_labels
 from shapefit.evaluation.plots import bars as plots
 from shapefit.evaluation.plots.sweep_plots import sweep_plot
 from shapefit.evaluation.summary import ImageErrors
@@ -124,7 +124,7 @@ def _check_match(config: SweepConfig, landmarks: Sequence[Path]) -> None:
 def _metrics(config: SweepConfig, value: Value, results: ResultSet) -> Sequence[str]:
     """Return the metrics of the config, and those of labels where the truth of labels is known."""
     labelled = config.steps(value).fit.labels_outliers and CORRUPTED in results.extras
-    return config.metrics + (labels.METRICS if labelled else ())
+    return config.metrics + (of_labels() if labelled else ())
 
 
 def _in_first_units(errors: Iterable[ImageErrors]) -> list[ImageErrors]:

@@ -1,5 +1,5 @@
 "use strict";
-/** The strip under the slider: one bar a frame, high where the frame is worth a look. */
+/** The strip under the slider: one bar per frame, high where the frame is worth a look. */
 const strip = (() => {
   /**
    * How bad each value is, from 0 to 1, on the scale of these values; NaN is Infinity.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -158,6 +159,17 @@ def test_other_types_of_numbers_and_texts_are_read(landmark_file, landmarks, edi
     assert first.landmarks.dtype == np.float64
     np.testing.assert_allclose(first.landmarks, landmarks.landmarks[:3], rtol=1e-6)
     assert (first.confidence == 1).all()
+
+
+def test_a_signalling_nan_is_nan_without_a_word(landmark_file, landmarks, edit):
+    points = landmarks.landmarks.swapaxes(1, 2).astype("f4")
+    points.view("u4")[0, 0] = 0x7F800001
+    edit(landmark_file, landmarks=points)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        first, _ = read_landmarks(landmark_file)
+    assert np.isnan(first.landmarks[0, :, 0]).all()
+    assert np.isfinite(first.landmarks[0, :, 1:]).all()
 
 
 def test_optional_datasets_may_be_missing(shape_file, dictionary_file, result_file, edit):

@@ -252,3 +252,65 @@ def test_moments_are_weighted_and_know_the_inliers_only(shape, rng):
     S, W = S - middle[:, None], W - origin[:, None]
     np.testing.assert_allclose(P_found, (share * S) @ S.T)
     np.testing.assert_allclose(D, (share * W) @ S.T)
+
+
+def test_the_search_stops_by_the_share_of_inliers(posed, shape, rng):
+    """More draws than anyone waits for, where the inliers of the first ones decide."""
+    landmarks, wrong = plant(posed, 0.5, rng)
+    np.testing.assert_array_equal(search(landmarks, shape, draws=10**12), ~wrong)
+
+
+def test_the_better_of_the_drawn_and_the_fitted_poses_counts(posed, shape, rng):
+    """The search again in Python: one round of fitting, after which the lower gain is forgotten."""
+    landmarks, _ = plant(posed, 0.6, rng)
+    landmarks += 0.08 * np.ptp(landmarks, axis=2, keepdims=True) * rng.standard_normal((N, 2, P))
+    some, draws, threshold, fell = 10, 2, 0.4, 0
+    landmarks, shape = np.tile(landmarks[..., :some], (4, 1, 1)), shape[:, :some].copy()
+    found = search(landmarks, shape, draws=draws, max_rounds=1, threshold=threshold)
+    for image, w in enumerate(landmarks):
+        area, ones = core.parts.find_area(w, np.arange(some)), np.ones(some)
+
+        def judge(size, R, T, w=w, area=area, ones=ones):
+            inside = np.empty(some, bool)
+            gain = core.parts.judge(w, ones, shape, size, R, T, threshold, area, False, inside)
+            return gain, inside
+
+        state, triple = np.array([image], np.uint64), np.zeros(3, np.int64)
+        drawn, best, labels = -np.inf, -np.inf, np.zeros(some, bool)
+        for _ in range(draws):
+            core.parts.draw_triple(np.arange(some), state, triple)
+            poses = np.empty((2, 3, 3))
+            size = core.parts.pose_triple(w, shape, triple, poses)
+            for R in poses:
+                T = w[:, triple[0]] - size * R[:2] @ shape[:, triple[0]]
+                gain, inside = judge(size, R, T)
+                if gain <= drawn:
+                    continue
+                drawn = gain
+                if gain > best:
+                    best, labels = gain, inside
+                if inside.sum() > 3:
+                    gain, inside = judge(*fitted(w, shape, inside, R))
+                    fell += gain < drawn == best
+                    if gain > best:
+                        best, labels = gain, inside
+        np.testing.assert_array_equal(found[image], labels, err_msg=f"image {image}")
+    assert fell > 3
+
+
+def fitted(w, shape, inside, start):
+    """Return size, rotation and translation of the pose of the shape nearest to these landmarks."""
+    from scipy.optimize import least_squares
+    from scipy.spatial.transform import Rotation
+
+    w, S = w[:, inside], shape[:, inside]
+    middle, origin = S.mean(axis=1), w.mean(axis=1)
+
+    def left(x):
+        M = np.exp(x[3]) * (Rotation.from_rotvec(x[:3]).as_matrix() @ start)[:2]
+        return (M @ (S - middle[:, None]) - (w - origin[:, None])).ravel()
+
+    size = np.linalg.norm(w - origin[:, None]) / np.linalg.norm(S - middle[:, None])
+    x = least_squares(left, [0, 0, 0, np.log(size)], xtol=1e-12, ftol=1e-14, gtol=1e-14).x
+    R, size = Rotation.from_rotvec(x[:3]).as_matrix() @ start, np.exp(x[3])
+    return size, R, origin - size * R[:2] @ middle

@@ -262,3 +262,17 @@ def test_odd_names_stay_in_the_folder_and_apart(tmp_path, export, views):
     assert sorted(
         str(path.relative_to(tmp_path / "meshes")) for path in tmp_path.rglob("*.ply")
     ) == ["%/root.ply", "%2E%2E.ply", "%2E%2E/up.ply", "a b.ply", "a%3Ab%3F.ply", "a/b/c.ply"]
+
+
+@pytest.mark.parametrize(("file_format", "meshes"), [("ply", 5), ("glb", 5), ("obj", 6)])
+def test_what_is_too_far_for_single_precision_has_no_mesh(
+    export, views, tmp_path, file_format, meshes
+):
+    images = replace(views, landmarks=views.landmarks.copy())
+    images.landmarks[2] *= 1e45
+    _, outcomes = export(images, format=file_format)
+    assert outcomes[-1].note == f"{meshes} meshes"
+    assert len(list((tmp_path / "meshes").iterdir())) == meshes
+    warnings = [warning for outcome in outcomes for warning in outcome.warnings]
+    assert len(warnings) == 6 - meshes
+    assert all("beyond 1e+38, too far for the format: 1; they have no mesh" in w for w in warnings)

@@ -48,13 +48,14 @@ def test_settings_of_the_methods(config, dictionary):
     alternation = {
         "signed": True, "views": 9, "multi_start": True, "tolerance": 1e-3, "max_rounds": 17
     }  # fmt: skip
-    told = config(alternation=alternation, orthogonal=True, method="alternate+")
-    found = choose_settings(told, dictionary)
+    given = config(alternation=alternation, orthogonal=True, method="alternate+")
+    found = choose_settings(given, dictionary, choose_newton(given))
     assert found.options == AlternationOptions(**alternation)
+    assert found.solve.func is solve_newton
     assert (found.orthogonal, found.threads) == (True, 3)
     assert found.mean_shape is dictionary.mean_shape
     assert found.needs == {}
-    pursuing = choose_settings(config(method="pmp"), dictionary)
+    pursuing = choose_settings(config(method="pmp"), dictionary, solve_newton)
     assert pursuing.needs["edges"] is dictionary.edges
     assert pursuing.options is None
 

@@ -223,6 +223,23 @@ def test_wrong_folders_and_groups_and_no_matplotlib_are_input_errors(sweep, tmp_
         sweep({"fit.lambda": [0.1]}, plots=True)
 
 
+class TestTheDatasetThatNamesTheTruth:
+    def test_is_asked_of_given_landmarks_before_anything_is_written(self, sweep, tmp_path):
+        with pytest.raises(InputError, match=r"match: the landmarks have no dataset 'nothing'"):
+            sweep(
+                {"fit.lambda": [0.1]},
+                project=None,
+                fit={"landmarks": str(PEOPLE / "people_views.csv")},
+                match="nothing",
+            )
+        assert not (tmp_path / "out").exists()
+
+    def test_is_asked_of_projected_landmarks_before_the_first_fit(self, sweep, tmp_path):
+        with pytest.raises(InputError, match=r"match: the landmarks have no dataset 'nothing'"):
+            sweep({"fit.lambda": [0.1]}, match="nothing")
+        assert not list((tmp_path / "out").rglob("result*.h5"))
+
+
 class TestCorruptedCars:
     """The cars of sample_data, each fitted without its own model."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import h5py
+import numpy as np
 import pytest
 
 from shapefit.config import ViewConfig
@@ -71,6 +73,14 @@ def test_damaged_files_are_named(desk):
     path = desk.result()
     path.write_bytes(path.read_bytes()[:2000])
     assert "result.h5: cannot be read" in refused(desk, path)
+
+
+@pytest.mark.parametrize("form", [h5py.Empty("f8"), np.zeros((2, 2)), [1, 2], 3.0])
+def test_a_format_that_is_no_text(desk, form):
+    path = desk.result()
+    with h5py.File(path, "r+") as file:
+        file.attrs["format"] = form
+    assert "result.h5: has a format that is no text; give one of" in refused(desk, path)
 
 
 def test_images_that_are_not_there_or_no_images(desk, rng):

@@ -1,0 +1,99 @@
+"""The first run of an installation: nothing is compiled, cached or loaded on the solver's clock."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+WRITES = """
+import json, os, resource, sys
+written = set()
+def hook(event, arguments):
+    name = arguments[0] if arguments else None
+    if event == "open" and isinstance(name, (str, bytes, os.PathLike)):
+        if (arguments[2] or 0) & (os.O_WRONLY | os.O_RDWR | os.O_CREAT):
+            written.add(os.path.realpath(os.fsdecode(name)))
+    elif event in ("os.mkdir", "os.rename"):
+        written.add(os.path.realpath(os.fsdecode(name)))
+sys.addaudithook(hook)
+sys.dont_write_bytecode = True
+from shapefit_cli.main import run
+code = run(sys.argv[1:])
+print(json.dumps({"code": code, "written": sorted(written),
+    "seconds": resource.getrusage(resource.RUSAGE_SELF).ru_utime}))
+"""
+
+CLOCK = """
+import json, sys, time
+from types import SimpleNamespace
+import shapefit.pipelines.fit.run as fitting
+loaded = []
+def clock():
+    loaded.append(set(sys.modules))
+    return time.perf_counter()
+fitting.time = SimpleNamespace(perf_counter=clock)
+from shapefit_cli.main import run
+code = run(sys.argv[1:])
+new = [sorted(after - before) for before, after in zip(loaded[::2], loaded[1::2])]
+print(json.dumps({"code": code, "times": len(new), "new": sum(new, [])}))
+"""
+
+PERSPECTIVE = "camera={model: perspective, intrinsics: camera_matrix}"
+CARS = [
+    *(["loss=" + loss] for loss in ("squared", "exact", "l1", "sparse-error")),
+    *(["method=" + method] for method in ("convex+refine", "alternate", "alternate+")),
+    ["method=mean-shape", PERSPECTIVE],
+    ["outliers.method=ransac", PERSPECTIVE],
+    ["outliers.method=truncated"],
+    ["leave_out=true_model"],
+    ["orthogonal=true"],
+    ["solver.name=admm", "solver.max_iterations=3"],
+]
+
+
+@pytest.fixture(scope="module")
+def cars(project, tmp_path_factory):
+    """A dictionary of the sample cars."""
+    path = tmp_path_factory.mktemp("cars") / "cars.h5"
+    shapes = project / "sample_data/cars.h5"
+    learn = ("learn-dict", shapes, "-o", path, "--set=method=exemplars", "--set=align=none")
+    assert script(WRITES, *learn)["code"] == 0
+    return path
+
+
+def script(text: str, *arguments: object, **environment: str) -> dict:
+    """Run a script in a process of its own; return what it prints last."""
+    done = subprocess.run(
+        [sys.executable, "-c", text, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+        env=os.environ | environment,
+    )
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_a_fit_without_a_home_compiles_nothing_and_leaves_no_cache(project, cars, tmp_path):
+    home = {"HOME": "/nonexistent", "XDG_CACHE_HOME": "/nonexistent", "TMPDIR": "/nonexistent"}
+    views, out = project / "sample_data/cars_views.h5", tmp_path / "out"
+    out.mkdir()
+    done = script(WRITES, "fit", views, "-d", cars, "-o", out / "result.h5", **home)
+    assert done["code"] == 0
+    elsewhere = [name for name in done["written"] if not name.startswith(str(out))]
+    assert [name for name in elsewhere if not name.startswith(("/dev/", "/proc/"))] == []
+    assert done["seconds"] < 10  # of the processor: about 0.5, where compiling took 30
+
+
+@pytest.mark.parametrize("settings", CARS, ids=[" ".join(settings) for settings in CARS])
+def test_nothing_is_loaded_while_the_clock_of_solving_runs(project, cars, tmp_path, settings):
+    options = [word for setting in settings for word in ("--set", setting)]
+    views = project / "sample_data/cars_views.h5"
+    done = script(CLOCK, "fit", views, "-d", cars, "-o", tmp_path / "r.h5", *options)
+    assert done["code"] in (0, 1)
+    assert done["times"] > 0
+    assert done["new"] == []

@@ -1,0 +1,66 @@
+"""Datasets of many small chunks: HDF5 asks for some kB of memory for each of those read at once."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.io.hdf5 import pieces
+from shapefit.io.hdf5.pieces import read_rows
+
+ROWS = [(), slice(None), slice(3, 9), slice(8, 100), slice(5, 5)]
+
+
+@pytest.fixture
+def dataset(tmp_path, rng):
+    with h5py.File(tmp_path / "many.h5", "w") as file:
+        yield lambda values, **keys: file.create_dataset("many", data=values, **keys)
+
+
+@pytest.mark.parametrize("rows", ROWS)
+@pytest.mark.parametrize("most", [1, 3, 7, 50, 10_000])
+@pytest.mark.parametrize("chunks", [(1, 1, 1), (2, 3, 2), (11, 1, 2), (11, 5, 4)])
+def test_pieces_make_the_whole(dataset, rng, monkeypatch, rows, most, chunks):
+    values = rng.standard_normal((11, 5, 4))
+    monkeypatch.setattr(pieces, "MOST_CHUNKS", most)
+    found = read_rows(dataset(values, chunks=chunks), rows, text=False)
+    np.testing.assert_array_equal(found, values[rows])
+
+
+@pytest.mark.parametrize("rows", ROWS)
+def test_texts_are_texts(dataset, monkeypatch, rows):
+    texts = np.array([f"café {number}" for number in range(11)], object)
+    monkeypatch.setattr(pieces, "MOST_CHUNKS", 2)
+    made = dataset(texts, dtype=h5py.string_dtype(), chunks=(1,))
+    assert list(read_rows(made, rows, text=True)) == list(texts[rows])
+
+
+@pytest.mark.parametrize("value", [np.float64(3), np.zeros((0, 3)), np.arange(4)])
+def test_datasets_without_chunks(dataset, value):
+    np.testing.assert_array_equal(read_rows(dataset(value), (), text=False), value)
+
+
+def test_never_more_chunks_than_that(monkeypatch):
+    monkeypatch.setattr(pieces, "MOST_CHUNKS", 12)
+    shape, chunks = (9, 7, 50), (2, 1, 3)
+    seen = np.zeros(shape, int)
+    for piece in pieces._pieces(shape, chunks):
+        seen[piece] += 1
+        sizes = [part.stop - part.start for part in piece]
+        assert np.prod([-(-size // chunk) for size, chunk in zip(sizes, chunks, strict=True)]) <= 12
+    assert (seen == 1).all()
+
+
+def test_many_chunks_do_not_take_gigabytes(tmp_path, run_python):
+    with h5py.File(tmp_path / "many.h5", "w") as file:
+        file.create_dataset("many", (100_000,), "f8", chunks=(1,))
+    script = f"""
+import resource
+import h5py
+from shapefit.io.hdf5.pieces import read_rows
+with h5py.File("{tmp_path}/many.h5") as file:
+    assert len(read_rows(file["many"], (), text=False)) == 100_000
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 400_000)
+"""
+    assert run_python(script).stdout == "True\n"
