@@ -23,6 +23,9 @@ MOST_MODES = 4
 DEPTH_VARIANCE = 1e-5
 """Added to the covariances, which know no mean depth: it stays where it is."""
 
+UNSEEN_VARIANCE = 100.0
+"""Of the frames whose image says nothing: the others place them."""
+
 
 @dataclass(frozen=True)
 class Observations:
@@ -73,19 +76,27 @@ def observe(
     """Lay out the modes of t frames, all in one unit.
 
     log_evidence (t, k), -inf where a frame has fewer modes; means (t, k, 3, p); covariances
-    (t, k, 3p, 3p).
+    (t, k, 3p, 3p). A frame without modes starts between its neighbours. Raises ValueError where
+    no frame has any.
     """
     t, k = log_evidence.shape[0], min(MOST_MODES, log_evidence.shape[1])
     d = 3 * landmarks.shape[2]
-    log_share = log_evidence[:, :k] - log_evidence[:, :1]
+    there = np.isfinite(log_evidence[:, :k])
+    known = there[:, 0]
+    start = fill(start, known)
+    best = np.where(known, log_evidence[:, 0], 0.0)[:, None]
+    log_share = np.where(there, log_evidence[:, :k], -np.inf) - best
+    log_share[~known, 0] = 0.0
     log_share = log_share - np.log(np.exp(log_share).sum(axis=1, keepdims=True))
-    there = np.isfinite(log_share)
-    mean = np.where(there[..., None], means[:, :k].reshape(t, k, d), 0.0)
+    mean = np.where(there[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d))
     covariance = np.where(there[..., None, None], covariances[:, :k], 0.0)
-    covariance = covariance + np.where(there, DEPTH_VARIANCE, 1.0)[..., None, None] * np.eye(d)
+    variance = np.where(there, DEPTH_VARIANCE, UNSEEN_VARIANCE)
+    covariance = covariance + variance[..., None, None] * np.eye(d)
     return Observations(
         landmarks=landmarks,
-        trust=np.where(np.isfinite(landmarks).all(axis=1), np.nan_to_num(trust), 0.0),
+        trust=np.where(
+            np.isfinite(landmarks).all(axis=1) & known[:, None], np.nan_to_num(trust), 0.0
+        ),
         start=start,
         misfit=misfit,
         log_share=log_share,
@@ -93,6 +104,18 @@ def observe(
         precision=np.linalg.inv(covariance),
         log_det=np.linalg.slogdet(covariance)[1],
     )
+
+
+def fill(points: Floats, known: NDArray[np.bool_]) -> Floats:
+    """Points (t, 3, p) with the frames that are not known between their neighbours in time."""
+    if known.all():
+        return points
+    if not known.any():
+        raise ValueError("no frame is known")
+    frames = np.arange(len(points))
+    flat = points[known].reshape(int(known.sum()), -1)
+    filled = [np.interp(frames, frames[known], column) for column in flat.T]
+    return np.stack(filled, axis=1).reshape(points.shape)
 
 
 def mixture(seen: Observations, y: Floats) -> tuple[float, Floats, Floats]:

@@ -44,14 +44,14 @@ class Model:
 
     bones: Indices
     stiffness: Floats
-    give: float = 0.02
+    give: float = 0.005
     known: Floats | None = None
     known_sd: Floats | None = None
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """points (t, 3, p), lengths (e,), energy, and the log evidence of the noise up to a constant."""
+    """points (t, 3, p), lengths (e,), energy, and the log evidence of the noise but for a constant."""
 
     points: Floats
     lengths: Floats
@@ -97,7 +97,8 @@ def smooth(
         damping = max(damping / 5, LEAST_DAMPING)
         if gain < STILL * t:
             break
-    evidence = -at.energy - 0.5 * log_det - float(seen.trust.sum()) * 2 * np.log(noise)
+    spread = 2 * float(np.log(noise)) * float(seen.trust.sum())
+    evidence = -at.energy - 0.5 * log_det - spread
     return Smoothed(y.reshape(t, 3, p), lengths, at.energy, evidence)
 
 
@@ -108,6 +109,15 @@ def first_lengths(points: Floats, model: Model) -> Floats:
     if model.known is None:
         return mean
     return np.where(np.isfinite(model.known), model.known, mean)
+
+
+def normal_blocks(
+    seen: Observations, model: Model, noise: float, found: Smoothed
+) -> tuple[Floats, Floats]:
+    """Blocks (t, 3p, 3p) of the frames in the Hessian, and the stiffness (3p,) of the motion."""
+    problem = _Problem(seen, model, noise)
+    y = found.points.reshape(len(seen), -1)
+    return problem.equations(y, problem.look(y, found.lengths))[0], problem.stiffness
 
 
 class _Problem:
@@ -143,17 +153,17 @@ class _Problem:
         energy += 0.5 * float((self.hold * (lengths - self.known) ** 2).sum())
         return _At(energy, share, pull, away, bone, size, short)
 
-    def step(
-        self, y: Floats, lengths: Floats, at: _At, damping: float
-    ) -> tuple[Floats, Floats, float]:
-        """Damped Gauss-Newton step of frames (t, 3p) and lengths (e,), and log det of the frames'."""
+    def equations(self, y: Floats, at: _At) -> tuple[Floats, Floats, Floats]:
+        """Blocks (t, d, d) and gradient (t, d) of the frames, and the bones' directions (t, e, d).
+
+        Of the motion the gradient alone: its part of the Hessian is banded.
+        """
         t, d = y.shape
-        p, e = d // 3, len(lengths)
+        p, e = d // 3, len(self.model.bones)
         i, j = self.model.bones.T
-        blocks = np.matmul(
-            at.share[:, None, :], self.seen.precision.reshape(t, -1, d * d)
-        ).reshape(t, d, d)
-        gradient = np.matmul(at.share[:, None, :], at.pull)[:, 0]
+        share = at.share[:, None, :]
+        blocks = np.matmul(share, self.seen.precision.reshape(t, -1, d * d)).reshape(t, d, d)
+        gradient = np.matmul(share, at.pull)[:, 0]
         diagonal = np.arange(2 * p)
         blocks[:, diagonal, diagonal] += self.weight
         gradient[:, : 2 * p] += self.weight * at.away
@@ -166,11 +176,22 @@ class _Problem:
             J[:, np.arange(e), axis * p + j] = -along[:, axis]
         blocks += give * np.matmul(J.swapaxes(1, 2), J)
         gradient += give * np.matmul(at.short[:, None], J)[:, 0]
+        return blocks, gradient, J
+
+    def step(
+        self, y: Floats, lengths: Floats, at: _At, damping: float
+    ) -> tuple[Floats, Floats, float]:
+        """Damped Gauss-Newton step of frames (t, 3p) and lengths (e,), and log det of the former."""
+        t, d = y.shape
+        blocks, gradient, J = self.equations(y, at)
+        give = self.model.give**-2
         blocks[:, np.arange(d), np.arange(d)] += 100 * damping
         factor = Factor(blocks, self.stiffness)
         mixed = -give * J.swapaxes(1, 2)  # (t, d, e), second derivatives of frames and lengths
         solved = factor.solve(np.concatenate([gradient[..., None], mixed], axis=2))
-        schur = np.diag(t * give + self.hold + 1e-9) - np.einsum("tda,tdb->ab", mixed, solved[..., 1:])
+        schur = np.diag(t * give + self.hold + 1e-9) - np.einsum(
+            "tda,tdb->ab", mixed, solved[..., 1:]
+        )
         pulled = self.hold * (lengths - self.known) - give * at.short.sum(axis=0)
         longer = -np.linalg.solve(schur, pulled - np.einsum("tda,td->a", mixed, solved[..., 0]))
         return -solved[..., 0] - solved[..., 1:] @ longer, longer, factor.log_det

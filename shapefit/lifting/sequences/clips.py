@@ -1,0 +1,127 @@
+"""The sequences of a fit: which frames belong together, and their shapes refined as one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.lifting.posterior.posterior import Modes
+from shapefit.lifting.sequences.noise import find_noise
+from shapefit.lifting.sequences.observations import Observations, observe
+from shapefit.lifting.sequences.smoothing import Model, smooth
+from shapefit.lifting.sequences.uncertainty import deviations
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.integer]
+
+FEWEST = 3
+"""Frames of a sequence: fewer have no acceleration, and stay what their images say."""
+
+MOST = 4096
+"""Frames that are refined together; longer sequences are cut into parts of about one length."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How bodies move and are built, in units of the size of their landmarks.
+
+    bones (e, 2) are rigid; acceleration (p,), the root of the mean square of the second difference
+    of a coordinate from frame to frame; known lengths (e,) of the bones, nan where they are not
+    known, relative to one another only where `relative`; spread is their relative uncertainty.
+    """
+
+    bones: Indices
+    acceleration: Floats
+    known: Floats | None = None
+    spread: float = 0.01
+
+
+@dataclass(frozen=True)
+class Clips:
+    """n images, sequence after sequence, in the unit of the landmarks.
+
+    landmarks (n, 2, p); trust (n, p), the belief that a landmark is where it was observed times
+    the square of its confidence; points (n, 3, p), the posterior means, nan where there is none;
+    scale and centre (n,), (n, 2): a normalised point x is scale x + centre; modes, normalised;
+    misfit, the variance of normalised landmarks in the posteriors.
+    """
+
+    landmarks: Floats
+    trust: Floats
+    points: Floats
+    scale: Floats
+    centre: Floats
+    modes: Modes
+    misfit: float
+
+
+def refine_clips(
+    clips: Clips, sequences: Sequence[str], motion: Motion
+) -> tuple[Floats, Floats, Floats]:
+    """Points (n, 3, p), their standard deviations, and the noise (n,) found in their sequence.
+
+    All in the unit of the landmarks. nan in deviations and noise where an image stays as it is: it
+    is alone or nearly so in its sequence, or has no posterior.
+    """
+    points = clips.points.copy()
+    deviation = np.full_like(points, np.nan)
+    noise = np.full(len(points), np.nan)
+    known = np.isfinite(clips.points).all(axis=(1, 2))
+    for clip in parts(sequences):
+        if known[clip].sum() < FEWEST or clip.stop - clip.start < FEWEST:
+            continue
+        unit = float(np.median(clips.scale[clip][known[clip]]))
+        seen = in_unit(clips, clip, unit)
+        model = model_of(motion, unit)
+        sigma = find_noise(seen, model)
+        found = smooth(seen, model, sigma)
+        rows = np.arange(clip.start, clip.stop)[known[clip]]
+        points[rows] = unit * found.points[known[clip]]
+        deviation[rows] = unit * deviations(seen, model, sigma, found)[known[clip]]
+        noise[rows] = unit * sigma
+    return points, deviation, noise
+
+
+def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
+    """What the images of a clip say, in the given unit."""
+    known = np.isfinite(clips.scale[clip])
+    grow = np.where(known, clips.scale[clip], unit) / unit
+    centre = np.where(known[:, None], clips.centre[clip], 0.0) / unit
+    means = clips.modes.mean[clip] * grow[:, None, None, None]
+    means[:, :, :2] += centre[:, None, :, None]
+    return observe(
+        landmarks=clips.landmarks[clip] / unit,
+        trust=clips.trust[clip],
+        start=clips.points[clip] / unit,
+        log_evidence=np.where(known[:, None], clips.modes.log_evidence[clip], -np.inf),
+        means=means,
+        covariances=clips.modes.covariance[clip] * (grow**2)[:, None, None, None],
+        misfit=clips.misfit,
+    )
+
+
+def model_of(motion: Motion, unit: float) -> Model:
+    """Return the model of a sequence in its unit."""
+    known = None if motion.known is None else motion.known / unit
+    return Model(
+        bones=motion.bones,
+        stiffness=motion.acceleration**-2,
+        known=known,
+        known_sd=None if known is None else motion.spread * known,
+    )
+
+
+def parts(sequences: Sequence[str]) -> list[slice]:
+    """Slices of equal neighbours in `sequences` (n,), in pieces of at most `MOST`."""
+    values = np.array(sequences, dtype=object)
+    ends = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1).tolist(), len(values)]
+    found = []
+    for start, stop in pairwise(ends):
+        pieces = -(-(stop - start) // MOST)
+        cuts = [start + (stop - start) * k // pieces for k in range(pieces + 1)] if pieces else []
+        found += [slice(a, b) for a, b in pairwise(cuts)]
+    return found
