@@ -37,7 +37,9 @@ class Problem:
 
     landmarks W (n, 2, p), weights Omega (n, p) >= 0 with 0 = hidden (what W holds there is
     irrelevant), atoms B (k, 3, p) shared by all images, lam (n,) > 0, loss f, and beta > 0, the
-    weight of ||E||_1 where the loss is SPARSE_ERROR. Raises ValueError on shapes or values that
+    weight of ||E||_1 where the loss is SPARSE_ERROR. noise (n, p, 2, 2), the covariance of each
+    landmark's measurement where it is known, is no part of the program: methods that refine its
+    solution may use it. Raises ValueError on shapes or values that
     do not fit.
     """
 
@@ -47,6 +49,7 @@ class Problem:
     lam: Floats
     loss: Loss = Loss.SQUARED
     beta: float = 0.1
+    noise: Floats | None = None
 
     def __post_init__(self) -> None:
         for name in ("landmarks", "weights", "atoms", "lam"):
@@ -80,6 +83,7 @@ class Problem:
             landmarks=self.landmarks[images],
             weights=self.weights[images],
             lam=self.lam[images],
+            noise=None if self.noise is None else self.noise[images],
         )
 
     @property

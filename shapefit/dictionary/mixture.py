@@ -24,6 +24,19 @@ class Mixture:
     def __len__(self) -> int:
         return len(self.weights)
 
+    @property
+    def by_landmark(self) -> Floats:
+        """Covariances as (K, p, 3, p, 3)."""
+        k, _, p = self.means.shape
+        return self.covariances.reshape(k, 3, p, 3, p).transpose(0, 2, 1, 4, 3)
+
+    @classmethod
+    def of_landmarks(cls, weights: Floats, means: Floats, by_landmark: Floats) -> Mixture:
+        """Make the mixture from covariances (K, p, 3, p, 3)."""
+        k, _, p = means.shape
+        C = by_landmark.transpose(0, 2, 1, 4, 3).reshape(k, 3 * p, 3 * p)
+        return cls(weights, means, C)
+
     def log_density(self, shapes: Floats) -> Floats:
         """log(pi_k N(x_n; mu_k, C_k)) for shapes (n, 3, p): (n, K)."""
         x = shapes.reshape(len(shapes), -1)

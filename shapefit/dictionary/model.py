@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import normalise
 
 
@@ -18,7 +19,8 @@ class Dictionary:
     atoms (k, 3, p); mean_shape (3, p); edges (e, 2) pairs of landmark indices for drawing;
     mesh_vertices (k, 3, q) and mesh_faces (f, 3) travel with the atoms where the training shapes
     had a mesh; atom_scale (k,): atom i measures atom_scale[i] * B_i in `unit`; atom_items (k,):
-    the training shape that each atom is, where the atoms are exemplars; objective_trace is the
+    the training shape that each atom is, where the atoms are exemplars; prior is that over shapes;
+    objective_trace is the
     training objective after every half-step; provenance holds text (version, resolved config,
     input digests).
     """
@@ -32,8 +34,24 @@ class Dictionary:
     atom_scale: NDArray[np.float64] | None = None
     unit: str = "unknown"
     atom_items: tuple[str, ...] | None = None
+    prior: Mixture | None = None
     objective_trace: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     provenance: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def prior_weights(self) -> NDArray[np.float64] | None:
+        """Return pi (K,) of the prior, None without one."""
+        return None if self.prior is None else self.prior.weights
+
+    @property
+    def prior_means(self) -> NDArray[np.float64] | None:
+        """Return mu (K, 3, p) of the prior, None without one."""
+        return None if self.prior is None else self.prior.means
+
+    @property
+    def prior_covariances(self) -> NDArray[np.float64] | None:
+        """Return C (K, p, 3, p, 3) of the prior, the covariance of each coordinate with each."""
+        return None if self.prior is None else self.prior.by_landmark
 
     @property
     def k(self) -> int:

@@ -17,6 +17,9 @@ OUTLIERS, CORRUPTED = "outliers", "corrupted"
 """Datasets (n, p) of the landmarks that a fit judged wrong, and of those that were made wrong."""
 LABELS = (OUTLIERS, CORRUPTED)
 
+LANDMARK_COVARIANCE = "landmark_covariance"
+"""Covariance (n, p, 2, 2) of each landmark, in the unit of the landmarks squared."""
+
 
 def is_per_item(name: str, shape: tuple[int, ...], count: int) -> bool:
     """Whether a dataset of this shape has a row for each of `count` items."""

@@ -102,6 +102,7 @@ AXES = {
     "e": "edges",
     "f": "faces",
     "t": "half-steps",
+    "c": "components",
     "a": "active transforms",
 }
 
@@ -165,6 +166,7 @@ RESULTS = Format(
         Dataset("iterations", ("n",), "index"),
         Dataset("status", ("n",), "label"),
         _SEQUENCE,
+        Dataset("shape_sd", ("n", "p", 3), points=True),
         Dataset("transforms", ("n", "k", 2, 3)),
         _MESH_VERTICES,
         *PROOF,
@@ -183,6 +185,9 @@ DICTIONARY = Format(
         Dataset("atom_scale", ("k",)),
         Dataset("atom_item", ("k",), "text", field="atom_items"),
         Dataset("objective_trace", ("t",)),
+        Dataset("prior_weights", ("c",)),
+        Dataset("prior_means", ("c", "p", 3), points=True),
+        Dataset("prior_covariances", ("c", "p", 3, "p", 3)),
     ),
 )
 

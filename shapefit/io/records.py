@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.extras import LABELS, Extras
+from shapefit.io.extras import LABELS, LANDMARK_COVARIANCE, Extras
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Dataset, Format
 from shapefit.io.problems import input_problems
 
@@ -120,6 +120,10 @@ class LandmarkSet:
             for name, values in extras.per_item.items()
             if name in LABELS and values.shape == (len(self), len(self.landmark_names))
         }
+        covariance = extras.per_item.get(LANDMARK_COVARIANCE)
+        if covariance is not None and covariance.shape[:2] == self.landmarks.shape[::2]:
+            moved = arranged(np.moveaxis(covariance, 1, -1), 0)
+            labels[LANDMARK_COVARIANCE] = np.moveaxis(moved, -1, 1)
         return replace(
             self,
             landmarks=arranged(self.landmarks, np.nan),
@@ -134,8 +138,8 @@ class ResultSet:
     """What a fit found for n images: shapes (n, 3, p) in the camera frame and `unit`.
 
     NaN where an item failed. landmarks_fitted (n, 2, p); coefficients (n, k); rotation (n, 3, 3);
-    translation (n, 2); scale, objective, relative_gap, iterations, status (n); transforms
-    (n, k, 2, 3); mesh_vertices (n, 3, q). All but the shapes are None where they are not known,
+    translation (n, 2); scale, objective, relative_gap, iterations, status (n); shape_sd
+    (n, 3, p), standard deviations of the shapes; transforms (n, k, 2, 3); mesh_vertices (n, 3, q). All but the shapes are None where they are not known,
     as in a CSV file.
 
     What proves the optimum of the convex program, in normalised units: dual (n, 2, p), feasible;
@@ -159,6 +163,7 @@ class ResultSet:
     landmark_names: Names
     items: Names
     sequences: Names | None = None
+    shape_sd: Floats | None = None
     transforms: Floats | None = None
     mesh_vertices: Floats | None = None
     dual: Floats | None = None

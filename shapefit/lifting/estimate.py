@@ -50,7 +50,8 @@ class Estimate:
     None where the method has no such thing: coefficients (n, k) and active_atoms (n,), how many
     of them are not 0; transforms M (n, k, 2, 3); relative_gap (n,); tight (n,), as in
     Reconstruction; outliers (n, p), the landmarks that a robust loss or a search
-    before the fit set aside; convex_proof, of the convex program that it is or starts from.
+    before the fit set aside; deviation (n, 3, p) and covariance (n, 3p, 3p; all x, then y, then z),
+    how uncertain shapes + T are; convex_proof, of the convex program that it is or starts from.
     further: what else a method knows, (n, ...) by the name of its dataset in the result; in the
     unit that it is stored in, and among what the table of methods says that it yields.
     """
@@ -68,6 +69,8 @@ class Estimate:
     relative_gap: Floats | None = None
     tight: NDArray[np.bool_] | None = None
     outliers: NDArray[np.bool_] | None = None
+    deviation: Floats | None = None
+    covariance: Floats | None = None
     convex_proof: ConvexProof | None = None
     further: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 

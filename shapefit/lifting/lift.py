@@ -78,11 +78,17 @@ class Lifting:
 
 
 def lift(
-    landmarks: Floats, weights: Floats, atoms: Floats, program: Program, estimator: Estimator
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    program: Program,
+    estimator: Estimator,
+    covariance: Floats | None = None,
 ) -> Lifting:
     """Lift n images; landmarks (n, 2, p), weights (n, p) with 0 = hidden, atoms (k, 3, p).
 
-    `estimator` is a method with its settings, see choose_method.
+    covariance (n, p, 2, 2) of the landmarks' measurement, where it is known; without it the noise of
+    the program is that of every landmark. `estimator` is a method with its settings, see choose_method.
     """
     failures = find_degenerate(landmarks, weights)
     fine = np.ones(len(landmarks), dtype=bool)
@@ -98,7 +104,8 @@ def lift(
         loss=program.loss,
         beta=program.beta,
     )
-    found = estimator(problem)
+    noise = find_noise(program, covariance, np.where(fine, norm.scale, 1.0), weights.shape)
+    found = estimator(replace(problem, noise=noise))
     for image, status in enumerate(found.status):
         if status in REASONS and fine[image]:
             failures[image] = REASONS[status]
@@ -117,6 +124,18 @@ def lift(
         estimate=found,
         failures=failures,
     )
+
+
+def find_noise(
+    program: Program, covariance: Floats | None, scale: Floats, shape: tuple[int, ...]
+) -> Floats | None:
+    """Covariance (n, p, 2, 2) of the measurement of landmarks (n, p) that are normalised by scale."""
+    if covariance is None and program.noise == 0:
+        return None
+    if covariance is None:
+        covariance = np.broadcast_to(program.noise**2 * np.eye(2), (*shape, 2, 2))
+    noise: Floats = covariance / scale[:, None, None, None] ** 2
+    return noise
 
 
 def choose_lambda(program: Program, atoms: Floats, scale: Floats, visible_share: Floats) -> Floats:

@@ -50,6 +50,27 @@ class AlternationOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PosteriorOptions:
+    """The section `posterior`: the model of the landmarks, and what is reported.
+
+    misfit         variance that the model cannot place, of a coordinate in the unit of normalised
+                   shapes, at confidence 1
+    gross_chance   chance that a landmark is gross; 0 believes all
+    gross_density  density of gross landmarks per area, in the unit of normalised shapes
+    widening       factor of all covariances, for bodies and motions that the prior lacks
+    covariance     whether the covariance of all landmarks together is wanted
+    max_rounds     most steps from one start under one component
+    """
+
+    misfit: float = 0.01
+    gross_chance: float = 0.02
+    gross_density: float = 0.05
+    widening: float = 1.0
+    covariance: bool = False
+    max_rounds: int = 30
+
+
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """What the methods need besides the problem; each reads what concerns it.
 
@@ -85,6 +106,7 @@ class Section(NamedTuple):
 
 
 ALTERNATION = Section("alternation", AlternationOptions)
+POSTERIOR = Section("posterior", PosteriorOptions)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,6 +207,23 @@ METHODS: dict[str, Method] = {
         learned=(),
         yields=frozenset(),
         mixes_atoms=False,
+    ),
+    "posterior": Method(
+        run="shapefit.lifting.posterior.method:lift_to_posterior",
+        summary="the posterior mean under the prior over shapes, with its uncertainty",
+        section=POSTERIOR,
+        needs=(
+            Need(
+                "prior",
+                "the prior over shapes that posterior weighs the landmarks against",
+                "learn it by `shapefit learn-dict` with `prior: {components: 16}`",
+            ),
+        ),
+        yields=frozenset({"convex_proof", "deviation", "covariance"}),
+        further=("log_evidence", "plausibility", "belief"),
+        proves="bound",
+        mixes_atoms=False,
+        perspective=False,
     ),
 }
 

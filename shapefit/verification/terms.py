@@ -13,6 +13,7 @@ from shapefit.io import ResultSet
 
 CONVEX = "convex"
 REFINED = ("convex+refine", "alternate+")
+STARTED = ("posterior",)
 LOCAL = ("alternate",)
 QUADRATIC = ("squared", "sparse-error")
 ROBUST = ("l1", "sparse-error")
@@ -48,7 +49,7 @@ class Terms:
     @property
     def has_program(self) -> bool:
         """Whether the method solves the convex program, and so has a proof."""
-        return self.method == CONVEX or self.method in REFINED
+        return self.method == CONVEX or self.method in (*REFINED, *STARTED)
 
     @property
     def is_program(self) -> bool:

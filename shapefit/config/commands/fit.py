@@ -13,6 +13,7 @@ from pydantic_core import PydanticCustomError
 from shapefit.config.commands.fit_camera import ViewingConfig
 from shapefit.config.commands.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.commands.fit_outliers import OutlierSearchConfig
+from shapefit.config.commands.fit_posterior import PosteriorConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import (
     MOST_STEPS,
@@ -199,6 +200,10 @@ class FitConfig(CommandConfig):
     alternation: AlternationConfig = Field(
         default_factory=AlternationConfig.model_construct,
         description=f"How {SEARCHING} search.",
+    )
+    posterior: PosteriorConfig = Field(
+        default_factory=PosteriorConfig.model_construct,
+        description="How posterior weighs landmarks against the prior over shapes.",
     )
     temporal: TemporalConfig = Field(
         default_factory=TemporalConfig.model_construct,

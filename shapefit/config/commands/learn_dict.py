@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
+from shapefit.config.commands.learn_dict_prior import PriorConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import MOST_STEPS, CommandConfig, Renaming
 from shapefit.config.paths import InputPaths, OutputPath
@@ -59,6 +60,13 @@ class LearnDictConfig(CommandConfig):
         "takes the mean of each training shape and its mirror image; double adds the mirror images "
         "as further training shapes. Either leaves meshes out.",
     )
+    mirror: Annotated[
+        dict[str, str] | None, Expected("a mapping of landmark names to landmark names")
+    ] = Field(
+        default=None,
+        description="The partner of each landmark on one side, as rhip: lhip, for `symmetry`; "
+        "landmarks that it does not name lie on the plane of symmetry. In place of `mirror_index`.",
+    )
     k: int = Field(
         default=64,
         ge=1,
@@ -97,6 +105,11 @@ class LearnDictConfig(CommandConfig):
         default=None,
         ge=1,
         description="Number of bases of each sequence, instead of `energy` (pca-bases only).",
+    )
+
+    prior: PriorConfig = Field(
+        default_factory=PriorConfig.model_construct,
+        description="The prior over shapes, for `method: posterior` of fit.",
     )
 
     @field_validator("k", "beta", "iterations", "tolerance", "atom_bound", "energy", "components")

@@ -23,6 +23,8 @@ struct PosteriorData {
     Tensor<double> deviation;     // its standard deviations (n, 3, p)
     Tensor<double> covariance;    // (n, 3p, 3p), or (0, 0, 0) where it is not wanted
     Matrix<double> belief;        // (n, p) that a landmark is not gross
+    Tensor<double> rotation;      // of the most likely mode (n, 3, 3)
+    Vector<double> scale;         // likewise (n,)
     Vector<double> log_evidence;  // (n,) of the image
     Vector<double> surprise;      // (n,) twice the fall of the log likelihood below its peak
     Vector<int64_t> rounds;       // (n,) steps taken by all climbs together

@@ -200,7 +200,8 @@ void fail(const PosteriorData& data, long image) {
     if (data.covariance.size[0])
         for (long e = 0; e < d * d; ++e) data.covariance[image].data[e] = NOT_A_NUMBER;
     for (long j = 0; j < d / 3; ++j) data.belief[image][j] = NOT_A_NUMBER;
-    data.log_evidence[image] = data.surprise[image] = NOT_A_NUMBER;
+    for (int e = 0; e < 9; ++e) data.rotation[image].data[e] = NOT_A_NUMBER;
+    data.scale[image] = data.log_evidence[image] = data.surprise[image] = NOT_A_NUMBER;
 }
 
 void store(const PosteriorData& data, long image, long rank, const Search& search, const Mode& mode,
@@ -254,6 +255,9 @@ void combine(const PosteriorData& data, long image, Search& search, long kept) {
             store(data, image, i, search, mode, search.means, search.covariance);
     }
     for (long e = 0; e < d; ++e) square_of[e] = root(larger(square_of[e], 0.0));
+    const Mode& first = search.modes[search.order[0]];
+    for (int e = 0; e < 9; ++e) data.rotation[image].data[e] = first.R[e];
+    data.scale[image] = ::exp(first.log_scale);
     data.log_evidence[image] = best + ::log(total);
     data.surprise[image] = surprise;
 }

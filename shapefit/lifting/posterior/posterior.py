@@ -5,7 +5,7 @@ w_j = s (R_2 x_j + t) + e_j,  x ~ sum_k pi_k N(mu_k, C_k),  e_j ~ N(0, s^2 v_j I
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +60,8 @@ class Posterior:
     """The mixture of the modes of n images, nan where there is none.
 
     mean (n, 3, p) of y and its standard deviations (n, 3, p); covariance (n, 3p, 3p), None where
-    it was not asked for; belief (n, p); log_evidence (n,) of the image; surprise (n,), twice what
+    it was not asked for; belief (n, p); rotation (n, 3, 3) and scale (n,) of the most likely mode;
+    log_evidence (n,) of the image; surprise (n,), twice what
     the log likelihood lacks to that of landmarks exactly where they are expected; rounds (n,), the
     steps of all climbs; modes, those asked for.
     """
@@ -69,6 +70,8 @@ class Posterior:
     deviation: Floats
     covariance: Floats | None
     belief: Floats
+    rotation: Floats
+    scale: Floats
     log_evidence: Floats
     surprise: Floats
     rounds: NDArray[np.int64]
@@ -104,6 +107,8 @@ def find_posterior(
         deviation=np.empty((n, 3, p)),
         covariance=np.empty((full, d, d)),
         belief=np.empty((n, p)),
+        rotation=np.empty((n, 3, 3)),
+        scale=np.empty(n),
         log_evidence=np.empty(n),
         surprise=np.empty(n),
         rounds=np.empty(n, np.int64),
@@ -132,6 +137,8 @@ def find_posterior(
         deviation=found.deviation,
         covariance=found.covariance,
         belief=found.belief,
+        rotation=found.rotation,
+        scale=found.scale,
         log_evidence=found.log_evidence,
         surprise=found.surprise,
         rounds=found.rounds,
@@ -144,7 +151,7 @@ def find_posterior(
         mode_belief=found.modes.belief,
         threads=threads,
     )
-    return found
+    return found if covariance else replace(found, covariance=None)
 
 
 def _whole(x: Floats) -> Floats:

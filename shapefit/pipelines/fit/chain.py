@@ -16,6 +16,7 @@ from shapefit.convex.problem import Loss
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
+from shapefit.io.extras import LANDMARK_COVARIANCE
 from shapefit.lifting.lift import Lifting, Program, fail_nonfinite, lift
 from shapefit.lifting.methods import METHODS, Settings, choose_method
 from shapefit.pipelines.fit.dictionary_kind import check_needs
@@ -56,7 +57,9 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
         estimator = choose_method(config.method, choose_settings(config, part, solve))
 
         def lift_weighted(weights: Floats) -> Lifting:
-            return lift(images.landmarks, weights, part.atoms, program, estimator)
+            return lift(
+                images.landmarks, weights, part.atoms, program, estimator, find_covariance(images, config)
+            )
 
         weights = images.weights()
         if search is None:
@@ -142,6 +145,27 @@ def refine(
     shapes[:, :2] = np.where(seen[:, None, :], images.landmarks, shapes[:, :2])
     refined = refine_sequences(shapes, images.sequences or (), bones, settings)
     return replace(lifting, shapes=refined)
+
+
+def find_covariance(images: LandmarkSet, config: FitConfig) -> Floats | None:
+    """Return the covariance (n, p, 2, 2) of the landmarks that came with them, if it did.
+
+    Raises InputError where the dataset holds no covariances.
+    """
+    name = LANDMARK_COVARIANCE
+    values = images.extras.get(name) if config.method == "posterior" else None
+    if values is None:
+        return None
+    shape = (len(images), len(images.landmark_names), 2, 2)
+    fix = "give each landmark a symmetric, positive semi-definite 2 x 2 matrix"
+    if np.shape(values) != shape:
+        raise input_error(name, f"has the shape {np.shape(values)}, not {shape}", fix)
+    covariance = np.where(images.seen()[..., None, None], values, 0.0).astype(np.float64)
+    if not np.isfinite(covariance).all() or (covariance != covariance.swapaxes(2, 3)).any():
+        raise input_error(name, "holds what is no covariance", fix)
+    if (np.linalg.eigvalsh(covariance) < -1e-9 * np.abs(covariance).max()).any():
+        raise input_error(name, "holds a matrix with a negative variance", fix)
+    return covariance
 
 
 def choose_program(config: FitConfig) -> Program:

@@ -27,6 +27,7 @@ OF_A_RESULT = RESULTS.names | {
     *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
     *("path_lambda", "path_objective", "path_relative_gap", "path_residual", "path_active_atoms"),
     *("camera_translation", "focal", "principal_point", "position", "left_out"),
+    "shape_covariance",
     *(name for method in METHODS.values() for name in method.further),
 }
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
@@ -63,6 +64,7 @@ def as_result(
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
+        shape_sd=scaled_deviation(lifting),
         transforms=where_fitted(found.transforms) if config.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
@@ -70,6 +72,22 @@ def as_result(
         extras=further_datasets(images, lifting, path, config, dictionary),
     )
     return with_proof(record, lifting, config) if config.proof else record
+
+
+def scaled_deviation(lifting: Lifting) -> Floats | None:
+    """Return the standard deviations of the shapes (n, 3, p) in the unit of the landmarks."""
+    deviation = lifting.estimate.deviation
+    return None if deviation is None else lifting.scale[:, None, None] * deviation
+
+
+def covariance_by_landmark(lifting: Lifting) -> Floats | None:
+    """Return the covariance (n, 3p, 3p) of x, y, z of one landmark after the other, likewise."""
+    covariance = lifting.estimate.covariance
+    if covariance is None:
+        return None
+    n, d, _ = covariance.shape
+    blocks = covariance.reshape(n, 3, d // 3, 3, d // 3).transpose(0, 2, 1, 4, 3)
+    return lifting.scale[:, None, None] ** 2 * blocks.reshape(n, d, d)
 
 
 def with_proof(record: ResultSet, lifting: Lifting, config: FitConfig) -> ResultSet:
@@ -116,6 +134,7 @@ def further_datasets(
         "active_atoms": found.active_atoms,
         "tight": found.tight,
         "outliers": found.outliers,
+        "shape_covariance": covariance_by_landmark(lifting),
         **found.further,
     }
     if path is not None:

@@ -13,12 +13,14 @@ from shapefit import __version__
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.atom_scale import scale_of_atoms
 from shapefit.dictionary.learning import Learned, learn
+from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.pca_bases import principal_components
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import check_output, digests, write_dictionary
 from shapefit.meshes.dense import mesh_of_atoms
+from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
 from shapefit.pipelines.outcome import Outcome
 
@@ -45,14 +47,20 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
         "exemplars": _exemplars,
         "pca-bases": _pca_bases,
     }
-    yield from methods[config.method](config, training)
+    prior = None
+    if config.prior.components:
+        prior, note = learn_prior(config, training)
+        yield Outcome(note=note)
+    yield from methods[config.method](config, training, prior)
 
 
-def _exemplars(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Outcome]:
+def _exemplars(
+    config: LearnDictConfig, training: TrainingShapes, prior: Mixture | None
+) -> Iterator[Outcome]:
     """Make every shape an atom."""
     atoms = training.alignment.shapes
     dictionary = replace(
-        _dictionary(config, training, atoms),
+        _dictionary(config, training, atoms, prior),
         mesh_vertices=training.mesh_vertices,
         mesh_faces=training.original.mesh_faces,
         atom_scale=training.scale,
@@ -62,7 +70,9 @@ def _exemplars(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Ou
     yield Outcome(note=counted(len(atoms), "atom"), written=(config.output,))
 
 
-def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Outcome]:
+def _sparse_coding(
+    config: LearnDictConfig, training: TrainingShapes, prior: Mixture | None
+) -> Iterator[Outcome]:
     """Learn by sparse coding, with the objective of each round in its note."""
     shapes = training.alignment.shapes
     rounds = learn(
@@ -78,7 +88,7 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Iterato
         yield Outcome(done=1, total=config.iterations, note=note)
     mesh_vertices = _mix_meshes(training, learned.atoms)
     dictionary = replace(
-        _dictionary(config, training, learned.atoms),
+        _dictionary(config, training, learned.atoms, prior),
         mesh_vertices=mesh_vertices,
         mesh_faces=None if mesh_vertices is None else training.original.mesh_faces,
         atom_scale=scale_of_atoms(learned.atoms, learned.coefficients, training.scale),
@@ -100,7 +110,9 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Iterato
     )
 
 
-def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Outcome]:
+def _pca_bases(
+    config: LearnDictConfig, training: TrainingShapes, prior: Mixture | None
+) -> Iterator[Outcome]:
     """Find the bases of each sequence, with their number in its note."""
     sequences = np.array(training.original.sequences or ("",) * len(training))
     names = dict.fromkeys(sequences.tolist())
@@ -114,7 +126,7 @@ def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Iterator[Ou
     if not len(bases):
         problem = "the shapes of each sequence are all alike"
         raise input_error("shapes", problem, "give sequences that move")
-    write_dictionary(config.output, _dictionary(config, training, bases))
+    write_dictionary(config.output, _dictionary(config, training, bases, prior))
     warnings: tuple[str, ...] = ()
     if training.mesh_vertices is not None:
         warnings = ("the meshes are left out: bases are differences of shapes, not shapes",)
@@ -138,7 +150,9 @@ def _dead_atoms(learned: Learned) -> Iterator[str]:
         yield f"{learned.dead_atoms} of {len(learned.atoms)} atoms are used by no training shape"
 
 
-def _dictionary(config: LearnDictConfig, training: TrainingShapes, atoms: Floats) -> Dictionary:
+def _dictionary(
+    config: LearnDictConfig, training: TrainingShapes, atoms: Floats, prior: Mixture | None
+) -> Dictionary:
     """Return what the dictionaries of all methods have."""
     return Dictionary(
         atoms=atoms,
@@ -146,6 +160,7 @@ def _dictionary(config: LearnDictConfig, training: TrainingShapes, atoms: Floats
         mean_shape=normalise(training.alignment.mean).points,
         edges=training.original.edges,
         unit=training.original.unit,
+        prior=prior,
         provenance={
             "method": config.method,
             "version": __version__,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from shapefit.config import LearnDictConfig
 from shapefit.errors import input_error
 from shapefit.geometry.symmetry import double, lateral_axis, symmetrise
-from shapefit.io import ShapeSet
+from shapefit.io import ShapeSet, match_landmarks
 from shapefit.io.extras import Extras
 
 
@@ -36,8 +37,12 @@ def apply_symmetry(shapes: ShapeSet, config: LearnDictConfig) -> ShapeSet:
 
 def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> NDArray[Any]:
     """Return the partner of each landmark. Raises InputError as `apply_symmetry` does."""
+    if config.mirror is not None:
+        return read_mirror(shapes.landmark_names, config.mirror)
     place = ", ".join(str(path) for path in config.shapes)
-    fix = "store the index of each landmark's mirror image, or set `symmetry: none`"
+    fix = (
+        "give `mirror`, store the index of each landmark's mirror image, or set `symmetry: none`"
+    )
     index = Extras.of(shapes.extras, len(shapes)).whole.get("mirror_index")
     if index is None:
         raise input_error(place, "has no dataset `mirror_index`", fix)
@@ -46,4 +51,17 @@ def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> NDArray[Any]:
     pairs = pairs and bool(((index >= 0) & (index < len(points))).all())
     if not pairs or (index[index] != points).any() or (index == points).all():
         raise input_error(f"{place}:/mirror_index", "does not pair the landmarks", fix)
+    return index
+
+
+def read_mirror(names: tuple[str, ...], mirror: Mapping[str, str]) -> NDArray[Any]:
+    """Return the partner of each landmark. Raises InputError for names that are no pairs."""
+    index = np.arange(len(names))
+    fix = "name each landmark of a pair once"
+    for pair in mirror.items():
+        match_landmarks(names, pair, place="mirror")
+        first, second = (names.index(name) for name in pair)
+        if first == second or index[first] != first or index[second] != second:
+            raise input_error("mirror", f"pairs {pair[0]} and {pair[1]}", fix)
+        index[first], index[second] = second, first
     return index

@@ -1,0 +1,53 @@
+"""The section `posterior` of `fit`: the model of the landmarks, and what is reported."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from shapefit.config.model import MOST_STEPS, ConfigModel
+from shapefit.lifting.methods import PosteriorOptions
+
+
+class PosteriorConfig(ConfigModel):
+    """How `method: posterior` weighs landmarks against the prior over shapes."""
+
+    misfit: float = Field(
+        default=PosteriorOptions.misfit,
+        gt=0,
+        description="Variance that prior and camera cannot account for, of a coordinate of a "
+        "landmark of confidence 1, in the unit of normalised shapes. It divides by the square of "
+        "the confidence, and adds to `noise`, which does so too.",
+    )
+    gross_chance: float = Field(
+        default=PosteriorOptions.gross_chance,
+        ge=0,
+        lt=1,
+        description="Chance that a landmark is gross: it lies anywhere. 0 believes all.",
+    )
+    gross_density: float = Field(
+        default=PosteriorOptions.gross_density,
+        gt=0,
+        description="Density of gross landmarks, per area in the unit of normalised shapes.",
+    )
+    widening: float = Field(
+        default=PosteriorOptions.widening,
+        gt=0,
+        description="Factor of all covariances, for what the prior has not seen.",
+    )
+    covariance: bool = Field(
+        default=PosteriorOptions.covariance,
+        description="Also write the covariance of all landmarks together, `shape_covariance` (n, "
+        "3p, 3p) (large; HDF5 only).",
+    )
+    max_rounds: int = Field(
+        default=PosteriorOptions.max_rounds,
+        ge=1,
+        le=MOST_STEPS,
+        description="Most steps from one start under one component.",
+    )
+    implausible: float = Field(
+        default=0.01,
+        ge=0,
+        lt=1,
+        description="Images with a plausibility below this are reported as not to be trusted.",
+    )

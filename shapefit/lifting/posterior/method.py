@@ -1,0 +1,86 @@
+"""The method `posterior`: what the landmarks and a prior over shapes say of the shape together."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.convex.problem import Problem
+from shapefit.convex.solution import Status
+from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation
+from shapefit.lifting.methods import PosteriorOptions, Settings
+from shapefit.lifting.posterior.plausibility import find_plausibility
+from shapefit.lifting.posterior.posterior import Gross, find_posterior
+from shapefit.lifting.posterior.starts import find_starts
+
+Floats = NDArray[np.float64]
+
+FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
+
+
+def lift_to_posterior(problem: Problem, settings: Settings) -> Estimate:
+    """Return the posterior mean, its standard deviations, and what the images are worth.
+
+    The convex program finds the view to start from; its proof goes with the result, and is one of
+    that program only. An image that the program cannot solve has no posterior.
+    """
+    options: PosteriorOptions = settings.options
+    solution = settings.solve(problem)
+    failed = np.isin([status.value for status in solution.status], [s.value for s in FAILED])
+    starts = np.where(
+        failed[:, None, None, None], np.nan, find_starts(problem, solution, settings)
+    )
+    found = find_posterior(
+        problem.landmarks,
+        find_misfit(problem, options.misfit),
+        find_noise(problem),
+        settings.needs["prior"],
+        starts,
+        Gross(options.gross_chance, options.gross_density),
+        covariance=options.covariance,
+        max_rounds=options.max_rounds,
+        threads=settings.threads,
+    )
+    lost = np.isnan(found.log_evidence)
+    translation = found.mean[:, :2].mean(axis=2)
+    shapes = found.mean.copy()
+    shapes[:, :2] -= translation[:, :, None]
+    widening = np.sqrt(options.widening)
+    seen = problem.weights > 0
+    return Estimate(
+        shapes=np.where(lost[:, None, None], 0.0, shapes),
+        translation=np.where(lost[:, None], 0.0, translation),
+        rotation=found.rotation,
+        objective=-found.log_evidence,
+        residual=fit_translation(problem, shapes[:, :2], translation).residual,
+        iterations=solution.iterations + found.rounds,
+        status=tuple(
+            status if status in FAILED else Status.NUMERICAL_FAILURE if gone else Status.CONVERGED
+            for status, gone in zip(solution.status, lost.tolist(), strict=True)
+        ),
+        deviation=widening * found.deviation,
+        covariance=None if found.covariance is None else options.widening * found.covariance,
+        convex_proof=ConvexProof.of(solution),
+        further={
+            "log_evidence": found.log_evidence,
+            "plausibility": find_plausibility(found.surprise, seen.sum(axis=1)),
+            "belief": np.where(seen, found.belief, np.nan),
+        },
+    )
+
+
+def find_misfit(problem: Problem, misfit: float) -> Floats:
+    """Variance v / omega^2 (n, p) in the unit of shapes; inf where a landmark is hidden."""
+    omega = problem.weights
+    square = np.where(omega > 0, omega, 1.0) ** 2
+    return np.where(omega > 0, misfit / square, np.inf)
+
+
+def find_noise(problem: Problem) -> Floats:
+    """Covariance V / omega^2 (n, p, 2, 2) of the measurement, normalised; 0 where not known."""
+    n, p = problem.weights.shape
+    if problem.noise is None:
+        return np.zeros((n, p, 2, 2))
+    square = np.where(problem.weights > 0, problem.weights, 1.0) ** 2
+    noise: Floats = problem.noise / square[..., None, None]
+    return noise

@@ -1,0 +1,27 @@
+"""How plausible an image is under the prior: a p-value of what was observed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+VIEWED = 6
+"""Numbers of a view: rotation, scale, translation; they take up as many of the 2 m coordinates."""
+
+
+def find_plausibility(surprise: Floats, seen: NDArray[np.integer]) -> Floats:
+    """P(chi^2 > surprise) with 2 m - 6 degrees of freedom for m seen landmarks; (n,).
+
+    The surprise is the squared Mahalanobis distance of the landmarks from those expected, averaged
+    over the modes, and a price for every gross landmark. Few landmarks have few degrees of
+    freedom, so that the p-value does not depend on how many are seen. It is 1 where 3 are seen or
+    fewer: any three landmarks fit. nan where there is no posterior.
+    """
+    from scipy.special import chdtrc
+
+    freedom = 2.0 * np.asarray(seen) - VIEWED
+    some = freedom > 0
+    p: Floats = np.where(some, chdtrc(np.where(some, freedom, 1.0), surprise), 1.0)
+    return np.where(np.isnan(surprise), np.nan, p)

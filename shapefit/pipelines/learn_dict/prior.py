@@ -1,0 +1,119 @@
+"""The prior over shapes of a dictionary, as the config of `learn-dict` says."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import LearnDictConfig
+from shapefit.dictionary.mixture import Mixture
+from shapefit.dictionary.mixture_learning import cross_validate, learn_mixture
+from shapefit.dictionary.variations import find_skeleton, vary
+from shapefit.errors import counted, input_error
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.procrustes import rotation_onto
+from shapefit.io import match_landmarks
+from shapefit.io.extras import Extras
+from shapefit.pipelines.learn_dict.symmetry import find_partners
+from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes
+
+Floats = NDArray[np.float64]
+
+
+def learn_prior(config: LearnDictConfig, training: TrainingShapes) -> tuple[Mixture, str]:
+    """Return the mixture over the aligned shapes, varied, and a note on how likely shapes are.
+
+    Raises InputError for more components than shapes, weights that are none, and bones that are no
+    tree where they are to vary.
+    """
+    options = config.prior
+    if options.components > len(training):
+        shapes = counted(len(training), "shape")
+        found = f"{options.components} components are more than the {shapes} to learn from"
+        raise input_error("prior.components", found, "lower it, or give more shapes")
+    weights = np.tile(find_weights(config, training), options.copies)
+    shapes = vary_shapes(config, training)
+    learned = learn_mixture(
+        shapes,
+        options.components,
+        shrinkage=options.shrinkage,
+        floor=options.floor,
+        weights=weights,
+        max_rounds=options.max_rounds,
+    )
+    note = f"prior of {counted(options.components, 'component')}"
+    if options.folds > 1:
+        likelihood = cross_validate(
+            shapes,
+            np.tile(find_groups(training, options.folds), options.copies),
+            options.components,
+            shrinkage=options.shrinkage,
+            floor=options.floor,
+            weights=weights,
+        )
+        note += f", log likelihood of a shape left out {likelihood:.2f}"
+    return learned.mixture, note
+
+
+def find_weights(config: LearnDictConfig, training: TrainingShapes) -> Floats:
+    """Return the weight of each shape (n,): 1, or as the dataset of the config says."""
+    name = config.prior.weights
+    if name is None:
+        return np.ones(len(training))
+    place = f"prior.weights: {name}"
+    extras = Extras.of(training.original.extras, len(training)).per_item
+    if name not in extras:
+        raise input_error(place, "the shapes have no such dataset", "name one with their weights")
+    weights = np.asarray(extras[name])
+    fine = weights.shape == (len(training),) and weights.dtype.kind in "fiu"
+    if not fine or not (np.isfinite(weights) & (weights >= 0)).all() or not weights.any():
+        raise input_error(place, "holds no weights", "give each shape a number >= 0, not all 0")
+    return weights.astype(np.float64)
+
+
+def vary_shapes(config: LearnDictConfig, training: TrainingShapes) -> Floats:
+    """Return the shapes to learn from (copies n, 3, p), normalised and turned onto their mean."""
+    options, shapes = config.prior, training.alignment.shapes
+    if options.copies == 1 and not (options.stretch or options.exchange):
+        return shapes
+    edges, points = training.original.edges, shapes.shape[2]
+    try:
+        if edges is None:
+            raise ValueError("the shapes have no edges")
+        skeleton = find_skeleton(edges, points)
+    except ValueError as error:
+        fix = "give shapes whose `edges` are bones, or leave out `stretch`, `exchange` and `copies`"
+        raise input_error("prior", str(error), fix) from None
+    partners = None if config.symmetry == "none" else find_partners(training.original, config)
+    varied = vary(
+        shapes,
+        skeleton,
+        copies=options.copies,
+        stretch=options.stretch,
+        exchange=options.exchange,
+        partners=partners,
+    )
+    varied = normalise(varied).points
+    if config.align == "none":
+        return varied
+    chosen = list(range(points))
+    if config.align != "all":
+        names = training.original.landmark_names
+        chosen = match_landmarks(names, config.align, place="align").tolist()
+    part = varied[:, :, chosen]
+    mean = training.alignment.mean[:, chosen]
+    onto = rotation_onto(
+        part - part.mean(axis=-1, keepdims=True), mean - mean.mean(axis=-1, keepdims=True)
+    )
+    turned: Floats = onto @ varied
+    return turned
+
+
+def find_groups(training: TrainingShapes, folds: int) -> NDArray[np.intp]:
+    """Return the group (n,) that each shape is left out with: whole sequences, or blocks."""
+    n = len(training)
+    sequences = training.original.sequences
+    if sequences is None or len(set(sequences)) < 2:
+        return np.arange(n) * folds // n
+    number = {name: i % folds for i, name in enumerate(dict.fromkeys(sequences))}
+    return np.array([number[name] for name in sequences], dtype=np.intp)
