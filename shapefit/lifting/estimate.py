@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution, Status
+
+if TYPE_CHECKING:
+    from shapefit.lifting.posterior.posterior import Modes
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +54,7 @@ class Estimate:
     of them are not 0; transforms M (n, k, 2, 3); relative_gap (n,); tight (n,), as in
     Reconstruction; outliers (n, p), the landmarks that a robust loss or a search
     before the fit set aside; deviation (n, 3, p) and covariance (n, 3p, 3p; all x, then y, then z),
-    how uncertain shapes + T are; convex_proof, of the convex program that it is or starts from.
+    how uncertain shapes + T are; modes of the posterior of each image; convex_proof, of the convex program that it is or starts from.
     further: what else a method knows, (n, ...) by the name of its dataset in the result; in the
     unit that it is stored in, and among what the table of methods says that it yields.
     """
@@ -71,6 +74,7 @@ class Estimate:
     outliers: NDArray[np.bool_] | None = None
     deviation: Floats | None = None
     covariance: Floats | None = None
+    modes: Modes | None = None
     convex_proof: ConvexProof | None = None
     further: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 

@@ -91,7 +91,7 @@ def read_terms(attributes: Mapping[str, Any], file: Path) -> Terms:
             left_out=config["leave_out"] or "",
             searched=config["outliers"]["method"] != "none",
             perspective=config["camera"]["model"] == "perspective",
-            depths=bool(config["temporal"]["depths"]),
+            depths=bool(config.get("temporal", {}).get("depths")),
             by_change=config["solver"]["stop"] == "change",
             path=bool(config["path"]),
             dictionary=str(config["dictionary"]),

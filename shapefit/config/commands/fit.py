@@ -14,6 +14,7 @@ from shapefit.config.commands.fit_camera import ViewingConfig
 from shapefit.config.commands.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.commands.fit_outliers import OutlierSearchConfig
 from shapefit.config.commands.fit_posterior import PosteriorConfig
+from shapefit.config.commands.fit_sequences import SequencesConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import (
     MOST_STEPS,
@@ -111,35 +112,6 @@ class AlternationConfig(ConfigModel):
     )
 
 
-class TemporalConfig(ConfigModel):
-    """What the images of one sequence tell about each other."""
-
-    depths: bool = Field(
-        default=False,
-        description="Refine the depths along each sequence: the bones (edges of the dictionary) "
-        "keep their lengths and points do not jump. For one body a sequence, its images in order "
-        "of time, a camera of constant scale, and little noise.",
-    )
-    smoothness: float = Field(
-        default=10.0,
-        ge=0,
-        description="Weight of the second difference of depths from image to image; a higher "
-        "frame rate wants more.",
-    )
-    rigidity: float = Field(
-        default=100.0, ge=0, description="Weight of the differences in the lengths of bones."
-    )
-    tolerance: float = Field(
-        default=0.01,
-        gt=0,
-        description="Change of a depth beyond which the estimate of the single image is taken "
-        "for a gross error, in units of the size of the landmarks.",
-    )
-    max_rounds: int = Field(
-        default=100, ge=1, le=MOST_STEPS, description="Most rounds for one sequence."
-    )
-
-
 class FitConfig(CommandConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
@@ -205,9 +177,9 @@ class FitConfig(CommandConfig):
         default_factory=PosteriorConfig.model_construct,
         description="How posterior weighs landmarks against the prior over shapes.",
     )
-    temporal: TemporalConfig = Field(
-        default_factory=TemporalConfig.model_construct,
-        description="What the images of one sequence tell about each other.",
+    sequences: SequencesConfig = Field(
+        default_factory=SequencesConfig.model_construct,
+        description="How the method sequences ties the images of a sequence together.",
     )
     leave_out: str | None = Field(
         default=None,
@@ -239,7 +211,7 @@ class FitConfig(CommandConfig):
         le=10_000_000,
         description="Images held in memory at a time, rounded up to a multiple of 64; no result "
         "depends on it, except with `leave_out`, within the tolerance of the solver. With "
-        "`temporal.depths` whole sequences are held instead.",
+        "`method: sequences` whole sequences are held instead.",
     )
     strict: bool = Field(
         default=False, description="Count an image whose tolerance was not reached as failed."
@@ -295,11 +267,6 @@ class FitConfig(CommandConfig):
                 "`path` goes with neither `leave_out` nor a search for outliers; leave it out"
             )
         weak = self.camera.model == "weak-perspective"
-        if self.temporal.depths and not weak:
-            raise ValueError(
-                "`temporal: {depths: true}` refines shapes under weak perspective; leave out "
-                "either it or `camera: {model: perspective}`"
-            )
         free = listed(those(lambda other: not other.one_rotation))
         if self.export.rotation == "per-atom" and (method.one_rotation or not weak):
             raise ValueError(

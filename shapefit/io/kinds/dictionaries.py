@@ -40,6 +40,7 @@ def read_dictionary(path: Path) -> Dictionary:
             found = "all its landmarks lie on one point"
             raise input_error(reader.place("mean_shape"), found, "make the dictionary again")
         hdf5_checks.check_positive(reader, "atom_scale")
+        hdf5_checks.check_positive(reader, "acceleration")
         hdf5_checks.check_named(reader, [fields["atom_items"] or ()], "atom_item", "k")
         hdf5_checks.check_indices(reader, "edges", "p")
         hdf5_checks.check_indices(reader, "mesh_faces", "q")
@@ -47,7 +48,9 @@ def read_dictionary(path: Path) -> Dictionary:
             fields["objective_trace"] = np.empty(0)
         fields["prior"] = _read_prior(reader, fields)
         provenance = {name: str(value) for name, value in reader.attributes.items()}
-        return Dictionary(**fields, unit=reader.unit, provenance=provenance)
+        return Dictionary(
+            **fields, unit=reader.unit, frame_rate=reader.frame_rate, provenance=provenance
+        )
 
 
 def _read_prior(reader: Hdf5Reader, fields: dict[str, Any]) -> Mixture | None:

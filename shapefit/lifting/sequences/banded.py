@@ -12,13 +12,15 @@ DIFFERENCE = (1.0, -2.0, 1.0)
 
 
 def accelerations(y: Floats) -> Floats:
-    """y_(t-1) - 2 y_t + y_(t+1): (t, d) -> (t - 2, d)."""
+    """y_(t-1) - 2 y_t + y_(t+1): (t, d) -> (t - 2, d), none of fewer than three frames."""
     return y[2:] - 2 * y[1:-1] + y[:-2]
 
 
-def spread_back(a: Floats) -> Floats:
+def spread_back(a: Floats, frames: int) -> Floats:
     """D^T a for the second difference D: (t - 2, d) -> (t, d)."""
-    back = np.zeros((len(a) + 2, a.shape[1]))
+    back = np.zeros((frames, a.shape[1]))
+    if frames < 3:
+        return back
     back[2:] += a
     back[1:-1] -= 2 * a
     back[:-2] += a
@@ -37,7 +39,8 @@ class Factor:
         bands = np.zeros((3 * d, frames, d))
         for below in range(d):
             bands[below, :, : d - below] = np.diagonal(blocks, -below, 1, 2)
-        for a, left in enumerate(DIFFERENCE):
+        ends = DIFFERENCE if frames > 2 else ()
+        for a, left in enumerate(ends):
             for b, right in enumerate(DIFFERENCE[: a + 1]):
                 bands[(a - b) * d, b : b + frames - 2] += stiffness * (left * right)
         self._shape = (frames, d)

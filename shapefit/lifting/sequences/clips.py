@@ -30,14 +30,13 @@ class Motion:
     """How bodies move and are built, in units of the size of their landmarks.
 
     bones (e, 2) are rigid; acceleration (p,), the root of the mean square of the second difference
-    of a coordinate from frame to frame; known lengths (e,) of the bones, nan where they are not
-    known, relative to one another only where `relative`; spread is their relative uncertainty.
+    of a coordinate from frame to frame; known lengths (e,) of the bones in any unit, nan where a
+    length is not known.
     """
 
     bones: Indices
     acceleration: Floats
     known: Floats | None = None
-    spread: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -70,18 +69,20 @@ def refine_clips(
     points = clips.points.copy()
     deviation = np.full_like(points, np.nan)
     noise = np.full(len(points), np.nan)
-    known = np.isfinite(clips.points).all(axis=(1, 2))
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
+    fewest = FEWEST if motion.known is None else 1
     for clip in parts(sequences):
-        if known[clip].sum() < FEWEST or clip.stop - clip.start < FEWEST:
+        if known[clip].sum() < fewest:
             continue
-        unit = float(np.median(clips.scale[clip][known[clip]]))
+        there = known[clip]
+        unit = float(np.median(clips.scale[clip][there]))
         seen = in_unit(clips, clip, unit)
-        model = model_of(motion, unit)
+        model = Model(motion.bones, motion.acceleration**-2, known=motion.known)
         sigma = find_noise(seen, model)
         found = smooth(seen, model, sigma)
-        rows = np.arange(clip.start, clip.stop)[known[clip]]
-        points[rows] = unit * found.points[known[clip]]
-        deviation[rows] = unit * deviations(seen, model, sigma, found)[known[clip]]
+        rows = np.arange(clip.start, clip.stop)[there]
+        points[rows] = unit * found.points[there]
+        deviation[rows] = unit * deviations(seen, model, sigma, found)[there]
         noise[rows] = unit * sigma
     return points, deviation, noise
 
@@ -101,17 +102,6 @@ def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
         means=means,
         covariances=clips.modes.covariance[clip] * (grow**2)[:, None, None, None],
         misfit=clips.misfit,
-    )
-
-
-def model_of(motion: Motion, unit: float) -> Model:
-    """Return the model of a sequence in its unit."""
-    known = None if motion.known is None else motion.known / unit
-    return Model(
-        bones=motion.bones,
-        stiffness=motion.acceleration**-2,
-        known=known,
-        known_sd=None if known is None else motion.spread * known,
     )
 
 

@@ -10,9 +10,10 @@ minimise
 
 The posteriors of the images took their landmarks with the variance v of what the prior cannot
 place; over a sequence the landmarks themselves may be worth more, and the second term makes up for
-it. Bones are rigid but unknown. Levenberg and Marquardt's method over frames and lengths together:
-the lengths are few, and are eliminated from the banded system of the frames. No step raises the
-objective; the minimum is a local one, near the start.
+it. Bones are rigid but unknown; where a body was measured, its lengths k are known up to the scale
+g of the images, and sum (l - g k)^2 / (2 (s g k)^2) joins the objective. Levenberg and Marquardt's
+method over frames and lengths together: the lengths are few, and are eliminated from the banded
+system of the frames. No step raises the objective; the minimum is a local one, near the start.
 """
 
 from __future__ import annotations
@@ -39,19 +40,19 @@ class Model:
     """How frames of a sequence hang together, in units of the size of its landmarks.
 
     bones (e, 2); stiffness 1/a^2 (p,); give b, by which a bone differs from its length; known
-    lengths (e,), nan where a bone's is unknown, with their standard deviation (e,).
+    lengths k (e,), in any unit, nan where a bone's is unknown, with the relative deviation s.
     """
 
     bones: Indices
     stiffness: Floats
     give: float = 0.005
     known: Floats | None = None
-    known_sd: Floats | None = None
+    spread: float = 0.01
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """points (t, 3, p), lengths (e,), energy, and the log evidence of the noise but for a constant."""
+    """points (t, 3, p), lengths (e,), energy, log evidence of the noise up to a constant."""
 
     points: Floats
     lengths: Floats
@@ -77,7 +78,7 @@ def smooth(
     t, _, p = seen.start.shape
     y = (seen.start if start is None else start.points).reshape(t, 3 * p)
     lengths = first_lengths(seen.start, model) if start is None else start.lengths
-    problem = _Problem(seen, model, noise)
+    problem = _Problem(seen, model, noise, lengths)
     at = problem.look(y, lengths)
     damping = 1e-3
     log_det = 0.0
@@ -108,14 +109,21 @@ def first_lengths(points: Floats, model: Model) -> Floats:
     mean: Floats = np.linalg.norm(points[:, :, i] - points[:, :, j], axis=1).mean(axis=0)
     if model.known is None:
         return mean
-    return np.where(np.isfinite(model.known), model.known, mean)
+    there = np.isfinite(model.known)
+    return np.where(there, model.known * scale_of(mean, model.known), mean)
+
+
+def scale_of(lengths: Floats, known: Floats) -> float:
+    """Scale g at which known lengths (e,), nan where unknown, agree best with others."""
+    there = np.isfinite(known)
+    return float(np.exp(np.log(lengths[there] / known[there]).mean()))
 
 
 def normal_blocks(
     seen: Observations, model: Model, noise: float, found: Smoothed
 ) -> tuple[Floats, Floats]:
     """Blocks (t, 3p, 3p) of the frames in the Hessian, and the stiffness (3p,) of the motion."""
-    problem = _Problem(seen, model, noise)
+    problem = _Problem(seen, model, noise, found.lengths)
     y = found.points.reshape(len(seen), -1)
     return problem.equations(y, problem.look(y, found.lengths))[0], problem.stiffness
 
@@ -123,7 +131,7 @@ def normal_blocks(
 class _Problem:
     """The objective of one sequence at one level of noise, and its Gauss-Newton steps."""
 
-    def __init__(self, seen: Observations, model: Model, noise: float) -> None:
+    def __init__(self, seen: Observations, model: Model, noise: float, lengths: Floats) -> None:
         self.seen, self.model = seen, model
         self.stiffness = np.tile(model.stiffness, 3)
         more = max(1 / noise**2 - 1 / seen.misfit, 0.0)
@@ -132,10 +140,11 @@ class _Problem:
         e = len(model.bones)
         self.hold = np.zeros(e)
         self.known = np.zeros(e)
-        if model.known is not None and model.known_sd is not None:
+        if model.known is not None:
             there = np.isfinite(model.known)
-            self.hold[there] = 1 / model.known_sd[there] ** 2
-            self.known[there] = model.known[there]
+            scaled = model.known[there] * scale_of(lengths, model.known)
+            self.hold[there] = 1 / (model.spread * scaled) ** 2
+            self.known[there] = scaled
 
     def look(self, y: Floats, lengths: Floats) -> _At:
         """Evaluate the objective and its terms at frames y (t, 3p) and lengths (e,)."""
@@ -167,7 +176,7 @@ class _Problem:
         diagonal = np.arange(2 * p)
         blocks[:, diagonal, diagonal] += self.weight
         gradient[:, : 2 * p] += self.weight * at.away
-        gradient += spread_back(self.stiffness * accelerations(y))
+        gradient += spread_back(self.stiffness * accelerations(y), t)
         give = self.model.give**-2
         along = at.bone / np.maximum(at.size, 1e-12)[:, None]
         J = np.zeros((t, e, d))
@@ -181,7 +190,7 @@ class _Problem:
     def step(
         self, y: Floats, lengths: Floats, at: _At, damping: float
     ) -> tuple[Floats, Floats, float]:
-        """Damped Gauss-Newton step of frames (t, 3p) and lengths (e,), and log det of the former."""
+        """Damped Gauss-Newton step of frames (t, 3p) and lengths (e,), and log det of frames."""
         t, d = y.shape
         blocks, gradient, J = self.equations(y, at)
         give = self.model.give**-2

@@ -53,7 +53,7 @@ def in_pairs(blocks: Floats, stiffness: Floats) -> tuple[Floats, Floats]:
     t, d, _ = blocks.shape
     m = (t + 1) // 2
     ties = np.zeros((2 * m, 3))  # of frame f with f, f + 1, f + 2, by the stiffness
-    for a, left in enumerate(DIFFERENCE):
+    for a, left in enumerate(DIFFERENCE if t > 2 else ()):
         for b, right in enumerate(DIFFERENCE[: a + 1]):
             ties[b : b + t - 2, a - b] += left * right
     A = np.zeros((m, 2, d, 2, d))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit import __version__
 from shapefit.config import EvalConfig, ViewConfig
@@ -85,7 +86,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
 
 def count_gaps(truth: ShapeSet) -> list[str]:
     """Say how many landmarks of the truth are unknown."""
-    gaps = np.isnan(truth.shapes).any(axis=1)
+    gaps: NDArray[np.bool_] = np.asarray(np.isnan(truth.shapes).any(axis=1))
     if not gaps.any():
         return []
     shapes = counted(int(gaps.any(axis=1).sum()), "shape")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from shapefit.lifting.methods import Solve
     from shapefit.lifting.path import WarmSolve
     from shapefit.lifting.perspective.refinement import PerspectiveOptions
-    from shapefit.lifting.temporal import Sequencing
 
 Floats = NDArray[np.float64]
 Lifter = Callable[[LandmarkSet, Dictionary], Lifting]
@@ -58,7 +57,12 @@ def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
 
         def lift_weighted(weights: Floats) -> Lifting:
             return lift(
-                images.landmarks, weights, part.atoms, program, estimator, find_covariance(images, config)
+                images.landmarks,
+                weights,
+                part.atoms,
+                program,
+                estimator,
+                find_covariance(images, config),
             )
 
         weights = images.weights()
@@ -107,44 +111,26 @@ def choose_options(config: FitConfig) -> PerspectiveOptions:
 
 
 def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:
-    """Return what the images of a sequence tell about each other: nothing, or the depths."""
-    if not config.temporal.depths:
+    """Return what follows single images: nothing, or the inference over whole sequences."""
+    if not METHODS[config.method].sequences:
         return lambda lifting, _: lifting
-    if dictionary.edges is None:
-        raise input_error(
-            "temporal.depths",
-            f"{config.dictionary} without `edges`",
-            "learn the dictionary from shapes with edges: they are the bones",
+    from shapefit.lifting.sequences.method import refine_lifting
+    from shapefit.pipelines.fit.motion import find_lengths, find_motion
+
+    lengths = find_lengths(config, dictionary)
+
+    def refine(lifting: Lifting, images: LandmarkSet) -> Lifting:
+        rate = config.sequences.frame_rate or images.frame_rate
+        return refine_lifting(
+            lifting,
+            images.landmarks,
+            images.sequences or (),
+            find_motion(dictionary, rate, lengths),
+            config.posterior.misfit,
+            config.posterior.widening,
         )
-    from shapefit.lifting.temporal import Sequencing
 
-    settings = Sequencing(
-        smoothness=config.temporal.smoothness,
-        rigidity=config.temporal.rigidity,
-        tolerance=config.temporal.tolerance,
-        max_rounds=config.temporal.max_rounds,
-    )
-    return partial(refine, bones=dictionary.edges, settings=settings)
-
-
-def refine(
-    lifting: Lifting, images: LandmarkSet, bones: NDArray[np.integer], settings: Sequencing
-) -> Lifting:
-    """Refine the depths along each sequence, with x and y as observed where a landmark is seen.
-
-    Bones keep their lengths in the observed landmarks, not in those fitted image by image. What
-    is hidden or set aside as an outlier keeps its fitted x and y. All but the shapes stays.
-    """
-    from shapefit.lifting.temporal import refine_sequences
-
-    seen = lifting.problem.weights > 0
-    if lifting.estimate.outliers is not None:
-        seen &= ~lifting.estimate.outliers
-    seen &= np.isfinite(lifting.scale)[:, None]
-    shapes = lifting.shapes.copy()
-    shapes[:, :2] = np.where(seen[:, None, :], images.landmarks, shapes[:, :2])
-    refined = refine_sequences(shapes, images.sequences or (), bones, settings)
-    return replace(lifting, shapes=refined)
+    return refine
 
 
 def find_covariance(images: LandmarkSet, config: FitConfig) -> Floats | None:

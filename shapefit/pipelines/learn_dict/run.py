@@ -161,6 +161,8 @@ def _dictionary(
         edges=training.original.edges,
         unit=training.original.unit,
         prior=prior,
+        acceleration=training.acceleration,
+        frame_rate=None if training.acceleration is None else training.original.frame_rate,
         provenance={
             "method": config.method,
             "version": __version__,

@@ -40,9 +40,7 @@ def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> NDArray[Any]:
     if config.mirror is not None:
         return read_mirror(shapes.landmark_names, config.mirror)
     place = ", ".join(str(path) for path in config.shapes)
-    fix = (
-        "give `mirror`, store the index of each landmark's mirror image, or set `symmetry: none`"
-    )
+    fix = "give `mirror`, store the index of each landmark's mirror image, or set `symmetry: none`"
     index = Extras.of(shapes.extras, len(shapes)).whole.get("mirror_index")
     if index is None:
         raise input_error(place, "has no dataset `mirror_index`", fix)

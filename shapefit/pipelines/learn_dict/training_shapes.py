@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.config import LearnDictConfig
+from shapefit.dictionary.motion import find_acceleration
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import SMALLEST, normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
@@ -26,14 +27,16 @@ class TrainingShapes:
     """n training shapes: `original` in their unit, and `alignment` of the normalised ones.
 
     scale (n,): shape j measures scale[j] * alignment.shapes[j]; mesh_vertices (n, 3, q) in the
-    frame and on the scale of alignment.shapes, None where there are no meshes. failures: the
-    shapes that should have been among them; warnings about the rest.
+    frame and on the scale of alignment.shapes, None where there are no meshes. acceleration
+    (p,), of all shapes given, None where they are no sequences. failures: the shapes that should
+    have been among them; warnings about the rest.
     """
 
     original: ShapeSet
     alignment: Alignment
     scale: Floats
     mesh_vertices: Floats | None
+    acceleration: Floats | None
     failures: tuple[Failure, ...]
     warnings: tuple[str, ...]
 
@@ -50,6 +53,8 @@ def find_training_shapes(config: LearnDictConfig) -> TrainingShapes:
     """
     kept = read_shapes(config.shapes, config.rename)
     sequences = kept.sequences or ("",) * len(kept)
+    fine = separate(kept)[0]
+    acceleration = find_acceleration(fine.shapes, fine.sequences) if fine.sequences else None
     kept = kept.take(every_nth(sequences, config.every))
     usable, failures = separate(kept)
     if not len(usable):
@@ -69,6 +74,7 @@ def find_training_shapes(config: LearnDictConfig) -> TrainingShapes:
         alignment=alignment,
         scale=normalised.scale,
         mesh_vertices=None if mesh is None else carry_mesh(mesh, normalised, alignment.rotations),
+        acceleration=acceleration,
         failures=failures,
         warnings=tuple(find_warnings(usable, shapes, alignment)),
     )
