@@ -1,4 +1,4 @@
-"""How much the landmarks of training sequences move from frame to frame."""
+"""How the landmarks of training shapes move from frame to frame, and how rigid their bones are."""
 
 from __future__ import annotations
 
@@ -33,4 +33,20 @@ def find_acceleration(shapes: Floats, sequences: Sequence[str]) -> Floats | None
     if len(second) < FEWEST:
         return None
     found: Floats = np.maximum(np.sqrt((second**2).mean(axis=(0, 1))), LEAST)
+    return found
+
+
+def find_give(shapes: Floats, edges: NDArray[np.integer], sequences: Sequence[str]) -> Floats:
+    """Root mean square (e,) of how the edges' lengths differ from their means in each sequence.
+
+    shapes (n, 3, p), edges (e, 2); in units of the size of the shapes. 0 where edges are rigid
+    bones of one body a sequence.
+    """
+    scale = normalise(shapes).scale
+    i, j = edges.T
+    lengths = np.linalg.norm(shapes[:, :, i] - shapes[:, :, j], axis=1) / np.median(scale)
+    _, of = np.unique(np.array(sequences, dtype=object).astype(str), return_inverse=True)
+    count = np.maximum(np.bincount(of), 1)
+    mean = np.stack([np.bincount(of, column) / count for column in lengths.T], axis=1)
+    found: Floats = np.sqrt(((lengths - mean[of]) ** 2).mean(axis=0))
     return found

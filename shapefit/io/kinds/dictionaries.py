@@ -41,6 +41,10 @@ def read_dictionary(path: Path) -> Dictionary:
             raise input_error(reader.place("mean_shape"), found, "make the dictionary again")
         hdf5_checks.check_positive(reader, "atom_scale")
         hdf5_checks.check_positive(reader, "acceleration")
+        give = fields["edge_give"]
+        if give is not None and not (np.isfinite(give).all() and (give >= 0).all()):
+            fix = "make the dictionary again"
+            raise input_error(reader.place("edge_give"), "holds what is no deviation", fix)
         hdf5_checks.check_named(reader, [fields["atom_items"] or ()], "atom_item", "k")
         hdf5_checks.check_indices(reader, "edges", "p")
         hdf5_checks.check_indices(reader, "mesh_faces", "q")

@@ -38,14 +38,16 @@ def refine_lifting(
     """Infer the shapes of whole sequences from the modes of their images.
 
     landmarks (n, 2, p) as observed; misfit, the variance of normalised landmarks in the posteriors;
-    widening of the variances. All but the shapes and what is known of them stays that of the images.
+    widening of the variances. All but the shapes and what is known of them stays that of the
+    images.
     """
     found = lifting.estimate
     modes = found.modes
-    if modes is None:
-        raise ValueError("the images have no modes")
     weights = lifting.problem.weights
     seen = (weights > 0)[:, None]
+    own = found.deviation
+    if modes is None or own is None:
+        raise ValueError("the images have no modes, or no deviations")
     centre = lifting.translation - lifting.scale[:, None] * found.translation
     clips = Clips(
         landmarks=np.where(seen, landmarks, np.nan),
@@ -55,10 +57,10 @@ def refine_lifting(
         centre=centre,
         modes=modes,
         misfit=misfit,
+        deviation=lifting.scale[:, None, None] * own / np.sqrt(widening),
     )
     points, deviation, noise = refine_clips(clips, sequences, motion)
     single = np.isnan(noise)[:, None, None]
-    own = found.deviation
     scaled = np.sqrt(widening) * deviation / lifting.scale[:, None, None]
     return replace(
         lifting,
@@ -66,7 +68,7 @@ def refine_lifting(
         landmarks_fitted=points[:, :2].copy(),
         estimate=replace(
             found,
-            deviation=scaled if own is None else np.where(single, own, scaled),
+            deviation=np.where(single, own, scaled),
             covariance=None,
             modes=None,
             further={**found.further, NOISE: noise},

@@ -39,13 +39,13 @@ STILL = 1e-5
 class Model:
     """How frames of a sequence hang together, in units of the size of its landmarks.
 
-    bones (e, 2); stiffness 1/a^2 (p,); give b, by which a bone differs from its length; known
+    bones (e, 2); stiffness 1/a^2 (p,); give b (e,), by which a bone differs from its length; known
     lengths k (e,), in any unit, nan where a bone's is unknown, with the relative deviation s.
     """
 
     bones: Indices
     stiffness: Floats
-    give: float = 0.005
+    give: Floats
     known: Floats | None = None
     spread: float = 0.01
 
@@ -158,7 +158,7 @@ class _Problem:
         short = size - lengths
         energy += 0.5 * float((self.weight * away**2).sum())
         energy += 0.5 * float((self.stiffness * accelerations(y) ** 2).sum())
-        energy += 0.5 * float((short**2).sum()) / self.model.give**2
+        energy += 0.5 * float(((short / self.model.give) ** 2).sum())
         energy += 0.5 * float((self.hold * (lengths - self.known) ** 2).sum())
         return _At(energy, share, pull, away, bone, size, short)
 
@@ -183,8 +183,8 @@ class _Problem:
         for axis in range(3):
             J[:, np.arange(e), axis * p + i] = along[:, axis]
             J[:, np.arange(e), axis * p + j] = -along[:, axis]
-        blocks += give * np.matmul(J.swapaxes(1, 2), J)
-        gradient += give * np.matmul(at.short[:, None], J)[:, 0]
+        blocks += np.matmul(J.swapaxes(1, 2), give[:, None] * J)
+        gradient += np.matmul((give * at.short)[:, None], J)[:, 0]
         return blocks, gradient, J
 
     def step(
@@ -196,7 +196,7 @@ class _Problem:
         give = self.model.give**-2
         blocks[:, np.arange(d), np.arange(d)] += 100 * damping
         factor = Factor(blocks, self.stiffness)
-        mixed = -give * J.swapaxes(1, 2)  # (t, d, e), second derivatives of frames and lengths
+        mixed = -(give * J.swapaxes(1, 2))  # (t, d, e), second derivatives of frames and lengths
         solved = factor.solve(np.concatenate([gradient[..., None], mixed], axis=2))
         schur = np.diag(t * give + self.hold + 1e-9) - np.einsum(
             "tda,tdb->ab", mixed, solved[..., 1:]

@@ -22,6 +22,9 @@ USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows none, in units
 of the size of the body: that of subject 86 at 24 Hz."""
 
+RIGID = 0.005
+"""Deviation of a bone from its length, in the same units, that no data are more exact than."""
+
 HEADER = ("from", "to", "length")
 
 
@@ -37,7 +40,10 @@ def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | No
         acceleration = np.full(len(dictionary.landmark_names), USUAL)
     elif rate is not None and dictionary.frame_rate is not None:
         acceleration = acceleration * (dictionary.frame_rate / rate) ** 1.5
-    return Motion(dictionary.edges, acceleration, lengths)
+    give = dictionary.edge_give
+    if give is None:
+        give = np.full(len(dictionary.edges), USUAL)
+    return Motion(dictionary.edges, acceleration, np.maximum(give, RIGID), lengths)
 
 
 def find_lengths(config: FitConfig, dictionary: Dictionary) -> Floats | None:

@@ -162,6 +162,7 @@ def _dictionary(
         unit=training.original.unit,
         prior=prior,
         acceleration=training.acceleration,
+        edge_give=training.give,
         frame_rate=None if training.acceleration is None else training.original.frame_rate,
         provenance={
             "method": config.method,

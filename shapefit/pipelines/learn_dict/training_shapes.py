@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.config import LearnDictConfig
-from shapefit.dictionary.motion import find_acceleration
+from shapefit.dictionary.motion import find_acceleration, find_give
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import SMALLEST, normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
@@ -27,9 +27,9 @@ class TrainingShapes:
     """n training shapes: `original` in their unit, and `alignment` of the normalised ones.
 
     scale (n,): shape j measures scale[j] * alignment.shapes[j]; mesh_vertices (n, 3, q) in the
-    frame and on the scale of alignment.shapes, None where there are no meshes. acceleration
-    (p,), of all shapes given, None where they are no sequences. failures: the shapes that should
-    have been among them; warnings about the rest.
+    frame and on the scale of alignment.shapes, None where there are no meshes. Of all shapes given:
+    acceleration (p,), None where they are no sequences; give (e,), None without edges. failures:
+    the shapes that should have been among them; warnings about the rest.
     """
 
     original: ShapeSet
@@ -37,6 +37,7 @@ class TrainingShapes:
     scale: Floats
     mesh_vertices: Floats | None
     acceleration: Floats | None
+    give: Floats | None
     failures: tuple[Failure, ...]
     warnings: tuple[str, ...]
 
@@ -55,6 +56,9 @@ def find_training_shapes(config: LearnDictConfig) -> TrainingShapes:
     sequences = kept.sequences or ("",) * len(kept)
     fine = separate(kept)[0]
     acceleration = find_acceleration(fine.shapes, fine.sequences) if fine.sequences else None
+    give = None
+    if fine.edges is not None and len(fine):
+        give = find_give(fine.shapes, fine.edges, fine.sequences or ("",) * len(fine))
     kept = kept.take(every_nth(sequences, config.every))
     usable, failures = separate(kept)
     if not len(usable):
@@ -75,6 +79,7 @@ def find_training_shapes(config: LearnDictConfig) -> TrainingShapes:
         scale=normalised.scale,
         mesh_vertices=None if mesh is None else carry_mesh(mesh, normalised, alignment.rotations),
         acceleration=acceleration,
+        give=give,
         failures=failures,
         warnings=tuple(find_warnings(usable, shapes, alignment)),
     )
