@@ -1,18 +1,18 @@
 # Every target does its own set-up in .venv; it needs Python >= 3.11, make and a C++ compiler.
 #
-#   make demo         the main job on sample_data
+#   make demo         the whole chain on sample_data
 #   make test         all tests
 #   make check        format, lint, types, tests, import order, docs
 #   make wheel        a wheel of the compiled package in dist
-#   make test-levels  the solvers' tests at every instruction set of this processor, and at the plain one
+#   make test-levels  the solvers' tests with every instruction set of this processor, and with none
 #   make sanitize     the solvers' tests under the address and undefined-behaviour sanitizers (GCC)
 #   make arm64        compile the kernels for arm64 (needs g++-aarch64-linux-gnu)
-#   make fuzz         50,000 spoiled files, configs and options, each in a process of its own
-#   make faults       each call that writes fails with each error, and 200 kills; outputs stay whole
+#   make fuzz         50,000 damaged files, configs and options, each in a separate process
+#   make faults       every writing call fails with every error, and 200 kills; outputs stay whole
 #   make docs         write the generated pages of docs/
 #   make recovery     the paper's figure of exact recovery on planted instances
 #   make paper        every table and figure of the paper, with an index (DATA=FOLDER as below)
-#   make bench        speed against the release before and other solvers; fails under a floor
+#   make bench        speed relative to the previous release and other solvers; fails below a floor
 #                     (DATA=FOLDER motion capture, CARS=FOLDER cars, BENCH_OPTIONS='--only CASE --quick')
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
 #   make detected     landmarks that networks detected, against their 3D truth (DATA=FOLDER as above)
@@ -36,7 +36,6 @@ SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
 demo: $(RUNS)
 	$(call chain,demo)
-	@mkdir -p results/demo/cars
 	$(SHAPEFIT) learn-dict -c configs/demo/cars/learn-dict.yaml
 	$(SHAPEFIT) fit -c configs/demo/cars/fit.yaml
 	$(SHAPEFIT) eval -c configs/demo/cars/eval.yaml
@@ -48,24 +47,26 @@ demo: $(RUNS)
 
 mocap-table: $(RUNS)
 	$(call chain,mocap)
+	$(BIN)/python -m benchmarks.published mocap results/mocap/report
 
 recovery: $(RUNS)
-	@mkdir -p results
 	$(SHAPEFIT) simulate -c configs/recovery.yaml
+	$(BIN)/python -m benchmarks.published recovery results/recovery
 
 PAPER_FITS := convex refine alternate alternate-plus pmp mean-shape
 PAPER_SWEEPS := timing timing-pmp sensitivity-lambda sensitivity-noise sensitivity-hidden sensitivity-k
 
-# A fit or simulation in which single items fail (exit code 1) lists them, and the others count.
+# A fit or simulation in which single items fail (exit code 1) lists them; the others are used.
 paper: $(RUNS)
-	@mkdir -p results/mocap results/paper
 	$(SHAPEFIT) learn-dict -c configs/mocap/learn-dict.yaml $(SET_DATA)
 	$(SHAPEFIT) learn-dict -c configs/paper/learn-pmp.yaml $(SET_DATA)
 	$(SHAPEFIT) project -c configs/mocap/project.yaml $(SET_DATA)
 	for fit in $(PAPER_FITS); do \
 	    $(SHAPEFIT) fit -c configs/paper/fit-$$fit.yaml || [ $$? -eq 1 ] || exit; done
 	$(SHAPEFIT) eval -c configs/paper/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
+	$(BIN)/python -m benchmarks.published mocap results/paper/mocap
 	$(SHAPEFIT) simulate -c configs/recovery.yaml -o results/paper/recovery || [ $$? -eq 1 ]
+	$(BIN)/python -m benchmarks.published recovery results/paper/recovery
 	for sweep in $(PAPER_SWEEPS); do \
 	    $(SHAPEFIT) sweep -c configs/paper/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(BIN)/python -m benchmarks.paper_index results/paper
@@ -77,12 +78,12 @@ CAR_METHODS := $(basename $(notdir $(wildcard configs/cars/methods/*.yaml)))
 CAR_SWEEPS := $(basename $(notdir $(wildcard configs/cars/outliers-*.yaml)))
 
 cars: $(RUNS)
-	@mkdir -p results/cars
 	$(SHAPEFIT) learn-dict -c configs/cars/learn-dict.yaml $(SET_DATA)
 	$(SHAPEFIT) fit -c configs/cars/fit.yaml $(SET_DATA) || [ $$? -eq 1 ]
 	for method in $(CAR_METHODS); do \
 	    $(SHAPEFIT) fit -c configs/cars/methods/$$method.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(SHAPEFIT) eval -c configs/cars/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
+	$(BIN)/python -m benchmarks.published cars results/cars/report
 	for sweep in $(CAR_SWEEPS); do \
 	    $(SHAPEFIT) sweep -c configs/cars/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	@echo "The report, pictures and meshes are in results/cars."
@@ -96,7 +97,7 @@ wheel: $(READY)
 	@echo "The wheel is in dist."
 
 SOLVER_TESTS := tests/convex tests/lifting tests/dictionary
-# $(call second_install,NAME,DEFINITION): the core with a setting of its own, in build/NAME.
+# $(call second_install,NAME,DEFINITION): the core with its own setting, in build/NAME.
 second_install = $(BIN)/python building/second_install.py build/$(1) . \
     -C build-dir=build/$(1)/cmake -C install.strip=false -C cmake.define.$(2)=ON
 
@@ -106,7 +107,7 @@ test-levels: $(READY)
 	for level in $$($(BIN)/python -c 'from shapefit import core; print(*core.LEVELS)'); do \
 	    SHAPEFIT_LEVEL=$$level $(BIN)/python -m pytest $(PYTEST_OPTIONS) $(SOLVER_TESTS) || exit; done
 
-# Python itself never frees all it holds, so leaks are not looked for. -s lets the report through.
+# Python itself never frees all of its memory, so leaks are not checked. -s shows the report.
 SANITIZERS = $(shell for library in libasan.so libubsan.so libstdc++.so.6; do \
     $(CXX) -print-file-name=$$library; done)
 sanitize: $(READY)
@@ -121,7 +122,7 @@ arm64: $(READY)
 	    -Dnanobind_DIR="$$($(BIN)/python -m nanobind --cmake_dir)"
 	$(BIN)/cmake --build build/arm64 --target plain
 
-# The tests hold the import order and the docs in step as well.
+# The tests also check the import order and the docs.
 check: format-check lint types test
 
 format-check: $(READY)
@@ -134,6 +135,7 @@ types: $(READY)
 	$(BIN)/mypy shapefit shapefit_cli benchmarks building
 
 fuzz: $(READY)
+	$(BIN)/python -m fuzz --past
 	$(BIN)/python -m fuzz --cases 50000
 
 faults: $(READY)
@@ -151,7 +153,6 @@ clean:
 
 # $(call chain,NAME): learn, project, fit and evaluate with configs/NAME into results/NAME.
 define chain
-@mkdir -p results/$(1)
 $(SHAPEFIT) learn-dict -c configs/$(1)/learn-dict.yaml $(SET_DATA)
 $(SHAPEFIT) project -c configs/$(1)/project.yaml $(SET_DATA)
 $(SHAPEFIT) fit -c configs/$(1)/fit.yaml $(SET_DATA)
@@ -159,7 +160,7 @@ $(SHAPEFIT) eval -c configs/$(1)/eval.yaml $(SET_DATA)
 @echo "The results are in results/$(1), the report with tables and plots in results/$(1)/report."
 endef
 
-# What the tests of the page need; where it cannot be installed they are skipped, with this command.
+# Packages for the tests of the page. If they cannot be installed, the tests are skipped with this hint.
 BROWSER_PACKAGES := chromium chromium-driver nodejs
 $(BROWSER): | $(READY)
 	@if command -v chromium && command -v chromedriver && command -v node; then :; \
@@ -180,17 +181,17 @@ $(READY): $(TOOLS) $(CORE)
 	@$(INSTALL_SHAPEFIT) '.[dev]'
 	@touch $(RUNS) $@
 
-# All that a run needs, without the developers' tools. Modules are compiled when they are first used.
+# Everything that a run needs, without the developers' tools. Python compiles modules at first use.
 $(RUNS): $(TOOLS) $(CORE)
 	@echo "Installing shapefit into $(VENV), about half a minute."
 	@$(INSTALL_SHAPEFIT) '.[plots]' --no-compile
 	@touch $@
 
-# What builds the core stays installed, so that a changed source is compiled alone.
+# The tools that build the core stay installed, so that only changed sources are compiled.
 $(TOOLS): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-	    { echo "shapefit needs Python >= 3.11; say which: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 1; }
-	@echo "Making a Python environment in $(VENV), some seconds."
+	    { echo "shapefit needs Python >= 3.11; name one: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 1; }
+	@echo "Making a Python environment in $(VENV), a few seconds."
 	@$(PYTHON) -m venv $(VENV)
 	@$(INSTALL) --no-compile cmake ninja nanobind scikit-build-core
 	@touch $@

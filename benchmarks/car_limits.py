@@ -25,7 +25,8 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import open_landmarks, read_shapes
-from shapefit.lifting.perspective.refinement import PerspectiveOptions, refine_perspective
+from shapefit.lifting.options import PerspectiveOptions
+from shapefit.lifting.perspective.refinement import refine_perspective
 from shapefit.lifting.perspective.start import mean_coefficients
 from shapefit.pipelines.fit.chain import choose_options
 

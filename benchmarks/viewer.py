@@ -58,7 +58,7 @@ class Case:
 
 
 def made_result(path: Path, frames: int) -> Path:
-    """Write a result of 15 landmarks and as many frames as told."""
+    """Write a result of 15 landmarks and as many frames as asked for."""
     rng = np.random.default_rng(0)
     base = rng.normal(size=(3, 15))
     with result_writer(path) as writer:
@@ -98,7 +98,7 @@ def real_cases(data: Path, folder: Path) -> Iterator[Case]:
     assert every.sequences is not None
     rows = [row for row, sequence in enumerate(every.sequences) if sequence == "01_06"]
     write_shapes(truth, every.take(rows))
-    view = CameraConfig(model="orthographic", view="turntable")
+    view = CameraConfig(view="turntable")
     list(project.run(ProjectConfig(shapes=(truth,), output=seen, camera=view)))
     methods = {m: (lift(seen, people, folder / f"{m}.h5", m),) for m in ("convex", "convex+refine")}
     yield Case("motion capture, truth, two methods", ViewConfig(files=methods, truth=(truth,)))

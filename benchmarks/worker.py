@@ -53,7 +53,8 @@ def lift(data: Arrays, method: str, threads: float) -> Run:
 def perspective(data: Arrays, threads: float) -> Run:
     """Refine under the full projection of known cameras."""
     from shapefit.geometry.pinhole import Camera
-    from shapefit.lifting.perspective.refinement import PerspectiveOptions, refine_perspective
+    from shapefit.lifting.options import PerspectiveOptions
+    from shapefit.lifting.perspective.refinement import refine_perspective
 
     camera = Camera(data["focal"], data["centre"], float(data["sign"]))
     options = PerspectiveOptions(ridge=0.3, softness=0.1, max_rounds=200, threads=int(threads))

@@ -27,7 +27,7 @@ COMMANDS = {
 }
 """A good config of each command."""
 
-SLOW = ("trials", "k", "landmarks", "repeat")
+SLOW = ("trials", "k", "landmarks")
 """Keys whose large values are right and take long."""
 
 
@@ -112,7 +112,7 @@ def _bomb(rng: Random, text: str) -> str:
     lists = ["&a [x,x,x,x,x,x,x,x,x,x]"]
     for number in range(rng.randrange(9)):
         lists.append(f"&{chr(98 + number)} [{','.join(['*' + chr(97 + number)] * 10)}]")
-    return f"{text}caveats: [{', '.join(lists)}]\n"
+    return f"{text}metrics: [{', '.join(lists)}]\n"
 
 
 _SPOILS = (

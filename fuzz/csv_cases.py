@@ -134,6 +134,6 @@ def make(rng: Random, folder: Path) -> tuple[str, ...]:
 
 def loss(rng: Random) -> str:
     """Choose a loss, or another method."""
-    losses = ("squared", "exact", "l1", "sparse-error")
+    losses = ("loss=squared", "loss=exact", "outliers.method=l1", "outliers.method=sparse-error")
     methods = ("convex+refine", "alternate", "mean-shape")
-    return rng.choice([f"loss={name}" for name in losses] + [f"method={name}" for name in methods])
+    return rng.choice([*losses] + [f"method={name}" for name in methods])

@@ -256,9 +256,14 @@ def spoiled_hdf5(rng: Random, path: Path) -> None:
 
 
 FITS = (
-    *("temporal.depths=true", "export.folder=out_meshes", "orthogonal=true", "transforms=true"),
+    *(
+        "temporal.depths=true",
+        "export.folder=out_meshes",
+        "rotations=orthogonal",
+        "transforms=true",
+    ),
     *("leave_out=model", "outliers.method=ransac", "camera={model: perspective, focal: 1000}"),
-    *("lambda=auto", "noise=0.1", "path=[0.3, 0.1]", "strict=true", "solver.max_iterations=2"),
+    *("lambda=auto", "noise=0.1", "rotations=per-atom", "strict=true", "solver.max_iterations=2"),
 )
 
 
@@ -286,7 +291,7 @@ def make(rng: Random, folder: Path) -> tuple[str, ...]:
                 ("learn-dict", name, "-o", "out.h5", "--set", "k=3", "--set", "iterations=2"),
                 ("learn-dict", name, "-o", "out.h5", "--set", "method=exemplars"),
                 ("learn-dict", name, "-o", "out.h5", "--set", "method=pca-bases"),
-                ("project", name, "-o", out, "--set", "hidden=0.2", "--set", "repeat=2"),
+                ("project", name, "-o", out, "--set", "hidden=0.2"),
                 ("eval", "result.h5", "--truth", name, "-o", "out", "--set", "plots=false"),
             )
         )

@@ -19,7 +19,7 @@ import numpy as np
 Command = tuple[str, ...]
 Finding = Callable[[Path], Command]
 
-SEEDS = (("hdf5", 118), ("hdf5", 231), ("hdf5", 362), ("hdf5", 487))
+SEEDS = (("hdf5", 118), ("hdf5", 231), ("hdf5", 362), ("hdf5", 487), ("set", 1663))
 """Kinds and seeds of cases that failed."""
 
 FIT = ("fit", "views.h5", "-d", "dict.h5", "-o", "out.h5", "--set=threads=1")
@@ -110,7 +110,7 @@ def _aliases_of_aliases(folder: Path) -> Command:
     for number in range(8):
         alias = "*" + chr(97 + number)
         lists.append(f"&{chr(98 + number)} [{','.join([alias] * 10)}]")
-    (folder / "config.yaml").write_text(f"caveats: [{', '.join(lists)}]\n")
+    (folder / "config.yaml").write_text(f"metrics: [{', '.join(lists)}]\n")
     return ("eval", "-c", "config.yaml")
 
 
@@ -125,7 +125,7 @@ def _depths_of_empty_shapes(folder: Path) -> Command:
     cells = [row.split(",") for row in rows]
     rows = [",".join((*row[:place], row[0], *row[place + 1 :])) for row in cells]
     path.write_text("\n".join((head, *rows)) + "\n")
-    settings = ("--set=temporal.depths=true", "--set=loss=l1", "--set=lambda=5")
+    settings = ("--set=temporal.depths=true", "--set=outliers.method=l1", "--set=lambda=5")
     return ("fit", "views.csv", "-d", "dict.h5", "-o", "out.csv", *settings)
 
 
@@ -155,11 +155,11 @@ def _iterations_beyond_64_bits(_folder: Path) -> Command:
 
 
 def _rounds_beyond_64_bits(_folder: Path) -> Command:
-    return (*FIT, "--set=method=alternate", f"--set=alternation.max_rounds={BEYOND_INT64}")
+    return (*FIT, "--set=method=alternate", f"--set=alternation.views={BEYOND_INT64}")
 
 
 def _rounds_beyond_memory(_folder: Path) -> Command:
-    return (*FIT, "--set=method=alternate", "--set=alternation.max_rounds=3000000000")
+    return (*FIT, "--set=method=alternate", "--set=alternation.views=3000000000")
 
 
 def _seconds_that_are_nan(folder: Path) -> Command:
@@ -187,6 +187,15 @@ def _signalling_nan(folder: Path) -> Command:
 
 def _table_without_end(_folder: Path) -> Command:
     return ("fit", "/dev/zero", "-d", "dict.h5", "-o", "out.h5")
+
+
+def _page_of_a_table_without_end(_folder: Path) -> Command:
+    return ("view", "/dev/full", "-o", "out.html")
+
+
+def _match_by_matrices(_folder: Path) -> Command:
+    truth = ("--truth", "shapes.h5", "--set=match=true_rotation")
+    return ("view", "result.h5", *truth, "-o", "out.html")
 
 
 def _config_without_end(_folder: Path) -> Command:
@@ -219,6 +228,8 @@ FINDINGS: Mapping[str, Finding] = {
         _item_that_forges_a_line,
         _signalling_nan,
         _table_without_end,
+        _page_of_a_table_without_end,
+        _match_by_matrices,
         _config_without_end,
     )
 }

@@ -52,7 +52,7 @@ LEDGE = 0.05
 
 @dataclass(frozen=True)
 class Dimensions:
-    """What tells one car from another, in metres; `to_...` are distances from the nose."""
+    """What distinguishes one car from another, in metres; `to_...` are distances from the nose."""
 
     length: float
     width: float

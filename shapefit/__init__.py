@@ -1,3 +1,71 @@
-"""Lift 2D landmarks in single images to 3D shapes with a convex program."""
+"""Lift 2D landmarks in single images to 3D shapes with a convex program.
+
+`learn`, `fit` and `evaluate` do what the commands of those names do, on arrays; `read_*` and
+`write_*` handle the files. See docs/python.md. Each is imported when it is first used.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from shapefit.errors import InputError
+    from shapefit.face.evaluation import Evaluation, evaluate
+    from shapefit.face.files import (
+        read_dictionary,
+        read_landmarks,
+        read_results,
+        read_shapes,
+        write_dictionary,
+        write_landmarks,
+        write_results,
+        write_shapes,
+    )
+    from shapefit.face.fitting import fit
+    from shapefit.face.learning import learn
+    from shapefit.face.records import Dictionary, Fit, Landmarks, Shapes
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "Dictionary",
+    "Evaluation",
+    "Fit",
+    "InputError",
+    "Landmarks",
+    "Shapes",
+    "__version__",
+    "evaluate",
+    "fit",
+    "learn",
+    "read_dictionary",
+    "read_landmarks",
+    "read_results",
+    "read_shapes",
+    "write_dictionary",
+    "write_landmarks",
+    "write_results",
+    "write_shapes",
+]
+
+_PLACES = {
+    "errors": ("InputError",),
+    "face.evaluation": ("Evaluation", "evaluate"),
+    "face.files": tuple(name for name in __all__ if name.startswith(("read_", "write_"))),
+    "face.fitting": ("fit",),
+    "face.learning": ("learn",),
+    "face.records": ("Dictionary", "Fit", "Landmarks", "Shapes"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Return a name of the package, from the module that has it."""
+    import importlib
+
+    for module, names in _PLACES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"shapefit.{module}"), name)
+    raise AttributeError(f"module 'shapefit' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """Return the names of the package, those that are not imported yet included."""
+    return sorted({*globals(), *__all__})

@@ -1,59 +1,135 @@
-"""One run of a command: config, pipeline, report."""
+"""A click command made from a row of the table; one run of it: config, pipeline, report."""
 
 from __future__ import annotations
 
 import gc
 import importlib
 import os
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from .options import config_options, reporting_options
 from .progress import Progress
 from .report import Report
 from .streams import tell
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from shapefit.pipelines.outcome import Outcome
+
+    from .commands import Spec
+
+
+class ConfigCommand(click.Command):
+    """A command with a config: an unknown option that is a key of it is an error with the fix."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the arguments; raise NoSuchOption with a hint."""
+        given = list(args)
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            hint = _set_hint(str(self.name), error.option_name, given)
+            if hint is None:
+                raise
+            message = f"No such option: {error.option_name}; it is a key of the config: {hint}"
+            raise click.NoSuchOption(error.option_name, message, ctx=ctx) from None
+
+
+def make_command(spec: Spec) -> click.Command:
+    """Return the click command of a row of the table."""
+
+    def run(**values: Any) -> int:
+        common = {name: values.pop(name) for name in ("config_path", "overrides", "print_config")}
+        report = {name: values.pop(name) for name in ("quiet", "verbose")}
+        wanted = [action for name, (_, action) in spec.actions.items() if values.pop(name)]
+        return run_command(spec, **common, **report, arguments=values, afterwards=wanted)
+
+    return ConfigCommand(
+        spec.name,
+        callback=run,
+        params=[
+            *spec.parameters[:1],
+            *config_options(spec.name),
+            *spec.parameters[1:],
+            *(option for option, _ in spec.actions.values()),
+            *reporting_options(),
+        ],
+        short_help=spec.summary,
+        help=spec.text,
+        epilog=f"\b\nExamples:\n{spec.examples}\n",
+    )
+
 
 def run_command(
-    command: str,
-    pipeline: str,
+    spec: Spec,
     *,
-    unit: str,
     config_path: Path | None,
     overrides: Sequence[str],
     print_config: bool,
+    quiet: bool,
+    verbose: bool,
     arguments: Mapping[str, object],
-    note_is_result: bool = False,
-    afterwards: Callable[[Report], None] | None = None,
+    afterwards: Sequence[Any] = (),
 ) -> int:
-    """Run `shapefit.pipelines.<pipeline>` with the config of `command`; return the exit code.
+    """Run the pipeline of a command with its config; return the exit code.
 
-    With `print_config` the config is printed to stdout instead. `unit` is what the progress bar
-    counts. Where `note_is_result` the last note is the result of the command, for stdout;
-    otherwise notes are states of the work, for the bar. `afterwards` is called with the report when
-    all is done. Raises InputError on a wrong config.
+    With `print_config` the config is printed to stdout instead. Each of `afterwards` is called with
+    the report when all is done. Raises InputError on a wrong config.
     """
-    # No plug-in has a say in the schema, and to look for them in all that is installed takes long.
+    # No plug-in changes the schema, and looking for them in all installed packages takes long.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    from shapefit.config import dump_config, load_config
+    from shapefit.config import dump_config, find_config, load_config
 
-    config = load_config(command, config_path, overrides, arguments)
+    file = find_config(spec.name, config_path)
+    config = load_config(spec.name, file, overrides, arguments)
     if print_config:
         click.echo(dump_config(config), nl=False)
         return 0
-    run = importlib.import_module(f"shapefit.pipelines.{pipeline}").run
+    if verbose and file is not None:
+        tell(f"Config: {file.path}")
+    pipeline = importlib.import_module(f"shapefit.pipelines.{spec.pipeline}").run
     gc.enable()
-    report = Report(command, unit)
-    with Progress(command, unit) as progress, closing(run(config)) as outcomes:
-        for outcome in outcomes:
-            report.add(outcome)
-            progress.advance(outcome.done, outcome.total, "" if note_is_result else outcome.note)
-    if note_is_result:
+    report = Report(spec.name, spec.unit, quiet=quiet, verbose=verbose)
+    follow(pipeline(config), report, shows_notes=not spec.prints_note)
+    if spec.prints_note:
         click.echo(report.note)
-    for line in report.lines(with_note=not note_is_result):
+    for line in report.lines(with_note=not spec.prints_note):
         tell(line)
-    if afterwards is not None:
-        afterwards(report)
+    for action in afterwards:
+        action(report)
     return report.exit_code
+
+
+def follow(outcomes: Iterable[Outcome], report: Report, *, shows_notes: bool) -> None:
+    """Run a pipeline to its end: fold its outcomes into the report, and show the progress."""
+    with Progress(report) as progress, closing(outcomes) as each:  # type: ignore[type-var]
+        for outcome in each:
+            report.add(outcome)
+            progress.advance(outcome.done, outcome.total, outcome.note if shows_notes else "")
+
+
+def _set_hint(command: str, option: str, given: Sequence[str]) -> str | None:
+    """Return `--set key=value` for an option that is a key of the config; None for any other."""
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    from shapefit.config import CONFIGS
+    from shapefit.config.expectation import dotted_keys
+
+    words = re.sub(r"[-_]", "_", option.lstrip("-"))
+    keys = [key for key in dotted_keys(CONFIGS[command]) if "-" not in key]
+    matches = [key for key in keys if key == words]
+    matches = matches or [key for key in keys if key.rpartition(".")[2] == words]
+    if not matches:
+        return None
+    value = "VALUE"
+    for argument, following in zip(given, [*given[1:], "--"], strict=True):
+        name, equals, text = argument.partition("=")
+        if name == option and (equals or not following.startswith("--")):
+            value = text if equals else following
+    return " or ".join(f"--set {key}={value}" for key in matches)

@@ -15,17 +15,14 @@ import click
 from shapefit import __version__
 from shapefit.errors import InputError
 
-from .evaluate import evaluate
-from .fit import fit
-from .learn_dict import learn_dict
+from .command import make_command
+from .commands import COMMANDS
 from .options import TRACEBACK_VARIABLE
-from .project import project
-from .simulate import simulate
 from .start import handle_stopping
 from .streams import occupy_closed_streams, output_fault, tell
-from .sweep import sweep
 from .verify import verify
-from .view import view
+
+COMPLETION_VARIABLE = "_SHAPEFIT_COMPLETE"
 
 INPUT_ERROR = 2
 INTERNAL_ERROR = 3
@@ -37,29 +34,33 @@ PIPE_CLOSED = 128 + signal.SIGPIPE
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="""\b
 Exit codes:
-  0  everything was done
+  0  everything succeeded
   1  finished, but some items failed (they are listed)
   2  bad usage, config or input
   3  internal error (--traceback shows where)
 
 \b
 Examples, the whole chain:
-  shapefit learn-dict -c learn-dict.yaml train.h5 -o dict.h5
-  shapefit project    -c project.yaml test.h5 -o views.h5
-  shapefit fit        -c fit.yaml views.h5 -d dict.h5 -o result.h5
-  shapefit eval       -c eval.yaml result.h5 --truth test.h5 -o report/
+  shapefit learn-dict train.h5 -o dict.h5
+  shapefit project    test.h5 -o views.h5
+  shapefit fit        views.h5 -d dict.h5 -o result.h5
+  shapefit eval       result.h5 --truth test.h5 -o report/
+
+\b
+Completion in the shell (bash; zsh and fish alike):
+  eval "$(_SHAPEFIT_COMPLETE=bash_source shapefit)"
 """,
 )
 @click.version_option(__version__, prog_name="shapefit")
 def commands() -> None:
     """Lift 2D landmarks in single images to 3D shapes with a convex program.
 
-    Each command reads a YAML config; arguments and --set go over what it says. Human text goes
-    to stderr, data to files or stdout.
+    Each command reads a YAML config; arguments and --set override it. Messages go to stderr, data
+    to files or stdout.
     """
 
 
-for command in (learn_dict, project, fit, evaluate, simulate, sweep, verify, view):
+for command in (*map(make_command, COMMANDS), verify):
     commands.add_command(command)
 
 
@@ -85,6 +86,11 @@ def run(arguments: Sequence[str]) -> int:
 
 def _run(arguments: Sequence[str]) -> int:
     """Run the command line; what a user can cause becomes an exit code, all else is raised."""
+    asked = os.environ.get(COMPLETION_VARIABLE)
+    if asked:
+        from click.shell_completion import shell_complete
+
+        return shell_complete(commands, {}, "shapefit", COMPLETION_VARIABLE, asked)
     try:
         with commands.make_context("shapefit", list(arguments)) as context:
             return int(commands.invoke(context))

@@ -1,17 +1,17 @@
-"""The options that every command has."""
+"""The options that commands share."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
-Command = Callable[..., Any]
+TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
 
 
 def _show_tracebacks(_context: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -19,40 +19,97 @@ def _show_tracebacks(_context: click.Context, _option: click.Parameter, wanted: 
         os.environ[TRACEBACK_VARIABLE] = "1"
 
 
-traceback_option = click.option(
-    "--traceback",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_show_tracebacks,
-    help=f"Show where an internal error arose (as {TRACEBACK_VARIABLE}=1 does).",
-)
+def _not_both(context: click.Context, _option: click.Parameter, verbose: bool) -> bool:
+    if verbose and context.params.get("quiet"):
+        raise click.UsageError("-q and -v exclude each other; give one of them", context)
+    return verbose
 
 
-def common_options(command: Command) -> Command:
-    """Add -c, --set, --print-config and --traceback to a command."""
-    for option in (
-        traceback_option,
-        click.option(
-            "--print-config",
-            is_flag=True,
-            help="Print the config with every default as YAML, and do nothing else.",
+class _ConfigPath(click.Path):
+    """A file, or the name of a folder of installed configs."""
+
+    def __init__(self, command: str) -> None:
+        super().__init__(path_type=Path)
+        self._command = command
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Offer the names of installed configs, and files."""
+        from click.shell_completion import CompletionItem
+
+        from shapefit.config.presets import preset_names
+
+        names = [name for name in preset_names(self._command) if name.startswith(incomplete)]
+        files = super().shell_complete(ctx, param, incomplete)
+        return [CompletionItem(name, help="installed config") for name in names] or files
+
+
+class _Setting(click.types.StringParamType):
+    """`key=value` for a key of the config of a command."""
+
+    def __init__(self, command: str) -> None:
+        self._command = command
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Offer the keys of the config."""
+        from click.shell_completion import CompletionItem
+
+        from shapefit.config import CONFIGS
+        from shapefit.config.expectation import dotted_keys
+
+        keys = dotted_keys(CONFIGS[self._command])
+        return [CompletionItem(f"{key}=") for key in keys if key.startswith(incomplete)]
+
+
+def config_options(command: str) -> list[click.Parameter]:
+    """Return -c, --set and --print-config, which every command with a config has."""
+    return [
+        click.Option(
+            ["-c", "--config", "config_path"],
+            metavar="CONFIG",
+            type=_ConfigPath(command),
+            help="YAML config, or the name of an installed one, such as cars; - is stdin. The keys "
+            "are described in docs/config.md.",
         ),
-        click.option(
-            "--set",
-            "overrides",
+        click.Option(
+            ["--set", "overrides"],
             metavar="KEY=VALUE",
             multiple=True,
+            type=_Setting(command),
             help="Set a key of the config, or a key inside one: --set a.b=c. Repeatable.",
         ),
-        click.option(
-            "-c",
-            "--config",
-            "config_path",
-            metavar="CONFIG",
-            type=click.Path(path_type=Path),
-            help="YAML config, - is stdin. Its keys are described in docs/config.md.",
+        click.Option(
+            ["--print-config"],
+            is_flag=True,
+            help="Print the config with every default as YAML, and exit.",
         ),
-    ):
-        command = option(command)
-    return command
+    ]
+
+
+def reporting_options() -> list[click.Parameter]:
+    """Return -q, -v and --traceback, which every command has."""
+    return [
+        click.Option(
+            ["-q", "--quiet"],
+            is_flag=True,
+            is_eager=True,
+            help="Print only errors and failed items.",
+        ),
+        click.Option(
+            ["-v", "--verbose"],
+            is_flag=True,
+            callback=_not_both,
+            help="List every warning, failed item and written file, and name the config.",
+        ),
+        click.Option(
+            ["--traceback"],
+            is_flag=True,
+            is_eager=True,
+            expose_value=False,
+            callback=_show_tracebacks,
+            help=f"Show where an internal error arose (as {TRACEBACK_VARIABLE}=1 does).",
+        ),
+    ]

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 import time
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from shapefit.pipelines.outcome import Failure, Outcome
+    from shapefit.pipelines.outcome import Counted, Failure, Outcome
 
 LISTED = 20
 """Failures (and different warnings) that are listed; the rest is counted."""
@@ -21,31 +21,48 @@ LISTED_FILES = 3
 
 @dataclass
 class Report:
-    """The sum of a pipeline's outcomes; memory does not grow with the number of items."""
+    """The sum of a pipeline's outcomes; memory does not grow with the number of items.
+
+    A `quiet` one has no warnings and no summary; a `verbose` one lists everything.
+    """
 
     command: str
     unit: str
+    quiet: bool = False
+    verbose: bool = False
     done: int = 0
     failed: int = 0
     note: str = ""
     written: list[Path] = field(default_factory=list)
     _failures: list[Failure] = field(default_factory=list)
-    _warnings: Counter[str] = field(default_factory=Counter)
+    _warnings: dict[str, str | Counted] = field(default_factory=dict)
     _unlisted_warnings: int = 0
     _started: float = field(default_factory=time.monotonic)
 
     def add(self, outcome: Outcome) -> None:
-        """Take in what became of one more stretch of the work."""
+        """Take in what became of one more part of the work."""
         self.done += outcome.done
+        self.unit = outcome.unit or self.unit
         self.failed += len(outcome.failures)
-        self._failures += outcome.failures[: LISTED - len(self._failures)]
+        self._failures += outcome.failures[: self._most_listed - len(self._failures)]
         for warning in outcome.warnings:
-            if warning in self._warnings or len(self._warnings) < LISTED:
-                self._warnings[warning] += 1
-            else:
-                self._unlisted_warnings += 1
+            self._add_warning(warning)
         self.written += outcome.written
         self.note = outcome.note or self.note
+
+    @property
+    def _most_listed(self) -> int:
+        return sys.maxsize if self.verbose else LISTED
+
+    def _add_warning(self, warning: str | Counted) -> None:
+        """Add a warning up with those before, or count it where too many differ."""
+        from shapefit.pipelines.outcome import add_up
+
+        before = dict(self._warnings)
+        add_up(self._warnings, warning)
+        if len(self._warnings) > self._most_listed:
+            self._warnings = before
+            self._unlisted_warnings += 1
 
     @property
     def exit_code(self) -> int:
@@ -54,15 +71,17 @@ class Report:
 
     def lines(self, *, with_note: bool = True) -> Iterator[str]:
         """Yield the report as lines of text: warnings, failures, then one line on everything."""
-        for warning, times in self._warnings.items():
-            yield f"Warning: {warning}" + (f" ({times} times)" if times > 1 else "")
-        if self._unlisted_warnings:
-            yield f"Warning: and {self._unlisted_warnings} more"
+        if not self.quiet:
+            for warning in self._warnings.values():
+                yield f"Warning: {warning}"
+            if self._unlisted_warnings:
+                yield f"Warning: and {self._unlisted_warnings} more"
         for failure in self._failures:
             yield f"Failed: {failure.item}: {failure.reason}"
         if self.failed > len(self._failures):
             yield f"Failed: and {self.failed - len(self._failures)} more"
-        yield "; ".join(self._summary(with_note))
+        if not self.quiet:
+            yield "; ".join(self._summary(with_note))
 
     def _summary(self, with_note: bool) -> Iterator[str]:
         from shapefit.errors import counted
@@ -77,7 +96,7 @@ class Report:
 
     def _files(self) -> str:
         folders = {path.parent for path in self.written}
-        if len(self.written) > LISTED_FILES and len(folders) == 1:
+        if len(self.written) > LISTED_FILES and len(folders) == 1 and not self.verbose:
             return f"{len(self.written)} files in {_shown(folders.pop())}"
         return ", ".join(map(_shown, self.written))
 

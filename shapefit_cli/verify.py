@@ -1,60 +1,63 @@
-"""`shapefit verify`."""
+"""`shapefit verify`, which has no config."""
 
 from __future__ import annotations
 
-from contextlib import closing
+import os
 from pathlib import Path
 
 import click
 
-from .options import traceback_option
-from .progress import Progress
+from .command import follow
+from .options import reporting_options
 from .report import Report
 from .streams import tell
 
 
-@click.command(
+def _verify(
+    result: Path, dictionary: Path, landmarks: tuple[Path, ...], quiet: bool, verbose: bool
+) -> int:
+    # Chunks are checked side by side: threads within a product would stand in each other's way.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from shapefit.pipelines.verify import Request, run
+
+    report = Report("verify", "image", quiet=quiet, verbose=verbose)
+    follow(run(Request(result, dictionary, landmarks)), report, shows_notes=False)
+    click.echo(report.note)
+    for line in report.lines(with_note=False):
+        tell(line)
+    return report.exit_code
+
+
+verify = click.Command(
     "verify",
+    callback=_verify,
+    params=[
+        click.Argument(["result"], metavar="RESULT", type=click.Path(path_type=Path)),
+        click.Option(
+            ["-d", "--dictionary"],
+            metavar="DICT.h5",
+            required=True,
+            type=click.Path(path_type=Path),
+            help="Dictionary of the fit.",
+        ),
+        click.Option(
+            ["--landmarks"],
+            metavar="FILE",
+            multiple=True,
+            type=click.Path(path_type=Path),
+            help="Landmarks of the fit, to compare with those in the result. Repeatable.",
+        ),
+        *reporting_options(),
+    ],
     short_help="Check the proofs in a result.",
+    help="""Check the proofs in a result; print a table of the claims (Markdown) to stdout.
+
+RESULT is an HDF5 file that fit wrote. Objective, dual bound and gap of every image are
+computed again, without the solver, and compared with the claims of the file, together with
+everything that follows from the transforms. Images with a false claim count as failed.""",
     epilog="""\b
 Examples:
   shapefit verify result.h5 -d dict.h5
   shapefit verify result.h5 -d dict.h5 --landmarks views.h5 > claims.md
 """,
 )
-@click.argument("result", metavar="RESULT", type=click.Path(path_type=Path))
-@click.option(
-    "-d",
-    "--dictionary",
-    metavar="DICT.h5",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="Dictionary of the fit.",
-)
-@click.option(
-    "--landmarks",
-    metavar="FILE",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    help="Landmarks of the fit, to compare with those in the result. Repeatable.",
-)
-@traceback_option
-def verify(result: Path, dictionary: Path, landmarks: tuple[Path, ...]) -> int:
-    """Check the proofs in a result; print a table of the claims (Markdown) to stdout.
-
-    RESULT is an HDF5 file that fit wrote. Objective, dual bound and gap of every image are
-    computed again, without the solver, and compared with what the file says, and so is all that
-    follows from the transforms. Images with a claim that does not hold count as failed.
-    """
-    from shapefit.pipelines.verify import Request, run
-
-    report = Report("verify", "image")
-    request = Request(result, dictionary, landmarks)
-    with Progress("verify", "image") as progress, closing(run(request)) as outcomes:
-        for outcome in outcomes:
-            report.add(outcome)
-            progress.advance(outcome.done, outcome.total, "")
-    click.echo(report.note)
-    for line in report.lines(with_note=False):
-        tell(line)
-    return report.exit_code

@@ -16,6 +16,12 @@ def test_five_hundred_spoiled_inputs(project, kind):
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
 
 
+def test_what_once_failed_stays_mended(project):
+    done = python(project, "fuzz", "--past")
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
+    assert int(done.stdout.split()[0]) > 25
+
+
 def test_every_kind_is_run(project):
     table = (project / "fuzz" / "kinds.py").read_text()
     assert all(f'"{kind}"' in table for kind in KINDS)

@@ -6,7 +6,7 @@ import ast
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -19,14 +19,21 @@ LIGHT_OF_THE_PACKAGE |= {"shapefit.errors.printable"}
 """With LIGHT, what `cli` and `shapefit/__init__.py` may import when they are loaded."""
 
 
-def rooms() -> list[str]:
-    """Return the rooms in the order of the map, as modules; `shapefit_cli` is the last."""
+def listed() -> list[str]:
+    """Return rooms and the folders in them, as modules, in the order of the map."""
     text = (PROJECT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    found = re.findall(r"^\| `(shapefit/\w+|shapefit_cli)(?:/|\.py)` \|", text, flags=re.MULTILINE)
+    found = re.findall(r"^\| `(shapefit/[\w/]+|shapefit_cli)(?:/|\.py)` \|", text, re.MULTILINE)
     return [room.replace("/", ".") for room in found]
 
 
+def rooms() -> list[str]:
+    """Return the rooms from the lowest, which imports nothing, to the command line."""
+    return [room for room in reversed(listed()) if room.count(".") < 2]
+
+
 ROOMS = rooms()
+FACE = "shapefit.face"
+"""The room whose names `shapefit/__init__.py` gives out."""
 
 
 def module_of(path: Path) -> str:
@@ -52,7 +59,7 @@ def room_of(name: str) -> str | None:
 
 def upward_imports(source: str, module: str, *, package: bool = False) -> list[str]:
     """Return the imports of a lower room of the map from a higher one."""
-    own = room_of(module)
+    own = FACE if module == "shapefit" else room_of(module)
     wrong = []
     for line, name in imports(ast.parse(source), module, package=package):
         room = room_of(name)
@@ -106,14 +113,117 @@ def each(paths: list[Path]) -> pytest.MarkDecorator:
     return pytest.mark.parametrize("path", paths, ids=names)
 
 
-def test_the_map_lists_every_room():
-    inside = [path.relative_to(PROJECT / "shapefit").parts for path in PACKAGE]
-    assert {f"shapefit.{parts[0]}" for parts in inside if len(parts) > 1} <= set(ROOMS)
+def python_files(folder: Path) -> list[Path]:
+    return [path for path in folder.glob("*.py") if path.name != "__init__.py"]
+
+
+FOLDERS = sorted({path.parent for path in PACKAGE if len(python_files(path.parent))})
+
+FEW_FILES = {
+    "shapefit": "the face of the package and the errors",
+    "shapefit.core": "its sources are C++",
+    "shapefit.lifting.posterior": "its sources are C++, and Python is their door",
+}
+"""Folders with fewer files than a folder is worth, and why."""
+
+SHORT = {
+    "shapefit.__main__": "`python -m shapefit`",
+    "shapefit.config.places": "the type of a place in a config, for four modules",
+    "shapefit.evaluation.tables.markdown": "the one escape that all tables share",
+}
+"""Files of less than 20 lines, and why."""
+
+
+def test_the_map_lists_every_room_and_folder():
+    folders = {".".join(folder.relative_to(PROJECT).parts) for folder in FOLDERS}
+    assert set(listed()) - {"shapefit.errors", "shapefit_cli"} == folders - {"shapefit"}
+    assert len(listed()) == len(set(listed()))
     assert ROOMS[0] == "shapefit.errors"
     assert ROOMS[-1] == "shapefit_cli"
 
 
-@each(PACKAGE + CLI)
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: str(folder.relative_to(PROJECT)))
+def test_folders_hold_some_three_to_fifteen_files(folder):
+    count = len(python_files(folder))
+    name = ".".join(folder.relative_to(PROJECT).parts)
+    assert count <= 15
+    assert (count < 3) == (name in FEW_FILES)
+
+
+@each([path for path in PACKAGE if path.name != "__init__.py"])
+def test_files_hold_one_idea(path):
+    lines = len(path.read_text("utf-8").splitlines())
+    assert lines <= 400  # about 350
+    assert (lines < 20) == (module_of(path) in SHORT)
+
+
+def wrong_folder_imports(source: str, module: str, order: list[str]) -> list[str]:
+    """Return the imports of a folder from one that the map lists below it in the same room."""
+
+    def folder_of(name: str) -> str | None:
+        found = [each for each in order if name.startswith(f"{each}.") and each.count(".") == 2]
+        return found[0] if found else None
+
+    own, wrong = folder_of(module), []
+    for line, name in imports(ast.parse(source), module):
+        other = folder_of(name)
+        same_room = own and other and room_of(own) == room_of(other)
+        if own and other and same_room and order.index(other) < order.index(own):
+            wrong.append(f"line {line}: {module} imports {name}")
+    return wrong
+
+
+@each(PACKAGE)
+def test_folders_of_a_room_import_one_way(path):
+    assert wrong_folder_imports(path.read_text("utf-8"), module_of(path), listed()) == []
+
+
+def test_an_import_against_the_order_of_folders_is_seen():
+    source = "def f():\n    from shapefit.io.kinds.shapes import read_shapes"
+    assert len(wrong_folder_imports(source, "shapefit.io.whole.atomic", listed())) == 1
+    assert wrong_folder_imports(source, "shapefit.pipelines.fit.run", listed()) == []
+
+
+def circles(graph: Mapping[str, set[str]]) -> list[str]:
+    """Return the modules that import themselves by way of others."""
+
+    def reached(start: str) -> set[str]:
+        found: set[str] = set()
+        waiting = list(graph[start])
+        while waiting:
+            name = waiting.pop()
+            if name not in found:
+                found.add(name)
+                waiting += graph[name]
+        return found
+
+    return [name for name in graph if name in reached(name)]
+
+
+def run_time(tree: ast.AST) -> ast.AST:
+    """Return `tree` without what is imported for type annotations alone."""
+
+    class Pruned(ast.NodeTransformer):
+        def visit_If(self, node):
+            is_typing = isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+            return None if is_typing else self.generic_visit(node)
+
+    return Pruned().visit(tree)
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    paths = {module_of(path): path for path in PACKAGE if path.name != "__init__.py"}
+    graph: dict[str, set[str]] = {}
+    for module, path in paths.items():
+        tree = run_time(ast.parse(path.read_text("utf-8")))
+        names = {name for _, name in imports(tree, module)}
+        names |= {name.rpartition(".")[0] for name in names}
+        graph[module] = names & paths.keys() - {module}
+    assert circles(graph) == []
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c"]
+
+
+@each([path for path in PACKAGE + CLI if path.name != "__main__.py"])  # which is the command line
 def test_rooms_import_one_way(path):
     package = path.name == "__init__.py"
     assert upward_imports(path.read_text("utf-8"), module_of(path), package=package) == []

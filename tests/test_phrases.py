@@ -21,7 +21,7 @@ COUNTED = (
     "one|ones|numbers?|seconds|milliseconds|microseconds|ms|us|MB|KB|bytes|status|Status|certificate"
     "|rotations?|rows?|columns?|lines?|cells?|files?|folders?|one name|matrix|matrices|masks?|sets?"
     "|transforms?|terms?|products?|solves?|solvers?|steps?|draws?|poses?|pictures?|tables?|boxe?s?"
-    "|bars?|plots?|mesh|meshes|threads?|trials?|images?|frames?|shapes?|landmarks?|atoms?|items?"
+    "|bars?|plots?|points?|[Oo]utcomes?|arrays?|text|body|bodies|mesh|meshes|threads?|trials?|images?|frames?|shapes?|landmarks?|atoms?|items?"
     "|pairs?|copy|copies|classes|tests?|functions?|keys?|values?|records?|requests?|dictionary"
     "|dictionaries|objects?|rounds?|turns?|times|vectors?|entry|entries|digits?|calls?|spaces?"
 )
@@ -33,8 +33,13 @@ UNITS = (
 
 TICS = {
     "`report`, `state` or `show` for `tell`": r"\b(tells?|told|telling)\b(?! (\w+ ){0,4}apart\b)",
-    "`is ignored`, `influences` for `has a say`": r"\b(have|has|had|having) (a |no |any )?say\b|\bsay in\b",
-    "`per image` for `an image`": rf"(?<!every )(?<!each )\b({COUNTED}) an? ({UNITS})\b(?! (of|that|which|whose|to|is)\b)",
+    "`is ignored`, `influences` for `has a say`": (
+        r"\b(have|has|had|having) (a |no |any )?say\b|\bsay in\b"
+    ),
+    "`per image` for `an image`": (
+        rf"(?<!every )(?<!each )(?<!training )\b({COUNTED}) an? ({UNITS})\b"
+        r"(?! (of|that|which|whose|to|is|at a time)\b)"
+    ),
 }
 
 PASSAGES = (
@@ -73,7 +78,11 @@ def sources() -> Iterator[Path]:
 
 def marked() -> Iterator[Path]:
     """Yield the other files that hold text: kernels, the page, configs, the Makefile."""
-    for pattern in ("shapefit/core/**/*.?pp", "shapefit/viewer/**/*.js", "shapefit/viewer/**/*.html"):
+    for pattern in (
+        "shapefit/core/**/*.?pp",
+        "shapefit/viewer/**/*.js",
+        "shapefit/viewer/**/*.html",
+    ):
         yield from PROJECT.glob(pattern)
     yield from (PROJECT / "configs").rglob("*.yaml")
     yield PROJECT / "Makefile"
@@ -99,7 +108,7 @@ def python_texts(source: str) -> Iterator[str]:
 
 def marked_texts(source: str) -> Iterator[str]:
     """Yield the text of a file with comments, their marks taken out; code between them stays."""
-    yield re.sub(r"^\s*(//|#|\*|/\*\*?)|\b(tell|tellSoon)\b\s*(?=[(.])|function tell", " ", source, flags=re.M)
+    yield re.sub(r"^\s*(//|#|\*|/\*\*?)|\btell(Soon)?\b(?=[(.,])", " ", source, flags=re.M)
 
 
 def found(text: str) -> list[str]:

@@ -36,9 +36,28 @@ def test_the_commands_run(project: Path, readme_commands: list[str], tmp_path: P
         assert done.returncode == 0, f"{command}\n{done.stderr}"
         printed += done.stdout
     assert printed.startswith("item,landmark,x,y,z\n")
+    check_sample(project, printed)
     assert (tmp_path / "shapes.csv").read_text(encoding="utf-8").count("\n") > 12 * 15
     assert len(list((tmp_path / "meshes").rglob("*.glb"))) == 4
     assert (tmp_path / "pictures/contact_sheet.png").is_file()
+
+
+def check_sample(project: Path, printed: str) -> None:
+    """Fail unless the two tables of the README are lines of the input and of what is printed."""
+    text = (project / "README.md").read_text(encoding="utf-8")
+    (sample,) = re.findall(r"```\n(item,landmark,x,y .*?)```", text, re.DOTALL)
+    shown = [line.split() for line in sample.splitlines()]
+    assert len(shown) == 4
+    assert shown[-1] == ["...", "..."]
+    lines = (project / "sample_data/one_person.csv").read_text(encoding="utf-8").splitlines()
+    for (line_in, line_out), line, fitted in zip(shown, lines, printed.splitlines(), strict=False):
+        if line_in == "...":
+            continue
+        assert line == line_in
+        *names, x, y, z = fitted.split(",")
+        if x != "x":  # the README shows two digits, an image of pixels needs no more
+            x, y, z = (f"{float(number):.2f}" for number in (x, y, z))
+        assert line_out == ",".join([*names, x, y, z])
 
 
 def test_set_up_commands_exist(project: Path, readme_commands: list[str]):

@@ -109,10 +109,10 @@ def test_a_method_is_a_file_and_an_entry(folder):
     [
         (
             "method=flt",
-            "alternate+ or pmp or mean-shape or flat, found 'flt'; did you mean 'flat'?",
+            "pmp or mean-shape or flat, found 'flt'; did you mean 'flat'?",
         ),
-        ("loss=l1", "the method flat does not know `loss: l1`"),
-        ("path=[1.0, 0.5]", "`path` belongs to the method convex"),
+        ("loss=exact", "the method flat does not support `loss: exact`"),
+        ("outliers.method=l1", "the method flat does not support `outliers: {method: l1}`"),
     ],
 )
 def test_the_config_knows_a_new_method(folder, setting, answer):
@@ -161,3 +161,103 @@ def test_a_metric_is_a_function_and_an_entry(folder):
 
     done = toy.run("eval", "-o", "report", "--set", "metrics=[wort]")
     assert "or worst, found 'wort'; did you mean 'worst'?" in done.stderr
+
+
+POINTS = '''
+"""A text file of landmarks: the word POINTS and the names, then one image a line."""
+
+from contextlib import contextmanager
+
+import numpy as np
+
+from shapefit.io.records import LandmarkSet
+from shapefit.io.whole.atomic import atomic_path
+
+
+def is_points(path, head):
+    return head.startswith(b"POINTS ")
+
+
+def read_points(path):
+    first, *lines = path.read_text().splitlines()
+    names = tuple(first.split()[1:])
+    rows = [line.split() for line in lines]
+    numbers = np.array([row[1:] for row in rows], float).reshape(-1, len(names), 2)
+    items = tuple(row[0] for row in rows)
+    return LandmarkSet(
+        landmarks=numbers.swapaxes(1, 2), landmark_names=names, items=items, y_axis="down"
+    )
+
+
+@contextmanager
+def write_points(target, form):
+    with atomic_path(target) as path, path.open("w") as file:
+        yield Writer(file)
+
+
+class Writer:
+    def __init__(self, file):
+        self.attributes, self.file, self.begun = {}, file, False
+
+    def append(self, record):
+        if not self.begun:
+            print("POINTS", *record.landmark_names, file=self.file)
+        self.begun = True
+        for item, points in zip(record.items, record.landmarks, strict=True):
+            print(item, *points.T.ravel().tolist(), file=self.file)
+'''
+
+POINTS_ENTRY = """
+from shapefit.io.formats import FORMATS, FileFormat
+FORMATS["points"] = FileFormat(
+    title="a points file", suffixes=(".points",), recogniser="toy:is_points",
+    readers={"landmarks": "toy:read_points"}, writer="toy:write_points", writes=("landmarks",),
+)
+"""
+
+
+class TestAFormatIsAFileAndAnEntry:
+    @pytest.fixture
+    def toy(self, folder) -> Toy:
+        return Toy(folder, POINTS, POINTS_ENTRY)
+
+    @pytest.fixture
+    def views(self, folder) -> np.ndarray:
+        """The images of the folder, once more as points, in files of two names."""
+        with h5py.File(folder / "views.h5") as file:
+            landmarks = file["landmarks"][:]
+        lines = [
+            f"{1 + i} {' '.join(map(repr, row.ravel().tolist()))}"
+            for i, row in enumerate(landmarks)
+        ]
+        text = "\n".join([f"POINTS {' '.join(NAMES)}", *lines])
+        (folder / "views.points").write_text(text, encoding="utf-8")
+        (folder / "views.txt").write_text(text, encoding="utf-8")
+        return landmarks
+
+    @pytest.mark.parametrize("name", ["views.points", "views.txt"])
+    def test_it_is_recognised_by_content_and_fitted(self, name, toy, views, folder):
+        toy.succeed("fit", name, "-d", "dictionary.h5", "-o", "result.h5")
+        with h5py.File(folder / "result.h5") as result:
+            np.testing.assert_array_equal(result["landmarks"], views)
+            assert result.attrs["y_axis"] == "down"
+
+    def test_it_is_written_where_the_output_is_named_so(self, toy, views, folder):
+        toy.succeed("fit", "views.points", "-d", "dictionary.h5", "-o", "shapes.csv")
+        toy.succeed("project", "shapes.csv", "-o", "again.points")
+        assert (
+            (folder / "again.points").read_text(encoding="utf-8").startswith("POINTS a b c d e f")
+        )
+        toy.succeed("fit", "again.points", "-d", "dictionary.h5", "-o", "other.h5")
+
+    def test_it_is_listed_for_the_page(self, toy, views, folder):
+        toy.succeed("view", "views.points", "-o", "page.html")
+        assert (folder / "page.html").exists()
+
+    def test_what_it_cannot_hold_is_refused(self, toy, views):
+        done = toy.run("fit", "views.h5", "-d", "dictionary.h5", "-o", "result.points")
+        assert done.returncode == 2
+        assert "result.points: a result cannot be points; give it a name in .h5" in done.stderr
+        done = toy.run("fit", "views.h5", "-d", "views.points", "-o", "result.h5")
+        assert done.returncode == 2
+        assert "views.points: is not an HDF5 file; give a shapefit-dictionary file" in done.stderr

@@ -12,7 +12,8 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-PACKAGES = ("shapefit", "shapefit_cli")
+PACKAGES = {"shapefit": "shapefit", "shapefit/configs": "configs", "shapefit_cli": "shapefit_cli"}
+"""Folder in the wheel -> folder here."""
 SOURCES = {".cpp", ".hpp"}
 
 IMPORT_ALL = """
@@ -61,9 +62,9 @@ def run(command: list[str], environment: dict[str, str], folder: Path) -> str:
 
 def test_the_wheel_has_every_file_but_the_sources_of_the_core(project: Path, wheel: Path):
     here = {
-        path.relative_to(project).as_posix()
-        for package in PACKAGES
-        for path in (project / package).rglob("*")
+        (target / path.relative_to(project / source)).as_posix()
+        for target, source in ((Path(name), folder) for name, folder in PACKAGES.items())
+        for path in (project / source).rglob("*")
         if path.is_file() and path.suffix not in SOURCES and path.name != "CMakeLists.txt"
         if "__pycache__" not in path.parts
     }
@@ -72,6 +73,17 @@ def test_the_wheel_has_every_file_but_the_sources_of_the_core(project: Path, whe
     (module,) = installed - here
     assert module.startswith("shapefit/core/_core.")
     assert not sorted(here - installed)
+
+
+def test_names_stand_for_the_installed_configs(project: Path, environment, tmp_path: Path):
+    for name in ("cars.h5", "cars_views.h5"):
+        shutil.copy(project / "sample_data" / name, tmp_path)
+    line = "shapefit learn-dict -c cars cars.h5 -o out/atoms.h5"
+    run(shlex.split(line), environment, tmp_path)
+    line = "python -P -m shapefit fit -c cars cars_views.h5 -d out/atoms.h5 -o out/shapes.csv"
+    run(shlex.split(line), environment, tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cars.h5", "cars_views.h5", "out"]
+    assert (tmp_path / "out/shapes.csv").read_text(encoding="utf-8").count("\n") > 108
 
 
 def test_every_module_imports_from_the_wheel(wheel: Path, environment, tmp_path: Path):

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 from shapefit.config.loader import CONFIGS, dump_config, load_config
 from shapefit.config.model import CommandConfig
+from shapefit.config.presets import find_config
 
 if TYPE_CHECKING:
     from shapefit.config.commands.evaluate import EvalConfig
@@ -25,6 +26,7 @@ __all__ = [
     "SweepConfig",
     "ViewConfig",
     "dump_config",
+    "find_config",
     "load_config",
 ]
 

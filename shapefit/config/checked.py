@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from shapefit.config.expectation import field_keys, submodel
 from shapefit.config.model import ConfigModel
-from shapefit.config.paths import PathKeys, PathWords
+from shapefit.config.paths import OfTheData, PathKeys, PathWords
+from shapefit.config.presets import ConfigFile
 from shapefit.config.problems import schema_problems
 from shapefit.config.settings import Settings
 from shapefit.errors import InputError
@@ -20,24 +20,28 @@ Config = TypeVar("Config", bound=ConfigModel)
 
 def load_model(
     model: type[Config],
-    path: Path | None = None,
+    file: ConfigFile | None = None,
     overrides: Sequence[str] = (),
     arguments: Mapping[str, object] | None = None,
 ) -> Config:
     """Return the checked config of a YAML file, with overrides and arguments over it.
 
-    `overrides` (each `a.b=value`) go over what the YAML file at `path` says, and `arguments`
-    (key -> value; None and empty ones do not count) over both. Raises InputError with every
-    problem at once, each with its place.
+    `overrides` (each `a.b=value`) override what the YAML file says, and `arguments` (key -> value;
+    None and empty ones do not count) both. Raises InputError with every problem at once, each with
+    its place.
     """
     settings = Settings(path_keys(model))
-    if path is not None:
-        settings.read_file(path)
+    if file is not None:
+        settings.read_file(file.path)
+        if file.is_preset:
+            settings.drop(data_keys(model))
     for option in overrides:
         settings.set_option(option)
     for key, value in (arguments or {}).items():
         if value is not None and value != ():
             settings.set_argument(key, value)
+    if file is not None and file.is_preset:
+        settings.drop_idle()
     return check(model, settings)
 
 
@@ -57,10 +61,20 @@ def check(model: type[Config], settings: Settings) -> Config:
 
 def path_keys(model: type[BaseModel]) -> PathKeys:
     """Return the keys of a model that hold paths, and within them those of its sections."""
+    return _keys_marked(model, (PathWords,))
+
+
+def data_keys(model: type[BaseModel]) -> PathKeys:
+    """Return the keys of a model that fit certain data only, paths among them."""
+    return _keys_marked(model, (PathWords, OfTheData))
+
+
+def _keys_marked(model: type[BaseModel], marks: tuple[type, ...]) -> PathKeys:
     keys: dict[str, PathKeys] = {}
     for key, field in field_keys(model).items():
         inner = submodel(field)
-        within = path_keys(inner) if inner is not None else {}
-        if within or any(isinstance(entry, PathWords) for entry in field.metadata):
+        marked = any(isinstance(entry, marks) for entry in field.metadata)
+        within = _keys_marked(inner, marks) if inner is not None else {}
+        if within or marked:
             keys[key] = within
     return keys

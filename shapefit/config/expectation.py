@@ -19,7 +19,8 @@ class Expected:
     phrase: str
 
 
-_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
+_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a string"}
+_PLURALS = {int: "whole numbers", float: "numbers", str: "strings"}
 
 
 def expectation(field: FieldInfo) -> str:
@@ -42,9 +43,11 @@ def _type_words(annotation: Any) -> str:
     if origin is Literal:
         return " or ".join(arguments)
     if origin is tuple:
+        if arguments[0] in _PLURALS:
+            return f"a list of {_PLURALS[arguments[0]]}"
         return f"a list, each {_type_words(arguments[0])}"
     if isinstance(origin, type) and issubclass(origin, Mapping):
-        return f"a mapping, each value {_type_words(arguments[1])}"
+        return f"a mapping to {_PLURALS.get(arguments[1]) or _type_words(arguments[1])}"
     if issubclass(annotation, BaseModel):
         return f"a mapping with the keys {', '.join(field_keys(annotation))}"
     return _WORDS[annotation]
@@ -75,3 +78,12 @@ def submodel(field: FieldInfo) -> type[BaseModel] | None:
         kinds = [kind for kind in get_args(field.annotation) if kind is not NoneType]
     kind = kinds[0]
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+
+
+def dotted_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Yield all keys of a model, those of sections with the section before them: `a.b`."""
+    for key, field in field_keys(model).items():
+        yield prefix + key
+        inner = submodel(field)
+        if inner is not None:
+            yield from dotted_keys(inner, f"{prefix}{key}.")

@@ -10,6 +10,7 @@ from pathlib import Path
 from shapefit.config.checked import load_model
 from shapefit.config.model import CommandConfig
 from shapefit.config.paths import STANDARD_STREAM
+from shapefit.config.presets import ConfigFile
 from shapefit.config.settings import STANDARD_INPUT
 from shapefit.errors import input_error
 
@@ -47,20 +48,21 @@ CONFIGS = Schemas(
 
 def load_config(
     command: str,
-    path: Path | None = None,
+    file: Path | ConfigFile | None = None,
     overrides: Sequence[str] = (),
     arguments: Mapping[str, object] | None = None,
 ) -> CommandConfig:
     """Return the checked config of `command`.
 
-    `overrides` (each `a.b=value`) go over what the YAML file at `path` says, and `arguments`
-    (key -> value; None and empty ones do not count) over both. Paths in the file are relative to
-    the file, the others to the working directory; in the config they are absolute and globs are
-    expanded. Raises InputError with every problem at once, each with its place, and where
-    standard input would be read twice.
+    `file` is a YAML file or a preset (`find_config`). `overrides` (each `a.b=value`) override what
+    it says, and `arguments` (key -> value; None and empty ones do not count) both. Paths in the
+    file are relative to the file, the others to the working directory; in the config they are
+    absolute and globs are expanded. Raises InputError with every problem at once, each with its
+    place, and where standard input would be read twice.
     """
-    config = load_model(CONFIGS[command], path, overrides, arguments)
-    readers = ["the config"] if path == STANDARD_STREAM else []
+    file = ConfigFile(file) if isinstance(file, Path) else file
+    config = load_model(CONFIGS[command], file, overrides, arguments)
+    readers = ["the config"] if file and file.path == STANDARD_STREAM else []
     readers += [f"`{key}`" for key, file in config.inputs() if file == STANDARD_STREAM]
     if len(readers) > 1:
         found = f"{' and '.join(readers)} would both read it"

@@ -54,11 +54,11 @@ class ConfigModel(BaseModel):
 
 
 class CommandConfig(ConfigModel):
-    """Everything that one command can be told."""
+    """Everything that can be set for one command."""
 
     data: Folder = Field(
         default=None,
-        description="Folder that `{data}` stands for at the beginning of any other path.",
+        description="Folder that replaces `{data}` at the beginning of any other path.",
     )
 
     @model_validator(mode="after")

@@ -26,6 +26,13 @@ class PathWords(Expected):
     """Annotation metadata: the field holds paths."""
 
 
+class OfTheData:
+    """Annotation metadata: the field fits certain data only, and a preset leaves it out."""
+
+
+OF_THE_DATA = OfTheData()
+
+
 def change_paths(
     values: Mapping[str, Any], keys: PathKeys, change: Callable[[Any], Any]
 ) -> dict[str, Any]:
@@ -74,14 +81,14 @@ def absolute_path(value: Any) -> Path:
         raise ValueError(f"expected a path, found {value!r}")
     text = str(value)
     if not text:
-        raise ValueError("expected a path, found an empty text")
+        raise ValueError("expected a path, found an empty string")
     if DATA in text:
         if text.startswith(DATA):
             raise ValueError(
                 f"{text!r} begins with {DATA}, but `data` is not set; "
                 "set it in the config or with --set data=FOLDER"
             )
-        raise ValueError(f"{text!r} has {DATA} inside; it can only stand at the beginning")
+        raise ValueError(f"{text!r} has {DATA} inside; it is allowed at the beginning only")
     path = Path(text)
     return path if path == STANDARD_STREAM else Path(os.path.abspath(os.path.expanduser(path)))
 

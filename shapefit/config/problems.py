@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from difflib import get_close_matches
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from shapefit.config.expectation import expectation, field_keys, submodel
+from shapefit.config.expectation import dotted_keys, expectation, field_keys, submodel
+from shapefit.config.old_keys import old_key, old_value
 from shapefit.config.places import Location
 from shapefit.config.settings import Settings, found
 
@@ -28,6 +29,9 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, settings: Settings) -
     match detail["type"]:
         case "extra_forbidden":
             place = settings.place(location, key=True)
+            gone = old_key(_commands_at(model, location))
+            if gone:
+                return f"{place}: {gone}"
             return f"{place}: unknown key {str(location[-1])!r}{_known(model, owner, location)}"
         case "missing" if field and field is field_keys(owner).get(str(location[-1])):
             place = settings.place(location[:-1])
@@ -35,6 +39,9 @@ def _problem(model: type[BaseModel], detail: ErrorDetails, settings: Settings) -
         case "value_error":
             message = str(detail["ctx"]["error"])
             return f"{settings.place(_first_named(message, location, settings))}: {message}"
+    gone = old_value(_commands_at(model, location), detail["input"])
+    if gone:
+        return f"{settings.place(location)}: {gone}"
     choices = re.findall(r"'([^']+)'", detail.get("ctx", {}).get("expected", ""))
     wanted = " or ".join(choices) or (expectation(field) if field else detail["msg"])
     return (
@@ -72,22 +79,27 @@ def _schema_at(
     return owner, field_keys(owner).get(str(location[-1]))
 
 
+def _commands_at(model: type[BaseModel], location: Location) -> list[tuple[str, str]]:
+    """Return each config of a command around `location`, by the name of its schema, with the key.
+
+    A sweep holds the configs of other commands.
+    """
+    found = []
+    for depth in range(len(location)):
+        key = ".".join(map(str, location[depth:]))
+        owner = _schema_at(model, location[: depth + 1])[0]
+        found += [(kind.__name__, key) for kind in owner.__mro__]
+    return found
+
+
 def _known(model: type[BaseModel], owner: type[BaseModel], location: Location) -> str:
     """Return the end of a message on an unknown key: the nearest key, or all that are known."""
     key = str(location[-1])
     guess = _did_you_mean(key, field_keys(owner))
     if not guess:
-        elsewhere = [known for known in _dotted_keys(model) if known.split(".")[-1] == key]
+        elsewhere = [known for known in dotted_keys(model) if known.split(".")[-1] == key]
         guess = "".join(f"; did you mean {known!r}?" for known in elsewhere[:1])
     return guess or f"; the keys here are {', '.join(field_keys(owner))}"
-
-
-def _dotted_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
-    for key, field in field_keys(model).items():
-        yield prefix + key
-        inner = submodel(field)
-        if inner is not None:
-            yield from _dotted_keys(inner, f"{prefix}{key}.")
 
 
 def _did_you_mean(text: str, choices: Iterable[str]) -> str:

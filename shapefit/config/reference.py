@@ -10,18 +10,23 @@ from pydantic.fields import FieldInfo
 
 from shapefit.config.expectation import expectation, field_keys, in_words, submodel
 from shapefit.config.loader import CONFIGS
+from shapefit.config.paths import OfTheData
 
 _INTRODUCTION = """\
 # Config keys
 
-Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no` is a text. \
-`--set key=value` and `--set key.key=value` go over the file, arguments of the command over both.
+Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no` is a string. \
+`--set key=value` and `--set key.key=value` override the file; arguments override both.
 
 - Paths in a file are relative to the file, paths on the command line to the working directory.
 - A path to read may be a glob (`*`, `?`, `[...]`, `**`); it must match at least one file.
 - `-` is standard input or output, as CSV.
-- A path may begin with `{data}`: it stands for the folder that the key `data` names.
-- `--print-config` prints the config as the command understands it, with every default.
+- A path may begin with `{data}`: it is replaced by the folder that the key `data` names. Every
+  command has this key.
+- `-c NAME` stands for the command's own file of an installed folder: `-c cars` of `fit` is
+  `configs/cars/fit.yaml`. An existing file of that name is preferred. The settings of an installed
+  file are used; what applies only to its own data is ignored: paths, and the keys marked with \\*.
+- `--print-config` prints the resolved config, with every default.
 """
 
 
@@ -41,9 +46,13 @@ def _section(command: str, model: type[BaseModel]) -> str:
 
 def _rows(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
     for key, field in field_keys(model).items():
+        if key == "data":
+            continue
         inner = submodel(field)
         if inner is None or in_words(field):
-            cells = (f"`{prefix}{key}`", expectation(field), _default(field), field.description)
+            mark = r" \*" if any(isinstance(entry, OfTheData) for entry in field.metadata) else ""
+            name = f"`{prefix}{key}`{mark}"
+            cells = (name, expectation(field), _default(field), field.description)
             yield f"| {' | '.join(str(cell) for cell in cells)} |"
         else:
             yield from _rows(inner, f"{prefix}{key}.")

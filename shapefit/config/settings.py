@@ -74,6 +74,18 @@ class Settings:
         folder = Path.cwd() / path.parent
         self.values = change_paths(self.values, self.path_keys, partial(anchored, folder=folder))
 
+    def drop(self, keys: PathKeys) -> None:
+        """Leave out the values of these keys, and sections that have no others."""
+        self.values = without(self.values, keys)
+
+    def drop_idle(self) -> None:
+        """Leave out what a file says of outputs in a folder that nothing names."""
+        for name, within in self.path_keys.items():
+            section = self.values.get(name)
+            if "folder" in within and isinstance(section, dict) and not section.get("folder"):
+                said = {key for key in section if self.place((name, key)).startswith("--set ")}
+                self.values[name] = {key: section[key] for key in section if key in said}
+
     def set_option(self, option: str) -> None:
         """Take `a.b=value`, the argument of a --set option; the value is YAML, or a bare `-`."""
         place = f"--set {option}"
@@ -132,6 +144,19 @@ class Settings:
         return self.place(location[:-1])
 
 
+def without(values: Mapping[str, Any], keys: PathKeys) -> dict[str, Any]:
+    """Return `values` without what stands under the keys, nor sections that are empty then."""
+    kept = {}
+    for key, value in values.items():
+        if key not in keys:
+            kept[key] = value
+        elif keys[key] and isinstance(value, dict):
+            within = without(value, keys[key])
+            if within:
+                kept[key] = within
+    return kept
+
+
 def found(value: Any) -> str:
     """Return a value as a message names it."""
     match value:
@@ -160,6 +185,6 @@ def _text(path: Path) -> str:
             raise input_error(name, f"larger than {MOST_BYTES} bytes", "give a config in YAML")
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise input_error(name, "not a text in UTF-8", "save it as UTF-8") from None
+        raise input_error(name, "not UTF-8 text", "save it as UTF-8") from None
     except OSError as error:
         raise input_error(name, error.strerror or "cannot be read", "check the path") from None

@@ -71,9 +71,9 @@ def read_yaml(text: str, place: Callable[[int, int], str]) -> Document:
         document.problems.append(f"{place(1, 1)}: not valid YAML: {str(error).splitlines()[0]}")
     except _TooMuch:
         found = f"more than {MOST_VALUES} values, aliases written out"
-        document.problems.append(f"{place(1, 1)}: {found}; a config is small")
+        document.problems.append(f"{place(1, 1)}: {found}; a config must be small")
     except RecursionError:
-        document.problems.append(f"{place(1, 1)}: lists or mappings lie too deep in each other")
+        document.problems.append(f"{place(1, 1)}: lists or mappings are nested too deeply")
     else:
         return document
     return replace(document, value=None, readable=False)
@@ -104,7 +104,7 @@ class _Reader:
             raise _TooMuch
         if node in self._around:
             self._document.problems.append(
-                f"{self._at(node)}: an alias stands for what it stands in; write it out"
+                f"{self._at(node)}: an alias contains itself; write it out"
             )
             return None
         self._around.append(node)
@@ -124,7 +124,7 @@ class _Reader:
         for key_node, value_node in node.value:
             key = key_node.value
             if not isinstance(key_node, ScalarNode):
-                self._document.problems.append(f"{self._at(key_node)}: a key must be a text")
+                self._document.problems.append(f"{self._at(key_node)}: a key must be a string")
             elif key in values:
                 self._document.problems.append(
                     f"{self._at(key_node)}: repeated key {key!r}, first at {first[key]}; "
@@ -147,11 +147,11 @@ class _Reader:
         return values
 
     def _text(self, node: Node) -> str | None:
-        """Return a text that UTF-8 can hold; `\ud800` in double quotes stands for half a letter."""
+        """Return a string that UTF-8 can hold; `\ud800` in quotes is an unpaired surrogate."""
         text = str(node.value)
         if any("\ud800" <= letter <= "\udfff" for letter in text):
             self._document.problems.append(
-                f"{self._at(node)}: {text!r} has half a letter in it (a surrogate); write it whole"
+                f"{self._at(node)}: {text!r} contains an unpaired surrogate; write it whole"
             )
             return None
         return text
@@ -163,7 +163,7 @@ class _Reader:
             value = self._construct(node)
         except (ValueError, KeyError, IndexError):  # of !!int x, !!bool x, !!int ""
             self._document.problems.append(
-                f"{self._at(node)}: {node.value!r} is not what its tag says"
+                f"{self._at(node)}: {node.value!r} does not match its tag"
             )
             return None
         if isinstance(value, int) and abs(value) > LARGEST_INTEGER:

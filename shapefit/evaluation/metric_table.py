@@ -23,7 +23,7 @@ SHARE = "share"
 class Dataset(NamedTuple):
     """A dataset that a metric takes: its name, and its shape within one image in the file.
 
-    `p` in the shape stands for the number of landmarks. `points` come one landmark a row in the
+    `p` in the shape stands for the number of landmarks. `points` come one landmark per row in the
     file and one a column to the metric; `labels` are booleans.
     """
 

@@ -45,7 +45,7 @@ class Solving:
 
     @property
     def images_per_second(self) -> float | None:
-        """Return 1000 / milliseconds; None where that is unknown or too short to be told."""
+        """Return 1000 / milliseconds; None where that is unknown or too short to measure."""
         return 1000 / self.milliseconds if self.milliseconds else None
 
 

@@ -12,8 +12,8 @@ from shapefit.errors import input_error
 from shapefit.io.extras import Array, Extras
 
 Text = TypeVar("Text", bound=str)
-APART = "give files that agree, or run them apart"
-ALL_OR_NONE = "give it to all files (CSV cannot hold it) or to none, or run them apart"
+APART = "use files that agree, or process them separately"
+ALL_OR_NONE = "give it to all files (CSV cannot hold it) or to none, or process them separately"
 
 
 def agreed(what: str, stated: Sequence[tuple[str, Text | None]], default: Text) -> Text:

@@ -50,7 +50,7 @@ def _compare(files: Sequence[ItemList], suspects: frozenset[int]) -> None:
                 continue
             count += 1
             if len(told) < LIMIT:
-                found = f"item '{item}' stands also at {first[item]}"
-                told.append(f"{file.place(row)}: {found}; give every item a name of its own")
+                found = f"item '{item}' is also at {first[item]}"
+                told.append(f"{file.place(row)}: {found}; give every item a unique name")
     if count:
         raise input_problems(told, count)

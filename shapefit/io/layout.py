@@ -14,7 +14,7 @@ class Dataset:
 
     `axes` are as in the file: letters for sizes that agree over the file (n items, p landmarks,
     q mesh vertices, k atoms, ...), numbers for fixed sizes. `points` marks coordinates, one point
-    a row in the file (..., p, 3) and one per column in memory (..., 3, p). `field` names the field
+    per row in the file (..., p, 3) and per column in memory (..., 3, p). `field` names the field
     of the record. A "label" is text or an integer code. `counted_by` names the dataset that says
     how many rows of this one belong to each item, one item after the other. `stored` is the NumPy
     type in the file where it is smaller than that in memory; `sparse` numbers are mostly 0 and are
@@ -62,6 +62,11 @@ class Format:
     datasets: tuple[Dataset, ...]
 
     @property
+    def kind(self) -> str:
+        """What a file of it holds: landmarks, shapes, result or dictionary."""
+        return self.name.removeprefix("shapefit-")
+
+    @property
     def per_item(self) -> tuple[Dataset, ...]:
         """Datasets with a row for each item."""
         return tuple(dataset for dataset in self.datasets if dataset.per_item)
@@ -91,6 +96,9 @@ _PREFIX = "shapefit_"
 
 # Attribute of a carried dataset: False where it belongs to the file, whatever its shape suggests.
 PER_ITEM_FLAG = "per_item"
+
+DEVIATIONS = ("sd_x", "sd_y", "sd_z")
+"""Columns of CSV results: standard deviations, which nothing here reads back."""
 
 NOTHING_APPENDED = "nothing was appended; append one record, which may be empty"
 

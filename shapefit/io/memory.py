@@ -28,7 +28,7 @@ def check_fits(place: str, size: int, found: str = "it") -> None:
 
 
 def free_memory() -> int | None:
-    """Bytes that this process can still get, None where the system does not tell."""
+    """Bytes that this process can still get, None where the system does not report it."""
     return min(_limits(), default=None)
 
 

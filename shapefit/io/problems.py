@@ -1,4 +1,4 @@
-"""Many problems of one input, told together: the first ten, and how many more there are."""
+"""Many problems of one input, reported together: the first ten, and the number of the others."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LIMIT = 10
 
 
 class Problems:
-    """Counts the problems of an input, and puts into words those that will be told."""
+    """Counts the problems of an input, and words those that will be reported."""
 
     def __init__(self) -> None:
         self._told: list[tuple[int, str]] = []
@@ -41,7 +41,7 @@ class Problems:
 
 
 def input_problems(told: Sequence[str], count: int | None = None) -> InputError:
-    """Build the InputError for these problems, of `count` in all; at most ten are told."""
+    """Build the InputError for these problems, of `count` in all; at most ten are listed."""
     shown = list(told[:LIMIT])
     more = (len(told) if count is None else count) - len(shown)
     return InputError([*shown, f"... and {more} more"] if more > 0 else shown)

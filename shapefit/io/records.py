@@ -59,7 +59,7 @@ class ShapeSet:
 class LandmarkSet:
     """n images of p landmarks: landmarks (n, 2, p) in `unit`, NaN where unseen.
 
-    confidence (n, p) >= 0 or None, which means 1 for all; y_axis tells where y points; frame_rate
+    confidence (n, p) >= 0 or None, which means 1 for all; y_axis is the direction of y; frame_rate
     as in a ShapeSet.
     """
 
@@ -139,8 +139,8 @@ class ResultSet:
 
     NaN where an item failed. landmarks_fitted (n, 2, p); coefficients (n, k); rotation (n, 3, 3);
     translation (n, 2); scale, objective, relative_gap, iterations, status (n); shape_sd
-    (n, 3, p), standard deviations of the shapes; transforms (n, k, 2, 3); mesh_vertices (n, 3, q). All but the shapes are None where they are not known,
-    as in a CSV file.
+    (n, 3, p), standard deviations of the shapes; transforms (n, k, 2, 3); mesh_vertices
+    (n, 3, q). All but the shapes are None where they are not known, as in a CSV file.
 
     What proves the optimum of the convex program, in normalised units: dual (n, 2, p), feasible;
     convex_translation (n, 2), convex_objective and convex_relative_gap (n,), the last two where
@@ -211,12 +211,12 @@ def match_landmarks(
     stripped = {name.strip() for name in have}
     if spaced := [repr(name) for name in strange if name.strip() in stripped]:
         found = f"names of landmarks differ from the known ones in spaces ({_some(spaced)})"
-        raise input_error(place, found, "take away the spaces around names")
+        raise input_error(place, found, "remove the spaces around names")
     if len(strange) == len(want) > 1:
         found = (
             f"none of the {len(want)} landmarks ({_some(want)}) is known; known are {_some(have)}"
         )
-        raise input_error(place, found, "give files that fit together")
+        raise input_error(place, found, "give files with the same landmark names")
     if strange:
         raise input_problems([_strange_landmark(place, name, have) for name in strange])
     return np.array([index[name] for name in want], dtype=np.intp)

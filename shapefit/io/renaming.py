@@ -27,7 +27,7 @@ def renamed(records: Record, rename: Mapping[str, str], place: str) -> Record:
     for before, after in zip(old, new, strict=True):
         if after in first:
             found = f"`{KEY}` gives the name '{after}' to '{first[after]}' and '{before}'"
-            raise input_error(place, found, "give every landmark a name of its own")
+            raise input_error(place, found, "give every landmark a unique name")
         first[after] = before
     return replace(records, landmark_names=new)
 

@@ -1,4 +1,4 @@
-"""What an input path points at: standard input, an HDF5 file, or CSV text."""
+"""What an input path points at: standard input, or a file that can be read."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pathlib import Path
 from shapefit.errors import input_error
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-HDF5_SUFFIXES = frozenset({".h5", ".hdf5", ".hdf", ".he5"})
 STREAM = "-"
 
 BLOCK_BYTES = 1 << 16
@@ -40,33 +39,13 @@ def require_file(path: Path) -> None:
         raise input_error(path, "is empty (0 bytes)", "make or copy the file again")
 
 
-def is_hdf5(path: Path) -> bool:
-    """Whether to read the file as HDF5: by its first bytes, else by its suffix.
-
-    Raises InputError as `require_file` does, and where the suffix promises HDF5 but the content
-    is something else.
-    """
-    if is_stream(path):
-        return False
-    require_file(path)
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        if file.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE:
-            return True
-    if path.suffix.lower() in HDF5_SUFFIXES:
-        fix = "give an HDF5 file, or name it .csv if it is CSV"
-        raise input_error(path, "is not an HDF5 file", fix)
-    return False
-
-
 def read_text_blocks(path: Path) -> Iterator[bytes]:
-    """Yield the bytes of standard input, a pipe or a text file, a block at a time.
+    """Yield the bytes of standard input, a pipe or a file, block by block.
 
     Raises InputError where there are none, and where they are HDF5.
     """
     if is_stream(path) and sys.stdin is None:
-        raise input_error(source_name(path), "is closed", "send something there, or name a file")
+        raise input_error(source_name(path), "is closed", "send data there, or name a file")
     with nullcontext(sys.stdin.buffer) if is_stream(path) else path.open("rb") as file:
         block = file.read(BLOCK_BYTES)
         if not block:
@@ -78,11 +57,6 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
         while block:
             yield block
             block = file.read(BLOCK_BYTES)
-
-
-def is_csv_target(path: Path) -> bool:
-    """Whether an output path asks for CSV: `-` or a name that ends in .csv."""
-    return is_stream(path) or path.suffix.lower() == ".csv"
 
 
 def _missing_fix(path: Path) -> str:

@@ -1,16 +1,14 @@
-"""Streaming writers: records in, a whole file out, HDF5 or CSV by its name."""
+"""Streaming writers: records in, a whole file out, its format chosen by its name."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from shapefit.io.formats import find_writer
 from shapefit.io.layout import LANDMARKS, RESULTS, Format
 from shapefit.io.records import LandmarkSet, ResultSet
-from shapefit.io.sources import is_csv_target
-from shapefit.io.whole.atomic import atomic_file
 
 R_contra = TypeVar("R_contra", contravariant=True)
 
@@ -39,17 +37,10 @@ def result_writer(target: Path) -> AbstractContextManager[RecordWriter[ResultSet
     return record_writer(target, RESULTS)
 
 
-@contextmanager
-def record_writer(target: Path, form: Format) -> Iterator[RecordWriter[Any]]:
-    """Write records of a format to HDF5 or, where the format has a table, to CSV."""
-    if is_csv_target(target):
-        from shapefit.io.csv.writing import csv_output
+def record_writer(target: Path, form: Format) -> AbstractContextManager[RecordWriter[Any]]:
+    """Write records of one layout, in the format that the name of the target asks for.
 
-        with csv_output(target) as table:
-            yield table
-        return
-    with atomic_file(target) as file:
-        from shapefit.io.hdf5.writing import Hdf5Writer
-
-        with Hdf5Writer(file, form) as writer:
-            yield writer
+    Raises InputError where that format cannot hold them.
+    """
+    writer: AbstractContextManager[RecordWriter[Any]] = find_writer(target, form.kind)(target, form)
+    return writer

@@ -39,7 +39,7 @@ def find_degenerate(landmarks: Floats, weights: Floats) -> dict[int, str]:
         if count[image] < FEWEST:
             return f"only {count[image]} visible landmarks, {FEWEST} are needed"
         if s[image, 0] <= FLAT:
-            return "all visible landmarks lie on one point"
+            return "all visible landmarks are at one point"
         if s[image, 1] <= FLAT * s[image, 0]:
             return "all visible landmarks lie on one line"
         if size[image] > LARGEST:

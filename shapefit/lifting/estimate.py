@@ -54,7 +54,8 @@ class Estimate:
     of them are not 0; transforms M (n, k, 2, 3); relative_gap (n,); tight (n,), as in
     Reconstruction; outliers (n, p), the landmarks that a robust loss or a search
     before the fit set aside; deviation (n, 3, p) and covariance (n, 3p, 3p; all x, then y, then z),
-    how uncertain shapes + T are; modes of the posterior of each image; convex_proof, of the convex program that it is or starts from.
+    how uncertain shapes + T are; modes of the posterior of each image; convex_proof, of the convex
+    program that it is or starts from.
     further: what else a method knows, (n, ...) by the name of its dataset in the result; in the
     unit that it is stored in, and among what the table of methods says that it yields.
     """

@@ -15,6 +15,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import Estimate, Estimator
 from shapefit.lifting.noise_level import lambda_for_noise
+from shapefit.lifting.options import BETA
 
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
@@ -41,7 +42,7 @@ class Program:
 
     lam: float | None
     loss: Loss = Loss.SQUARED
-    beta: float = 0.1
+    beta: float = BETA
     noise: float = 0.0
 
 
@@ -87,8 +88,9 @@ def lift(
 ) -> Lifting:
     """Lift n images; landmarks (n, 2, p), weights (n, p) with 0 = hidden, atoms (k, 3, p).
 
-    covariance (n, p, 2, 2) of the landmarks' measurement, where it is known; without it the noise of
-    the program is that of every landmark. `estimator` is a method with its settings, see choose_method.
+    covariance (n, p, 2, 2) of the landmarks' measurement, where it is known; without it the noise
+    of the program is that of every landmark. `estimator` is a method with its settings, see
+    choose_method.
     """
     failures = find_degenerate(landmarks, weights)
     fine = np.ones(len(landmarks), dtype=bool)
@@ -129,7 +131,7 @@ def lift(
 def find_noise(
     program: Program, covariance: Floats | None, scale: Floats, shape: tuple[int, ...]
 ) -> Floats | None:
-    """Covariance (n, p, 2, 2) of the measurement of landmarks (n, p) that are normalised by scale."""
+    """Covariance (n, p, 2, 2) of the noise of landmarks (n, p) that are normalised by scale."""
     if covariance is None and program.noise == 0:
         return None
     if covariance is None:
@@ -139,7 +141,7 @@ def find_noise(
 
 
 def choose_lambda(program: Program, atoms: Floats, scale: Floats, visible_share: Floats) -> Floats:
-    """Lambda of each image: as given, from the noise, or 1 where it has no say."""
+    """Lambda of each image: as given, from the noise, or 1 where it is ignored."""
     if program.loss is Loss.EXACT:
         return np.ones_like(scale)
     if program.lam is None:

@@ -63,7 +63,7 @@ def pursue(
     largest |inner product| with the residual joins, and a loop of at most `most_rounds` rounds
     minimises over c (globally, on the limb constraint), then over M, until a round changes the
     error by less than `change`. No step raises the error. At most `most_atoms` join; those whose
-    limbs are a mixture of the chosen ones' are passed over. lambda has no say. Raises ValueError
+    limbs are a mixture of the chosen ones' are passed over. lambda is ignored. Raises ValueError
     without limbs of a length, and for another loss than the squared one.
 
     Source: Ramakrishna, Kanade and Sheikh 2012, with the mean as one more basis shape. The

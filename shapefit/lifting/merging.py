@@ -79,6 +79,8 @@ class _Merger:
         if isinstance(first, tuple):
             joined = self._in_order([np.array(value, dtype=object) for value in values])
             return tuple(joined)
+        if name == "further":
+            return {key: self._in_order([value[key] for value in values]) for key in first}
         if isinstance(first, Mapping):
             return self._by_image(values)
         if is_dataclass(first):

@@ -29,24 +29,32 @@ ATOMS = ("sparse-coding", "exemplars")
 """How dictionaries are learned whose shapes are sums without sign."""
 
 
+DEFAULT_VIEWS = 6
+"""Views from which the pose of the mean shape is sought."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class AlternationOptions:
     """The section `alternation`: how the methods that share one rotation search.
 
-    signed        alternate, alternate+: coefficients of either sign
+    signed        coefficients of either sign
     views         where the pose of the mean shape is sought, by alternate and mean-shape, and by
-                  convex+refine and alternate+ in images where no atom fits at first: from as many
-                  views, spread evenly; 1 is along the z axis of the dictionary
-    multi_start   alternate: also starts from each of these views, and keeps the best
+                  convex+refine in images where no atom fits at first: from as many views, spread
+                  evenly; 1 is along the z axis of the dictionary; all: from 6, and alternate starts
+                  from each of them too, and keeps the best
     tolerance     alternation stops when a round lowers the objective by at most this share
     max_rounds    and after this many rounds
     """
 
     signed: bool = False
-    views: int = 6
-    multi_start: bool = False
+    views: int | Literal["all"] = DEFAULT_VIEWS
     tolerance: float = 1e-6
     max_rounds: int = 500
+
+    @property
+    def number_of_views(self) -> int:
+        """From how many views the pose of the mean shape is sought."""
+        return DEFAULT_VIEWS if self.views == "all" else self.views
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +182,7 @@ METHODS: dict[str, Method] = {
     ),
     "convex+refine": Method(
         run="shapefit.lifting.shared_rotation.methods:refine_convex",
-        summary="it refined to one shared rotation",
+        summary="its solution refined to one shared rotation",
         section=ALTERNATION,
         losses=("squared", *ROBUST),
         yields=OF_ATOMS | {"relative_gap", "outliers", "convex_proof"},
@@ -185,13 +193,6 @@ METHODS: dict[str, Method] = {
         summary="alternating minimisation from the mean shape",
         section=ALTERNATION,
         yields=OF_ATOMS,
-    ),
-    "alternate+": Method(
-        run="shapefit.lifting.shared_rotation.methods:alternate_from_convex",
-        summary="alternating minimisation from the convex program",
-        section=ALTERNATION,
-        yields=OF_ATOMS | {"relative_gap", "convex_proof"},
-        proves="bound",
     ),
     "pmp": Method(
         run="shapefit.lifting.matching_pursuit:lift_by_pursuit",

@@ -35,7 +35,7 @@ def mesh_of_atoms(atoms: Floats, shapes: Floats, mesh_vertices: Floats) -> Float
     B, S = atoms.reshape(len(atoms), -1), shapes.reshape(len(shapes), -1)
     A = np.linalg.lstsq(S.T, B.T)[0].T
     if (np.linalg.norm(A @ S - B, axis=1) > IN_SPAN * np.linalg.norm(B, axis=1)).any():
-        raise ValueError("an atom is no linear combination of the training shapes")
+        raise ValueError("an atom is not a linear combination of the training shapes")
     return np.tensordot(A, mesh_vertices, axes=1)
 
 
@@ -109,7 +109,7 @@ def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Flo
     """(sum_i w_i s_i ||B_i||_F) / ||sum_i c_i B_i||_F with w_i = c_i ||B_i||_F, sum_i w_i = 1.
 
     The length of a normalised unit, so that an image's shape is as large as its atoms are on
-    average: for an image one cannot tell a small car from a large one that is further away.
+    average: an image does not determine whether a car is small or far away.
     atoms (k, 3, p), the landmarks; coefficients (n, k); atom_scale s (k,): atom i measures s_i B_i
     in the unit wanted (for exemplars the scale that normalised the model) -> (n,), nan where all
     coefficients are 0. As `scale` of the functions above, with translation 0, it gives shapes in

@@ -63,7 +63,7 @@ class ChosenItems:
     def warnings(self) -> tuple[str, ...]:
         """What chose none of the items asked for so far."""
         unused = [pattern for pattern in self._patterns if pattern not in self._used]
-        return tuple(f"{self._key}: no item is called or matches '{p}'" for p in unused)
+        return tuple(f"{self._key}: no item has this name or matches '{p}'" for p in unused)
 
 
 def spread(wanted: int, count: int) -> tuple[int, ...]:

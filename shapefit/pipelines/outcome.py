@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+from shapefit.errors import counted
 
 
 @dataclass(frozen=True)
@@ -15,20 +17,53 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What became of one stretch of the work.
+class Counted:
+    """A warning about some items of one part of the work: `12 images not optimal`.
 
-    `done` items of `total` (None where it is not known) were finished by this stretch, `failures`
-    of them without a result; `note` is a short state of the work for a progress bar, `written`
-    the files that now stand complete.
+    A report adds up those with the same text. `worst` is the item to show as an example, `severity`
+    how bad it is: of several parts the most severe one is shown.
+    """
+
+    number: int
+    noun: str
+    text: str
+    worst: str = ""
+    severity: float = 0.0
+
+    def __add__(self, other: Counted) -> Counted:
+        worse = other if other.severity > self.severity else self
+        return replace(worse, number=self.number + other.number)
+
+    def __str__(self) -> str:
+        words = f"{counted(self.number, self.noun)} {self.text}"
+        return f"{words}, the worst: {self.worst}" if self.worst else words
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one part of the work.
+
+    `done` items of `total` (None where it is not known) were finished by this part, `failures`
+    of them without a result; `unit` is what the items are, where that depends on the config;
+    `note` is a short state of the work for a progress bar, `written` the files that now stand
+    complete.
     """
 
     done: int = 0
     total: int | None = None
     failures: tuple[Failure, ...] = ()
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str | Counted, ...] = ()
+    unit: str = ""
     note: str = ""
     written: tuple[Path, ...] = ()
+
+
+def add_up(known: dict[str, str | Counted], warning: str | Counted) -> None:
+    """Add a warning to those of a run: a text once, and numbers with the same text as their sum."""
+    key = warning if isinstance(warning, str) else f"{warning.noun} {warning.text}"
+    before = known.get(key)
+    both = isinstance(before, Counted) and isinstance(warning, Counted)
+    known[key] = before + warning if both else warning  # type: ignore[operator]
 
 
 def nothing_in(count: int, unit: str) -> tuple[str, ...]:

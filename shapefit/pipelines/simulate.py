@@ -16,7 +16,7 @@ from shapefit.config import SimulateConfig
 from shapefit.errors import counted
 from shapefit.evaluation.experiments import recovery_grid
 from shapefit.evaluation.experiments.recovery import Attempt, plant, recover
-from shapefit.evaluation.experiments.recovery_grid import Cell, PublishedShares, RecoveryGrid
+from shapefit.evaluation.experiments.recovery_grid import Cell, RecoveryGrid
 from shapefit.evaluation.plots import bars as plots
 from shapefit.evaluation.plots.heat_maps import heat_maps
 from shapefit.io.memory import check_fits
@@ -26,6 +26,9 @@ from shapefit.pipelines.outcome import Failure, Outcome
 
 COPIES = 8
 """Of the atoms of an instance, that the solver holds at a time: a generous guess."""
+
+SUCCESS_BELOW = 1e-3
+"""Relative error of the transforms below which they are recovered exactly."""
 
 PROGRAMS = {
     "free": "min sum ||M_i||_2 subject to W = sum M_i B_i + T 1^T (the paper's program on centred "
@@ -37,7 +40,7 @@ PROGRAMS = {
 def run(config: SimulateConfig) -> Iterator[Outcome]:
     """Attempt all trials of each cell, then write the tables and the heat map to the folder.
 
-    One outcome a cell, with the trials that could not be solved, and a last one with the Markdown
+    One outcome per cell, with the trials that could not be solved, and a last one with the Markdown
     table as its note. Raises InputError for a folder that cannot be written, and plots that are
     asked for without matplotlib.
     """
@@ -51,7 +54,7 @@ def run(config: SimulateConfig) -> Iterator[Outcome]:
     with ThreadPoolExecutor(config.threads or os.cpu_count()) as pool:
         for p, z in places:
             attempts = tuple(pool.map(partial(attempt, config, p, z), range(config.trials)))
-            cell = Cell(p, z, attempts, config.success_below)
+            cell = Cell(p, z, attempts, SUCCESS_BELOW)
             cells.append(cell)
             yield Outcome(
                 done=config.trials,
@@ -62,7 +65,6 @@ def run(config: SimulateConfig) -> Iterator[Outcome]:
     grid = RecoveryGrid(
         cells=tuple(cells),
         program=PROGRAMS[config.translation].format(k=config.k),
-        published=_published(config),
         provenance={
             "version": __version__,
             "config": json.loads(config.as_json()),
@@ -87,8 +89,8 @@ def _check_memory(config: SimulateConfig) -> None:
 def attempt(config: SimulateConfig, p: int, z: int, trial: int) -> Attempt:
     """Plant and recover one instance.
 
-    Its random numbers belong to the seed, the cell and the trial: neither the other cells nor the
-    number of threads have a say.
+    Its random numbers belong to the seed, the cell and the trial: they depend neither on the other
+    cells nor on the number of threads.
     """
     stream = np.random.SeedSequence(config.seed, spawn_key=(p, z, trial))
     return recover(
@@ -109,18 +111,6 @@ def _failure(cell: Cell, trial: int) -> Failure:
     )
 
 
-def _published(config: SimulateConfig) -> PublishedShares | None:
-    published = config.published
-    if not published.success:
-        return None
-    shares = {
-        (p, z): share
-        for p, row in zip(published.landmarks, published.success, strict=True)
-        for z, share in zip(published.active_atoms, row, strict=True)
-    }
-    return PublishedShares(published.source, shares)
-
-
 def _writers(grid: RecoveryGrid, *, with_plot: bool) -> dict[str, Writer]:
     writers: dict[str, Writer] = {
         "recovery.csv": lambda path: recovery_grid.write_csv(path, grid),
@@ -128,9 +118,8 @@ def _writers(grid: RecoveryGrid, *, with_plot: bool) -> dict[str, Writer]:
         "recovery.md": lambda path: path.write_text(recovery_grid.markdown(grid), "utf-8"),
     }
     if with_plot:
-        panels = {"Share recovered exactly": grid.shares}
-        if grid.published and grid.deviations:
-            panels["Published"] = {at: grid.published.shares[at] for at in grid.deviations}
-        figure = heat_maps(panels, "landmarks p", "atoms in use z")
+        figure = heat_maps(
+            {"Share recovered exactly": grid.shares}, "landmarks p", "atoms in use z"
+        )
         writers |= plots.writers("recovery", figure)
     return writers

@@ -27,7 +27,7 @@ from shapefit.verification.check import Check
 from shapefit.verification.claims import verify_images
 from shapefit.verification.inputs import check_landmarks, false_inputs
 from shapefit.verification.tally import Tally
-from shapefit.verification.terms import Terms, lacks_proof, read_terms
+from shapefit.verification.terms import STARTED, Terms, lacks_proof, read_terms
 
 Chunk = tuple[ResultSet, LandmarkSet | None]
 """Results, with the landmarks of the same images where they are given."""
@@ -49,7 +49,7 @@ class Request:
 
 
 def run(request: Request) -> Generator[Outcome, None, None]:
-    """Verify every image of a result; yields an Outcome a chunk, and the table as the last note.
+    """Verify every image of a result; yields an Outcome per chunk, and the table as the last note.
 
     Raises InputError where the result is no HDF5 result of `fit`, has no proof though its method
     has one, or does not go with the dictionary or the landmarks.
@@ -148,14 +148,19 @@ def find_failures(result: ResultSet, checks: list[Check]) -> tuple[Failure, ...]
 
 
 def explain(terms: Terms) -> list[str]:
-    """Say in sentences what the claims cover of such a fit, and what they do not."""
+    """State in sentences what the claims about such a fit cover, and what they do not."""
     said = []
     if terms.is_program:
         said.append("The optimum of the convex program is proved to the gap stated.")
     elif terms.has_program and terms.perspective:
         said.append(
-            "Proved is the optimum of the convex program that the refinement under perspective "
-            "starts from; no bound is known for what it ends with."
+            "The optimum of the convex program from which the refinement under perspective starts "
+            "is proved; no bound is known for the result of the refinement."
+        )
+    elif terms.has_program and terms.method in STARTED:
+        said.append(
+            "Proved is the optimum of the convex program that gives the view to start from; the "
+            "posterior itself has no proof."
         )
     elif terms.has_program and terms.loss == "squared":
         said.append(
@@ -164,13 +169,13 @@ def explain(terms: Terms) -> list[str]:
         )
     elif terms.has_program:
         said.append(
-            "Proved is the optimum of the robust program that finds the outliers; no bound is "
-            "known for what refines it."
+            "The optimum of the robust program that finds the outliers is proved; no bound is "
+            "known for the refinement."
         )
     else:
         said.append(f"The method {terms.method} has no proof of an optimum.")
     if not (terms.is_program or terms.has_one_rotation):
-        said.append("How its shapes come about is not covered.")
+        said.append("How its shapes are computed is not covered.")
     if terms.depths:
         said.append("Depths refined along sequences are not covered.")
     if terms.path:

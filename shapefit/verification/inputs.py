@@ -48,7 +48,7 @@ def false_inputs(
     wrong: list[tuple[str, str]] = []
     stated = attributes.get("config_digest")
     if stated is not None and stated != config_digest(str(attributes["config"])):
-        wrong.append(("config", "is not the one that the digest was taken of"))
+        wrong.append(("config", "is not the file with the stored digest"))
     pairs = [(dictionary, terms.dictionary)]
     if landmarks:
         if len(landmarks) != len(terms.landmarks):

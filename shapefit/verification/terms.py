@@ -17,6 +17,8 @@ STARTED = ("posterior",)
 LOCAL = ("alternate",)
 QUADRATIC = ("squared", "sparse-error")
 ROBUST = ("l1", "sparse-error")
+DEFAULT_THRESHOLD = 0.1
+"""Of a robust loss whose config gives none."""
 
 
 @dataclass(frozen=True)
@@ -83,17 +85,17 @@ def read_terms(attributes: Mapping[str, Any], file: Path) -> Terms:
         lam = config["lambda"]
         return Terms(
             method=str(config["method"]),
-            loss=str(config["loss"]),
-            beta=float(config["beta"]),
+            loss=_data_term(config),
+            beta=_bound_of_errors(config),
             lam=None if lam == "auto" else float(lam),
             tolerance=float(config["solver"]["tolerance"]),
-            orthogonal=bool(config["orthogonal"]),
+            orthogonal=config.get("rotations") == "orthogonal" or bool(config.get("orthogonal")),
             left_out=config["leave_out"] or "",
-            searched=config["outliers"]["method"] != "none",
+            searched=config["outliers"]["method"] not in ("none", *ROBUST),
             perspective=config["camera"]["model"] == "perspective",
             depths=bool(config.get("temporal", {}).get("depths")),
-            by_change=config["solver"]["stop"] == "change",
-            path=bool(config["path"]),
+            by_change=config["solver"].get("stop") == "change",
+            path=bool(config.get("path")),
             dictionary=str(config["dictionary"]),
             landmarks=tuple(map(str, config["landmarks"])),
             inputs=dict(json.loads(str(attributes.get("inputs", "{}")))),
@@ -102,6 +104,20 @@ def read_terms(attributes: Mapping[str, Any], file: Path) -> Terms:
         wrong = f"{type(error).__name__}: {error}"
         found = f"its attributes `config` and `inputs` are not those of a fit ({wrong})"
         raise input_error(file, found, fix) from None
+
+
+def _data_term(config: Mapping[str, Any]) -> str:
+    """Return the loss of the program; in results of version 0.1.0 it is the key `loss` always."""
+    method = str(config["outliers"]["method"])
+    return method if method in ROBUST else str(config["loss"])
+
+
+def _bound_of_errors(config: Mapping[str, Any]) -> float:
+    """Return the weight of sparse errors; in results of version 0.1.0 it is the key `beta`."""
+    if "beta" in config:
+        return float(config["beta"])
+    threshold = config["outliers"]["threshold"]
+    return DEFAULT_THRESHOLD if threshold is None else float(threshold)
 
 
 def lacks_proof(result: ResultSet) -> bool:

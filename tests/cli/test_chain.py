@@ -126,8 +126,7 @@ def test_motion_capture(project, real_data, tmp_path):
         "eval", "-c", configs / "eval.yaml", *data, "result.h5", "-o", "report",
         "--set", f"truth='{trial}'", folder=tmp_path,
     )  # fmt: skip
-    assert "0.259" in shown.stdout
-    assert "11-17 mm" in shown.stdout
+    assert "Subject 13" in shown.stdout
     assert 0 < similarity_errors(tmp_path / "report/report.csv")["Subject 13"] < 0.5
 
 

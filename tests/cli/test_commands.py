@@ -30,12 +30,12 @@ def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folde
     configs = fake_pipeline("fit.run", [Outcome()])
     shapefit(
         "fit", "-c", "fit.yaml", "v*.h5", "more.csv", "-d", "dict.h5", "-o", "out.csv",
-        "--set", "lambda=1e-3", "--set", "solver.name=admm",
+        "--set", "lambda=1e-3", "--set", "outliers.method=l1",
     )  # fmt: skip
     (config,) = configs
     assert config.landmarks == (folder / "views.h5", folder / "more.csv")
     assert config.output == folder / "out.csv"
-    assert (config.lam, config.solver.name) == (1e-3, "admm")
+    assert (config.lam, config.outliers.method) == (1e-3, "l1")
 
 
 def test_truth_can_be_given_twice(shapefit, fake_pipeline, folder):

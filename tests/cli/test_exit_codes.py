@@ -32,7 +32,7 @@ def test_a_wrong_config_stops_before_the_pipeline(shapefit, fake_pipeline):
     [
         (["fit", "--nonsense"], "No such option"),
         (["nonsense"], "No such command"),
-        (["fit", "-c", "nowhere.yaml"], "Error: nowhere.yaml: No such file"),
+        (["fit", "-c", "nowhere.yaml"], "Error: nowhere.yaml: no such file"),
         (["fit", "-o"], "requires an argument"),
         ([], "Usage: shapefit"),
     ],

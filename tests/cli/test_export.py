@@ -89,7 +89,7 @@ def test_an_image_that_fails_is_counted_among_the_meshes_too(folder, fit):
     told = fit("export.folder=few", "pictures.sheet=0", landmarks="few.csv")
     assert told.returncode == 1
     assert "Failed: lorry: only 2 visible landmarks" in told.stderr
-    assert "Warning: images without a shape (failed, or all coefficients 0): 1" in told.stderr
+    assert "Warning: images without a shape (failed, or with all coefficients 0): 1" in told.stderr
     assert "; 0 meshes, 0 pictures; wrote" in told.stderr
     assert below(folder / "few") == []
 

@@ -44,14 +44,15 @@ print(json.dumps({"code": code, "times": len(new), "new": sum(new, [])}))
 
 PERSPECTIVE = "camera={model: perspective, intrinsics: camera_matrix}"
 CARS = [
-    *(["loss=" + loss] for loss in ("squared", "exact", "l1", "sparse-error")),
-    *(["method=" + method] for method in ("convex+refine", "alternate", "alternate+")),
+    *(["loss=" + loss] for loss in ("squared", "exact")),
+    *(["outliers.method=" + loss] for loss in ("l1", "sparse-error")),
+    *(["method=" + method] for method in ("convex+refine", "alternate")),
     ["method=mean-shape", PERSPECTIVE],
     ["outliers.method=ransac", PERSPECTIVE],
     ["outliers.method=truncated"],
     ["leave_out=true_model"],
-    ["orthogonal=true"],
-    ["solver.name=admm", "solver.max_iterations=3"],
+    ["rotations=orthogonal"],
+    ["method=convex+refine", "alternation.signed=true"],
 ]
 
 

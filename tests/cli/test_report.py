@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.outcome import Counted, Failure, Outcome
 from shapefit_cli.report import LISTED, Report
 
 
@@ -27,9 +27,45 @@ def test_the_order_of_outcomes_does_not_matter_for_the_counts():
     assert (forwards.done, forwards.failed) == (backwards.done, backwards.failed) == (10, 10)
 
 
-def test_a_repeated_warning_is_told_once_with_its_count():
+def test_a_repeated_warning_is_printed_once():
     lines = list(folded(*[Outcome(warnings=("odd",))] * 3, Outcome(warnings=("even",))).lines())
-    assert lines[:2] == ["Warning: odd (3 times)", "Warning: even"]
+    assert lines[:2] == ["Warning: odd", "Warning: even"]
+
+
+def test_the_numbers_of_a_warning_are_added_up_over_the_run():
+    parts = [(128, 0.2, "a"), (13, 0.7, "b"), (1, 0.1, "c")]
+    counts = [
+        Outcome(warnings=(Counted(number, "image", "not optimal", worst, severity),))
+        for number, severity, worst in parts
+    ]
+    empty = Outcome(warnings=(Counted(1, "image", "with an empty shape"),))
+    *lines, _ = folded(counts[0], empty, *counts[1:]).lines()
+    assert lines == [
+        "Warning: 142 images not optimal, the worst: b",
+        "Warning: 1 image with an empty shape",
+    ]
+
+
+def test_a_quiet_report_has_failures_only():
+    outcome = Outcome(done=2, failures=(Failure("a", "b"),), warnings=("odd",), note="n")
+    report = Report("fit", "image", quiet=True)
+    report.add(outcome)
+    assert list(report.lines()) == ["Failed: a: b"]
+
+
+def test_a_verbose_report_lists_everything(tmp_path):
+    report = Report("fit", "image", verbose=True)
+    for n in range(LISTED + 7):
+        report.add(Outcome(failures=(Failure(f"i{n}", "x"),), warnings=(f"w{n}",)))
+    report.add(Outcome(written=tuple(tmp_path / name for name in "abcd")))
+    *lines, summary = report.lines()
+    assert len(lines) == 2 * (LISTED + 7)
+    assert summary.count(str(tmp_path)) == 4
+
+
+def test_the_unit_is_that_of_the_outcomes():
+    *_, summary = folded(Outcome(done=34, unit="shape")).lines()
+    assert summary.startswith("fit: 34 shapes in ")
 
 
 def test_many_failures_and_warnings_are_counted_and_not_kept():

@@ -36,7 +36,6 @@ NOT_FOR_A_FIT_OF_CSV = (
     "shapefit.config.commands.simulate",
     "shapefit.config.commands.sweep",
     "shapefit.evaluation",
-    "shapefit.lifting.path",
     "shapefit.lifting.perspective.refinement",
     "shapefit.lifting.perspective.view",
     "shapefit.lifting.outliers.ransac",

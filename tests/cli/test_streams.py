@@ -78,7 +78,7 @@ def test_data_cannot_go_to_a_closed_standard_output(fitted):
 def test_data_cannot_come_from_a_closed_standard_input(fitted):
     code, _, told = shell("fit - -d dictionary.h5 -o r.csv <&-", fitted)
     assert code == 2
-    assert told == "Error: standard input: is closed; send something there, or name a file\n"
+    assert told == "Error: standard input: is closed; send data there, or name a file\n"
     assert not (fitted / "r.csv").exists()
 
 

@@ -13,7 +13,7 @@ def options(project):
         "--set", "learn_dict.every=10",
         "--set", f"project.shapes={people}/people_test.h5",
         "--set", f"truth={people}/people_test.h5",
-        "--set", "fit={}", "--set", "frames=40", "--set", "vary={fit.lambda: [0.1, 0.5]}",
+        "--set", "fit={}", "--set", "every=40", "--set", "vary={fit.lambda: [0.1, 0.5]}",
         "--set", "plots=false",
     )  # fmt: skip
 

@@ -43,7 +43,7 @@ def only_problem(command: str, addition: str, *options: str) -> str:
 
 
 def test_every_problem_is_told_at_once():
-    text = "landmark: a.h5\ndictionary: a.h5\nlambda: -1\nlambda: 2\nsolver: {name: newtn}\n"
+    text = "landmark: a.h5\ndictionary: a.h5\nlambda: -1\nlambda: 2\nsolver: {tolerance: no}\n"
     told = problems("fit", text, "chunk=0", "thread=1")
     assert sorted(line.split(": ")[0] for line in told) == [
         "--set chunk=0",
@@ -53,7 +53,7 @@ def test_every_problem_is_told_at_once():
         "c.yaml:1:1",  # missing output
         "c.yaml:3:9",
         "c.yaml:4:1",
-        "c.yaml:5:16",
+        "c.yaml:5:21",
     ]
 
 
@@ -90,25 +90,24 @@ def test_every_problem_is_told_at_once():
         (
             "fit",
             "solver: {zzz: 1}",
-            "c.yaml:4:10: unknown key 'zzz'; the keys here are name, tolerance, stop, "
-            "max_iterations",
+            "c.yaml:4:10: unknown key 'zzz'; the keys here are tolerance, max_iterations",
         ),
         (
             "fit",
             "solver: newton",
-            "c.yaml:4:9: expected a mapping with the keys name, tolerance, stop, max_iterations, "
+            "c.yaml:4:9: expected a mapping with the keys tolerance, max_iterations, "
             "found 'newton'",
         ),
         (
             "fit",
-            "solver: {name: adm}",
-            "c.yaml:4:16: expected newton or admm, found 'adm'; did you mean 'admm'?",
+            "loss: squarred",
+            "c.yaml:4:7: expected squared or exact, found 'squarred'; did you mean 'squared'?",
         ),
         ("fit", "solver: {tolerance: 0}", "c.yaml:4:21: expected a number > 0, found 0"),
         (
             "fit",
-            "solver: {stop: change}",
-            "c.yaml:4:16: `stop: change` belongs to the solver admm; use `gap` or name: admm",
+            "alternation: {views: 0}",
+            "c.yaml:4:22: expected a whole number from 1 to 1000 or all, found 0",
         ),
         (
             "eval",
@@ -156,28 +155,16 @@ def test_every_problem_is_told_at_once():
         ),
         (
             "learn-dict",
-            "method: pca-bases\natom_bound: mean",
-            "c.yaml:4:13: `atom_bound` belongs to `method: sparse-coding`; leave it out",
+            "bases: 3",
+            "c.yaml:3:8: `bases` belongs to `method: pca-bases`; leave it out",
         ),
-        (
-            "learn-dict",
-            "components: 3",
-            "c.yaml:3:13: `components` belongs to `method: pca-bases`; leave it out",
-        ),
-        (
-            "learn-dict",
-            "energy: 0.9",
-            "c.yaml:3:9: `energy` belongs to `method: pca-bases`; leave it out",
-        ),
-        (
-            "learn-dict",
-            "method: pca-bases\nenergy: 0.9\ncomponents: 3",
-            "c.yaml:5:13: `components` and `energy` exclude each other; give one of them",
-        ),
-        (
-            "learn-dict",
-            "method: pca-bases\nenergy: 1.1",
-            "c.yaml:4:9: expected a number > 0 and <= 1, found 1.1",
+        *(
+            (
+                "learn-dict",
+                f"method: pca-bases\nbases: {value}",
+                f"c.yaml:4:8: expected a whole number >= 1, or a share > 0 and < 1, found {value}",
+            )
+            for value in ("0", "1.1", "1.0", "true")
         ),
         (
             "learn-dict",
@@ -197,28 +184,17 @@ def test_every_problem_is_told_at_once():
         ("project", "noise: -1", "c.yaml:3:8: expected a number >= 0, found -1"),
         (
             "project",
-            "camera: {view: fixed}",
-            "c.yaml:3:16: `rotation` and `view: fixed` go together; give both or neither",
+            "camera: {view: [[1,0,0],[0,1,0],[0,0,-1]]}",
+            "c.yaml:3:16: expected a rotation (orthonormal rows, determinant +1)",
         ),
-        (
-            "project",
-            "camera: {rotation: [[1,0,0],[0,1,0],[0,0,1]]}",
-            "c.yaml:3:20: `rotation` and `view: fixed` go together; give both or neither",
-        ),
-        (
-            "project",
-            "camera: {view: fixed, rotation: [[1,0,0],[0,1,0],[0,0,-1]]}",
-            "c.yaml:3:33: expected a rotation (orthonormal rows, determinant +1)",
-        ),
-        (
-            "project",
-            "camera: {view: fixed, rotation: [[1,0,0],[0,1,0]]}",
-            "expected three rows of three numbers",
-        ),
-        (
-            "project",
-            "camera: {scale: 2}",
-            "c.yaml:3:17: an orthographic camera has scale 1; use model: weak-perspective",
+        *(
+            (
+                "project",
+                f"camera: {{view: {value}}}",
+                "c.yaml:3:16: expected turntable, random, or a rotation as three rows of three "
+                "numbers, found",
+            )
+            for value in ("turn", "[[1,0,0],[0,1,0]]", "[1, 0, 0]", "[[1,0,0],[0,1,0],[0,0,one]]")
         ),
         (
             "eval",
@@ -229,13 +205,7 @@ def test_every_problem_is_told_at_once():
         ("eval", "floors: {dictionary: none.h5}", "c.yaml:4:22: no file"),
         ("eval", "least_visible: -1", "c.yaml:4:16: expected"),
         ("eval", "metrics: []", "c.yaml:4:10: expected at least one metric, found an empty list"),
-        ("eval", "groups: {A: 3}", "c.yaml:4:13: expected a mapping, each value a text, found 3"),
-        (
-            "eval",
-            "groups: {A: a_*}\npublished: {Paper: {B: 0.2}}",
-            "c.yaml:5:12: row 'Paper' names the group 'B', which `groups` does not have",
-        ),
-        ("eval", "published: {Paper: {A: .nan}}", "c.yaml:4:24: expected"),
+        ("eval", "groups: {A: 3}", "c.yaml:4:13: expected a mapping to strings, found 3"),
     ],
 )
 def test_one_wrong_value(command, addition, expected):
@@ -243,10 +213,8 @@ def test_one_wrong_value(command, addition, expected):
 
 
 def test_a_proper_rotation_is_accepted():
-    Path("c.yaml").write_text(
-        PROJECT + "camera: {view: fixed, rotation: [[0,1,0],[-1,0,0],[0,0,1.0]]}\n"
-    )
-    assert load_config("project", Path("c.yaml")).camera.rotation == (
+    Path("c.yaml").write_text(PROJECT + "camera: {view: [[0,1,0],[-1,0,0],[0,0,1.0]]}\n")
+    assert load_config("project", Path("c.yaml")).camera.view == (
         (0, 1, 0),
         (-1, 0, 0),
         (0, 0, 1),
@@ -258,13 +226,13 @@ def test_a_proper_rotation_is_accepted():
     [
         ("lambda=-1", "--set lambda=-1: expected a number > 0 or auto, found -1"),
         ("lambda=", "--set lambda=: expected a number > 0 or auto, found nothing"),
-        ("solver.nam=admm", "--set solver.nam=admm: unknown key 'nam'; did you mean 'name'?"),
-        ("solver.name=adm", "--set solver.name=adm: expected newton or admm, found 'adm'"),
+        ("solver.tol=1", "--set solver.tol=1: unknown key 'tol'; the keys here are tolerance, max"),
+        ("outliers.method=l2", "--set outliers.method=l2: expected none or ransac or truncated or"),
         ("lambda", "--set lambda: expected key=value or key.key=value"),
         ("=1", "--set =1: expected key=value or key.key=value"),
         ("lambda.x=1", "--set lambda.x=1: expected a number > 0 or auto, found a mapping"),
         ("method=*x", "--set method=*x: not valid YAML"),
-        ("solver={name: admm, name: newton}", "repeated key 'name'"),
+        ("solver={tolerance: 1, tolerance: 2}", "repeated key 'tolerance'"),
         ("dictionary.x=1", "--set dictionary.x=1: dictionary is 'a.h5' and has no keys"),
     ],
 )
@@ -274,9 +242,9 @@ def test_a_wrong_option_is_named_by_its_text(option, expected):
 
 
 def test_an_option_over_a_mapping_is_blamed_for_what_is_in_it():
-    option = "solver={name: adm}"
-    told = only_problem("fit", "solver: {name: admm}\n", option)
-    assert told.startswith(f"--set {option}: expected newton or admm, found 'adm'")
+    option = "outliers={method: l2}"
+    told = only_problem("fit", "outliers: {method: l1}\n", option)
+    assert told.startswith(f"--set {option}: expected none or ransac")
 
 
 def test_a_wrong_argument_is_named():
@@ -292,17 +260,17 @@ def test_a_wrong_argument_is_named():
         ("\tlambda: 1\n", "c.yaml:1:1: not valid YAML: "),
         ("- a\n- b\n", "c.yaml:1:1: expected keys with values (key: value), found a list"),
         ("--- {}\n--- {}\n", "c.yaml:2:1: not valid YAML: "),
-        ("? [a]\n: 1\n", "c.yaml:1:3: a key must be a text"),
-        ("lambda: !!int x\n", "c.yaml:1:9: 'x' is not what its tag says"),
-        ("lambda: !!bool x\n", "c.yaml:1:9: 'x' is not what its tag says"),
-        ("lambda: !!float ''\n", "c.yaml:1:9: '' is not what its tag says"),
+        ("? [a]\n: 1\n", "c.yaml:1:3: a key must be a string"),
+        ("lambda: !!int x\n", "c.yaml:1:9: 'x' does not match its tag"),
+        ("lambda: !!bool x\n", "c.yaml:1:9: 'x' does not match its tag"),
+        ("lambda: !!float ''\n", "c.yaml:1:9: '' does not match its tag"),
         ("a: \x00\n", "c.yaml:1:1: not valid YAML: "),
         (
             "lambda: 1\ngroups: &x [*x]\n",
-            "c.yaml:2:9: an alias stands for what it stands in; write it out",
+            "c.yaml:2:9: an alias contains itself; write it out",
         ),
-        ("&x {fit: {lambda: *x}}\n", "c.yaml:1:1: an alias stands for what it stands in"),
-        ("[" * 3000 + "]" * 3000, "c.yaml:1:1: lists or mappings lie too deep in each other"),
+        ("&x {fit: {lambda: *x}}\n", "c.yaml:1:1: an alias contains itself"),
+        ("[" * 3000 + "]" * 3000, "c.yaml:1:1: lists or mappings are nested too deeply"),
     ],
 )
 def test_broken_yaml_has_a_place(text, expected):
@@ -324,7 +292,7 @@ def test_a_config_that_cannot_be_read_is_named(folder):
     with pytest.raises(InputError, match="sub: Is a directory"):
         load_config("fit", Path("sub"))
     (folder / "latin.yaml").write_bytes(b"output: \xe9\n")
-    with pytest.raises(InputError, match=r"latin\.yaml: not a text in UTF-8"):
+    with pytest.raises(InputError, match=r"latin\.yaml: not UTF-8 text"):
         load_config("fit", Path("latin.yaml"))
 
 
@@ -344,7 +312,7 @@ def test_a_config_that_cannot_be_read_is_named(folder):
         ("[]", "c.yaml:1:12: expected at least one path, found an empty list"),
         ("[a.h5, x.h5]", "c.yaml:1:19: no file {folder}/x.h5"),
         ("'{data}/a.h5'", "set it in the config or with --set data=FOLDER"),
-        ("'sub/{data}/a.h5'", "it can only stand at the beginning"),
+        ("'sub/{data}/a.h5'", "it is allowed at the beginning only"),
     ],
 )
 def test_a_path_that_names_no_file(folder, path, expected):

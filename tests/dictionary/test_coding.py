@@ -103,6 +103,19 @@ class TestDualityGap:
             assert (gaps >= lost - 1e-10 * (1 + lost)).all()
             assert (lost > 0).all()
 
+    @pytest.mark.parametrize("beta", [BETA, 1e3])
+    def test_is_that_of_the_best_dual_along_the_residual(self, shapes, atoms, rng, beta):
+        """max over feasible t of D(t R), on a fine grid; t = 1 is not feasible, or not the best."""
+        C = 0.2 * rng.random((40, 12))
+        gaps = duality_gaps(shapes, atoms, beta, C)
+        for S, c, gap in zip(shapes, C, gaps, strict=True):
+            R = S - np.tensordot(c, atoms, axes=1)
+            highest = np.tensordot(atoms, R, axes=2).max()
+            t = np.linspace(0, min(beta / highest, 9) if highest > 0 else 9, 100_001)
+            dual = t * (R * S).sum() - 0.5 * t**2 * (R**2).sum()
+            primal = 0.5 * (R**2).sum() + beta * c.sum()
+            assert gap == pytest.approx(primal - dual.max(), rel=1e-6)
+
     def test_is_of_the_size_of_the_loss_near_the_optimum(self, shapes, atoms):
         C = sparse_code(shapes, atoms, BETA)
         lost = objectives(shapes, atoms, BETA, 1.001 * C) - objectives(shapes, atoms, BETA, C)

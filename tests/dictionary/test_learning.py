@@ -170,6 +170,15 @@ class TestDeadAtoms:
         np.testing.assert_allclose(replaced[1], 2 * odd / norms(odd), atol=1e-3)
         np.testing.assert_allclose(replaced[2], 2 * other / norms(other))
 
+    def test_an_atom_takes_up_nothing_of_shapes_that_point_away_from_it(self, rng):
+        # Coefficients are not negative: the mirrored shape stays as bad as it was, and is next.
+        shape, other = rng.standard_normal((2, 3, 5))
+        other *= 0.5 * norms(shape) / norms(other)
+        shapes, atoms = np.array([shape, -0.9 * shape, other]), np.ones((2, 3, 5))
+        replaced = replace_dead_atoms(shapes, np.zeros((3, 2)), atoms, bound=1.0)
+        unit = shape / norms(shape)
+        np.testing.assert_allclose(replaced, [unit, -unit], atol=1e-15)
+
     def test_atoms_in_use_stay(self, shapes):
         C = np.ones((80, 3))
         np.testing.assert_array_equal(replace_dead_atoms(shapes, C, shapes[:3], 1.0), shapes[:3])

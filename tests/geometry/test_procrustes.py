@@ -35,6 +35,12 @@ class TestCoincide:
         assert coincide(third)
         assert coincide(np.zeros((2, 3, 4))).tolist() == [True, True]
 
+    def test_up_to_four_roundings_of_their_size(self):
+        points, rounding = np.full((3, 4), 7.0), np.spacing(7.0)
+        for steps, together in ((0, True), (1, True), (9, False), (100, False)):
+            points[1, 2] = 7.0 + steps * rounding
+            assert bool(coincide(points)) == together, steps
+
     def test_no_points_coincide_too(self):
         assert coincide(np.zeros((2, 3, 0))).tolist() == [True, True]
         assert coincide(np.zeros((0, 3, 0))).tolist() == []

@@ -111,3 +111,10 @@ def test_the_lateral_axis_is_that_of_most_shapes_not_of_the_first():
     wide = np.array([[1.0, -1.0], [0.0, 0.0], [0.0, 0.0]])
     assert lateral_axis(thin, [1, 0]) == 1
     assert lateral_axis(np.stack([thin, wide, wide]), [1, 0]) == 0
+
+
+def test_the_lateral_axis_has_the_largest_squares_not_the_largest_distances():
+    # Two pairs: one lies 3 apart in x; both lie 2 apart in y.
+    shape = np.array([[0.0, 3, 0, 0], [0, 2, 0, 2], [0, 0, 0, 0]])
+    assert lateral_axis(shape, [1, 0, 3, 2]) == 0
+    assert lateral_axis(shape[[1, 0, 2]], [1, 0, 3, 2]) == 1

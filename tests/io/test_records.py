@@ -39,7 +39,7 @@ def test_match_landmarks_says_at_once_that_nothing_is_known(problems):
     lines = problems(match_landmarks, ["head", "foot"], ["door", "roof"], "views.h5")
     assert lines == (
         "views.h5: none of the 2 landmarks (door, roof) is known; known are head, foot; "
-        "give files that fit together",
+        "give files with the same landmark names",
     )
 
 
@@ -54,7 +54,7 @@ def test_match_landmarks_says_at_once_that_nothing_is_known(problems):
 def test_match_landmarks_shows_spaces(problems, have, want, named):
     assert problems(match_landmarks, have, want, "views.csv") == (
         f"views.csv: names of landmarks differ from the known ones in spaces ({named}); "
-        "take away the spaces around names",
+        "remove the spaces around names",
     )
 
 
@@ -181,3 +181,16 @@ def test_datasets_per_item_are_added_to_extras():
     assert extras["a"].tolist() == [1, 1, 1]
     assert set(extras.per_item) == {"a", "c"}
     assert set(extras.whole) == {"b"}
+
+
+def test_a_mirror_index_belongs_to_the_file_where_there_are_as_many_shapes_as_landmarks():
+    partners = np.array([0, 2, 1, 3])
+    shapes = ShapeSet(
+        shapes=np.zeros((4, 3, 4)),
+        landmark_names=tuple("abcd"),
+        items=tuple("wxyz"),
+        extras={"mirror_index": partners, "mass": np.arange(4.0)},
+    )
+    some = shapes.take([2, 0])
+    np.testing.assert_array_equal(some.extras["mirror_index"], partners)
+    np.testing.assert_array_equal(some.extras["mass"], [2, 0])

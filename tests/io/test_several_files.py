@@ -95,9 +95,8 @@ def test_items_in_two_files(tmp_path, shapes, problems):
     write_shapes(two, shapes.take([2, 1]))
     write_shapes(three, shapes.take([0]))
     assert problems(read_shapes, [one, two, three]) == (
-        f"{two}:/item[1]: item 'walk/1' stands also at {one}:/item[1]; "
-        "give every item a name of its own",
-        f"{three}: item 'walk/0' stands also at {one}:/item[0]; give every item a name of its own",
+        f"{two}:/item[1]: item 'walk/1' is also at {one}:/item[1]; give every item a unique name",
+        f"{three}: item 'walk/0' is also at {one}:/item[0]; give every item a unique name",
     )
 
 
@@ -123,7 +122,7 @@ def test_shapes_that_do_not_go_together(tmp_path, shapes, problems):
     ):
         write_shapes(two, other)
         assert problems(read_shapes, [one, two]) == (
-            f"{two}: {found}; give files that agree, or run them apart",
+            f"{two}: {found}; use files that agree, or process them separately",
         )
 
 
@@ -132,7 +131,7 @@ def test_datasets_that_only_some_files_have(tmp_path, shapes, problems):
     part = shapes.take([1])
     write_shapes(one, replace(shapes.take([0]), mesh_vertices=None, mesh_faces=None))
     write_shapes(three, part)
-    fix = "give it to all files (CSV cannot hold it) or to none, or run them apart"
+    fix = "give it to all files (CSV cannot hold it) or to none, or process them separately"
     assert problems(read_shapes, [one, three]) == (
         f"{three}: has no dataset mirror_index, weight, unlike {one}; {fix}",
     )
@@ -218,7 +217,7 @@ def test_landmarks_that_do_not_go_together(tmp_path, landmarks, problems):
     ):
         two = views_file(tmp_path / "b.h5", other)
         assert problems(open_landmarks, [one, two]) == (
-            f"{two}: {found}; give files that agree, or run them apart",
+            f"{two}: {found}; use files that agree, or process them separately",
         )
 
 
@@ -234,7 +233,7 @@ def test_images_in_two_files(tmp_path, landmarks, problems):
     one = views_file(tmp_path / "a.h5", landmarks)
     two = views_file(tmp_path / "b.csv", landmarks.take([3]))
     assert problems(open_landmarks, [one, two]) == (
-        f"{two}: item 'image 3' stands also at {one}:/item[3]; give every item a name of its own",
+        f"{two}: item 'image 3' is also at {one}:/item[3]; give every item a unique name",
     )
 
 
@@ -277,7 +276,7 @@ def test_items_with_the_same_hash_are_compared(monkeypatch, problems):
     check_unique_items([ItemList(lambda: blocks, str)])
     twice = [*blocks, ("cd",)]
     assert problems(check_unique_items, [ItemList(lambda: twice, "row {}".format)]) == (
-        "row 3: item 'cd' stands also at row 1; give every item a name of its own",
+        "row 3: item 'cd' is also at row 1; give every item a unique name",
     )
 
 

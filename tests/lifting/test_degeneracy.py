@@ -14,8 +14,8 @@ TRIANGLE = np.array([[0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 0.2]])
         (TRIANGLE, [0, 0, 0, 0], "all landmarks are hidden"),
         (TRIANGLE, [1, 1, 0, 0], "only 2 visible landmarks, 3 are needed"),
         (TRIANGLE, [0, 0, 0, 0.1], "only 1 visible landmarks, 3 are needed"),
-        (np.full((2, 4), 7.3), [1, 1, 1, 1], "all visible landmarks lie on one point"),
-        (np.zeros((2, 4)), [1, 1, 1, 1], "all visible landmarks lie on one point"),
+        (np.full((2, 4), 7.3), [1, 1, 1, 1], "all visible landmarks are at one point"),
+        (np.zeros((2, 4)), [1, 1, 1, 1], "all visible landmarks are at one point"),
         ([[0, 1, 2, 9], [1, 3, 5, 0]], [1, 1, 1, 0], "all visible landmarks lie on one line"),
     ],
 )
@@ -69,4 +69,4 @@ def test_what_is_hidden_may_be_too_large():
 def test_a_point_is_no_line_though_its_mean_is_rounded():
     point = np.full((1, 2, 6), 0.7)
     assert (point.sum(axis=2) / 6 != 0.7).all()
-    assert find_degenerate(point, np.ones((1, 6))) == {0: "all visible landmarks lie on one point"}
+    assert find_degenerate(point, np.ones((1, 6))) == {0: "all visible landmarks are at one point"}

@@ -73,3 +73,18 @@ def test_some_images_are_replaced_and_the_others_are_not(run):
 def test_what_one_estimate_lacks_cannot_be_put(run):
     with pytest.raises(ValueError, match="coefficients is in one of the estimates only"):
         replace_rows(run(0.1, "mean-shape"), np.arange(5), run(0.1))
+
+
+def test_further_datasets_are_replaced_too(run):
+    whole = replace(run(0.1), further={"sd": np.zeros(5)})
+    rows = np.array([3, 1])
+    some = {
+        field.name: getattr(whole, field.name)[rows]
+        for field in fields(whole)
+        if isinstance(getattr(whole, field.name), np.ndarray)
+    }
+    part = replace(whole, status=whole.status[:2], further={"sd": np.array([1.0, 2.0])}, **some)
+    found = replace_rows(part, rows, whole)
+    np.testing.assert_array_equal(found.further["sd"], [0.0, 2.0, 0.0, 1.0, 0.0])
+    with pytest.raises(ValueError, match="further datasets are in one of the estimates only"):
+        replace_rows(replace(part, further={}), rows, whole)

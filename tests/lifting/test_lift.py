@@ -73,7 +73,7 @@ def test_failing_images_are_named_and_leave_the_others_alone(make_scene):
     found = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, flat)
     assert found.failures == {
         1: "all landmarks are hidden",
-        2: "all visible landmarks lie on one point",
+        2: "all visible landmarks are at one point",
         3: "all visible landmarks lie on one line",
     }
     for image in (1, 2, 3):

@@ -143,3 +143,18 @@ def test_what_cannot_be_joined_is_named(run, atoms):
     for message, lifting in broken.items():
         with pytest.raises(ValueError, match=message):
             merge([first, Group(lifting, np.array([1]), np.arange(5))], atoms)
+
+
+def test_further_datasets_come_back_in_the_order_of_the_images(run, atoms):
+    def with_further(group):
+        values = {
+            "plausibility": np.array(group.images, float),
+            "sd": np.ones((len(group.images), 3)),
+        }
+        estimate = replace(group.lifting.estimate, further=values)
+        return replace(group, lifting=replace(group.lifting, estimate=estimate))
+
+    merged = merge([with_further(group) for group in one_by_one(run)], atoms)
+    further = merged.estimate.further
+    np.testing.assert_array_equal(further["plausibility"], np.arange(7.0))
+    assert further["sd"].shape == (7, 3)

@@ -19,7 +19,13 @@ from shapefit.pipelines.fit.run import run
 NAMES = tuple("abcdefgh")
 N, K = 9, 5
 
-LOSSES = ("squared", "exact", "l1", "sparse-error")
+TERMS = {
+    "squared": {},
+    "exact": {"loss": "exact"},
+    "l1": {"outliers": {"method": "l1"}},
+    "sparse-error": {"outliers": {"method": "sparse-error"}},
+}
+"""Data term -> the keys of `fit` that choose it."""
 
 
 @pytest.fixture(scope="module")
@@ -57,30 +63,30 @@ def exactly(found, expected):
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
 
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("loss", list(TERMS))
 def test_csv_and_hdf5_have_the_same_bits(bench, loss):
     _, fit = bench
-    exactly(fit(suffix=".csv", loss=loss), fit(loss=loss))
+    exactly(fit(suffix=".csv", **TERMS[loss]), fit(**TERMS[loss]))
 
 
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("loss", list(TERMS))
 def test_threads_and_chunks_have_no_part_in_the_result(bench, loss):
     images, fit = bench
     many = images.take(np.arange(200) % N)
     many = replace(many, items=tuple(map(str, range(200))))
-    expected = fit(many, loss=loss, threads=1)
-    exactly(fit(many, loss=loss, threads=3, chunk=1), expected)
+    expected = fit(many, **TERMS[loss], threads=1)
+    exactly(fit(many, **TERMS[loss], threads=3, chunk=1), expected)
 
 
 @settings(
     deadline=None, max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-@given(order=st.permutations(range(8)), loss=st.sampled_from(LOSSES))
+@given(order=st.permutations(range(8)), loss=st.sampled_from(list(TERMS)))
 def test_the_order_of_landmarks_has_no_part_in_the_result(bench, order, loss):
     images, fit = bench
-    expected = fit(loss=loss, solver={"tolerance": 1e-8})
+    expected = fit(**TERMS[loss], solver={"tolerance": 1e-8})
     names = tuple(NAMES[place] for place in order)
-    found = fit(images.arrange(names), loss=loss, solver={"tolerance": 1e-8})
+    found = fit(images.arrange(names), **TERMS[loss], solver={"tolerance": 1e-8})
     back = np.argsort(order)
     assert found.landmark_names in (names, NAMES)
     fitted = found.landmarks_fitted
@@ -94,20 +100,20 @@ def test_the_order_of_landmarks_has_no_part_in_the_result(bench, order, loss):
 @settings(
     deadline=None, max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-@given(order=st.permutations(range(N)), loss=st.sampled_from(LOSSES))
+@given(order=st.permutations(range(N)), loss=st.sampled_from(list(TERMS)))
 def test_the_order_of_images_has_no_part_in_the_optimum(bench, order, loss):
     images, fit = bench
-    expected = fit(loss=loss, solver={"tolerance": 1e-8})
-    found = fit(images.take(order), loss=loss, solver={"tolerance": 1e-8})
+    expected = fit(**TERMS[loss], solver={"tolerance": 1e-8})
+    found = fit(images.take(order), **TERMS[loss], solver={"tolerance": 1e-8})
     assert found.items == tuple(images.items[row] for row in order)
     np.testing.assert_allclose(found.objective, expected.objective[list(order)], rtol=1e-7)
 
 
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("loss", list(TERMS))
 @pytest.mark.parametrize(("scale", "shift"), [(1e-3, 0.0), (1e6, 0.0), (1.0, 1e5), (0.037, -40.0)])
 def test_units_and_origin_move_with_the_shapes(bench, loss, scale, shift):
     images, fit = bench
-    keys = {"loss": loss, "solver": {"tolerance": 1e-8}}
+    keys = {**TERMS[loss], "solver": {"tolerance": 1e-8}}
     expected = fit(**keys)
     moved = replace(images, landmarks=scale * images.landmarks + shift)
     found = fit(moved, **keys)

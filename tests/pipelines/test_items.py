@@ -31,7 +31,7 @@ def test_what_chose_nothing_is_named():
     chosen = ChosenItems("export.items", ("a2", "c*", "a[3]", "b/3"))
     assert [item for item in ITEMS if item in chosen] == ["a2"]
     assert chosen.warnings == tuple(
-        f"export.items: no item is called or matches '{pattern}'"
+        f"export.items: no item has this name or matches '{pattern}'"
         for pattern in ("c*", "a[3]", "b/3")
     )
 

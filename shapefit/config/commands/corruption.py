@@ -11,13 +11,11 @@ class CorruptionConfig(ConfigModel):
     """Visible landmarks replaced by points drawn at random, to see which are found."""
 
     share: float = Field(
-        default=0.0, ge=0, le=1, description="Share of the visible landmarks of each image."
-    )
-    margin: float = Field(
-        default=0.1,
+        default=0.0,
         ge=0,
-        le=1000,
-        description="The points are drawn uniformly from the bounding box of the visible "
-        "landmarks, grown on each side by this share of its size.",
+        le=1,
+        description="Share of the visible landmarks of each image to replace by points drawn "
+        "uniformly from the bounding box of these landmarks, grown on each side by a tenth of its "
+        "size.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of the choice and of the points.")

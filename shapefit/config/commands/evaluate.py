@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, Renaming
 from shapefit.config.named_files import NamedFiles
-from shapefit.config.paths import InputPath, InputPaths, OutputPath
+from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
 from shapefit.errors import listed
 from shapefit.evaluation.metric_table import METRICS, of_fits, of_labels
 
@@ -47,15 +47,15 @@ class FloorsConfig(ConfigModel):
     """What a dictionary can reach at all: similarity errors of the truth, without any fit."""
 
     dictionary: InputPath = Field(
-        description="Dictionary whose mean shape, nearest atom and best non-negative combination "
-        "get rows of their own, each laid onto the truth as well as it can be; without `floors` "
-        "there are no such rows."
+        description="Dictionary whose mean shape, nearest atom and best non-negative "
+        "combination get their own rows, each aligned with the truth as well as "
+        "possible; without `floors` there are no such rows."
     )
-    leave_out: str | None = Field(
+    leave_out: Annotated[str | None, OF_THE_DATA] = Field(
         default=None,
         min_length=1,
         description="Dataset of the result that names, for each image, the training shape whose "
-        "atoms do not count (dictionaries of exemplars), as `leave_out` of fit.",
+        "atoms are ignored (dictionaries of exemplars), like `leave_out` of fit.",
     )
 
 
@@ -63,23 +63,22 @@ class EvalConfig(CommandConfig):
     """Compare results with the truth."""
 
     results: NamedFiles = Field(
-        description="Result files to compare, each under the name its row will have; in a "
-        "list, a file is called by its name without folder and ending."
+        description="Result files to compare, each with the name of its row; files in a list "
+        "are named after the file, without folder and suffix."
     )
     truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
     rename: Renaming = Field(
         default_factory=dict,
-        description="Landmarks that the truth calls otherwise: name in the truth -> name in the "
-        "results.",
+        description="Landmarks to rename: name in the truth -> name in the results.",
     )
     output: OutputPath = Field(description="Folder to write the report to.")
-    match: str = Field(
+    match: Annotated[str, OF_THE_DATA] = Field(
         default="item",
         min_length=1,
-        description="What tells the true shape of an image: `item`, or the name of a dataset of "
-        "the result that holds items of the truth.",
+        description="What identifies the true shape of an image: `item`, or the name of a "
+        "dataset of the result that holds items of the truth.",
     )
-    groups: Mapping[str, str] = Field(
+    groups: Annotated[Mapping[str, str], OF_THE_DATA] = Field(
         default_factory=dict,
         description="Groups of sequences to average over: name -> glob on sequence names.",
     )
@@ -91,20 +90,12 @@ class EvalConfig(CommandConfig):
     least_visible: int = Field(
         default=0,
         ge=0,
-        description="Observed landmarks that an image must have to be judged; others are left out "
-        "and counted in a warning.",
+        description="Minimum number of observed landmarks for an image to be evaluated; other "
+        "images are left out and counted in a warning.",
     )
     floors: FloorsConfig | None = Field(
         default=None,
-        description="Similarity errors that the dictionary leaves at best.",
-    )
-    published: Mapping[str, Mapping[str, float]] = Field(
-        default_factory=dict,
-        description="Rows quoted from a paper to set beside ours: row -> group -> mean "
-        "similarity error of normalised shapes.",
-    )
-    caveats: Annotated[tuple[str, ...], FromLists] = Field(
-        default=(), description="What a reader of the numbers must know; printed with them."
+        description="Smallest similarity errors that the dictionary allows.",
     )
     plots: Plots = Field(
         default="auto",
@@ -117,8 +108,8 @@ class EvalConfig(CommandConfig):
         BeforeValidator(_number_or_names),
     ] = Field(
         default=0,
-        description="Images to draw, their landmarks, truth and every method in a novel view: how "
-        "many, spread evenly over the images of all methods, or which items.",
+        description="Images to draw (landmarks, truth and every method in a novel view): a "
+        "number, spread evenly over the images of all methods, or a list of items.",
     )
 
     view: bool = Field(
@@ -143,17 +134,3 @@ class EvalConfig(CommandConfig):
         if floors and taken:
             raise ValueError(f"{min(taken)!r} is the name of a row here; rename it in `results`")
         return floors
-
-    @field_validator("published")
-    @classmethod
-    def _groups_exist(
-        cls, published: Mapping[str, Mapping[str, float]], info: ValidationInfo
-    ) -> Mapping[str, Mapping[str, float]]:
-        groups = info.data.get("groups", {})
-        for row, errors in published.items():
-            for group in errors:
-                if groups and group not in groups:
-                    raise ValueError(
-                        f"row {row!r} names the group {group!r}, which `groups` does not have"
-                    )
-        return published

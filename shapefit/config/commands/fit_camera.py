@@ -7,7 +7,9 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from shapefit.config.expectation import Expected
-from shapefit.config.model import MOST_STEPS, ConfigModel, FromLists
+from shapefit.config.model import ConfigModel, FromLists
+from shapefit.config.paths import OF_THE_DATA
+from shapefit.lifting.options import PerspectiveOptions
 
 
 class ViewingConfig(ConfigModel):
@@ -15,43 +17,40 @@ class ViewingConfig(ConfigModel):
 
     model: Literal["weak-perspective", "perspective"] = Field(
         default="weak-perspective",
-        description="Weak perspective, as in the convex program; or, from there, rotation, "
-        "translation and coefficients refined under the full projection, which needs the focal "
-        "length.",
+        description="Weak perspective, as in the convex program; or rotation, translation and "
+        "coefficients refined from there under the full projection, which requires "
+        "the focal length.",
     )
-    focal: float | None = Field(
+    focal: Annotated[float | None, OF_THE_DATA] = Field(
         default=None, gt=0, description="Focal length of all images, in the unit of the landmarks."
     )
     intrinsics: str | None = Field(
         default=None,
         min_length=1,
         description="Dataset of the landmarks that holds focal lengths or 3x3 camera matrices, "
-        "one for the file or one an image; instead of `focal`.",
+        "one for the file or one per image; instead of `focal`.",
     )
     principal_point: Annotated[
-        tuple[float, float] | None, Expected("two numbers, x and y"), FromLists
+        tuple[float, float] | None, Expected("two numbers, x and y"), FromLists, OF_THE_DATA
     ] = Field(
         default=None,
         description="Where the optical axis meets the image, in the unit of the landmarks; by "
         "default that of the camera matrices, or 0, 0.",
     )
     ridge: float = Field(
-        default=0.3,
+        default=PerspectiveOptions.ridge,
         gt=0,
         description="perspective: weight of the squared distance of the coefficients to those of "
         "the mean shape.",
     )
     softness: float = Field(
-        default=0.1,
+        default=PerspectiveOptions.softness,
         gt=0,
-        description="perspective: residual, for normalised landmarks, beyond which a landmark "
-        "loses its pull (Cauchy's loss).",
-    )
-    max_rounds: int = Field(
-        default=1000, ge=1, le=MOST_STEPS, description="perspective: most rounds for one image."
+        description="perspective: residual, for normalised landmarks, beyond which the pull of "
+        "a landmark decreases (Cauchy's loss).",
     )
 
-    @field_validator("principal_point", "ridge", "softness", "max_rounds")
+    @field_validator("principal_point", "ridge", "softness")
     @classmethod
     def _belongs_to_perspective(cls, value: object, info: ValidationInfo) -> object:
         key = str(info.field_name)

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from shapefit.config.model import ConfigModel, FromLists
-from shapefit.config.paths import Folder
+from shapefit.config.paths import OF_THE_DATA, Folder
 
-Items = Annotated[tuple[str, ...], FromLists]
+Items = Annotated[tuple[str, ...], FromLists, OF_THE_DATA]
 
 MOST_ON_A_SHEET = 200
 """More would be too small to see, or too large to open."""
@@ -30,7 +30,7 @@ class _FilesConfig(ConfigModel):
 
 
 class ExportConfig(_FilesConfig):
-    """Mesh files of the fitted shapes, one an image."""
+    """Mesh files of the fitted shapes, one per image."""
 
     folder: Folder = Field(
         default=None, description="Folder to write mesh files to; none writes none."
@@ -40,26 +40,21 @@ class ExportConfig(_FilesConfig):
     )
     frame: Literal["object", "camera"] = Field(
         default="object",
-        description="Frame of the vertices: that of the dictionary, in which objects stand as its "
-        "training shapes do; or the camera's, where y points as in the landmarks.",
+        description="Frame of the vertices: that of the dictionary, in which objects are "
+        "oriented like its training shapes; or the camera's, in which y points as "
+        "in the landmarks.",
     )
     unit: Literal["landmarks", "dictionary"] = Field(
         default="landmarks",
         description="Unit of the vertices: that of the landmarks (pixels), or that of the "
-        "dictionary (metres), where the size is the mean over the atoms used.",
+        "dictionary (metres), in which the size is the mean over the atoms used.",
     )
     landmarks: bool = Field(
         default=False, description="Also write the landmarks, as a second object."
     )
     wireframe: Literal["tubes", "lines"] = Field(
         default="tubes",
-        description="What the edges between fitted landmarks become where the dictionary has no "
-        "mesh.",
-    )
-    rotation: Literal["shared", "per-atom"] = Field(
-        default="shared",
-        description="convex: one rotation for the mesh; or one an atom, as for the landmarks of "
-        "the result, under which the mesh shears.",
+        description="How edges between fitted landmarks are written if the dictionary has no mesh.",
     )
     items: Items = Field(default=("*",), description="Items to write: names or globs.")
 
@@ -73,11 +68,11 @@ class PicturesConfig(_FilesConfig):
     format: Literal["png", "svg"] = Field(default="png", description="Format of the pictures.")
     items: Items = Field(default=("*",), description="Items to draw a picture of: names or globs.")
     most: int = Field(
-        default=20, ge=0, description="Most pictures; the first items that fit count."
+        default=20, ge=0, description="Maximum number of pictures; the first matches are drawn."
     )
     sheet: int = Field(
         default=0,
         ge=0,
         le=MOST_ON_A_SHEET,
-        description="Images of the contact sheet, spread evenly over all; 0 draws none.",
+        description="Number of images on the contact sheet, spread evenly over all; 0 draws none.",
     )

@@ -1,4 +1,4 @@
-"""The section `outliers` of `fit`: how wrong landmarks are found before the fit."""
+"""The section `outliers` of `fit`: how wrong landmarks are found."""
 
 from __future__ import annotations
 
@@ -7,24 +7,33 @@ from typing import Literal
 from pydantic import Field
 
 from shapefit.config.model import ConfigModel
+from shapefit.lifting.methods import ROBUST
+from shapefit.lifting.options import BETA
+
+THRESHOLDS = {"ransac": 0.25, "truncated": 0.25, **dict.fromkeys(ROBUST, BETA)}
+"""Method -> the threshold where none is given."""
 
 
-class OutlierSearchConfig(ConfigModel):
-    """Which landmarks the fit leaves out because they are wrong."""
+class OutliersConfig(ConfigModel):
+    """How wrong landmarks are found: by a search before the fit, or by a robust loss."""
 
-    method: Literal["none", "ransac", "truncated"] = Field(
+    method: Literal["none", "ransac", "truncated", "sparse-error", "l1"] = Field(
         default="none",
-        description="Nothing; ransac, the mean shape posed on random triples of the landmarks "
-        "and the pose that most others agree with; truncated, truncated least squares around the "
-        "convex program, by graduated non-convexity.",
+        description="none; ransac poses the mean shape on random triples of landmarks, keeps the "
+        "pose with which most others agree, and the fit rejects the others; truncated rejects "
+        "those of truncated least squares around the convex program, by graduated non-convexity; "
+        "sparse-error and l1 are robust losses of the program: the squared residual plus sparse "
+        "errors with weight `threshold`, and the sum of absolute residuals.",
     )
-    threshold: float = Field(
-        default=0.25,
+    threshold: float | None = Field(
+        default=None,
         gt=0,
-        description="Residual beyond which a landmark is wrong, in units of the size of the shape "
-        "that the other landmarks show (the mean standard deviation of its coordinates).",
+        description="Residual beyond which a landmark is wrong. Of a search, in units of the size "
+        "of the shape as given by the other landmarks (the mean standard deviation of its "
+        "coordinates), 0.25 if not given; of a robust loss, for normalised landmarks, 0.1 if not "
+        "given.",
     )
-    draws: int = Field(default=500, ge=1, description="ransac: triples drawn for one image.")
+    draws: int = Field(default=500, ge=1, description="ransac: triples drawn per image.")
     seed: int = Field(
         default=0,
         ge=0,
@@ -37,6 +46,8 @@ class OutlierSearchConfig(ConfigModel):
         alias="lambda",
         description="truncated: weight of the sum of spectral norms in its programs.",
     )
-    max_rounds: int = Field(
-        default=100, ge=1, description="Most rounds of fitting and judging again."
-    )
+
+    @property
+    def limit(self) -> float:
+        """Return the threshold, or that of the method where none is given."""
+        return self.threshold or THRESHOLDS.get(self.method, BETA)

@@ -39,6 +39,10 @@ class PosteriorConfig(ConfigModel):
         description="Also write the covariance of all landmarks together, `shape_covariance` (n, "
         "3p, 3p) (large; HDF5 only).",
     )
+    csv_deviations: bool = Field(
+        default=False,
+        description="CSV: also write the standard deviations, as sd_x, sd_y, sd_z.",
+    )
     max_rounds: int = Field(
         default=PosteriorOptions.max_rounds,
         ge=1,

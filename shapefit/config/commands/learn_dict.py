@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.learn_dict_prior import PriorConfig
 from shapefit.config.expectation import Expected
@@ -24,21 +25,30 @@ def _landmark_choice(value: Any) -> Any:
     return tuple(value)
 
 
+_BASES = "a whole number >= 1, or a share > 0 and < 1"
+
+
+def _share_or_number(value: Any) -> float | int:
+    is_number = isinstance(value, int) and not isinstance(value, bool) and value >= 1
+    if is_number or (isinstance(value, float) and 0 < value < 1):
+        return value
+    raise PydanticCustomError("share_or_number", f"expected {_BASES}")
+
+
 class LearnDictConfig(CommandConfig):
     """Learn a dictionary of rotatable basis shapes from 3D shapes."""
 
     shapes: InputPaths = Field(description="Files of 3D training shapes (HDF5 or CSV).")
     rename: Renaming = Field(
         default_factory=dict,
-        description="Landmarks that the dictionary shall call otherwise: name in the files -> name "
-        "in the dictionary.",
+        description="Landmarks to rename: name in the files -> name in the dictionary.",
     )
     output: OutputPath = Field(description="Dictionary file to write (HDF5).")
     method: Literal["sparse-coding", "exemplars", "pca-bases"] = Field(
         default="sparse-coding",
-        description="How to learn: non-negative sparse coding with bounded atoms; exemplars, every "
-        "training shape an atom; or the principal components of each sequence, bases of either "
-        "sign for matching pursuit.",
+        description="How to learn: non-negative sparse coding with bounded atoms; exemplars, "
+        "which makes every training shape an atom; or the principal components of "
+        "each sequence, bases of either sign for matching pursuit.",
     )
     every: int = Field(
         default=1,
@@ -51,14 +61,14 @@ class LearnDictConfig(CommandConfig):
         BeforeValidator(_landmark_choice),
     ] = Field(
         default="all",
-        description="Landmarks that decide how training shapes are turned onto each other; none "
-        "keeps them in their common frame.",
+        description="Landmarks by which training shapes are aligned; none keeps them in their "
+        "common frame.",
     )
     symmetry: Literal["none", "symmetrise", "double"] = Field(
         default="none",
-        description="Left and right, as the `mirror_index` of the shapes pairs them: symmetrise "
-        "takes the mean of each training shape and its mirror image; double adds the mirror images "
-        "as further training shapes. Either leaves meshes out.",
+        description="Left and right, as paired by the `mirror_index` of the shapes: symmetrise "
+        "takes the mean of each training shape and its mirror image; double adds "
+        "the mirror images as further training shapes. Both drop meshes.",
     )
     mirror: Annotated[
         dict[str, str] | None, Expected("a mapping of landmark names to landmark names")
@@ -81,30 +91,12 @@ class LearnDictConfig(CommandConfig):
         default=15,
         ge=1,
         le=MOST_STEPS,
-        description="Most rounds of coding all shapes and updating all atoms (sparse-coding only).",
+        description="Rounds of coding all shapes and updating all atoms (sparse-coding only).",
     )
-    tolerance: float = Field(
-        default=0.0,
-        ge=0,
-        description="Stop when a round lowers the objective by less than this share of it; "
-        "0 runs all rounds (sparse-coding only).",
-    )
-    atom_bound: Literal["unit", "mean"] = Field(
-        default="unit",
-        description="Largest norm of an atom: 1, or the mean norm of the atoms learning "
-        "starts from (sparse-coding only).",
-    )
-    energy: float = Field(
+    bases: Annotated[float | int, Expected(_BASES), BeforeValidator(_share_or_number)] = Field(
         default=0.99,
-        gt=0,
-        le=1,
-        description="Share of the variation within a sequence that its bases hold "
-        "(pca-bases only).",
-    )
-    components: int | None = Field(
-        default=None,
-        ge=1,
-        description="Number of bases of each sequence, instead of `energy` (pca-bases only).",
+        description="Bases of each sequence: their number, or, below 1, the share of the variation "
+        "within the sequence that they explain (pca-bases only).",
     )
 
     prior: PriorConfig = Field(
@@ -112,19 +104,11 @@ class LearnDictConfig(CommandConfig):
         description="The prior over shapes, for `method: posterior` of fit.",
     )
 
-    @field_validator("k", "beta", "iterations", "tolerance", "atom_bound", "energy", "components")
+    @field_validator("k", "beta", "iterations", "bases")
     @classmethod
     def _belongs_to_the_method(cls, value: object, info: ValidationInfo) -> object:
         key = str(info.field_name)
-        owner = "pca-bases" if key in ("energy", "components") else "sparse-coding"
+        owner = "pca-bases" if key == "bases" else "sparse-coding"
         if info.data.get("method", owner) != owner and value != cls.model_fields[key].default:
             raise ValueError(f"`{key}` belongs to `method: {owner}`; leave it out")
         return value
-
-    @field_validator("components")
-    @classmethod
-    def _instead_of_energy(cls, components: int | None, info: ValidationInfo) -> int | None:
-        default = cls.model_fields["energy"].default
-        if components is not None and info.data.get("energy", default) != default:
-            raise ValueError("`components` and `energy` exclude each other; give one of them")
-        return components

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import math
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, PlainValidator
+from pydantic_core import PydanticCustomError
 
 from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists
@@ -27,57 +29,55 @@ def _is_rotation(rows: Rotation, tolerance: float = 1e-6) -> bool:
     return all(abs(product - target) <= tolerance for product, target in products)
 
 
+_VIEW = "turntable, random, or a rotation as three rows of three numbers"
+
+
+def _view(value: Any) -> str | Rotation:
+    if value in ("turntable", "random"):
+        return str(value)
+    if not _is_3_by_3(value):
+        raise PydanticCustomError("view", f"expected {_VIEW}")
+    rows: Rotation = tuple(tuple(map(float, row)) for row in value)  # type: ignore[assignment]
+    if not _is_rotation(rows):
+        raise ValueError("expected a rotation (orthonormal rows, determinant +1)")
+    return rows
+
+
+def _is_3_by_3(value: Any) -> bool:
+    return (
+        isinstance(value, list | tuple)
+        and len(value) == 3
+        and all(isinstance(row, list | tuple) and len(row) == 3 for row in value)
+        and all(
+            isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+            for row in value
+            for x in row
+        )
+    )
+
+
 class CameraConfig(ConfigModel):
     """The camera that sees the shapes."""
 
-    model: Literal["orthographic", "weak-perspective"] = Field(
-        default="orthographic", description="Orthographic, or orthographic times a scale."
-    )
-    view: Literal["turntable", "random", "fixed"] = Field(
+    view: Annotated[
+        Literal["turntable", "random"] | Rotation, Expected(_VIEW), FromLists, PlainValidator(_view)
+    ] = Field(
         default="turntable",
-        description="One full turn a sequence about the vertical axis, a random rotation for each "
-        "image, or one given rotation for all.",
+        description="One full turn per sequence about the vertical axis, a random rotation per "
+        "image, or one rotation for all, from object to camera frame: three rows, orthonormal, "
+        "determinant +1.",
     )
-    rotation: Annotated[Rotation | None, Expected("three rows of three numbers"), FromLists] = (
-        Field(
-            default=None,
-            description="Rotation from object to camera frame (view: fixed): three rows, "
-            "orthonormal, determinant +1.",
-        )
-    )
-    scale: float = Field(
-        default=1.0, gt=0, description="Pixels per unit of the shape (weak-perspective only)."
+    scale: float | None = Field(
+        default=None,
+        gt=0,
+        description="Pixels per unit of the shape, for a weak-perspective camera; without it the "
+        "camera is orthographic and landmarks have the unit of the shapes.",
     )
     up: Literal["x", "y", "z"] = Field(default="y", description="The vertical axis of the shapes.")
 
-    @field_validator("rotation")
-    @classmethod
-    def _proper(cls, rotation: Rotation | None) -> Rotation | None:
-        if rotation is not None and not _is_rotation(rotation):
-            raise ValueError("expected a rotation (orthonormal rows, determinant +1)")
-        return rotation
-
-    @field_validator("scale")
-    @classmethod
-    def _scale_needs_weak_perspective(cls, scale: float, info: ValidationInfo) -> float:
-        if scale != 1 and info.data.get("model") == "orthographic":
-            raise ValueError("an orthographic camera has scale 1; use model: weak-perspective")
-        return scale
-
-
-class OutlierConfig(ConfigModel):
-    """Landmarks that are grossly wrong."""
-
-    share: float = Field(default=0.0, ge=0, lt=1, description="Share of the visible landmarks.")
-    size: float = Field(
-        default=1.0,
-        gt=0,
-        description="Largest distance that an outlier is moved, in units of the landmarks.",
-    )
-
 
 class ProjectConfig(CommandConfig):
-    """Turn 3D shapes into synthetic 2D landmarks."""
+    """Project 3D shapes to synthetic 2D landmarks."""
 
     shapes: InputPaths = Field(description="Files of 3D shapes (HDF5 or CSV; - is stdin).")
     output: OutputPath = Field(
@@ -89,29 +89,14 @@ class ProjectConfig(CommandConfig):
     noise: float = Field(
         default=0.0,
         ge=0,
-        description="Standard deviation of Gaussian noise on landmarks, in units of the shape.",
+        description="Standard deviation of Gaussian noise on each coordinate, in the unit of the "
+        "landmarks.",
     )
     hidden: float = Field(
         default=0.0,
         ge=0,
         lt=1,
-        description="Share of landmarks hidden, other ones in each image; three stay.",
-    )
-    outliers: OutlierConfig = Field(
-        default_factory=OutlierConfig.model_construct,
-        description="Landmarks that are grossly wrong.",
-    )
-    repeat: int = Field(
-        default=1,
-        ge=1,
-        description="Passes over the shapes, each with other views and other noise; the items of "
-        "later passes end in #2, #3, ..., and `true_item` names the shape of each image.",
+        description="Share of landmarks hidden, different ones in each image; at least three "
+        "remain visible.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
-
-    @field_validator("camera")
-    @classmethod
-    def _rotation_goes_with_fixed(cls, camera: CameraConfig) -> CameraConfig:
-        if (camera.view == "fixed") != (camera.rotation is not None):
-            raise ValueError("`rotation` and `view: fixed` go together; give both or neither")
-        return camera

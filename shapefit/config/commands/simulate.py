@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from annotated_types import Ge, Le
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+from annotated_types import Ge
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from shapefit.config.expectation import Expected
 from shapefit.config.model import (
@@ -37,11 +37,6 @@ ActiveAtoms = Annotated[
     AfterValidator(_distinct),
     Expected("a list of whole numbers >= 1"),
 ]
-Shares = Annotated[
-    tuple[tuple[Annotated[float, Ge(0), Le(1)], ...], ...],
-    FromLists,
-    Expected("a list of rows, each a list of numbers from 0 to 1"),
-]
 
 
 class ExactSolverConfig(ConfigModel):
@@ -54,31 +49,8 @@ class ExactSolverConfig(ConfigModel):
         "fall to this.",
     )
     max_iterations: int = Field(
-        default=10000, ge=1, le=MOST_STEPS, description="Most iterations for one instance."
+        default=10000, ge=1, le=MOST_STEPS, description="Maximum iterations per instance."
     )
-
-
-class PublishedGridConfig(ConfigModel):
-    """Shares of successes quoted from a publication."""
-
-    source: str = Field(default="", description="Where the shares stand, and how they were read.")
-    landmarks: Landmarks = Field(default=(), description="Numbers of landmarks, one a row.")
-    active_atoms: ActiveAtoms = Field(
-        default=(), description="Numbers of atoms in use, one a column."
-    )
-    success: Shares = Field(
-        default=(), description="Rows of shares of successes, to set beside ours."
-    )
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        lengths = [len(row) for row in self.success]
-        if lengths != [len(self.active_atoms)] * len(self.landmarks):
-            raise ValueError(
-                f"expected in `success` {len(self.landmarks)} rows (landmarks) of "
-                f"{len(self.active_atoms)} shares (active_atoms), found rows of {lengths}"
-            )
-        return self
 
 
 class SimulateConfig(CommandConfig):
@@ -87,30 +59,22 @@ class SimulateConfig(CommandConfig):
     output: OutputPath = Field(description="Folder to write the report to.")
     k: int = Field(default=50, ge=1, description="Number of atoms, their entries N(0, 1).")
     landmarks: Landmarks = Field(
-        default=tuple(range(5, 51, 5)), description="Numbers of landmarks (p), one a row."
+        default=tuple(range(5, 51, 5)), description="Numbers of landmarks (p), one per row."
     )
     active_atoms: ActiveAtoms = Field(
         default=tuple(range(1, 11)),
         validate_default=True,
-        description="Numbers of atoms in use (z), one a column.",
+        description="Numbers of atoms in use (z), one per column.",
     )
     trials: int = Field(default=100, ge=1, description="Random instances in each cell.")
     translation: Literal["free", "none"] = Field(
         default="free",
-        description="free: the program has a translation T, which is the same as centring "
-        "landmarks and atoms and costs what one landmark tells; none: T is 0.",
-    )
-    success_below: float = Field(
-        default=1e-3,
-        gt=0,
-        description="Relative error of the transforms below which they are recovered exactly.",
+        description="free: the program has a translation T, which is equivalent to centring "
+        "landmarks and atoms and costs the information of one landmark; none: T is "
+        "0.",
     )
     solver: ExactSolverConfig = Field(
         default_factory=ExactSolverConfig.model_construct, description="How the program is solved."
-    )
-    published: PublishedGridConfig = Field(
-        default_factory=PublishedGridConfig.model_construct,
-        description="Shares quoted from a publication.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
     threads: int = Field(
@@ -137,6 +101,6 @@ class SimulateConfig(CommandConfig):
         if k is not None and max(values) > k:
             raise ValueError(
                 f"expected numbers of atoms in use up to k = {k}, found {max(values)}; "
-                "leave out what is larger, or raise k"
+                "leave out larger numbers, or raise k"
             )
         return values

@@ -20,6 +20,7 @@ from shapefit.config.commands.project import ProjectConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, plain
 from shapefit.config.paths import (
+    OF_THE_DATA,
     STANDARD_STREAM,
     InputPath,
     InputPaths,
@@ -27,6 +28,7 @@ from shapefit.config.paths import (
     PathWords,
     absolute_path,
 )
+from shapefit.config.presets import ConfigFile
 from shapefit.config.settings import Settings
 from shapefit.errors import InputError
 
@@ -86,55 +88,55 @@ class SweepConfig(CommandConfig):
     """Run the chain for each value of one key, and draw the error against it."""
 
     learn_dict: Annotated[LearnDictSection | None, _words("learn-dict")] = Field(
-        default=None, description="How to learn the dictionary; left out, `fit` names one."
+        default=None,
+        description="How to learn the dictionary; by default, the one that `fit` names.",
     )
     project: Annotated[ProjectSection | None, _words("project")] = Field(
-        default=None, description="How to see the shapes; left out, `fit` names the landmarks."
+        default=None, description="How to view the shapes; by default, `fit` names the landmarks."
     )
     corrupt: CorruptionConfig = Field(
         default_factory=CorruptionConfig.model_construct,
-        description="Which observed landmarks to make wrong before the fit.",
+        description="Which observed landmarks to corrupt before the fit.",
     )
     fit: Annotated[FitSection, _words("fit")] = Field(
-        description="How to lift; files that the sweep makes can be left out, or are passed over. "
+        description="How to lift; files that the sweep makes can be omitted and are ignored. "
         "Meshes and pictures are not written."
     )
     truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
-    match: str = Field(
+    match: Annotated[str, OF_THE_DATA] = Field(
         default="item",
         min_length=1,
-        description="What tells the true shape of an image: `item`, or the name of a dataset of "
-        "the landmarks that holds items of the truth.",
+        description="What identifies the true shape of an image: `item`, or the name of a "
+        "dataset of the landmarks that holds items of the truth.",
     )
-    groups: Mapping[str, str] = Field(
+    groups: Annotated[Mapping[str, str], OF_THE_DATA] = Field(
         default_factory=dict,
         description="Groups of sequences to average over: name -> glob on sequence names.",
     )
     metrics: Annotated[tuple[ErrorMetric, ...], FromLists, Field(min_length=1)] = Field(
         default=("similarity",),
-        description="Errors to measure, as in `eval`, each in its first unit; precision and recall "
-        "are added where landmarks are made wrong and the fit labels outliers.",
+        description="Errors to measure, as in `eval`, each in its first unit; precision and "
+        "recall are added where landmarks are corrupted and the fit labels outliers.",
     )
     vary: Annotated[
         Mapping[str, Annotated[tuple[Value, ...], FromLists]],
         Expected("a mapping of one key to a list of values"),
     ] = Field(description="The key that varies, such as {fit.lambda: [0.05, 0.1]}.")
     least_visible: int = Field(
-        default=0, ge=0, description="Visible landmarks that an image must have to be fitted."
-    )
-    frames: int = Field(
-        default=1, ge=1, description="Fit every n-th image of those that show enough landmarks."
-    )
-    first: int = Field(
         default=0,
         ge=0,
-        description="Images to pass over before the first that is fitted: with `frames: 2`, 0 and "
-        "1 are the two halves of the images.",
+        description="Minimum number of visible landmarks for an image to be fitted.",
     )
-    caveats: Annotated[tuple[str, ...], FromLists] = Field(
-        default=(), description="What a reader of the numbers must know; printed with them."
+    every: int = Field(
+        default=1, ge=1, description="Fit every n-th image of those with enough landmarks."
     )
-    output: OutputPath = Field(description="Folder to write the report and the files between to.")
+    offset: int = Field(
+        default=0,
+        ge=0,
+        description="Images to skip before the first that is fitted: with `every: 2`, offsets 0 "
+        "and 1 are the two halves of the images.",
+    )
+    output: OutputPath = Field(description="Folder to write the report and intermediate files to.")
     plots: Plots = Field(
         default="auto",
         description="Also draw the errors (PNG and SVG); auto: where matplotlib is installed.",
@@ -142,7 +144,7 @@ class SweepConfig(CommandConfig):
     view: bool = Field(
         default=True,
         description="Also draw the worst, median and best images in report.html, and write "
-        "view.html of them: at the value with the least mean error.",
+        "view.html of them, at the value with the lowest mean error.",
     )
 
     @cached_property
@@ -183,7 +185,7 @@ class SweepConfig(CommandConfig):
             made["landmarks"] = "-" if info.data.get("project") else None
             made["dictionary"] = "-" if info.data.get("learn_dict") else None
         try:
-            return load_model(COMMANDS[name], absolute_path(value), arguments=made)
+            return load_model(COMMANDS[name], ConfigFile(absolute_path(value)), arguments=made)
         except InputError as error:
             raise ValueError("; ".join(error.problems)) from None
 

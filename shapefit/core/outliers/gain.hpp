@@ -1,4 +1,4 @@
-// What a weak perspective pose s, Rbar, T tells beyond its own triple:
+// How much a weak perspective pose s, Rbar, T explains beyond its own triple:
 //
 //     gain = log(A / (pi tol)) (sum_j omega_j^2 max(0, 1 - r_j^2 / tol) - 3),   tol = (threshold s)^2,
 //

@@ -4,9 +4,11 @@ namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
 constexpr double LONGEST = 0.5;    // step, in radians and log s
-constexpr double STILL = 1e-5;     // step that ends the climb
+constexpr double STILL = 1e-6;     // step that ends the climb
 constexpr double FIRST_DAMPING = 1e-3, EASE = 0.1, HARDEN = 8, MOST_DAMPING = 1e7;
 constexpr double HOPELESS = 25;    // below the best so far in log evidence
+constexpr long EARLY = 2;  // rounds at the start in which the view rests, and the belief in a
+                           // landmark comes from the others
 constexpr double DIFFERENCE = 1e-4;
 
 Lanes select(Lanes mask, Lanes yes, Lanes no) { return mask > 0.5 ? yes : no; }
@@ -92,7 +94,7 @@ long climb(const PosteriorData& data, const Observed& seen, const Pack& pack, La
            double& best, const LikelihoodSpace& space, Climb& at) {
     const long m = seen.m;
     for (long j = 0; j < m; ++j) at.belief[j] = all(1.0);
-    find_likelihood(data, seen, pack, at.view, at.belief, space, at.found, at.next);
+    find_likelihood(data, seen, pack, at.view, at.belief, true, space, at.found, at.next);
     Lanes B[VIEW * VIEW], damping = all(FIRST_DAMPING), moving = all(1.0);
     for (int e = 0; e < VIEW * VIEW; ++e) B[e] = at.found.curvature[e];
     long steps = 0;
@@ -108,16 +110,18 @@ long climb(const PosteriorData& data, const Observed& seen, const Pack& pack, La
         Lanes length = {}, slope = {};
         for (int i = 0; i < VIEW; ++i) length += step[i] * step[i];
         length = root(length);
-        const Lanes cut = moving * smaller(all(1.0), LONGEST / larger(length, all(1e-300)));
+        const bool early = data.chance > 0 && round < EARLY;
+        const Lanes cut = (early ? Lanes{} : moving) * smaller(all(1.0), LONGEST / larger(length, all(1e-300)));
         for (int i = 0; i < VIEW; ++i) {
             step[i] *= cut;
             slope -= step[i] * at.found.gradient[i];
         }
         move(at.view, step, at.tried);
         for (long j = 0; j < m; ++j) at.tried_belief[j] = at.next[j];
-        find_likelihood(data, seen, pack, at.tried, at.tried_belief, space, at.there, at.tried_next);
+        find_likelihood(data, seen, pack, at.tried, at.tried_belief, early, space, at.there,
+                        at.tried_next);
         const Lanes gain = at.there.value - at.found.value;
-        const Lanes kept = moving * indicate(gain + 1e-9);
+        const Lanes kept = early ? moving : moving * indicate(gain + 1e-9);
         Lanes change[VIEW], mended[VIEW * VIEW];
         for (int i = 0; i < VIEW; ++i) change[i] = at.there.gradient[i] - at.found.gradient[i];
         for (int e = 0; e < VIEW * VIEW; ++e) mended[e] = data.chance > 0 ? at.there.curvature[e] : B[e];
@@ -136,7 +140,7 @@ long climb(const PosteriorData& data, const Observed& seen, const Pack& pack, La
         best = larger(best, largest(value));
         const Lanes still = indicate(STILL - length) * indicate(1e-6 - gain) * kept;
         const Lanes lost = indicate(best - HOPELESS - value - 4.0 * slope) * kept;
-        moving *= (1.0 - still) * (1.0 - lost) * indicate(MOST_DAMPING - damping);
+        moving *= (early ? all(1.0) : (1.0 - still) * (1.0 - lost)) * indicate(MOST_DAMPING - damping);
     }
     return steps;
 }
@@ -148,7 +152,8 @@ void measure_hessian(const PosteriorData& data, const Observed& seen, const Pack
         for (int side = 0; side < 2; ++side) {
             step[i] = all(side ? -DIFFERENCE : DIFFERENCE);
             move(at.view, step, at.tried);
-            find_likelihood(data, seen, pack, at.tried, at.belief, space, at.there, at.tried_next);
+            find_likelihood(data, seen, pack, at.tried, at.belief, false, space, at.there,
+                            at.tried_next);
             for (int j = 0; j < VIEW; ++j) {
                 if (!side) ahead[j] = at.there.gradient[j];
                 at.hessian[VIEW * i + j] = (ahead[j] - at.there.gradient[j]) / (2 * DIFFERENCE);

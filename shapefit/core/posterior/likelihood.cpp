@@ -275,9 +275,22 @@ void differentiate(const Observed& seen, const LaneView& view, Lanes shrunk, con
         }
 }
 
+// log N(r; 0, P) of a landmark as the others predict it: with D = S^-1_jj and a = alpha_j it is
+// off by r = D^-1 a, with the covariance P = D^-1 - N / q + N.
+Lanes predict(const Noise& N, Lanes q, const Lanes* a, const Lanes* D) {
+    const Lanes scale = 1.0 / (D[0] * D[2] - D[1] * D[1]);
+    const Lanes rx = (D[2] * a[0] - D[1] * a[1]) * scale, ry = (D[0] * a[1] - D[1] * a[0]) * scale;
+    const Lanes less = 1.0 - 1.0 / q;
+    const Lanes xx = D[2] * scale + N.xx * less, yy = D[0] * scale + N.yy * less;
+    const Lanes xy = -D[1] * scale + N.xy * less;
+    const Lanes det = larger(xx * yy - xy * xy, all(1e-12));
+    return -0.5 * ((yy * rx * rx - 2.0 * xy * rx * ry + xx * ry * ry) / det + logarithm(det)) -
+           LOG_TWO_PI;
+}
+
 // Add the terms of the belief to value and surprise; the next belief.
 void believe(const PosteriorData& data, const Observed& seen, Lanes shrunk, const Lanes* belief,
-             const LikelihoodSpace& space, Likelihood& found, Lanes* next) {
+             bool by_others, const LikelihoodSpace& space, Likelihood& found, Lanes* next) {
     if (!(data.chance > 0)) {
         for (long j = 0; j < seen.m; ++j) next[j] = all(1.0);
         return;
@@ -291,7 +304,8 @@ void believe(const PosteriorData& data, const Observed& seen, Lanes shrunk, cons
         const Lanes square = N.xx * (a[0] * a[0] - D[0]) + 2.0 * N.xy * (a[0] * a[1] - D[1]) +
                              N.yy * (a[1] * a[1] - D[2]);
         const Lanes expected = square / (q * q) + 2.0 / q;
-        const Lanes odds = kept - log_size - 0.5 * expected - gross;
+        const Lanes density = by_others ? predict(N, q, a, D) : -log_size - 0.5 * expected;
+        const Lanes odds = kept + density - gross;
         const Lanes steep = larger(smaller(odds, all(40.0)), all(-40.0));
         next[j] = larger(1.0 / (1.0 + exponential(-steep)), all(LEAST_BELIEF));
         found.value += rest * (log_size + gross) + q * kept - (1.0 + q) * logarithm(q) -
@@ -343,8 +357,8 @@ void observe(const PosteriorData& data, long image, Observed& seen) {
 }
 
 void find_likelihood(const PosteriorData& data, const Observed& seen, const Pack& pack,
-                     const LaneView& view, const Lanes* belief, const LikelihoodSpace& space,
-                     Likelihood& found, Lanes* next) {
+                     const LaneView& view, const Lanes* belief, bool by_others,
+                     const LikelihoodSpace& space, Likelihood& found, Lanes* next) {
     const long N = 2 * seen.m;
     const Lanes shrink = exponential(-view.log_scale);
     centre(seen, pack, view, shrink, space);
@@ -357,7 +371,7 @@ void find_likelihood(const PosteriorData& data, const Observed& seen, const Pack
     Lanes Z[6];
     pull_back(seen, pack, view, space, Z);
     differentiate(seen, view, shrink * shrink, belief, Z, space, found);
-    believe(data, seen, shrink * shrink, belief, space, found, next);
+    believe(data, seen, shrink * shrink, belief, by_others, space, found, next);
 }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

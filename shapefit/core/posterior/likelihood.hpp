@@ -73,9 +73,10 @@ struct LikelihoodSpace {
 Observed room_for_observed(Workspace& workspace, long p);
 void observe(const PosteriorData& data, long image, Observed& seen);
 
-// `belief` q (m,) in, `next` (m,) its next fixed point.
+// `belief` q (m,) in, `next` (m,) its next fixed point; or, `by_others`, what the other landmarks
+// alone say of each, which a gross landmark cannot sway.
 void find_likelihood(const PosteriorData& data, const Observed& seen, const Pack& pack,
-                     const LaneView& view, const Lanes* belief, const LikelihoodSpace& space,
-                     Likelihood& found, Lanes* next);
+                     const LaneView& view, const Lanes* belief, bool by_others,
+                     const LikelihoodSpace& space, Likelihood& found, Lanes* next);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -7,6 +7,7 @@ namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
 constexpr double SAME_VIEW = 1e-2;    // rotations as close are one mode (Frobenius norm)
+constexpr double SADDLE = 50;         // in log evidence
 constexpr double NEGLIGIBLE = 9.2;    // a mode so far below the best in log evidence is left out
 constexpr double LOG_TWO_PI = 1.8378770664093453;
 
@@ -152,7 +153,6 @@ long gather(const PosteriorData& data, long pairs, Search& search) {
                     L[i][j] = i == j ? root(larger(rest, 1e-6)) : rest / L[j][j];
                     if (i == j) log_det += 2 * ::log(L[i][i]);
                 }
-            if (!definite) continue;  // a saddle: some other climb ends beside it
             mode.component = (b * WIDTH + lane) % K;
             for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
             mode.log_scale = at.view.log_scale[lane];
@@ -161,6 +161,8 @@ long gather(const PosteriorData& data, long pairs, Search& search) {
             mode.surprise = at.found.surprise[lane];
             mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
                                 0.5 * (VIEW * LOG_TWO_PI - log_det);
+            // A saddle counts only where no climb ends on a maximum.
+            if (!definite) mode.log_evidence -= SADDLE;
             ++count;
         }
     }

@@ -9,7 +9,7 @@ namespace {
 constexpr double ROUNDING = 64 * 0x1p-52;
 constexpr int MOST_STEPS = 100;
 
-// Multiplier and y where y is told by its coordinates z = V y.
+// Multiplier and y where y is given by its coordinates z = V y.
 struct Root {
     double shift;   // of the multiplier from the pole
     double square;  // ||z||^2

@@ -52,35 +52,20 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class PublishedShares:
-    """Shares of successes that others measured, (p, z) -> share, and where they stand."""
-
-    source: str
-    shares: Mapping[Place, float]
-
-
-@dataclass(frozen=True)
 class RecoveryGrid:
-    """All cells, row by row with the same number of attempts, and what they are set beside.
+    """All cells, row by row with the same number of attempts.
 
     `program` says in one sentence what was solved, `provenance` how (ready for JSON).
     """
 
     cells: tuple[Cell, ...]
     program: str
-    published: PublishedShares | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def shares(self) -> dict[Place, float]:
         """Return the share of successes of every cell."""
         return {(cell.p, cell.z): cell.success for cell in self.cells}
-
-    @cached_property
-    def deviations(self) -> dict[Place, float]:
-        """Return our share minus the published one, where both exist."""
-        published = self.published.shares if self.published else {}
-        return {at: share - published[at] for at, share in self.shares.items() if at in published}
 
 
 def write_csv(path: Path, grid: RecoveryGrid) -> None:
@@ -94,7 +79,6 @@ def grid_json(grid: RecoveryGrid) -> str:
     document = {
         "program": grid.program,
         "cells": [_cell(cell) for cell in grid.cells],
-        "published": _comparison(grid),
         **grid.provenance,
     }
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -116,19 +100,6 @@ def _cell(cell: Cell) -> dict[str, Any]:
     }
 
 
-def _comparison(grid: RecoveryGrid) -> dict[str, Any] | None:
-    if grid.published is None:
-        return None
-    return {
-        "source": grid.published.source,
-        "cells": [
-            {"p": p, "z": z, "success": grid.published.shares[p, z], "deviation": deviation}
-            for (p, z), deviation in grid.deviations.items()
-        ],
-        "largest_deviation": _largest(map(abs, grid.deviations.values())),
-    }
-
-
 def _known(values: Iterable[float]) -> list[float]:
     return [value for value in values if math.isfinite(value)]
 
@@ -143,32 +114,23 @@ def _largest(values: Iterable[float]) -> float | None:
 
 
 def markdown(grid: RecoveryGrid) -> str:
-    """The shares as a table, landmarks down and atoms in use across; the published ones beside."""
+    """The shares as a table, landmarks down and atoms in use across."""
     trials, below = len(grid.cells[0].attempts), grid.cells[0].success_below
     parts = [
         "# Exact recovery",
-        f"{grid.program} Share of {trials} random instances a cell whose "
-        f"transforms come back with a relative error below {below:g}. p landmarks go down, z "
-        "atoms in use across.",
-        _table(grid.shares),
+        f"{grid.program} Share of {trials} random instances per cell whose "
+        f"transforms are recovered with a relative error below {below:g}. Rows: p landmarks; "
+        "columns: z atoms in use.",
+        shares_table(grid.shares),
     ]
-    if grid.published and grid.deviations:
-        (p, z), most = max(grid.deviations.items(), key=lambda item: abs(item[1]))
-        parts += [
-            "## Published",
-            grid.published.source,
-            _table({at: grid.published.shares[at] for at in grid.deviations}),
-            "## Ours minus published",
-            f"The largest deviation is {most:+.2f}, at p = {p} and z = {z}.",
-            _table(grid.deviations, "+.2f"),
-        ]
     unsolved = [f"p={c.p} z={c.z}: {len(c.unsolved)}" for c in grid.cells if c.unsolved]
     if unsolved:
         parts += ["## Not solved", "\n".join(f"- {line}" for line in unsolved)]
     return "\n\n".join(parts) + "\n"
 
 
-def _table(shares: Mapping[Place, float], style: str = ".2f") -> str:
+def shares_table(shares: Mapping[Place, float], style: str = ".2f") -> str:
+    """Return numbers of cells as a table; a cell without one is a dash."""
     down = sorted({p for p, _ in shares})
     across = sorted({z for _, z in shares})
     rows: Sequence[Sequence[str]] = [

@@ -15,19 +15,16 @@ from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.summary import ALL, ImageErrors, summarise
 from shapefit.evaluation.tables.cells import ABSENT, HOW_TO_READ_PAIRS, pairs, percent
 from shapefit.evaluation.tables.csv_table import null_for_nan, write_table
-from shapefit.evaluation.tables.document import Block, Listing, Section, Table, Title, as_markdown
+from shapefit.evaluation.tables.document import Block, Table, Title, as_markdown
 
 Value = str | bool | int | float
 
 _LABELS = (
-    "Precision is the share of the landmarks labelled as outliers that were made wrong, recall the "
-    "share of those made wrong that are labelled, over the images with a shape that leave them "
-    "defined."
+    "Precision is the share of the landmarks labelled as outliers that were corrupted, recall the "
+    "share of the corrupted landmarks that were labelled, over the images with a shape for which "
+    "they are defined."
 )
-_TIMES = (
-    "Times are of solving alone, without reading and writing, after everything was compiled and "
-    "run once."
-)
+_TIMES = "Times are those of solving alone, without reading and writing, after one run to warm up."
 
 
 @dataclass(frozen=True)
@@ -61,7 +58,6 @@ class Sweep:
 
     key: str
     points: tuple[Point, ...]
-    caveats: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def of_metric(self) -> dict[tuple[str, str], dict[str, list[Point]]]:
@@ -86,7 +82,7 @@ def points(
     grouping: Mapping[str, Sequence[str]],
     seconds_per_image: float,
 ) -> list[Point]:
-    """Sum up the errors in one metric at one value, one point a group.
+    """Sum up the errors in one metric at one value, one point per group.
 
     Every statistic of a group is the mean of that statistic over its sequences.
     """
@@ -131,7 +127,7 @@ COLUMNS = (
 
 
 def write_csv(path: Path, sweep: Sweep) -> None:
-    """Write sweep.csv, one row per value, group and metric; a number that does not exist is empty."""
+    """Write sweep.csv, one row per value, group and metric; a missing number is an empty cell."""
     known = (
         {"key": sweep.key, **asdict(point), "value": value_text(point.value)}
         for point in sweep.points
@@ -144,7 +140,6 @@ def sweep_json(sweep: Sweep) -> str:
     document = {
         "key": sweep.key,
         "points": [_known(point) for point in sweep.points],
-        "caveats": sweep.caveats,
         **sweep.provenance,
     }
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -178,8 +173,6 @@ def document(sweep: Sweep) -> list[Block]:
     if any(METRICS[point.metric].of_labels for point in sweep.points):
         parts.append(_LABELS)
     parts += [Table([sweep.key, *columns], rows), _TIMES]
-    if sweep.caveats:
-        parts += [Section("Caveats"), Listing(sweep.caveats)]
     return parts
 
 

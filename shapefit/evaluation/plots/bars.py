@@ -35,7 +35,7 @@ BARS = 0.8
 FEWEST_SLOTS = 6
 """Fewer are padded left and right, so that bars stay slim."""
 LETTER = 0.085
-"""Width of a letter in inches, about, to tell what fits."""
+"""Width of a letter in inches, about, to decide what fits."""
 LEGEND_HANDLE = 0.6
 """Width in inches of an entry of the legend besides its letters."""
 

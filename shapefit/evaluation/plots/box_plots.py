@@ -68,7 +68,7 @@ def box_plot(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[str]
 
 
 def _of_group(errors: Sequence[ImageErrors], members: Sequence[str]) -> list[Floats]:
-    """Errors of the images of a group that have one, an array a method."""
+    """Errors of the images of a group that have one, an array per method."""
     found = []
     for e in errors:
         inside = np.isin(np.array(e.sequences, dtype=str), np.array(members, dtype=str))

@@ -108,7 +108,7 @@ def _draw_times(axis: Axes, points: Sequence[Point]) -> None:
             fontsize=8, color=INK,
         )  # fmt: skip
     axis.minorticks_off()
-    axis.set_title("Time an image (ms)", loc="left", fontsize=10, color=INK)
+    axis.set_title("Time per image (ms)", loc="left", fontsize=10, color=INK)
 
 
 def _style(axis: Axes) -> None:

@@ -29,20 +29,19 @@ from shapefit.evaluation.tables.document import (
 Kind = tuple[str, str]
 
 FAILURES_SHOWN = 10
-"""Failed items a method that the page lists; the JSON lists them all."""
+"""Failed items that the page lists per method; the JSON lists them all."""
 
 _SPEED = ("ms per image", "images/s")
 
 _HOW_TO_READ = "Each number is the mean, over the sequences of the group, of the sequence's mean."
 _HOW_TO_READ_OVERVIEW = f"{HOW_TO_READ_PAIRS} Times are those of solving alone."
 _HOW_TO_READ_SOLVING = (
-    "Means over all images, as the result files tell them. Objectives of different models cannot "
-    "be compared: the convex program minimises another than the methods that share one rotation "
-    "(convex+refine, alternate, alternate+), and pmp and mean-shape each one of their own; all "
-    "depend on lambda and the dictionary. Times are those of the machine and the threads of each "
-    "fit, solving alone."
+    "Means over all images, as reported by the result files. Objectives of different models cannot "
+    "be compared: the convex program, the methods with one rotation (convex+refine, alternate), "
+    "pmp and mean-shape minimise different functions, and all depend on lambda and the dictionary. "
+    "Times are those of the machine and the threads of each fit, for solving alone."
 )
-_QUOTED = "What is in italics is quoted from its publication, not computed here."
+_QUOTED = "Figures in italics are quoted from publications, not computed here."
 
 
 def markdown(report: Report) -> str:
@@ -132,7 +131,7 @@ def _images_table(report: Report) -> Table:
 
 
 def _solving(report: Report) -> list[Block]:
-    """The table of what the fits tell of themselves, unless they tell nothing, as CSV files."""
+    """The table of what the fits report; empty for results that report nothing, as in CSV."""
     told = [(method.name, method.solving) for method in report.methods]
     if all(solving == Solving() for _, solving in told):
         return []

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapefit.io.csv.grid import GROWTH, Grid, NumberedNames
 from shapefit.io.csv.numbers import read_numbers
 from shapefit.io.csv.text import Block, CsvText
+from shapefit.io.layout import DEVIATIONS
 from shapefit.io.memory import check_fits
 from shapefit.io.problems import Problems
 from shapefit.io.records import Floats, Integers, LandmarkSet, Names, ResultSet, ShapeSet
@@ -28,7 +29,7 @@ def read_shape_table(path: Path, *, gaps: bool = False) -> ShapeSet:
     With `gaps` a landmark that has no row, or an empty or nan coordinate, is unknown: NaN.
     """
     fix = UNKNOWN_FIX if gaps else FINITE_FIX
-    table = _Tidy(path, ("x", "y", "z"), ("sequence",), fix, empty_allowed=gaps)
+    table = _Tidy(path, ("x", "y", "z"), ("sequence", *DEVIATIONS), fix, empty_allowed=gaps)
     if not gaps:
         table.check_complete()
     return ShapeSet(table.points, table.landmarks, table.items, table.sequences)
@@ -48,7 +49,7 @@ def read_landmark_table(path: Path) -> LandmarkSet:
 
 def read_result_table(path: Path) -> ResultSet:
     """Read `item,landmark,x,y,z[,sequence]`; empty cells stand for items that failed."""
-    table = _Tidy(path, ("x", "y", "z"), ("sequence",), FAILED_FIX)
+    table = _Tidy(path, ("x", "y", "z"), ("sequence", *DEVIATIONS), FAILED_FIX)
     return ResultSet(
         shapes=table.points,
         landmark_names=table.landmarks,
@@ -156,7 +157,7 @@ class _Tidy:
 
         def word(row: int) -> str:
             name, of = block.cells["item"][row], block.cells["landmark"][row]
-            found = f"item '{name}', landmark '{of}' stands also on line {first[row]}"
+            found = f"item '{name}', landmark '{of}' is also on line {first[row]}"
             return f"{found}; keep one of them"
 
         self._tell("repeated", block, first != block.lines, word)

@@ -13,7 +13,7 @@ import numpy as np
 import orjson
 
 from shapefit.errors import input_error
-from shapefit.io.layout import NOTHING_APPENDED
+from shapefit.io.layout import DEVIATIONS, NOTHING_APPENDED, Format
 from shapefit.io.records import Floats, LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_file, storage_errors, write_all
@@ -27,7 +27,7 @@ _IN_QUOTES = re.compile('[",\\r\\n]')
 
 
 class CsvWriter:
-    """Appends records as rows `item,landmark,x,y[,z][,confidence][,sequence]`.
+    """Appends records as rows `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence]`.
 
     NaN becomes an empty cell; numbers have the fewest digits that read back to the same float.
     The header is written with the first record. CSV has no place for `attributes`.
@@ -59,7 +59,7 @@ class CsvWriter:
 
 
 @contextmanager
-def csv_output(target: Path) -> Iterator[CsvWriter]:
+def csv_output(target: Path, form: Format) -> Iterator[CsvWriter]:
     """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
     if is_stream(target):
         if sys.stdout is None:
@@ -86,6 +86,8 @@ def _columns(record: ShapeSet | LandmarkSet | ResultSet) -> list[str]:
     columns = ["item", "landmark", *"xyz"[: _points(record).shape[1]]]
     if isinstance(record, LandmarkSet) and record.confidence is not None:
         columns.append("confidence")
+    if _deviations(record) is not None:
+        columns += DEVIATIONS
     return columns if record.sequences is None else [*columns, "sequence"]
 
 
@@ -102,6 +104,9 @@ def _rows(record: ShapeSet | LandmarkSet | ResultSet, part: slice) -> bytes:
     numbers = points.swapaxes(1, 2).reshape(n * p, dimensions)
     if isinstance(record, LandmarkSet) and record.confidence is not None:
         numbers = np.column_stack([numbers, record.confidence[part].reshape(n * p)])
+    deviations = _deviations(record)
+    if deviations is not None:
+        numbers = np.column_stack([numbers, deviations[part].swapaxes(1, 2).reshape(n * p, 3)])
     landmarks = [b",%b," % _cell(name) for name in record.landmark_names]
     names = [item + landmark for item in map(_cell, record.items[part]) for landmark in landmarks]
     ends = [b"\n"] * n
@@ -113,6 +118,10 @@ def _rows(record: ShapeSet | LandmarkSet | ResultSet, part: slice) -> bytes:
 
 def _points(record: ShapeSet | LandmarkSet | ResultSet) -> Floats:
     return record.landmarks if isinstance(record, LandmarkSet) else record.shapes
+
+
+def _deviations(record: ShapeSet | LandmarkSet | ResultSet) -> Floats | None:
+    return record.shape_sd if isinstance(record, ResultSet) else None
 
 
 def _texts(rows: Floats) -> list[bytes]:

@@ -3,21 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.geometry.normalisation import LARGEST
-from shapefit.io.hdf5.reading import Hdf5Reader
 from shapefit.io.problems import Problems
 
 Blocks = Iterable[NDArray[np.float64]]
 Bad = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
-def check_finite(reader: Hdf5Reader, name: str, blocks: Blocks) -> None:
+class Datasets(Protocol):
+    """What is checked: an open file, or datasets in memory."""
+
+    @property
+    def landmark_names(self) -> Sequence[str]:
+        """Names of the landmarks."""
+
+    def has(self, name: str) -> bool:
+        """Whether there is such a dataset."""
+
+    def size(self, axis: str) -> int | None:
+        """Length of an axis of the format; None if nothing has it."""
+
+    def place(self, name: str, row: int | None = None) -> str:
+        """Name a dataset, or a row of it, in messages."""
+
+    def read(self, name: str) -> Any:
+        """Return a dataset; None if there is none."""
+
+    def is_written(self, name: str) -> bool:
+        """Whether anything was ever written to the dataset."""
+
+
+def check_finite(reader: Datasets, name: str, blocks: Blocks) -> None:
     """Raise InputError where a coordinate of the points (n, d, p) is no number to compute with.
 
     That is NaN, infinite, or so large that its square is.
@@ -26,18 +48,18 @@ def check_finite(reader: Hdf5Reader, name: str, blocks: Blocks) -> None:
     _check(reader, name, blocks, lambda values: ~(np.abs(values) <= LARGEST), fix)
 
 
-def check_finite_or_gap(reader: Hdf5Reader, name: str, blocks: Blocks) -> None:
+def check_finite_or_gap(reader: Datasets, name: str, blocks: Blocks) -> None:
     """Raise InputError as `check_finite`, but for NaN, which stands for an unknown landmark."""
     fix = f"write a number of at most {LARGEST:g}, or NaN where the landmark is unknown"
     _check(reader, name, blocks, lambda values: np.abs(values) > LARGEST, fix)
 
 
-def check_not_infinite(reader: Hdf5Reader, name: str, blocks: Blocks) -> None:
+def check_not_infinite(reader: Datasets, name: str, blocks: Blocks) -> None:
     """Raise InputError where a coordinate of the points (n, d, p) is infinite."""
     _check(reader, name, blocks, np.isinf, "write NaN where the landmark is unseen")
 
 
-def check_confidence(reader: Hdf5Reader, blocks: Blocks) -> None:
+def check_confidence(reader: Datasets, blocks: Blocks) -> None:
     """Raise InputError where a confidence (n, p) is negative, NaN or infinite."""
     fix = "write 0 (hidden) or a positive number"
     _check(
@@ -49,7 +71,7 @@ def check_confidence(reader: Hdf5Reader, blocks: Blocks) -> None:
     )
 
 
-def check_positive(reader: Hdf5Reader, name: str) -> None:
+def check_positive(reader: Datasets, name: str) -> None:
     """Raise InputError where a number of the dataset (n,), if there is one, is not above 0."""
     values = reader.read(name)
     if values is None:
@@ -62,7 +84,7 @@ def check_positive(reader: Hdf5Reader, name: str) -> None:
     problems.raise_if_any()
 
 
-def check_indices(reader: Hdf5Reader, name: str, axis: str) -> None:
+def check_indices(reader: Datasets, name: str, axis: str) -> None:
     """Raise InputError where an index of edges or faces is not one of the axis it points at."""
     indices, size = reader.read(name), reader.size(axis)
     if indices is None or size is None:
@@ -75,7 +97,7 @@ def check_indices(reader: Hdf5Reader, name: str, axis: str) -> None:
 
 
 def check_named(
-    reader: Hdf5Reader, blocks: Iterable[Sequence[str]], dataset: str = "item", axis: str = "n"
+    reader: Datasets, blocks: Iterable[Sequence[str]], dataset: str = "item", axis: str = "n"
 ) -> None:
     """Raise InputError where an item of the dataset has no name."""
     problems = Problems()
@@ -90,7 +112,7 @@ def check_named(
     problems.raise_if_any()
 
 
-def _check(reader: Hdf5Reader, name: str, blocks: Blocks, bad: Bad, fix: str) -> None:
+def _check(reader: Datasets, name: str, blocks: Blocks, bad: Bad, fix: str) -> None:
     problems = Problems()
     start = 0
     for block in blocks:
@@ -108,7 +130,7 @@ def _check(reader: Hdf5Reader, name: str, blocks: Blocks, bad: Bad, fix: str) ->
     problems.raise_if_any()
 
 
-def _point_name(reader: Hdf5Reader, name: str, point: int) -> str:
+def _point_name(reader: Datasets, name: str, point: int) -> str:
     if name == "mesh_vertices":
         return f"vertex {point}"
     return f"landmark '{reader.landmark_names[point]}'"

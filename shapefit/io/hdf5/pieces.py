@@ -10,21 +10,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.io.hdf5.sizes import Stored
+
 MOST_CHUNKS = 10_000
 """That are read at once: HDF5 takes some 6 kB for each, whatever it holds."""
 
 Place = tuple[slice, ...]
 
 
-def read_rows(dataset: Any, rows: slice | tuple[()], *, text: bool) -> Any:
-    """Return these rows of a dataset, of texts as str; `()` is all of it, a scalar too."""
-    source = dataset.asstr() if text else dataset
-    chunks, shape = dataset.chunks, dataset.shape
+def read_rows(stored: Stored, rows: slice | tuple[()]) -> Any:
+    """Return these rows of a dataset, texts as str; `()` is all of it, a scalar too."""
+    source = stored.dataset.asstr() if stored.text else stored.dataset
+    chunks, shape = stored.chunks, stored.shape
     if not chunks or _count(shape, chunks) <= MOST_CHUNKS:
         return source[rows]
     start, stop, _ = (rows if isinstance(rows, slice) else slice(None)).indices(shape[0])
     wanted = (max(stop - start, 0), *shape[1:])
-    values: NDArray[Any] = np.empty(wanted, object if text else dataset.dtype)
+    values: NDArray[Any] = np.empty(wanted, object if stored.text else stored.dataset.dtype)
     for piece in _pieces(wanted, chunks):
         first = piece[0]
         values[piece] = source[slice(start + first.start, start + first.stop), *piece[1:]]

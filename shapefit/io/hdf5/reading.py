@@ -15,8 +15,9 @@ import numpy as np
 
 from shapefit.errors import input_error, printable
 from shapefit.io.extras import Extras, is_per_item
+from shapefit.io.formats import HDF5, find_format
 from shapefit.io.hdf5.pieces import read_rows
-from shapefit.io.hdf5.sizes import size_in_memory
+from shapefit.io.hdf5.sizes import Stored, size_in_memory
 from shapefit.io.layout import (
     AXES,
     PER_ITEM_FLAG,
@@ -29,7 +30,7 @@ from shapefit.io.layout import (
 )
 from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.problems import input_problems
-from shapefit.io.sources import is_hdf5, source_name
+from shapefit.io.sources import source_name
 
 BLOCK, BLOCK_BYTES = 16384, 1 << 24
 """Most items, and most bytes of them, that a check reads at a time."""
@@ -50,7 +51,8 @@ class Hdf5Reader:
     def __init__(self, path: Path, form: Format) -> None:
         self.path = path
         self.form = form
-        if not is_hdf5(path):
+        self._asked: dict[str, Stored] = {}
+        if find_format(path) is not HDF5:
             found = "is not an HDF5 file" if path.is_file() else "is not a file on a disk"
             raise input_error(source_name(path), found, f"give a {form.name} file")
         with self._damage():
@@ -111,7 +113,9 @@ class Hdf5Reader:
         if isinstance(rate, int | float) and not isinstance(rate, bool) and 0 < rate < math.inf:
             return float(rate)
         found = f"the root attribute frame_rate is {rate!r}"
-        raise input_error(self.path, found, "set it to frames a second, a number > 0, or remove it")
+        raise input_error(
+            self.path, found, "set it to frames per second, a number > 0, or remove it"
+        )
 
     def has(self, name: str) -> bool:
         """Whether the file has this dataset of its format."""
@@ -201,15 +205,18 @@ class Hdf5Reader:
                 flagged = bool(dataset.attrs.get(PER_ITEM_FLAG, True))
             if not carried:
                 fix = "store numbers or text, or remove it"
-                raise input_error(self.place(name), "cannot be carried along", fix)
+                raise input_error(self.place(name), "cannot be carried over", fix)
             mine = flagged and is_per_item(name, dataset.shape, self.count)
             (per_item if mine else whole).append(name)
         return per_item, whole
 
     def _check_fits(self, chosen: Mapping[str, slice | tuple[()]]) -> None:
         """Raise InputError where these rows of datasets are more than memory holds."""
-        present = {name: rows for name, rows in chosen.items() if name in self._file}
-        sizes = {name: self._size(name, rows) for name, rows in present.items()}
+        sizes = {
+            name: self._size(name, rows)
+            for name, rows in chosen.items()
+            if self.has(name) or name not in self.form.names
+        }
         largest = max(sizes, key=lambda name: sizes[name], default="")
         check_fits(self.place(largest), sum(sizes.values()), "with the other datasets it")
 
@@ -224,8 +231,12 @@ class Hdf5Reader:
 
     def _size(self, name: str, rows: slice | tuple[()]) -> int:
         with self._damage(name):
-            dataset = self._file[name]
-            return size_in_memory(dataset, rows, text=_is_text(dataset))
+            return size_in_memory(self._stored(name), rows)
+
+    def _stored(self, name: str) -> Stored:
+        if name not in self._asked:
+            self._asked[name] = Stored.of(self._file[name])
+        return self._asked[name]
 
     def _values(self, name: str, rows: slice | tuple[()]) -> Any:
         size = self._size(name, rows)
@@ -234,15 +245,14 @@ class Hdf5Reader:
             self._check_written(name)
         try:
             with self._damage(name):
-                dataset = self._file[name]
-                if not _is_text(dataset):
-                    return read_rows(dataset, rows, text=False)
-                texts = read_rows(dataset, rows, text=True)
+                texts = read_rows(self._stored(name), rows)
+            if not self._stored(name).text:
+                return texts
         except UnicodeDecodeError as error:
-            fix = "write its texts as UTF-8"
+            fix = "write its strings as UTF-8"
             raise input_error(self.place(name), "holds text that is not UTF-8", fix) from error
         if "\0" in "".join(np.ravel(texts)):
-            raise input_error(self.place(name), "holds a text with a zero byte in it", "remove it")
+            raise input_error(self.place(name), "holds a string with a zero byte", "remove it")
         return texts
 
     def _check_format(self) -> None:
@@ -255,7 +265,7 @@ class Hdf5Reader:
                 raise input_error(place, "is not UTF-8 text, or has a zero byte", fix)
         found = self._root.get("format")
         if found is None:
-            fix = f"set it to {self.form.name} if the file is laid out so"
+            fix = f"set it to {self.form.name} if the file has that layout"
             raise input_error(self.path, "has no root attribute format", fix)
         if found != self.form.name:
             raise input_error(self.path, f"is a {found} file", f"give a {self.form.name} file")
@@ -307,7 +317,7 @@ class Hdf5Reader:
             if not name:
                 raise input_error(place, "is empty", "give every landmark a name")
             if name in known:
-                fix = "give every landmark a name of its own"
+                fix = "give every landmark a unique name"
                 raise input_error(place, f"repeats the name '{name}'", fix)
             known.add(name)
         return names

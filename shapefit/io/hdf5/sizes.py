@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import prod
-from typing import Any
+from typing import Any, Self
+
+import h5py
 
 TEXT = 100
 """Bytes of a short text in memory, and of the place where it is held."""
@@ -12,11 +15,29 @@ COPIES = 2
 """Of what is read: as it stands in the file, and as the records have it."""
 
 
-def size_in_memory(dataset: Any, rows: slice | tuple[()], *, text: bool) -> int:
+@dataclass(frozen=True)
+class Stored:
+    """A dataset, and what h5py takes long to say of it, and every read wants to know."""
+
+    dataset: Any
+    text: bool
+    shape: tuple[int, ...]
+    chunks: tuple[int, ...] | None
+    itemsize: int
+
+    @classmethod
+    def of(cls, dataset: Any) -> Self:
+        """Ask a dataset once."""
+        kind = dataset.dtype
+        text = h5py.check_string_dtype(kind) is not None
+        return cls(dataset, text, dataset.shape or (), dataset.chunks, kind.itemsize)
+
+
+def size_in_memory(stored: Stored, rows: slice | tuple[()]) -> int:
     """Bytes that these rows of a dataset take while they are read, with a chunk of the file."""
-    shape = dataset.shape or ()
+    shape = stored.shape
     if shape and isinstance(rows, slice):
         shape = (len(range(*rows.indices(shape[0]))), *shape[1:])
-    entry = TEXT if text else COPIES * max(dataset.dtype.itemsize, 8)
-    chunk = prod(dataset.chunks or ()) * dataset.dtype.itemsize if prod(shape) else 0
+    entry = TEXT if stored.text else COPIES * max(stored.itemsize, 8)
+    chunk = prod(stored.chunks or ()) * stored.itemsize if prod(shape) else 0
     return prod(shape) * entry + chunk

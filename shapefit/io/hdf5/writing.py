@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import FileIO
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -21,12 +22,20 @@ from shapefit.io.layout import (
     Format,
     stored_name,
 )
+from shapefit.io.whole.atomic import atomic_file
 
 CHUNK_BYTES = 1 << 18
 CHUNK_ROWS = 64
 
 COMPRESSION = {"compression": "gzip", "compression_opts": 1}
 """Of datasets that are mostly 0: a row of 64 shrinks to a fifth in 3 microseconds."""
+
+
+@contextmanager
+def hdf5_output(target: Path, form: Format) -> Iterator[Hdf5Writer]:
+    """Give a writer to a file that appears on a clean exit."""
+    with atomic_file(target) as file, Hdf5Writer(file, form) as writer:
+        yield writer
 
 
 class Hdf5Writer:
@@ -162,7 +171,7 @@ class Hdf5Writer:
 
 
 def _in_file(dataset: Dataset, value: Any) -> Array:
-    """Return a field of a record as it stands in the file: one point a row."""
+    """Return a field of a record as it stands in the file: one point per row."""
     array = np.asarray(value, object) if dataset.kind == "text" else _storable(np.asarray(value))
     array = array.astype(dataset.stored) if dataset.stored else array
     return array.swapaxes(-1, -2) if dataset.points else array

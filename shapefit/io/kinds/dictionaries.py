@@ -11,43 +11,32 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
+from shapefit.io.formats import find_reader
 from shapefit.io.layout import DICTIONARY
-from shapefit.io.sources import is_csv_target
 from shapefit.io.writing import record_writer
 
 if TYPE_CHECKING:
+    from shapefit.io.hdf5.checks import Datasets
     from shapefit.io.hdf5.reading import Hdf5Reader
 
 
 def read_dictionary(path: Path) -> Dictionary:
     """Read a dictionary. Raises InputError for what is wrong with the file."""
-    from shapefit.io.hdf5 import checks as hdf5_checks
+    dictionary: Dictionary = find_reader(path, "dictionary")(path)
+    return dictionary
+
+
+def read_hdf5(path: Path) -> Dictionary:
+    """Read a dictionary from HDF5."""
     from shapefit.io.hdf5.reading import Hdf5Reader
 
     with Hdf5Reader(path, DICTIONARY) as reader:
+        check_dictionary(reader)
         fields = reader.fields()
-        atoms = fields["atoms"]
-        if atoms.size == 0:
-            found = f"has the shape {atoms.swapaxes(-1, -2).shape}"
-            raise input_error(
-                reader.place("atoms"), found, "a dictionary needs atoms and landmarks"
-            )
-        hdf5_checks.check_finite(reader, "atoms", [atoms])
-        hdf5_checks.check_finite(reader, "mean_shape", [fields["mean_shape"][None]])
-        if fields["mesh_vertices"] is not None:
-            hdf5_checks.check_finite(reader, "mesh_vertices", [fields["mesh_vertices"]])
-        if coincide(fields["mean_shape"]):
-            found = "all its landmarks lie on one point"
-            raise input_error(reader.place("mean_shape"), found, "make the dictionary again")
-        hdf5_checks.check_positive(reader, "atom_scale")
-        hdf5_checks.check_positive(reader, "acceleration")
         give = fields["edge_give"]
         if give is not None and not (np.isfinite(give).all() and (give >= 0).all()):
             fix = "make the dictionary again"
             raise input_error(reader.place("edge_give"), "holds what is no deviation", fix)
-        hdf5_checks.check_named(reader, [fields["atom_items"] or ()], "atom_item", "k")
-        hdf5_checks.check_indices(reader, "edges", "p")
-        hdf5_checks.check_indices(reader, "mesh_faces", "q")
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
         fields["prior"] = _read_prior(reader, fields)
@@ -82,13 +71,32 @@ def _read_prior(reader: Hdf5Reader, fields: dict[str, Any]) -> Mixture | None:
     return mixture
 
 
+def check_dictionary(reader: Datasets) -> None:
+    """Raise InputError for a dictionary with which no fit is possible."""
+    from shapefit.io.hdf5 import checks
+
+    atoms, mean = reader.read("atoms"), reader.read("mean_shape")
+    if atoms.size == 0:
+        found = f"has the shape {atoms.swapaxes(-1, -2).shape}"
+        raise input_error(reader.place("atoms"), found, "a dictionary needs atoms and landmarks")
+    checks.check_finite(reader, "atoms", [atoms])
+    checks.check_finite(reader, "mean_shape", [mean[None]])
+    if reader.has("mesh_vertices"):
+        checks.check_finite(reader, "mesh_vertices", [reader.read("mesh_vertices")])
+    if coincide(mean):
+        found = "all its landmarks are at one point"
+        raise input_error(reader.place("mean_shape"), found, "learn the dictionary again")
+    checks.check_positive(reader, "atom_scale")
+    checks.check_named(reader, [reader.read("atom_item") or ()], "atom_item", "k")
+    checks.check_indices(reader, "edges", "p")
+    checks.check_indices(reader, "mesh_faces", "q")
+
+
 def write_dictionary(path: Path, dictionary: Dictionary) -> None:
     """Write a dictionary to HDF5; the provenance becomes root attributes.
 
     Raises InputError where the file cannot be written; the old one then stays as it was.
     """
-    if is_csv_target(path):
-        raise input_error(path, "a dictionary cannot be CSV", "give it a name in .h5")
     with record_writer(path, DICTIONARY) as writer:
         writer.append(dictionary)
         writer.attributes.update(dictionary.provenance)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -14,10 +14,11 @@ from shapefit.io.agreement import agreed, agreed_rate, check_same_extras
 from shapefit.io.chunked import ChunkedSource, SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
+from shapefit.io.formats import find_format, find_reader
 from shapefit.io.layout import LANDMARKS, UNKNOWN_UNIT
 from shapefit.io.records import LandmarkSet
 from shapefit.io.renaming import check_known, renamed
-from shapefit.io.sources import is_hdf5, source_name
+from shapefit.io.sources import source_name
 
 Read = Callable[[slice], LandmarkSet]
 Direction = Literal["up", "down"]
@@ -138,19 +139,29 @@ def _renamed(file: _File, rename: Mapping[str, str]) -> _File:
 
 
 def _open(path: Path) -> _File:
-    return _open_hdf5(path) if is_hdf5(path) else _open_table(path)
-
-
-def _open_table(path: Path) -> _File:
-    from shapefit.io.csv.tables import read_landmark_table
-
-    table = read_landmark_table(path)
+    """Open a file of any format; one that is read whole gives out parts of what was read."""
+    table = find_reader(path, "landmarks")(path)
+    if isinstance(table, _File):
+        return table
     name = source_name(path)
     items = ItemList(lambda: [table.items], lambda _: name)
-    return _File(name, table.take(slice(0)), len(table), items, lambda: nullcontext(table.take))
+    stated = table.y_axis if find_format(path).states_y_axis else None
+    return one_file(name, table, items, lambda: nullcontext(table.take), stated)
 
 
-def _open_hdf5(path: Path) -> _File:
+def one_file(
+    name: str,
+    landmarks: LandmarkSet,
+    items: ItemList,
+    opened: Callable[[], AbstractContextManager[Read]],
+    y_axis: Direction | None = None,
+) -> _File:
+    """Return landmarks in memory as a file of a source; `y_axis` where it is stated."""
+    return _File(name, landmarks.take(slice(0)), len(landmarks), items, opened, y_axis)
+
+
+def open_hdf5(path: Path) -> _File:
+    """Open an HDF5 file, which is read a chunk at a time."""
     from shapefit.io.hdf5 import checks as hdf5_checks
     from shapefit.io.hdf5.reading import Hdf5Reader
 

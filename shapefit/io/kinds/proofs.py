@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error
+from shapefit.io.formats import HDF5, find_format
 from shapefit.io.layout import RESULTS, TRANSFORM_COUNT
 from shapefit.io.records import ResultSet
-from shapefit.io.sources import is_hdf5
 
 UNNEEDED = ("sequence", "iterations", "mesh_vertices")
 """Datasets that nothing is claimed of."""
@@ -87,7 +87,7 @@ def open_proofs(path: Path) -> Iterator[ProofFile]:
     """Open a result for its proofs. Raises InputError where it is CSV, or not a result."""
     from shapefit.io.hdf5.reading import Hdf5Reader
 
-    if not is_hdf5(path):
+    if find_format(path) is not HDF5:
         found = "is not HDF5, and CSV holds points only"
         raise input_error(path, found, "give a result that `shapefit fit` wrote to a name in .h5")
     with Hdf5Reader(path, RESULTS) as reader:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from shapefit.io.duplicates import ItemList, check_unique_items
+from shapefit.io.formats import find_reader
 from shapefit.io.layout import PROOF, RESULTS
 from shapefit.io.magnitudes import Axis, check_magnitudes
 from shapefit.io.records import ResultSet
-from shapefit.io.sources import is_hdf5, source_name
+from shapefit.io.sources import source_name
 
 
 def read_results(path: Path) -> ResultSet:
@@ -18,17 +19,14 @@ def read_results(path: Path) -> ResultSet:
     the file: see proof_files.py. Raises InputError for what is
     wrong with the file, and for items that occur twice.
     """
-    results = _read(path)
+    results: ResultSet = find_reader(path, "result")(path)
     items, landmarks = Axis("item", results.items), Axis("landmark", results.landmark_names)
     check_magnitudes(source_name(path), results.shapes, items, landmarks)
     return results
 
 
-def _read(path: Path) -> ResultSet:
-    if not is_hdf5(path):
-        from shapefit.io.csv.tables import read_result_table
-
-        return read_result_table(path)
+def read_hdf5(path: Path) -> ResultSet:
+    """Read a result from HDF5, without what proves it."""
     from shapefit.io.hdf5.checks import check_named
     from shapefit.io.hdf5.reading import Hdf5Reader
 

@@ -15,11 +15,12 @@ from shapefit.io.agreement import agreed, agreed_rate, check_same_array, check_s
 from shapefit.io.chunked import ChunkedSource, SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Array, Extras
+from shapefit.io.formats import find_reader
 from shapefit.io.layout import SHAPES, UNKNOWN_UNIT
 from shapefit.io.magnitudes import Axis, check_magnitudes
 from shapefit.io.records import ShapeSet, match_landmarks
 from shapefit.io.renaming import check_known, renamed
-from shapefit.io.sources import is_hdf5, source_name
+from shapefit.io.sources import source_name
 from shapefit.io.writing import record_writer
 
 
@@ -116,13 +117,10 @@ def _renamed(file: _File, rename: Mapping[str, str]) -> _File:
 
 
 def _open(path: Path, gaps: bool) -> _File:
-    return _open_hdf5(path, gaps) if is_hdf5(path) else _open_table(path, gaps)
-
-
-def _open_table(path: Path, gaps: bool) -> _File:
-    from shapefit.io.csv.tables import read_shape_table
-
-    table = read_shape_table(path, gaps=gaps)
+    """Open a file of any format; one that is read whole gives out parts of what was read."""
+    table = find_reader(path, "shapes")(path, gaps=gaps)
+    if isinstance(table, _File):
+        return table
     name, landmarks = source_name(path), Axis("landmark", table.landmark_names)
     check_magnitudes(name, table.shapes, Axis("item", table.items), landmarks)
     items = ItemList(lambda: [table.items], lambda _: name)
@@ -136,7 +134,8 @@ def _open_table(path: Path, gaps: bool) -> _File:
     )
 
 
-def _open_hdf5(path: Path, gaps: bool) -> _File:
+def open_hdf5(path: Path, *, gaps: bool) -> _File:
+    """Open an HDF5 file, which is read a chunk at a time."""
     from shapefit.io.hdf5 import checks as hdf5_checks
     from shapefit.io.hdf5.reading import Hdf5Reader
 

@@ -8,7 +8,7 @@ import os
 import secrets
 import stat
 from collections.abc import Container, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,9 +30,9 @@ FIXES = {
     ),
     **dict.fromkeys(
         (errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENOTEMPTY),
-        "choose another name, or move away what is there",
+        "choose another name, or move the existing file away",
     ),
-    errno.EIO: "look after the disk, or choose another",
+    errno.EIO: "check the disk, or choose another",
     errno.ENOENT: "choose a folder that exists and stays",
     errno.ENAMETOOLONG: "choose a shorter name",
 }
@@ -45,8 +45,8 @@ MOST_BYTES = 100
 def check_output(target: Path) -> Path:
     """Return the file that writing to `target` would replace, links followed.
 
-    Raises InputError where the folder is missing or not writable, or `target` is a folder or
-    some other thing that cannot be replaced by a file. Nothing is written. `-` is always good.
+    Raises InputError where its folder can be neither written to nor made, or `target` is a folder
+    or some other thing that cannot be replaced by a file. Nothing is written. `-` is always good.
     """
     if is_stream(target):
         return target
@@ -55,16 +55,15 @@ def check_output(target: Path) -> Path:
         found = "it is not a regular file"
         raise input_error(target, found, "give the name of a file, or - for CSV to standard output")
     resolved = Path(os.path.realpath(target))
-    folder = resolved.parent
     if _is_too_long(resolved):
         raise input_error(target, "its name is too long", "give a shorter one")
-    if not os.path.isdir(folder):
-        found = f"its folder {folder} does not exist"
-        raise input_error(target, found, f"create the folder (mkdir -p '{folder}')")
+    around = next(folder for folder in resolved.parents if os.path.lexists(folder))
+    if not os.path.isdir(around):
+        raise input_error(target, f"{around} is not a folder", "choose another folder")
     if os.path.isdir(resolved):
         raise input_error(target, "it is a folder", "give the name of a file in it")
-    if not is_writable(folder):
-        found = f"its folder {folder} is not writable"
+    if not is_writable(around):
+        found = f"its folder {around} is not writable"
         raise input_error(target, found, "choose another folder, or change its permissions")
     return resolved
 
@@ -99,14 +98,41 @@ def storage_errors(
 
 
 @contextmanager
+def new_folders(folder: Path) -> Iterator[None]:
+    """Make a folder and those around it; on any error, those that are new and empty are removed."""
+    missing = []
+    while not folder.exists():
+        missing.append(folder)
+        folder = folder.parent
+    made: list[Path] = []
+    try:
+        for new in reversed(missing):
+            with storage_errors(new, None, "created"):
+                new.mkdir(exist_ok=True)
+            made.append(new)
+        yield
+    except BaseException:
+        with suppress(OSError):
+            for new in reversed(made):
+                new.rmdir()
+        raise
+
+
+@contextmanager
 def atomic_path(target: Path) -> Iterator[Path]:
     """Give the path of an empty temporary file that becomes `target` on a clean exit.
 
     The temporary lies beside the target and is hidden; on any error it is removed and the target
-    stays as it was. Its name ends in the suffix of the target. Raises InputError as
-    `check_output` does, and where the disk is full.
+    stays as it was. Its name ends in the suffix of the target. Missing folders are made. Raises
+    InputError as `check_output` does, and where the disk is full.
     """
     resolved = check_output(target)
+    with new_folders(resolved.parent), _atomic_path(target, resolved) as temporary:
+        yield temporary
+
+
+@contextmanager
+def _atomic_path(target: Path, resolved: Path) -> Iterator[Path]:
     _remove_litter(resolved)
     with storage_errors(target, None, "created"):
         temporary, descriptor = lock_new(lambda: _temporary_file(resolved))
@@ -133,10 +159,16 @@ def atomic_file(target: Path) -> Iterator[FileIO]:
     that (Linux), so that not even a killed process leaves a part of it behind.
     """
     resolved = check_output(target)
+    with new_folders(resolved.parent), _atomic_file(target, resolved) as file:
+        yield file
+
+
+@contextmanager
+def _atomic_file(target: Path, resolved: Path) -> Iterator[FileIO]:
     with storage_errors(target, None, "created"):
         descriptor = _unnamed_file(resolved)
     if descriptor is None:
-        with atomic_path(target) as temporary, _Output(temporary, target) as file:
+        with _atomic_path(target, resolved) as temporary, _Output(temporary, target) as file:
             yield file
         return
     _remove_litter(resolved)

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 
 from shapefit.errors import input_error
-from shapefit.io.whole.atomic import is_writable, shortened, storage_errors
+from shapefit.io.whole.atomic import is_writable, new_folders, shortened, storage_errors
 from shapefit.io.whole.held_signals import held_signals
 from shapefit.io.whole.litter import lock_new, remove_litter
 from shapefit.io.whole.staged_names import StagedNames
@@ -50,8 +50,8 @@ class StagedFiles:
         """Let `write` fill the file of an item that becomes folder/name, its folders included.
 
         Raises InputError where it cannot be written, where something in the folder is in the way,
-        and where a file of another item is: the names of two items may differ in nothing that the
-        file system can tell.
+        and where a file of another item is: the names of two items may be equal for the
+        file system.
         """
         target, path = self.folder / name, self._new / name
         with storage_errors(target, None):
@@ -144,14 +144,14 @@ def check_replaceable(target: Path) -> None:
     """Raise InputError where no file can be put at `target` although its folders may be made."""
     if target.is_dir():
         fix = "remove or rename it, or choose another folder"
-        raise input_error(target, "it is a folder, and a file goes there", fix)
+        raise input_error(target, "it is a folder, but must be a file", fix)
     around = next(folder for folder in target.parents if os.path.lexists(folder))
     if not around.is_dir():
         fix = "remove or rename it, or choose another folder"
-        raise input_error(around, "it is not a folder, and files go into it", fix)
+        raise input_error(around, "it is not a folder, but files must go into it", fix)
     if not is_writable(around):
         fix = "change its permissions, or choose another folder"
-        raise input_error(around, "it is not writable, and files go into it", fix)
+        raise input_error(around, "it is not writable, but files must go into it", fix)
 
 
 @contextmanager
@@ -164,6 +164,12 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
     ones. Raises InputError as `StagedFiles` does.
     """
     around = folder if folder.is_dir() else folder.parent
+    with new_folders(around), _staged_files(folder, around) as files:
+        yield files
+
+
+@contextmanager
+def _staged_files(folder: Path, around: Path) -> Iterator[StagedFiles]:
     start, end = f".{shortened(folder.name)}-", ".partial"
     for place in (folder, folder.parent):
         remove_litter(place, start, end, partial(_undo, folder))

@@ -24,7 +24,9 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Solve = Callable[[Problem], Solution]
 
-GROWTH = 1.4  # of mu from round to round, as in the paper
+# Of mu from round to round, as in the paper. 10 takes a quarter of the time, and on the cars of the
+# sample data loses the pose in 15% of the images with half of the landmarks wrong; 1.4 in 5%.
+GROWTH = 1.4
 BINARY = 1e-3  # weights are binary where none is farther from both 0 and 1
 
 

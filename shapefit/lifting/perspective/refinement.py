@@ -11,22 +11,13 @@ from shapefit import core
 from shapefit.convex.solution import Status
 from shapefit.geometry.pinhole import Camera
 from shapefit.lifting.estimate import STATUS
+from shapefit.lifting.options import PerspectiveOptions
 from shapefit.lifting.perspective.start import place_in_depth
 
 Floats = NDArray[np.float64]
 
 FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 """How a refinement without a result ends."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PerspectiveOptions:
-    """The options of `refine_perspective`."""
-
-    ridge: float
-    softness: float
-    max_rounds: int
-    threads: int = 0
 
 
 @dataclass(frozen=True)
@@ -57,7 +48,7 @@ def refine_perspective(
 ) -> Refined:
     """min over R, t, c >= 0 of sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c - prior|^2.
 
-    s is the softness of the options, with ridge and the most rounds for an image.
+    s is the softness of the options, with ridge and the maximum rounds per image.
     r_j = Omega_j (w_j - projection of column j of R sum_i c_i B_i + t), in normalised units:
     landmarks w (n, 2, p), weights Omega (n, p), atoms B (k, 3, p), camera in the unit of w. It
     starts from the rotations R (n, 3, 3), c = prior (k,), and t where weak perspective puts it.

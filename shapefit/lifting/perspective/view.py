@@ -15,7 +15,8 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.estimate import Estimate, fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
-from shapefit.lifting.perspective.refinement import PerspectiveOptions, refine_perspective
+from shapefit.lifting.options import PerspectiveOptions
+from shapefit.lifting.perspective.refinement import refine_perspective
 from shapefit.lifting.perspective.start import mean_coefficients
 from shapefit.lifting.reconstruction import combine, is_active
 from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
@@ -24,8 +25,8 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 REASONS = {
-    Status.DEGENERATE: "landmarks begin behind the camera: with so short a focal length it would "
-    "stand inside the object; give `camera.focal` or `camera.intrinsics` in the unit of the "
+    Status.DEGENERATE: "landmarks start behind the camera: with so short a focal length it would "
+    "be inside the object; give `camera.focal` or `camera.intrinsics` in the unit of the "
     "landmarks",
     Status.NUMERICAL_FAILURE: "numerical failure in the refinement under perspective",
 }

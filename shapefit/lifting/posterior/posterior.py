@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from shapefit import core
 from shapefit.dictionary.mixture import Mixture
+from shapefit.geometry.normalisation import centroid
 
 Floats = NDArray[np.float64]
 
@@ -101,6 +102,8 @@ def find_posterior(
     """
     gross = gross or Gross()
     n, _, p = landmarks.shape
+    seen = np.isfinite(misfit)
+    middle = np.nan_to_num(centroid(landmarks, seen))[..., None]  # of which the wide prior is
     d, m, full = 3 * p, modes, n if covariance else 0
     found = Posterior(
         mean=np.empty((n, 3, p)),
@@ -123,7 +126,7 @@ def find_posterior(
         ),
     )
     core.find_posterior(
-        landmarks=_whole(np.where(np.isfinite(misfit)[:, None], landmarks, 0.0)),
+        landmarks=_whole(np.where(seen[:, None], landmarks - middle, 0.0)),
         misfit=_whole(misfit),
         noise=_whole(noise),
         log_weights=np.log(prior.weights),
@@ -151,6 +154,8 @@ def find_posterior(
         mode_belief=found.modes.belief,
         threads=threads,
     )
+    found.mean[:, :2] += middle
+    found.modes.mean[:, :, :2] += middle[:, None]
     return found if covariance else replace(found, covariance=None)
 
 

@@ -11,6 +11,7 @@ from shapefit import core
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
 from shapefit.lifting.estimate import STATUS
+from shapefit.lifting.methods import AlternationOptions
 
 Floats = NDArray[np.float64]
 
@@ -33,9 +34,9 @@ def alternate(
     problem: Problem,
     starts: Floats,
     *,
-    signed: bool = False,
-    tolerance: float = 1e-6,
-    max_rounds: int = 500,
+    signed: bool = AlternationOptions.signed,
+    tolerance: float = AlternationOptions.tolerance,
+    max_rounds: int = AlternationOptions.max_rounds,
     threads: int = 0,
 ) -> Alternation:
     """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar Rbar^T = I.

@@ -26,18 +26,11 @@ Floats = NDArray[np.float64]
 
 
 def refine_convex(problem: Problem, settings: Settings) -> Estimate:
-    """Synchronise the convex solution to one rotation and alternate from there, over c >= 0.
+    """Synchronise the convex solution to one rotation and alternate from there.
 
-    With a robust loss the robust program finds the outliers, and the squared residuals of the
-    other landmarks are refined; the landmarks stay normalised by all that are seen.
-    """
-    return _alternate_from_solution(problem, settings, signed=False)
-
-
-def alternate_from_convex(problem: Problem, settings: Settings) -> Estimate:
-    """Alternate from the synchronised convex solution (paper, Experiments, "Alternate+").
-
-    The same as convex+refine unless `signed`.
+    Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate+"). With a robust
+    loss the robust program finds the outliers, and the squared residuals of the other landmarks
+    are refined; the landmarks stay normalised by all that are seen.
     """
     options: AlternationOptions = settings.options
     return _alternate_from_solution(problem, settings, signed=options.signed)
@@ -46,10 +39,10 @@ def alternate_from_convex(problem: Problem, settings: Settings) -> Estimate:
 def alternate_from_mean(problem: Problem, settings: Settings) -> Estimate:
     """Alternate from the pose of the mean shape (paper, Experiments, "Alternate")."""
     options: AlternationOptions = settings.options
-    views = spread_views(options.views)
+    views = spread_views(options.number_of_views)
     pose = find_pose(problem, settings.mean_shape, views, threads=settings.threads)
     starts = pose.rotation[:, None]
-    if options.multi_start:
+    if options.views == "all":
         _, D = find_moments(problem, settings.mean_shape)
         starts = np.concatenate([starts, turn_in_plane(views, D)], axis=1)
     return _alternate(problem, settings, starts, signed=options.signed)
@@ -58,7 +51,7 @@ def alternate_from_mean(problem: Problem, settings: Settings) -> Estimate:
 def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
     """Pose the mean shape: rotation, scale and translation and nothing else."""
     options: AlternationOptions = settings.options
-    views = spread_views(options.views)
+    views = spread_views(options.number_of_views)
     pose = find_pose(problem, settings.mean_shape, views, threads=settings.threads)
     known = pose.size > 0
     R = np.where(known[:, None, None], pose.rotation, 0.0)
@@ -128,7 +121,7 @@ def _alternate_or_restart(
         return found
     part = problem.take(empty)
     options: AlternationOptions = settings.options
-    views = spread_views(options.views)
+    views = spread_views(options.number_of_views)
     pose = find_pose(part, settings.mean_shape, views, threads=settings.threads)
     posed = pose.size > 0  # degenerate images have none
     again = _alternate(part.take(posed), settings, pose.rotation[posed, None], signed=signed)

@@ -128,7 +128,7 @@ def choose(wanted: int | Sequence[str], items: Sequence[str]) -> tuple[str, ...]
         chosen |= dict.fromkeys(fitting)
     if len(chosen) > MOST_EXAMPLES:
         found = f"{len(chosen)} images fit: {abbreviate(list(chosen))}"
-        raise input_error(KEY, found, f"name at most {MOST_EXAMPLES}, or say how many to choose")
+        raise input_error(KEY, found, f"name at most {MOST_EXAMPLES}, or give a number of images")
     return tuple(chosen)
 
 

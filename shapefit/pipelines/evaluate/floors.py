@@ -125,7 +125,7 @@ def _check_left_out(file: Path, dictionary: Dictionary, left_out: Sequence[str |
     if not items:
         return
     if dictionary.atom_items is None:
-        found = "does not tell which training shape each atom is"
+        found = "does not state which training shape each atom is"
         raise input_error(file, found, f"learn it with `method: exemplars`, or drop `{KEY}`")
     if not any(item in dictionary.atom_items for item in items):
         found = f"has no atom of {abbreviate(list(items))}; its atoms are of "

@@ -44,7 +44,7 @@ def find_grouping(
     grouping = group_sequences(groups, sequences)
     empty = [group for group, members in grouping.items() if not members]
     if len(empty) == len(grouping):
-        found = f"no sequence matches a group; the sequences are {abbreviate(list(sequences))}"
+        found = f"no sequence matches any group; the sequences are {abbreviate(list(sequences))}"
         raise input_error("groups", found, "correct the globs, or leave `groups` out")
     grouped = {member for members in grouping.values() for member in members}
     outside = [sequence for sequence in sequences if sequence not in grouped]

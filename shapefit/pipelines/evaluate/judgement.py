@@ -70,7 +70,7 @@ def judge(
             datasets = " and ".join(f"`{wanted.name}`" for wanted in lacking)
             unmeasured.append(f"no {metric} without the dataset {datasets}")
             continue
-        with np.errstate(all="ignore"):  # what overflows is no error that can be told
+        with np.errstate(all="ignore"):  # overflow is not an error to report
             measured = measure(metric, estimate, true, data, (truth.unit, results.unit))
         errors |= {kind: np.where(np.isfinite(v), v, np.nan) for kind, v in measured.items()}
     if not errors:
@@ -153,9 +153,11 @@ def _failures(
             return f"only {judged[i].sum()} landmarks are known on both sides"
         lost = [kind for kind, values in certain.items() if np.isnan(values[i])]
         if empty[i] and all(ROTATION in METRICS[metric].needs for metric, _ in lost):
-            return "no rotation (deg): the shape is empty, all its landmarks on one point"
+            return "no rotation (deg): the shape is empty, with all its landmarks at one point"
         kinds = [f"{metric} ({unit})" for metric, unit in lost]
-        return f"what {', '.join(kinds)} needs is nan, or true landmarks are all on one point"
+        return (
+            f"a value needed for {', '.join(kinds)} is nan, or true landmarks are all at one point"
+        )
 
     empty = coincide(results.shapes) & np.isfinite(results.shapes).all(axis=(1, 2))
     certain = {kind: v for kind, v in errors.items() if not METRICS[kind[0]].of_labels}

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit import __version__
 from shapefit.config import EvalConfig, ViewConfig
@@ -67,8 +66,6 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     report = Report(
         methods=tuple(found.methods),
         summaries=tuple(s for e in errors for s in summarise(e, grouping)),
-        published=config.published,
-        caveats=config.caveats,
         warnings=tuple(map(printable, (*found.warnings, *ungrouped))),
         provenance=_provenance(config),
     )
@@ -86,7 +83,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
 
 def count_gaps(truth: ShapeSet) -> list[str]:
     """Say how many landmarks of the truth are unknown."""
-    gaps: NDArray[np.bool_] = np.asarray(np.isnan(truth.shapes).any(axis=1))
+    gaps = np.asarray(np.isnan(truth.shapes).any(axis=1))
     if not gaps.any():
         return []
     shapes = counted(int(gaps.any(axis=1).sum()), "shape")
@@ -122,7 +119,7 @@ class _Found:
 def _judge_all(
     config: EvalConfig, truth: ShapeSet, found: _Found, *, keep_all: bool
 ) -> Iterator[Outcome]:
-    """Judge every result file and add to what was found; one outcome a file.
+    """Judge every result file and add to what was found; one outcome per file.
 
     With `keep_all` the shapes stay, to draw examples of them.
     """
@@ -161,7 +158,7 @@ def _check_distinct(judgements: Sequence[Judgement]) -> None:
         for item in judgement.items:
             if item in seen:
                 found = f"has the item '{item}', which {seen[item]} has too"
-                fix = "give each file a name of its own in `results`, or leave one out"
+                fix = "give each file a unique name in `results`, or leave one out"
                 raise input_error(judgement.file, found, fix)
         seen |= dict.fromkeys(judgement.items, judgement.file)
 

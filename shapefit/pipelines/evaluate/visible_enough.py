@@ -36,7 +36,7 @@ def visible_enough(file: Path, results: ResultSet, least: int) -> tuple[ResultSe
         return results, ()
     # Without the name of the file: results of the same images have one warning together.
     warning = (
-        f"{(~enough).sum()} of {len(results)} images left out, with fewer than {least} observed "
+        f"{(~enough).sum()} of {len(results)} images left out: fewer than {least} observed "
         "landmarks"
     )
     return results.take(np.flatnonzero(enough)), (warning,)

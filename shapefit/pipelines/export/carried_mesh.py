@@ -38,6 +38,6 @@ def mixes_atoms(config: FitConfig) -> bool:
 def find_obstacle(config: FitConfig) -> tuple[str, str] | None:
     """Say what keeps a mesh from following the landmarks, and the fix; None where nothing does."""
     if not mixes_atoms(config):
-        found = f"`method: {config.method}` gives no coefficients to mix the meshes of the atoms"
+        found = f"`method: {config.method}` gives no coefficients to combine the atoms' meshes"
         return found, f"choose {listed(those(lambda method: method.mixes_atoms))}"
     return None

@@ -49,7 +49,10 @@ def fitted_image(
         seen_mesh = None if mesh is None else _in_perspective(mesh, found)
     elif carried is not None and not METHODS[config.method].one_rotation:
         seen_mesh = camera_frame_sheared(
-            carried, required(transforms), *_place(found), orthogonal=config.orthogonal
+            carried,
+            required(transforms),
+            *_place(found),
+            orthogonal=config.rotations == "orthogonal",
         )
     return FittedImage(
         title=title,

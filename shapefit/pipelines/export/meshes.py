@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Encode = Callable[[Floats, Floats | None], Files]
 """Takes the points of one image, and its landmarks where they are wanted."""
 
-STRETCH = 64
+AT_A_TIME = 64
 """Images whose vertices are in memory at a time."""
 
 FARTHEST = 1e38
@@ -80,8 +80,8 @@ class MeshExport:
         fitted = has_shape(found)
         self._missing += int(np.count_nonzero(chosen & ~fitted))
         rows = np.flatnonzero(chosen & fitted)
-        for start in range(0, len(rows), STRETCH):
-            part = rows[start : start + STRETCH]
+        for start in range(0, len(rows), AT_A_TIME):
+            part = rows[start : start + AT_A_TIME]
             self._write(found.take(part), None if transforms is None else transforms[part])
 
     @property
@@ -92,7 +92,7 @@ class MeshExport:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was asked for and is not there."""
-        missing = f"images without a shape (failed, or all coefficients 0): {self._missing}"
+        missing = f"images without a shape (failed, or with all coefficients 0): {self._missing}"
         far = f"images with coordinates beyond {FARTHEST:g}, too far for the format: {self._far}"
         fix = "take `export.format: obj`, or a larger unit"
         return (
@@ -139,7 +139,7 @@ def _check_size(config: FitConfig, dictionary: Dictionary) -> None:
     """Raise InputError where the size in the unit of the dictionary cannot be known."""
     fix = "set `export.unit: landmarks`"
     if dictionary.atom_scale is None:
-        found = "has no `atom_scale`, which tells how large its atoms are"
+        found = "has no `atom_scale`, the sizes of its atoms"
         raise input_error(config.dictionary, found, f"learn it with `method: exemplars`, or {fix}")
     if not mixes_atoms(config):
         found = f"`method: {config.method}` gives no coefficients, so the size is not known"

@@ -83,8 +83,8 @@ class PictureExport:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was asked for and is not there."""
-        found = f"images without a shape (failed, or all coefficients 0): {self._missing}"
-        fix = "they have no picture unless `pictures.items` names them"
+        found = f"images without a shape (failed, or with all coefficients 0): {self._missing}"
+        fix = "they have no picture unless `pictures.items` lists them"
         return ((f"{found}; {fix}",) if self._missing else ()) + self._items.warnings
 
     def _save(self, stem: PurePosixPath, figure: Figure, item: str) -> None:

@@ -31,7 +31,7 @@ class ModelPlacement:
     """size * S + origin, in the frame of the object size * R^T S, for n images with a shape.
 
     S are points in normalised units around the centroid of their landmarks, in the directions of
-    the camera. transforms (n, k, 2, 3) are needed for `export.rotation: per-atom` alone.
+    the camera. transforms (n, k, 2, 3) are needed for `rotations` other than shared alone.
     """
 
     config: FitConfig
@@ -47,11 +47,11 @@ class ModelPlacement:
     def carry(self, atoms: Floats) -> Floats:
         """Return points (n, 3, q) of the atoms (k, 3, q), mixed and turned as the landmarks were.
 
-        With one rotation per image or, if `export.rotation` says so, one per atom.
+        With one rotation per image or, if `rotations` says so, one per atom.
         """
         one, none = np.ones(len(self.found)), np.zeros((len(self.found), 2))
-        if self.config.export.rotation == "per-atom":
-            M, orthogonal = required(self.transforms), self.config.orthogonal
+        if self.config.rotations != "shared":
+            M, orthogonal = required(self.transforms), self.config.rotations == "orthogonal"
             return self._place(camera_frame_sheared(atoms, M, one, none, orthogonal=orthogonal))
         c, R = required(self.found.coefficients), required(self.found.rotation)
         return self._place(camera_frame(atoms, c, R, one, none))

@@ -109,7 +109,7 @@ def _check_folder(folder: Path, key: str, output: Path) -> None:
         raise input_error(key, "- is standard output", "give the name of a folder")
     if os.path.realpath(folder) == os.path.realpath(output):
         found = f"{folder} is also the output"
-        raise input_error(key, found, "give the folder a name of its own")
+        raise input_error(key, found, "give the folder a different name")
     if os.path.islink(folder) and not os.path.exists(folder):
         found = f"it is a link to {os.path.realpath(folder)}, which does not exist"
         raise input_error(folder, found, "create that folder, or remove the link")
@@ -123,5 +123,5 @@ def _check_output(output: Path, folder: Path, suffix: str) -> None:
         resolved.is_relative_to(os.path.realpath(folder))
         and resolved.suffix.lower() == f".{suffix}"
     ):
-        found = f"is named like the .{suffix} files that go into {folder}"
+        found = f"has the same name as the .{suffix} files that go into {folder}"
         raise input_error(output, found, "name it .h5 or .csv")

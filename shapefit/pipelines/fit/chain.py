@@ -1,9 +1,9 @@
-"""The chain that takes landmarks to 3D shapes, put together as the config of `fit` says."""
+"""The chain of `fit`, from landmarks to 3D shapes, and what the config chooses for each step."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -17,103 +17,147 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
 from shapefit.io.extras import LANDMARK_COVARIANCE
+from shapefit.lifting.estimate import Estimator
 from shapefit.lifting.lift import Lifting, Program, fail_nonfinite, lift
-from shapefit.lifting.methods import METHODS, Settings, choose_method
+from shapefit.lifting.methods import (
+    METHODS,
+    ROBUST,
+    AlternationOptions,
+    Settings,
+    choose_method,
+)
+from shapefit.lifting.options import PerspectiveOptions
 from shapefit.pipelines.fit.dictionary_kind import check_needs
 
 if TYPE_CHECKING:
     from shapefit.lifting.methods import Solve
-    from shapefit.lifting.path import WarmSolve
-    from shapefit.lifting.perspective.refinement import PerspectiveOptions
+    from shapefit.pipelines.fit.outlier_search import Agreement
 
 Floats = NDArray[np.float64]
 Lifter = Callable[[LandmarkSet, Dictionary], Lifting]
 """Lifts images, whose landmarks are those of the dictionary."""
 
+Search = Callable[[LandmarkSet, Floats, Dictionary], "Agreement"]
 View = Callable[[Lifting, LandmarkSet, Dictionary], Lifting]
 Refinement = Callable[[Lifting, LandmarkSet], Lifting]
 
-# What only some fits need is imported where it is chosen: before the clock of solving starts.
+
+@dataclass(frozen=True, kw_only=True)
+class Chain:
+    """What the config chose for each step of a fit; None for a step that it goes without.
+
+    What only some fits need is imported where it is chosen: before the clock of solving starts.
+    """
+
+    leave_out: Callable[[LandmarkSet, Dictionary, Lifter], Lifting] | None
+    search: Search | None
+    program: Program
+    method: Callable[[Dictionary], Estimator]
+    view: View | None
+    sequences: Refinement | None
 
 
-def choose_lifter(config: FitConfig, dictionary: Dictionary) -> Lifter:
-    """Return what lifts a chunk of images, whose landmarks are those of the dictionary.
+def fit_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Lifting:
+    """From the landmarks of a chunk of images to their shapes: the chain of `fit`.
 
-    Raises InputError where the dictionary lacks what the config asks for.
+    The images have the landmarks of the dictionary. Where a model is left out, groups of images
+    go through `lift_images` with the atoms that are theirs; else all go with all atoms.
+    """
+    if chain.leave_out is None:
+        lifting = lift_images(images, dictionary, chain)
+    else:
+        lifting = chain.leave_out(images, dictionary, partial(lift_images, chain=chain))
+    if chain.sequences is not None:
+        lifting = chain.sequences(lifting, images)
+    return fail_nonfinite(lifting)
+
+
+def lift_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Lifting:
+    """Weigh the landmarks, set outliers aside, lift, and refine as the camera sees it."""
+    weights = images.weights()
+    agreed = None if chain.search is None else chain.search(images, weights, dictionary)
+    if agreed is not None:
+        weights = np.where(agreed.inliers, weights, 0.0)
+    lifting = lift(
+        images.landmarks,
+        weights,
+        dictionary.atoms,
+        chain.program,
+        chain.method(dictionary),
+        find_covariance(images),
+    )
+    if agreed is not None:
+        lifting = agreed.label(lifting)
+    if chain.view is not None:
+        lifting = chain.view(lifting, images, dictionary)
+    return lifting
+
+
+def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
+    """Return the steps that the config asks for.
+
+    Raises InputError where the dictionary lacks what they need.
     """
     check_needs(config, dictionary)
     METHODS[config.method].load()
-    refinement = choose_refinement(config, dictionary)
-    program, solve = choose_program(config), choose_solver(config)
-    search = None
-    if config.outliers.method != "none":
-        from shapefit.pipelines.fit.outlier_search import choose_search, lift_inliers
-
-        search = choose_search(config.outliers, solve, config.threads)
-    view = choose_view(config)
-
-    def lift_with(images: LandmarkSet, part: Dictionary) -> Lifting:
-        estimator = choose_method(config.method, choose_settings(config, part, solve))
-
-        def lift_weighted(weights: Floats) -> Lifting:
-            return lift(
-                images.landmarks,
-                weights,
-                part.atoms,
-                program,
-                estimator,
-                find_covariance(images, config),
-            )
-
-        weights = images.weights()
-        if search is None:
-            lifting = lift_weighted(weights)
-        else:
-            lifting = lift_inliers(search, images, weights, part, lift_weighted)
-        return view(lifting, images, part)
-
-    lifter: Lifter = lift_with
-    if config.leave_out is not None:
-        from shapefit.pipelines.fit.left_out import leaving_out
-
-        lifter = leaving_out(lift_with, config.leave_out, dictionary, config.threads)
-    return lambda images, whole: fail_nonfinite(refinement(lifter(images, whole), images))
+    solve = choose_solver(config)
+    return Chain(
+        sequences=choose_refinement(config, dictionary),
+        program=choose_program(config),
+        search=choose_search(config, solve),
+        method=lambda part: choose_method(config.method, choose_settings(config, part, solve)),
+        view=choose_view(config),
+        leave_out=choose_groups(config, dictionary),
+    )
 
 
-def choose_view(config: FitConfig) -> View:
+def choose_groups(
+    config: FitConfig, dictionary: Dictionary
+) -> Callable[[LandmarkSet, Dictionary, Lifter], Lifting] | None:
+    """Return what lifts each image without the model that it shows, if the config asks for it."""
+    if config.leave_out is None:
+        return None
+    from shapefit.pipelines.fit.left_out import check_items, lift_left_out
+
+    check_items(dictionary)
+    return partial(lift_left_out, dataset=config.leave_out, threads=config.threads)
+
+
+def choose_search(config: FitConfig, solve: Solve) -> Search | None:
+    """Return the search for outliers that the config names, if any."""
+    if config.outliers.method in ("none", *ROBUST):
+        return None
+    from shapefit.pipelines.fit.outlier_search import choose_search as choose
+    from shapefit.pipelines.fit.outlier_search import find_inliers
+
+    search = choose(config.outliers, solve, config.threads)
+    return partial(find_inliers, search)
+
+
+def choose_view(config: FitConfig) -> View | None:
     """Return what follows weak perspective: nothing, or refinement under the full projection."""
     if config.camera.model == "weak-perspective":
-        return lambda lifting, images, dictionary: lifting
-    from shapefit.lifting.perspective.view import refine_view
-    from shapefit.pipelines.fit.intrinsics import find_camera
+        return None
+    from shapefit.pipelines.fit.intrinsics import refine_through_camera
 
     options = choose_options(config)
-
-    def view(lifting: Lifting, images: LandmarkSet, dictionary: Dictionary) -> Lifting:
-        camera = find_camera(images, config.camera)
-        return refine_view(
-            lifting, images.landmarks, camera, dictionary, options, views=config.alternation.views
-        )
-
-    return view
+    views = AlternationOptions(views=config.alternation.views).number_of_views
+    return partial(refine_through_camera, config=config.camera, options=options, views=views)
 
 
 def choose_options(config: FitConfig) -> PerspectiveOptions:
     """Return how the config wants shapes refined under perspective."""
-    from shapefit.lifting.perspective.refinement import PerspectiveOptions
-
     return PerspectiveOptions(
         ridge=config.camera.ridge,
         softness=config.camera.softness,
-        max_rounds=config.camera.max_rounds,
         threads=config.threads,
     )
 
 
-def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:
-    """Return what follows single images: nothing, or the inference over whole sequences."""
+def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement | None:
+    """Return the inference over whole sequences, where the method is for these."""
     if not METHODS[config.method].sequences:
-        return lambda lifting, _: lifting
+        return None
     from shapefit.lifting.sequences.method import refine_lifting
     from shapefit.pipelines.fit.motion import find_lengths, find_motion
 
@@ -133,13 +177,13 @@ def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement:
     return refine
 
 
-def find_covariance(images: LandmarkSet, config: FitConfig) -> Floats | None:
+def find_covariance(images: LandmarkSet) -> Floats | None:
     """Return the covariance (n, p, 2, 2) of the landmarks that came with them, if it did.
 
     Raises InputError where the dataset holds no covariances.
     """
     name = LANDMARK_COVARIANCE
-    values = images.extras.get(name) if config.method == "posterior" else None
+    values = images.extras.get(name)
     if values is None:
         return None
     shape = (len(images), len(images.landmark_names), 2, 2)
@@ -158,8 +202,8 @@ def choose_program(config: FitConfig) -> Program:
     """Return the convex program that the config names."""
     return Program(
         lam=None if config.lam == "auto" else config.lam,
-        loss=Loss(config.loss),
-        beta=config.beta,
+        loss=Loss(config.data_term),
+        beta=config.outliers.limit,
         noise=config.noise or 0.0,
     )
 
@@ -170,36 +214,21 @@ def choose_settings(config: FitConfig, dictionary: Dictionary, solve: Solve) -> 
     options = None
     if method.section is not None:
         name, kind = method.section
-        options = kind(
-            **{key.name: getattr(getattr(config, name), key.name) for key in fields(kind)}
-        )
+        section = getattr(config, name)
+        keys = type(section).model_fields.keys() & {key.name for key in fields(kind)}
+        options = kind(**{key: getattr(section, key) for key in keys})
     return Settings(
         solve=solve,
         mean_shape=dictionary.mean_shape,
         needs={need.name: getattr(dictionary, need.name) for need in method.needs},
         options=options,
-        orthogonal=config.orthogonal,
+        orthogonal=config.rotations == "orthogonal",
         threads=config.threads,
     )
 
 
 def choose_solver(config: FitConfig) -> Solve:
-    """Return the solver that the config names, with its options."""
-    options = config.solver
-    if options.name == "admm":
-        from shapefit.convex.admm import solve_admm
-
-        return partial(
-            solve_admm,
-            tolerance=options.tolerance,
-            stop=options.stop,
-            max_iterations=options.max_iterations,
-        )
-    return choose_newton(config)
-
-
-def choose_newton(config: FitConfig) -> WarmSolve:
-    """Return the fast solver with the options of the config."""
+    """Return the solver with the options of the config."""
     options = config.solver
     return partial(
         solve_newton,

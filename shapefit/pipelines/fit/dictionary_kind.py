@@ -18,7 +18,7 @@ def check_needs(config: FitConfig, dictionary: Dictionary) -> None:
 def mismatch(config: FitConfig, dictionary: Dictionary) -> tuple[str, ...]:
     """Return a warning where the method is made for dictionaries that were learned otherwise.
 
-    A dictionary that does not tell how it was learned passes, and any where signs are free.
+    A dictionary that does not state how it was learned passes, and any where signs are free.
     """
     learned = dictionary.provenance.get("method")
     wanted = METHODS[config.method].learned

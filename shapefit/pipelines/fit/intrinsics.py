@@ -1,4 +1,4 @@
-"""What the config and the landmark files say about the camera of each image."""
+"""The camera of each image, from the config and the landmark files, and shapes refined for it."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.config.commands.fit_camera import ViewingConfig
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.io import LandmarkSet
+from shapefit.lifting.lift import Lifting
+from shapefit.lifting.options import PerspectiveOptions
+from shapefit.lifting.perspective.view import refine_view
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +36,20 @@ def find_camera(images: LandmarkSet, config: ViewingConfig) -> Camera:
     if config.principal_point is not None:
         centre = np.tile(np.array(config.principal_point), (n, 1))
     return Camera(focal, centre, depth_sign(images.y_axis))
+
+
+def refine_through_camera(
+    lifting: Lifting,
+    images: LandmarkSet,
+    dictionary: Dictionary,
+    *,
+    config: ViewingConfig,
+    options: PerspectiveOptions,
+    views: int,
+) -> Lifting:
+    """Refine what was lifted under the full projection of the cameras of the images."""
+    camera = find_camera(images, config)
+    return refine_view(lifting, images.landmarks, camera, dictionary, options, views=views)
 
 
 def all_aside(landmarks: Floats, camera: Camera) -> bool:
@@ -62,7 +80,7 @@ def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:
         raise input_error(place, "does not hold numbers", "name one with focal lengths or matrices")
     if np.iscomplexobj(values) or not np.isfinite(values).all():
         fix = "correct it, or leave out the images"
-        raise input_error(place, "holds numbers that are not real and finite", fix)
+        raise input_error(place, "holds numbers that are not real or not finite", fix)
     numbers = np.asarray(values, dtype=np.float64)
     if shape in ((), (1,), (n,)):
         focal = np.broadcast_to(numbers.reshape(-1, 1), (n, 2))
@@ -77,7 +95,7 @@ def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:
         if wrong.any():
             rows = ", ".join(" ".join(f"{x:g}" for x in row) for row in matrices[wrong.argmax()])
             fix = "give matrices with rows fx 0 cx, 0 fy cy, 0 0 1 (no skew)"
-            raise input_error(place, f"holds a matrix that no camera has, {rows}", fix)
+            raise input_error(place, f"holds an impossible camera matrix, {rows}", fix)
     else:
         found = f"has the shape {shape}"
         fix = f"give one number or 3x3 matrix, or {n} of them, one per image"

@@ -20,14 +20,8 @@ if TYPE_CHECKING:
     from shapefit.pipelines.fit.chain import Lifter
 
 
-def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary, threads: int) -> Lifter:
-    """Return what lifts each image with the dictionary without the item that `dataset` names.
-
-    Images of an item that the dictionary does not have are lifted with all atoms. The lifting has
-    the columns of the whole dictionary, 0 for atoms left out. `threads` = 0 means one per core.
-    Raises InputError where the atoms have no items, or but one; and, when it lifts, where the
-    images lack the dataset.
-    """
+def check_items(dictionary: Dictionary) -> None:
+    """Raise InputError where the atoms of a dictionary have no items, or but one."""
     if dictionary.atom_items is None:
         found = "the atoms of the dictionary have no items"
         raise input_error(KEY, found, f"learn it with `method: exemplars`, or remove `{KEY}`")
@@ -35,21 +29,28 @@ def leaving_out(lifter: Lifter, dataset: str, dictionary: Dictionary, threads: i
         found = f"every atom of the dictionary is the item '{dictionary.atom_items[0]}'"
         raise input_error(KEY, found, "learn the dictionary from more models")
 
-    def lift_without(images: LandmarkSet, whole: Dictionary) -> Lifting:
-        items = find_left_out(images, dataset, whole)
 
-        def lift_group(rows: NDArray[np.intp]) -> Group:
-            item = str(items[rows[0]])
-            lifting = lifter(images.take(rows), whole.without(item) if item else whole)
-            return Group(lifting, rows, np.flatnonzero(whole.atoms_without(item)))
+def lift_left_out(
+    images: LandmarkSet, whole: Dictionary, lifter: Lifter, *, dataset: str, threads: int
+) -> Lifting:
+    """Lift each image with the dictionary without the item that `dataset` names.
 
-        parts = [np.flatnonzero(items == item) for item in dict.fromkeys(items.tolist())]
-        # A lifter has work for several threads where there is more than a stretch of images.
-        groups = [lift_group(rows) for rows in parts if len(rows) > STRETCH]
-        groups += on_threads([rows for rows in parts if len(rows) <= STRETCH], lift_group, threads)
-        return merge(groups, whole.atoms) if groups else lifter(images, whole)
+    Images of an item that the dictionary does not have are lifted with all atoms. The lifting has
+    the columns of the whole dictionary, 0 for atoms left out. `threads` = 0 means one per core.
+    Raises InputError where the images lack the dataset.
+    """
+    items = find_left_out(images, dataset, whole)
 
-    return lift_without
+    def lift_group(rows: NDArray[np.intp]) -> Group:
+        item = str(items[rows[0]])
+        lifting = lifter(images.take(rows), whole.without(item) if item else whole)
+        return Group(lifting, rows, np.flatnonzero(whole.atoms_without(item)))
+
+    parts = [np.flatnonzero(items == item) for item in dict.fromkeys(items.tolist())]
+    # A lifter has work for several threads where there is more than a stretch of images.
+    groups = [lift_group(rows) for rows in parts if len(rows) > STRETCH]
+    groups += on_threads([rows for rows in parts if len(rows) <= STRETCH], lift_group, threads)
+    return merge(groups, whole.atoms) if groups else lifter(images, whole)
 
 
 class UnknownItems:
@@ -76,11 +77,11 @@ class UnknownItems:
         if not self._count:
             return ()
         found = (
-            f"{self._count} of {self._images} images show no item of the dictionary, "
-            f"the first '{self._first[0]}'"
+            f"{self._count} of {self._images} images show items that are not in the "
+            f"dictionary, the first '{self._first[0]}'"
         )
         if self._count == self._images:
             items = ", ".join(f"'{item}'" for item in list(self._dictionary.atom_items or ())[:3])
-            fix = f"name the dataset whose texts are items of the dictionary, as {items}"
+            fix = f"name the dataset that holds items of the dictionary, such as {items}"
             raise input_error(KEY, found, fix)
         return (f"{KEY}: {found}; they were fitted with all atoms",)

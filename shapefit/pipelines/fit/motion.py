@@ -13,7 +13,6 @@ from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import match_landmarks, read_shapes
-from shapefit.io.sources import is_hdf5
 from shapefit.lifting.sequences.clips import Motion
 
 Floats = NDArray[np.float64]
@@ -56,7 +55,7 @@ def find_lengths(config: FitConfig, dictionary: Dictionary) -> Floats | None:
         return None
     assert dictionary.edges is not None  # check_needs
     names = dictionary.landmark_names
-    table = None if is_hdf5(path) else read_lengths(path)
+    table = read_lengths(path)
     if table is None:
         shapes = read_shapes([path], gaps=True)
         known = [name for name in names if name in set(shapes.landmark_names)]
@@ -85,11 +84,10 @@ def read_lengths(path: Path) -> dict[frozenset[str], float] | None:
     Raises InputError with the line of what is no length.
     """
     found: dict[frozenset[str], float] = {}
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = csv.reader(file)
-        if tuple(cell.strip() for cell in next(rows, [])) != HEADER:
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        if tuple(file.readline().strip().split(",")) != HEADER:
             return None
-        for line, row in enumerate(rows, 2):
+        for line, row in enumerate(csv.reader(file), 2):
             try:
                 one, other, text = row
                 length = float(text)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import blake2b
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.config.commands.fit_outliers import OutlierSearchConfig
+from shapefit.config.commands.fit_outliers import OutliersConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
@@ -20,14 +20,15 @@ from shapefit.lifting.outliers.truncated import Solve, find_untruncated
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+MOST_ROUNDS = 100
+"""Of fitting and judging again, per image; they settle after a few."""
+
 Search = Callable[[LandmarkSet, Floats, Dictionary], Flags]
 """From images, their weights Omega (n, p) and a dictionary to the inliers (n, p)."""
 
 
-def choose_search(config: OutlierSearchConfig, solve: Solve, threads: int) -> Search | None:
-    """Return the search that the config names, if any; `solve` solves the convex program."""
-    if config.method == "none":
-        return None
+def choose_search(config: OutliersConfig, solve: Solve, threads: int) -> Search:
+    """Return the search that the config names; `solve` solves the convex program."""
     if config.method == "truncated":
         return lambda images, weights, dictionary: find_untruncated(
             images.landmarks,
@@ -35,15 +36,15 @@ def choose_search(config: OutlierSearchConfig, solve: Solve, threads: int) -> Se
             dictionary.atoms,
             solve,
             lam=config.lam,
-            threshold=config.threshold,
-            max_rounds=config.max_rounds,
+            threshold=config.limit,
+            max_rounds=MOST_ROUNDS,
             threads=threads,
         )
     consensus = partial(
         find_consensus,
-        threshold=config.threshold,
+        threshold=config.limit,
         draws=config.draws,
-        max_rounds=config.max_rounds,
+        max_rounds=MOST_ROUNDS,
         threads=threads,
     )
     return lambda images, weights, dictionary: consensus(
@@ -60,19 +61,34 @@ def find_seeds(images: LandmarkSet, seed: int) -> NDArray[np.uint64]:
     return np.frombuffer(b"".join(digests), dtype="<u8").astype(np.uint64)
 
 
-def lift_inliers(
-    search: Search,
-    images: LandmarkSet,
-    weights: Floats,
-    dictionary: Dictionary,
-    lift: Callable[[Floats], Lifting],
-) -> Lifting:
-    """Lift with the weights of the inliers only, and label the other visible landmarks.
+@dataclass(frozen=True)
+class Agreement:
+    """The landmarks that agree with each other, in n images.
 
-    `lift` takes weights (n, p), and 0 for an outlier, as if it were hidden: neither the fit nor
-    the normalisation knows it. An image whose inliers are fewer than BEYOND_CHANCE, or on one
-    line, fails with that as its reason, all its landmarks labelled. One that has no more visible
-    landmarks, or whose landmarks are degenerate themselves, is not searched.
+    visible and inliers (n, p); lost: image -> reason, for images in which too few agree.
+    """
+
+    visible: Flags
+    inliers: Flags
+    lost: Mapping[int, str]
+
+    def label(self, lifting: Lifting) -> Lifting:
+        """Label the other visible landmarks in what was lifted, and fail the images lost."""
+        return replace(
+            lifting,
+            estimate=replace(lifting.estimate, outliers=self.visible & ~self.inliers),
+            failures={**lifting.failures, **self.lost},
+        )
+
+
+def find_inliers(
+    search: Search, images: LandmarkSet, weights: Floats, dictionary: Dictionary
+) -> Agreement:
+    """Find the inliers; the others are to be lifted with weight 0, as if they were hidden.
+
+    Then neither the fit nor the normalisation knows them. An image whose inliers are fewer than
+    BEYOND_CHANCE, or on one line, is lost, all its landmarks labelled. One that has no more
+    visible landmarks, or whose landmarks are degenerate themselves, is not searched.
     """
     visible = weights > 0
     seen = visible.sum(axis=1)
@@ -86,14 +102,9 @@ def lift_inliers(
     lost[list(find_degenerate(images.landmarks, found))] = True
     lost &= searched
     inliers[lost] = False
-    lifting = lift(np.where(inliers, weights, 0.0))
     reasons = {
-        image: f"only {agree[image]} of {seen[image]} visible landmarks agree with each other; it "
-        f"takes {BEYOND_CHANCE}, not all on one line"
+        image: f"only {agree[image]} of {seen[image]} visible landmarks agree with each other; the "
+        f"minimum is {BEYOND_CHANCE}, not all on one line"
         for image in np.flatnonzero(lost).tolist()
     }
-    return replace(
-        lifting,
-        estimate=replace(lifting.estimate, outliers=visible & ~inliers),
-        failures={**lifting.failures, **reasons},
-    )
+    return Agreement(visible, inliers, reasons)

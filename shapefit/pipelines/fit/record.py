@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,20 +12,16 @@ from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet, LandmarkSource, ResultSet
 from shapefit.io.extras import Extras, names_apart
+from shapefit.io.formats import find_target_format
 from shapefit.io.layout import RESULTS
-from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.left_out_items import find_left_out
-
-if TYPE_CHECKING:
-    from shapefit.lifting.path import Path
 
 Floats = NDArray[np.float64]
 
 OF_A_RESULT = RESULTS.names | {
     *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
-    *("path_lambda", "path_objective", "path_relative_gap", "path_residual", "path_active_atoms"),
     *("camera_translation", "focal", "principal_point", "position", "left_out"),
     "shape_covariance",
     *(name for method in METHODS.values() for name in method.further),
@@ -36,7 +32,6 @@ OF_A_RESULT = RESULTS.names | {
 def as_result(
     images: LandmarkSet,
     lifting: Lifting,
-    path: Path | None,
     config: FitConfig,
     dictionary: Dictionary,
 ) -> ResultSet:
@@ -50,6 +45,7 @@ def as_result(
         shape = (-1,) + (1,) * (values.ndim - 1)
         return np.where(failed.reshape(shape), np.nan, values)
 
+    unwanted = find_target_format(config.output).points_only and not config.posterior.csv_deviations
     record = ResultSet(
         shapes=lifting.shapes,
         landmarks_fitted=lifting.landmarks_fitted,
@@ -64,12 +60,12 @@ def as_result(
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
-        shape_sd=scaled_deviation(lifting),
+        shape_sd=None if unwanted else scaled_deviation(lifting),
         transforms=where_fitted(found.transforms) if config.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
         frame_rate=images.frame_rate,
-        extras=further_datasets(images, lifting, path, config, dictionary),
+        extras=further_datasets(images, lifting, config, dictionary),
     )
     return with_proof(record, lifting, config) if config.proof else record
 
@@ -119,7 +115,6 @@ def with_proof(record: ResultSet, lifting: Lifting, config: FitConfig) -> Result
 def further_datasets(
     images: LandmarkSet,
     lifting: Lifting,
-    path: Path | None,
     config: FitConfig,
     dictionary: Dictionary,
 ) -> Extras:
@@ -137,12 +132,6 @@ def further_datasets(
         "shape_covariance": covariance_by_landmark(lifting),
         **found.further,
     }
-    if path is not None:
-        own["path_lambda"] = path.lam
-        own["path_objective"] = path.objective
-        own["path_relative_gap"] = path.relative_gap
-        own["path_residual"] = path.residual
-        own["path_active_atoms"] = path.active_atoms
     if config.leave_out is not None:
         own["left_out"] = find_left_out(images, config.leave_out, dictionary).astype(object)
     if lifting.perspective is not None:
@@ -156,9 +145,9 @@ def find_renamed(source: LandmarkSource, config: FitConfig) -> tuple[str, ...]:
     """Warn of datasets of the landmarks that a result cannot store under their names."""
     names = names_apart(source.further_datasets, OF_A_RESULT)
     stored = [f"{name} is stored as {new}" for name, new in names.items() if new != name]
-    if not stored or is_csv_target(config.output):
+    if not stored or find_target_format(config.output).points_only:
         return ()
-    return (f"datasets of the landmarks are named like those of a result: {', '.join(stored)}",)
+    return (f"datasets of the landmarks have names that a result uses: {', '.join(stored)}",)
 
 
 def perspective_datasets(

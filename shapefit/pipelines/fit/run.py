@@ -7,6 +7,8 @@ import json
 import math
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,39 +16,40 @@ from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
 from shapefit.core import STRETCH
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
+    ResultSet,
     digests,
     open_landmarks,
     read_dictionary,
     result_writer,
 )
+from shapefit.io.formats import find_target_format
 from shapefit.io.records import nearest_names
-from shapefit.io.sources import is_csv_target
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports
-from shapefit.pipelines.fit.chain import choose_lifter, choose_newton
+from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
-from shapefit.pipelines.outcome import Failure, Outcome, nothing_in
+from shapefit.pipelines.outcome import Counted, Failure, Outcome, nothing_in
 
 FEWEST_LANDMARKS = 3
 """Of a file that the dictionary must know, so that it can do without the others."""
 
-GATHERED = 4096
+READ_AHEAD = 4096
 """Images that are read before the first whole sequences of them are lifted."""
 
 
 def run(config: FitConfig) -> Iterator[Outcome]:
-    """Lift every image of the landmark files; yields an Outcome a chunk."""
+    """Lift every image of the landmark files; yields an Outcome per chunk."""
     check_holds_all(config)
     dictionary = read_dictionary(config.dictionary)
-    lifter = choose_lifter(config, dictionary)
-    newton = choose_newton(config)
+    chain = choose_chain(config, dictionary)
     unknown = None
     if config.leave_out:
         from shapefit.pipelines.fit.left_out import UnknownItems
@@ -58,23 +61,12 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         open_exports(config, dictionary, source.count) as exports,
         result_writer(config.output) as writer,
     ):
-        names = dictionary.landmark_names
-        strange = find_strange(source.landmark_names, names)
-        for chunk in find_chunks(source, config):
-            images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
-            began = time.perf_counter()
-            lifting = lifter(images, dictionary)
-            solve_seconds += time.perf_counter() - began
+        for images, lifting, record, seconds in fit_chunks(source, config, dictionary, chain):
             if unknown:
                 unknown.add(images)
-            path = None
-            if config.path:
-                from shapefit.lifting.path import follow_path
-
-                path = follow_path(lifting.problem, config.path, newton)
-            record = as_result(images, lifting, path, config, dictionary)
             writer.append(record)
             exports.add(record, lifting.estimate.transforms)
+            solve_seconds += seconds
             done += len(images)
             yield Outcome(
                 done=len(images),
@@ -82,16 +74,11 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 failures=find_failures(images, lifting, config),
                 warnings=find_warnings(images, lifting, config),
             )
+        names = dictionary.landmark_names
+        strange = find_strange(source.landmark_names, names)
         left_in = unknown.warnings if unknown else ()
-        writer.attributes.update(
-            method=config.method,
-            version=__version__,
-            config=config.as_json(),
-            config_digest=hashlib.sha256(config.as_json().encode()).hexdigest(),
-            inputs=json.dumps(digests((*config.landmarks, config.dictionary))),
-            solve_seconds=solve_seconds,
-            images_per_second=done / solve_seconds if solve_seconds > 0 else 0.0,
-        )
+        inputs = (*config.landmarks, config.dictionary)
+        writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
         # Taken back where the result cannot be completed, which happens on leaving this block.
         exports.publish()
     yield Outcome(
@@ -108,22 +95,60 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     )
 
 
+class Fitted(NamedTuple):
+    """A chunk of images with what was found, and the seconds that it took to lift them."""
+
+    images: LandmarkSet
+    lifting: Lifting
+    record: ResultSet
+    seconds: float
+
+
+def fit_chunks(
+    source: LandmarkSource, config: FitConfig, dictionary: Dictionary, chain: Chain
+) -> Iterator[Fitted]:
+    """From landmarks to the records of a result, chunk by chunk."""
+    names = dictionary.landmark_names
+    strange = find_strange(source.landmark_names, names)
+    for chunk in find_chunks(source, config):
+        images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
+        began = time.perf_counter()
+        lifting = fit_images(images, dictionary, chain)
+        seconds = time.perf_counter() - began
+        record = as_result(images, lifting, config, dictionary)
+        yield Fitted(images, lifting, record, seconds)
+
+
+def attributes_of(
+    config: FitConfig, inputs: Sequence[Path], seconds: float, images: int
+) -> dict[str, str | float | int]:
+    """Return what is stored of a fit beside its images, `inputs` by their digests."""
+    return {
+        "method": config.method,
+        "version": __version__,
+        "config": config.as_json(),
+        "config_digest": hashlib.sha256(config.as_json().encode()).hexdigest(),
+        "inputs": json.dumps(digests(inputs)),
+        "solve_seconds": seconds,
+        "images_per_second": images / seconds if seconds > 0 else 0.0,
+    }
+
+
 def check_holds_all(config: FitConfig) -> None:
     """Raise InputError where the config asks for more than the output can hold."""
-    for key in ("path", "transforms"):
-        if getattr(config, key) and is_csv_target(config.output):
-            found = f"asks for what {config.output} cannot hold: CSV is for points only"
-            raise input_error(key, found, "name an HDF5 output, or leave it out")
+    if config.transforms and find_target_format(config.output).points_only:
+        found = f"cannot be stored in {config.output}: CSV holds points only"
+        raise input_error("transforms", found, "name an HDF5 output, or leave it out")
 
 
 def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkSet]:
     """Give out the images, cut where no result depends on `chunk`.
 
     An image starts from its neighbour's solution within a stretch, so chunks hold whole stretches.
-    With `method: sequences` they hold whole sequences, GATHERED or more images at a time.
+    With `method: sequences` they hold whole sequences, READ_AHEAD or more images at a time.
     """
     if METHODS[config.method].sequences:
-        return whole_sequences(map(with_sequences, source.chunks(GATHERED)))
+        return whole_sequences(map(with_sequences, source.chunks(READ_AHEAD)))
     return source.chunks(math.ceil(config.chunk / STRETCH) * STRETCH)
 
 
@@ -177,9 +202,11 @@ def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
     return tuple(Failure(images.items[image], reasons[image]) for image in sorted(reasons))
 
 
-def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[str, ...]:
-    """Say how many images stopped at the iteration limit, and that the camera looks wrong."""
-    told = []
+def find_warnings(
+    images: LandmarkSet, lifting: Lifting, config: FitConfig
+) -> tuple[str | Counted, ...]:
+    """Count images that stopped at the iteration limit, and warn where the camera looks wrong."""
+    found: list[str | Counted] = []
     limited = [
         image
         for image, status in enumerate(lifting.estimate.status)
@@ -188,29 +215,42 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> t
     if limited and not config.strict:
         gap = lifting.estimate.relative_gap
         worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
-        told.append(
-            f"{counted(len(limited), 'image')} not optimal, the worst: {describe(lifting, worst)}"
+        found.append(
+            Counted(
+                len(limited),
+                "image",
+                "not optimal",
+                worst=describe(lifting, worst),
+                severity=0.0 if gap is None or np.isnan(gap[worst]) else float(gap[worst]),
+            )
         )
     if images.confidence is not None and (images.confidence > 1).any():
-        told.append(
-            "confidences above 1: they are weights, and larger ones pull harder against `lambda`; "
-            "divide them by their largest value if that is not meant"
+        found.append(
+            "confidences above 1: they are weights, and larger ones count more against `lambda`; "
+            "divide them by their largest value if that is not intended"
         )
+    plausibility = lifting.estimate.further.get("plausibility")
+    if plausibility is not None:
+        doubtful = int((plausibility < config.posterior.implausible).sum())
+        if doubtful:
+            text = f"not to be trusted: the plausibility is below {config.posterior.implausible:g}"
+            found.append(Counted(doubtful, "image", text))
     empty = find_empty(lifting)
     if empty:
-        told.append(
-            f"{counted(len(empty), 'image')} with an empty shape, all landmarks on one point: "
-            "lambda is above lambda_max there, or near it; lower `lambda`"
+        text = (
+            "with an empty shape, all landmarks at one point: lambda is at or above lambda_max of "
+            "the image; lower `lambda`"
         )
+        found.append(Counted(len(empty), "image", text))
     if lifting.perspective:
         from shapefit.pipelines.fit.intrinsics import all_aside
 
         if all_aside(images.landmarks, lifting.perspective.camera):
-            told.append(
-                "all landmarks lie far to one side of the optical axis; is "
+            found.append(
+                "all landmarks are far to one side of the optical axis; is "
                 "`camera.principal_point` right?"
             )
-    return tuple(told)
+    return tuple(found)
 
 
 def find_empty(lifting: Lifting) -> list[int]:
@@ -228,5 +268,5 @@ def describe(lifting: Lifting, image: int) -> str:
         return reached
     gap = found.relative_gap[image]
     if np.isnan(gap):  # the exact loss, where nothing is proved
-        return f"{reached}, the landmarks are missed by {found.residual[image]:.2g} of their spread"
+        return f"{reached}, the landmarks are off by {found.residual[image]:.2g} of their spread"
     return f"{reached}, relative gap {gap:.2g}"

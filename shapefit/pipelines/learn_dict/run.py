@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.atom_scale import scale_of_atoms
+from shapefit.dictionary.coding import duality_gaps, objectives
 from shapefit.dictionary.learning import Learned, learn
-from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.pca_bases import principal_components
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import check_output, digests, write_dictionary
+from shapefit.io import ShapeSet, check_output, digests, read_shapes, write_dictionary
 from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
@@ -27,52 +27,80 @@ from shapefit.pipelines.outcome import Outcome
 Floats = NDArray[np.float64]
 
 
-def run(config: LearnDictConfig) -> Iterator[Outcome]:
-    """Make the dictionary and write it; one outcome a round (`pca-bases`: a sequence).
+Making = Generator[Outcome, None, Dictionary]
+"""Yields an outcome a round, and returns the dictionary; the last outcome sums up."""
 
-    The first outcome lists the shapes that could not be used. The dictionary has the landmarks
-    and edges of the shapes; atoms that are shapes or mixtures of shapes have meshes mixed alike.
-    Raises InputError for files that cannot be read or written, for what `find_training_shapes`
-    refuses, and for bases of sequences that all stand still.
+
+def run(config: LearnDictConfig) -> Iterator[Outcome]:
+    """Make the dictionary and write it; one outcome per round, sequence or set of exemplars.
+
+    The first outcome lists the shapes that could not be used. Raises InputError for files that
+    cannot be read or written, and as `make_dictionary` does.
     """
     check_output(config.output)
-    training = find_training_shapes(config)
+    making = make_dictionary(
+        read_shapes(config.shapes, config.rename), config, digests(config.shapes)
+    )
+    outcome = next(making)
+    while True:
+        try:
+            following = next(making)
+        except StopIteration as stop:
+            dictionary = stop.value
+            break
+        yield outcome
+        outcome = following
+    write_dictionary(config.output, dictionary)
+    yield replace(outcome, written=(config.output,))
+
+
+def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[str, str]) -> Making:
+    """Make the dictionary of shapes; `inputs` are the digests of their files.
+
+    It has the landmarks and edges of the shapes; atoms that are shapes or mixtures of shapes have
+    meshes mixed alike. Raises InputError for what `find_training_shapes` refuses, and for bases of
+    sequences that all stand still.
+    """
+    training = find_training_shapes(given, config)
     yield Outcome(
         failures=training.failures,
         warnings=training.warnings,
         note=counted(len(training), "shape"),
     )
+    prior = None
+    if config.prior.components:
+        prior, note = learn_prior(config, training)
+        yield Outcome(note=note)
     methods = {
         "sparse-coding": _sparse_coding,
         "exemplars": _exemplars,
         "pca-bases": _pca_bases,
     }
-    prior = None
-    if config.prior.components:
-        prior, note = learn_prior(config, training)
-        yield Outcome(note=note)
-    yield from methods[config.method](config, training, prior)
+    made = yield from methods[config.method](config, training)
+    provenance = {
+        "method": config.method,
+        "version": __version__,
+        "config": config.as_json(),
+        "inputs": json.dumps(inputs),
+    }
+    return replace(made, prior=prior, provenance=provenance)
 
 
-def _exemplars(
-    config: LearnDictConfig, training: TrainingShapes, prior: Mixture | None
-) -> Iterator[Outcome]:
+def _exemplars(config: LearnDictConfig, training: TrainingShapes) -> Making:
     """Make every shape an atom."""
     atoms = training.alignment.shapes
     dictionary = replace(
-        _dictionary(config, training, atoms, prior),
+        _dictionary(training, atoms),
         mesh_vertices=training.mesh_vertices,
         mesh_faces=training.original.mesh_faces,
         atom_scale=training.scale,
         atom_items=training.original.items,
     )
-    write_dictionary(config.output, dictionary)
-    yield Outcome(note=counted(len(atoms), "atom"), written=(config.output,))
+    yield Outcome(done=len(atoms), unit="shape", note=counted(len(atoms), "atom"))
+    return dictionary
 
 
-def _sparse_coding(
-    config: LearnDictConfig, training: TrainingShapes, prior: Mixture | None
-) -> Iterator[Outcome]:
+def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Making:
     """Learn by sparse coding, with the objective of each round in its note."""
     shapes = training.alignment.shapes
     rounds = learn(
@@ -80,59 +108,63 @@ def _sparse_coding(
         config.k,
         config.beta,
         iterations=config.iterations,
-        tolerance=config.tolerance,
-        atom_bound=config.atom_bound,
     )
     for learned in rounds:
         note = f"objective {learned.trace[-1]:.6g}"
-        yield Outcome(done=1, total=config.iterations, note=note)
+        yield Outcome(done=1, total=config.iterations, unit="round", note=note)
     mesh_vertices = _mix_meshes(training, learned.atoms)
     dictionary = replace(
-        _dictionary(config, training, learned.atoms, prior),
+        _dictionary(training, learned.atoms),
         mesh_vertices=mesh_vertices,
         mesh_faces=None if mesh_vertices is None else training.original.mesh_faces,
         atom_scale=scale_of_atoms(learned.atoms, learned.coefficients, training.scale),
         objective_trace=learned.trace,
     )
-    write_dictionary(config.output, dictionary)
     warnings = [*_dead_atoms(learned)]
     if training.mesh_vertices is not None and mesh_vertices is None:
-        warnings.append("the meshes are left out: an atom is no mixture of the training shapes")
+        warnings.append("the meshes are left out: an atom is no combination of the training shapes")
     yield Outcome(
         total=config.iterations,
         warnings=tuple(warnings),
         note=(
             f"objective {learned.trace[-1]:.6g}, "
             f"relative error {learned.relative_error(shapes):.4f}, "
+            f"{_largest_gap(learned, shapes, config.beta)}"
             f"{learned.active_atoms:.1f} active atoms per shape"
         ),
-        written=(config.output,),
     )
+    return dictionary
 
 
-def _pca_bases(
-    config: LearnDictConfig, training: TrainingShapes, prior: Mixture | None
-) -> Iterator[Outcome]:
+def _largest_gap(learned: Learned, shapes: Floats, beta: float) -> str:
+    """Say how far the coding of any shape can be from its optimum; unknown where beta is 0."""
+    if beta == 0:
+        return ""
+    gaps = duality_gaps(shapes, learned.atoms, beta, learned.coefficients)
+    objective = objectives(shapes, learned.atoms, beta, learned.coefficients)
+    relative = np.divide(gaps, objective, out=np.zeros_like(gaps), where=objective > 0)
+    return f"relative gap of the coding at most {max(relative.max(), 0.0):.1g}, "
+
+
+def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Making:
     """Find the bases of each sequence, with their number in its note."""
     sequences = np.array(training.original.sequences or ("",) * len(training))
     names = dict.fromkeys(sequences.tolist())
     found = []
     for name in names:
         moving = training.alignment.shapes[sequences == name]
-        found.append(principal_components(moving, config.energy, config.components))
+        found.append(principal_components(moving, config.bases))
         note = f"{len(found[-1])} bases" + (f" of {name}" if name else "")
-        yield Outcome(done=1, total=len(names), note=note)
+        yield Outcome(done=1, total=len(names), unit="sequence", note=note)
     bases = np.concatenate(found)
     if not len(bases):
         problem = "the shapes of each sequence are all alike"
         raise input_error("shapes", problem, "give sequences that move")
-    write_dictionary(config.output, _dictionary(config, training, bases, prior))
     warnings: tuple[str, ...] = ()
     if training.mesh_vertices is not None:
         warnings = ("the meshes are left out: bases are differences of shapes, not shapes",)
-    yield Outcome(
-        total=len(names), warnings=warnings, note=f"{len(bases)} bases", written=(config.output,)
-    )
+    yield Outcome(total=len(names), warnings=warnings, note=f"{len(bases)} bases")
+    return _dictionary(training, bases)
 
 
 def _mix_meshes(training: TrainingShapes, atoms: Floats) -> Floats | None:
@@ -150,9 +182,7 @@ def _dead_atoms(learned: Learned) -> Iterator[str]:
         yield f"{learned.dead_atoms} of {len(learned.atoms)} atoms are used by no training shape"
 
 
-def _dictionary(
-    config: LearnDictConfig, training: TrainingShapes, atoms: Floats, prior: Mixture | None
-) -> Dictionary:
+def _dictionary(training: TrainingShapes, atoms: Floats) -> Dictionary:
     """Return what the dictionaries of all methods have."""
     return Dictionary(
         atoms=atoms,
@@ -160,14 +190,7 @@ def _dictionary(
         mean_shape=normalise(training.alignment.mean).points,
         edges=training.original.edges,
         unit=training.original.unit,
-        prior=prior,
         acceleration=training.acceleration,
         edge_give=training.give,
         frame_rate=None if training.acceleration is None else training.original.frame_rate,
-        provenance={
-            "method": config.method,
-            "version": __version__,
-            "config": config.as_json(),
-            "inputs": json.dumps(digests(config.shapes)),
-        },
     )

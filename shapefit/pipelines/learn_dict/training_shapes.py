@@ -14,7 +14,7 @@ from shapefit.dictionary.motion import find_acceleration, find_give
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import SMALLEST, normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
-from shapefit.io import ShapeSet, match_landmarks, read_shapes
+from shapefit.io import ShapeSet, match_landmarks
 from shapefit.meshes.dense import carry_mesh
 from shapefit.pipelines.learn_dict.symmetry import apply_symmetry
 from shapefit.pipelines.outcome import Failure
@@ -45,21 +45,20 @@ class TrainingShapes:
         return len(self.original)
 
 
-def find_training_shapes(config: LearnDictConfig) -> TrainingShapes:
-    """Read every n-th shape of each sequence, made symmetric or doubled, normalised and aligned.
+def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingShapes:
+    """Take every n-th shape of each sequence, made symmetric or doubled, normalised and aligned.
 
-    Shapes that cannot be normalised are failures. Raises InputError for files that cannot be read,
-    shapes without the pairs of landmarks that `symmetry` needs, unknown landmarks in `align`,
-    0 shapes, and k above their number.
+    Shapes that cannot be normalised are failures. Raises InputError for shapes without the pairs
+    of landmarks that `symmetry` needs, unknown landmarks in `align`, 0 shapes, and k above their
+    number.
     """
-    kept = read_shapes(config.shapes, config.rename)
-    sequences = kept.sequences or ("",) * len(kept)
-    fine = separate(kept)[0]
+    fine = separate(given)[0]
     acceleration = find_acceleration(fine.shapes, fine.sequences) if fine.sequences else None
     give = None
     if fine.edges is not None and len(fine):
         give = find_give(fine.shapes, fine.edges, fine.sequences or ("",) * len(fine))
-    kept = kept.take(every_nth(sequences, config.every))
+    sequences = given.sequences or ("",) * len(given)
+    kept = given.take(every_nth(sequences, config.every))
     usable, failures = separate(kept)
     if not len(usable):
         found = "there are 0 shapes to learn from"
@@ -106,7 +105,7 @@ def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
         if not np.isfinite(extent[i]):
             return "a coordinate is not finite"
         if not apart[i]:
-            return "all its landmarks lie on one point"
+            return "all its landmarks are at one point"
         return f"its landmarks are too close together, within {extent[i]:.2g}: use a smaller unit"
 
     failures = tuple(Failure(shapes.items[i], reason(i)) for i in np.flatnonzero(~usable).tolist())
@@ -127,9 +126,9 @@ def align(points: Floats, names: tuple[str, ...], config: LearnDictConfig) -> Al
 def find_warnings(given: ShapeSet, shapes: ShapeSet, alignment: Alignment) -> Iterator[str]:
     """Say what became worse on the way from the shapes given to those to learn from."""
     if not alignment.still:
-        yield f"the mean of the aligned shapes still moved after {alignment.rounds} rounds"
+        yield f"the mean of the aligned shapes was still moving after {alignment.rounds} rounds"
     if given.mesh_vertices is not None and shapes.mesh_vertices is None:
         yield (
-            "the meshes are left out: `symmetry` mirrors landmarks, whose partners are known, and "
-            "vertices have none; `symmetry: none` keeps them"
+            "the meshes are left out: `symmetry` mirrors landmarks, whose partners are known; "
+            "vertices have no partners; `symmetry: none` keeps the meshes"
         )

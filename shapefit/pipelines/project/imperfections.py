@@ -1,4 +1,4 @@
-"""What goes wrong with landmarks in real images: noise, hidden landmarks, gross outliers.
+"""What goes wrong with landmarks in real images: noise, hidden landmarks, wrong landmarks.
 
 Random numbers belong to the seed, the purpose, and the position of the image: they are drawn for
 whole blocks of `BLOCK` images, from a stream of their own for each block and purpose. So what
@@ -25,7 +25,6 @@ class Purpose(IntEnum):
     VIEW = 0
     NOISE = 1
     HIDDEN = 2
-    OUTLIERS = 3
     CORRUPTION = 4
 
 
@@ -49,22 +48,6 @@ def hide(landmarks: Floats, share: float, rng: np.random.Generator) -> Floats:
     n, _, p = landmarks.shape
     hidden = _choose(np.ones((n, p), bool), share, p - LEAST_VISIBLE, rng)
     return np.where(hidden[:, None], np.nan, landmarks)
-
-
-def displace(
-    landmarks: Floats, share: float, size: float, rng: np.random.Generator
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Move a random `share` of the visible landmarks (n, 2, p) of each image, n <= BLOCK.
-
-    The displacement is uniform over the disc of radius `size`; the number is rounded as in `hide`.
-    Returns the landmarks, and which were moved (n, p).
-    """
-    n, _, p = landmarks.shape
-    chosen = _choose(np.isfinite(landmarks[:, 0]), share, p, rng)
-    radius = size * np.sqrt(rng.random((BLOCK, p))[:n])
-    angle = 2 * np.pi * rng.random((BLOCK, p))[:n]
-    moved = landmarks + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    return np.where(chosen[:, None], moved, landmarks), chosen
 
 
 def corrupt(

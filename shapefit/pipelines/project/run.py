@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +26,6 @@ from shapefit.pipelines.project.imperfections import (
     BLOCK,
     Purpose,
     add_noise,
-    displace,
     hide,
     stream,
 )
@@ -37,52 +34,34 @@ from shapefit.pipelines.project.turntable import Turntable, sequence_lengths
 Floats = NDArray[np.float64]
 
 TRUE_ROTATION = "true_rotation"
-TRUE_ITEM = "true_item"
-OF_THE_VIEW = (TRUE_ROTATION, TRUE_ITEM, CORRUPTED)
+OF_THE_VIEW = (TRUE_ROTATION, CORRUPTED)
 """Datasets that belong to the images: what came with the shapes gets another name."""
 
 PIXELS = "px"
 
 
 def run(config: ProjectConfig) -> Iterator[Outcome]:
-    """Look at every shape with the camera of the config; yields an Outcome a block of images.
+    """Look at every shape with the camera of the config; yields an Outcome per block of images.
 
     The images have the items, sequences and further datasets of the shapes and `true_rotation`
-    (n, 3, 3), object to camera frame, and where there are outliers `corrupted` (n, p), which tells
-    them; y points up. An orthographic camera keeps the unit of the shapes, a weak-perspective one
-    gives px. Raises InputError for files that cannot be read or written.
+    (n, 3, 3), object to camera frame; y points up. An orthographic camera keeps the unit of the
+    shapes, a weak-perspective one gives px. Raises InputError for files that cannot be read or
+    written.
     """
     check_output(config.output)
     with open_shapes(config.shapes) as source, landmark_writer(config.output) as writer:
-        total = source.count * config.repeat
-        blocks = max(math.ceil(source.count / BLOCK), 1)
-        lengths = sequence_lengths(source)
-        for turn in range(config.repeat):
-            turntable = Turntable(lengths, turn / config.repeat)
-            for block, part in enumerate(source.chunks(BLOCK), turn * blocks):
-                rotations = _rotations(config, turntable.turns(_sequences(part)), block)
-                images = _images(part, rotations, config, block)
-                writer.append(_name_pass(images, turn) if config.repeat > 1 else images)
-                yield Outcome(done=len(part), total=total)
+        turntable = Turntable(sequence_lengths(source))
+        for block, part in enumerate(source.chunks(BLOCK)):
+            rotations = _rotations(config, turntable.turns(_sequences(part)), block)
+            writer.append(_images(part, rotations, config, block))
+            yield Outcome(done=len(part), total=source.count)
         writer.attributes.update(
             version=__version__,
             config=config.as_json(),
             inputs=json.dumps(digests(config.shapes)),
         )
     yield Outcome(
-        total=total, warnings=nothing_in(source.count, "shapes"), written=(config.output,)
-    )
-
-
-def _name_pass(images: LandmarkSet, turn: int) -> LandmarkSet:
-    """Tell the images of one pass over the shapes from those of the others."""
-    extras = Extras.of(images.extras, len(images))
-    mark = f"#{turn + 1}" if turn else ""
-    return replace(
-        images,
-        items=tuple(item + mark for item in images.items),
-        sequences=images.sequences and tuple(name + mark for name in images.sequences),
-        extras=extras | {TRUE_ITEM: np.array(images.items, dtype=object)},
+        total=source.count, warnings=nothing_in(source.count, "shapes"), written=(config.output,)
     )
 
 
@@ -98,30 +77,24 @@ def _rotations(config: ProjectConfig, turns: Floats, block: int) -> Floats:
         return cameras.turntable(turns, camera.up)
     if camera.view == "random":
         return random_rotations(BLOCK, stream(config.seed, Purpose.VIEW, block))[: len(turns)]
-    return np.broadcast_to(np.array(camera.rotation), (len(turns), 3, 3))
+    return np.broadcast_to(np.array(camera.view, dtype=np.float64), (len(turns), 3, 3))
 
 
 def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, block: int) -> LandmarkSet:
     scale = config.camera.scale
-    landmarks = cameras.project(shapes.shapes, rotations, scale)
+    landmarks = cameras.project(shapes.shapes, rotations, 1.0 if scale is None else scale)
     if config.noise > 0:
-        rng = stream(config.seed, Purpose.NOISE, block)
-        landmarks = add_noise(landmarks, config.noise * scale, rng)
+        landmarks = add_noise(landmarks, config.noise, stream(config.seed, Purpose.NOISE, block))
     if config.hidden > 0:
         landmarks = hide(landmarks, config.hidden, stream(config.seed, Purpose.HIDDEN, block))
     extras = Extras.of(shapes.extras, len(shapes)).apart_from(OF_THE_VIEW)
     extras |= {TRUE_ROTATION: rotations}
-    if config.outliers.share > 0:
-        rng = stream(config.seed, Purpose.OUTLIERS, block)
-        share, size = config.outliers.share, config.outliers.size
-        landmarks, moved = displace(landmarks, share, size, rng)
-        extras |= {CORRUPTED: moved}
     return LandmarkSet(
         landmarks=landmarks,
         landmark_names=shapes.landmark_names,
         items=shapes.items,
         sequences=shapes.sequences,
-        unit=shapes.unit if config.camera.model == "orthographic" else PIXELS,
+        unit=shapes.unit if scale is None else PIXELS,
         y_axis="up",
         frame_rate=shapes.frame_rate,
         extras=extras,

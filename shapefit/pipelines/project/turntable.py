@@ -22,10 +22,9 @@ def sequence_lengths(source: ShapeSource) -> Counter[str]:
 
 
 class Turntable:
-    """Counts the frames of each sequence: frame t of n has made start + t / n of a turn."""
+    """Counts the frames of each sequence: frame t of n has made t / n of a turn."""
 
-    def __init__(self, lengths: Mapping[str, int], start: float = 0.0) -> None:
-        self._start = start
+    def __init__(self, lengths: Mapping[str, int]) -> None:
         self._length = lengths
         self._seen: Counter[str] = Counter()
 
@@ -33,6 +32,6 @@ class Turntable:
         """Return the turns (n,) of the next n frames, which belong to these sequences."""
         turns = np.empty(len(sequences))
         for frame, name in enumerate(sequences):
-            turns[frame] = self._start + self._seen[name] / self._length[name]
+            turns[frame] = self._seen[name] / self._length[name]
             self._seen[name] += 1
         return turns

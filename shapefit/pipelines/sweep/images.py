@@ -18,12 +18,16 @@ WARM_UP = 8
 """Images of the file to warm up with."""
 
 
+MARGIN = 0.1
+"""By what share of its size the box in which wrong points lie is grown on each side."""
+
+
 @dataclass(frozen=True)
 class Choice:
-    """Every n-th image, after the `first`, of those with at least so many visible landmarks."""
+    """Every n-th image, from the one at `offset` on, of those with so many visible landmarks."""
 
     least_visible: int
-    first: int
+    offset: int
     every: int
 
 
@@ -50,7 +54,7 @@ def choose_images(
         for block, images in enumerate(source.chunks(BLOCK)):
             visible = images.seen().sum(axis=1)
             rows = np.flatnonzero(visible >= choice.least_visible)
-            number = enough + np.arange(len(rows)) - choice.first
+            number = enough + np.arange(len(rows)) - choice.offset
             enough += len(rows)
             rows = rows[(number >= 0) & (number % choice.every == 0)]
             if corruption is not None:
@@ -62,7 +66,7 @@ def choose_images(
             written += len(rows)
         if not written:
             found = f"{enough} images with {choice.least_visible} visible landmarks or more"
-            fix = "lower `least_visible` or `first`: no image is left to fit"
+            fix = "lower `least_visible` or `offset`: no image is left to fit"
             raise input_error(", ".join(map(str, landmarks)), found, fix)
 
 
@@ -70,7 +74,7 @@ def corrupted(images: LandmarkSet, config: CorruptionConfig, block: int) -> Land
     """Return the images of a block with some landmarks replaced, and the dataset that says so."""
     rng = stream(config.seed, Purpose.CORRUPTION, block)
     seen = images.seen()
-    landmarks, wrong = corrupt(images.landmarks, seen, config.share, config.margin, rng)
+    landmarks, wrong = corrupt(images.landmarks, seen, config.share, MARGIN, rng)
     extras = Extras.of(images.extras, len(images))
     before = extras.get(CORRUPTED)
     extras |= {CORRUPTED: wrong if before is None else wrong | np.asarray(before, bool)}

@@ -46,8 +46,8 @@ from shapefit.pipelines.sweep.steps import Files, fit_value, named, prepare, set
 def run(config: SweepConfig) -> Iterator[Outcome]:
     """Run the chain for each value, then write the tables and the plot to the output folder.
 
-    A step that the key has no say in is done once, for all values. The files between stand in the
-    folder `work` of the output. One outcome a stretch of the fits, and a last one with the
+    A step that does not depend on the key is done once, for all values. Files in between are in the
+    folder `work` of the output. One outcome per stretch of the fits, and a last one with the
     Markdown table as its note. Raises InputError as the commands of the chain do, for an output
     folder that cannot be written, and plots that are asked for without matplotlib.
     """
@@ -79,7 +79,7 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         seconds = 1 / float(results.attributes["images_per_second"])
         judged += errors
         found += [point for e in errors for point in points(value, e, grouping, seconds)]
-    sweep = Sweep(config.key, tuple(found), config.caveats, _provenance(config))
+    sweep = Sweep(config.key, tuple(found), _provenance(config))
     writers = _writers(sweep, judged, with_plot=draws)
     best = best_value(sweep)
     pages = report_pages(

@@ -35,7 +35,7 @@ class Files:
 def prepare(
     config: SweepConfig, value: Value, before: Files | None, folder: Path, work: Path
 ) -> Generator[Outcome, None, Files]:
-    """Learn and project where this value is the first, or has a say in it."""
+    """Learn and project for the first value, and where the value matters."""
     steps = config.steps(value)
 
     def place(section: str) -> Path | None:
@@ -66,7 +66,7 @@ def prepare(
     files = Files(dictionary, seen, at / "landmarks.h5", at / "warm_up.h5")
     choose_images(
         seen,
-        Choice(config.least_visible, config.first, config.frames),
+        Choice(config.least_visible, config.offset, config.every),
         steps.corrupt if config.corrupts else None,
         read_dictionary(dictionary).landmark_names,
         files.landmarks,

@@ -13,8 +13,8 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, counted
 from shapefit.io import digest, read_dictionary
 from shapefit.io.agreement import agreed
-from shapefit.io.listing import Listing, list_file
-from shapefit.io.sources import is_hdf5
+from shapefit.io.formats import find_format
+from shapefit.io.kinds.listing import Listing, list_file
 from shapefit.pipelines.view.frames import Frames
 from shapefit.pipelines.view.gathering import Gathered, gather
 from shapefit.pipelines.view.layers import (
@@ -122,7 +122,7 @@ def _layers(
     if target is not None and len(layers) > sum(each.kind == "result" for each in found):
         first = next(each.name for each in found if each.kind == "result")
         laid = [layer.name for layer in layers if layer.role != "result"]
-        notes.append(f"Laid onto {first} by the best similarity: {', '.join(laid)}.")
+        notes.append(f"Aligned with {first} by the best similarity: {', '.join(laid)}.")
     return layers, meshes, edges if edges is not None else (own[0] if own else None)
 
 
@@ -154,7 +154,7 @@ def _dictionary(
             return path, read_dictionary(path)
         why = "has changed since the fit"
     except (InputError, OSError):
-        why = "is not where it was"
+        why = "no longer exists"
     notes.append(f"{result.name}: its dictionary {path.name} {why}; -d DICT.h5 names another.")
     return None, None
 
@@ -220,12 +220,10 @@ def _note_what_lacks(
     notes: list[str],
 ) -> None:
     if not layers:
-        notes.append("There is nothing in 3D here: landmarks alone.")
+        notes.append("There are only landmarks here, and nothing in 3D.")
     results = [layer for layer in layers if layer.role == "result"]
     if results and seen is None:
-        notes.append(
-            "The results hold no observed landmarks; name the landmark file too to see them."
-        )
+        notes.append("The results hold no observed landmarks; add the landmark file to see them.")
     if edges is None and not any(layer.blend for layer in layers):
         notes.append(
             "No edges are known, so landmarks are points; -d DICT.h5 or --truth may have them."
@@ -239,7 +237,7 @@ def _note_what_lacks(
 def _frame_rate(config: ViewConfig, found: Sequence[Gathered], frames: Frames) -> float | None:
     """Frames a second of the page: those of the config or the files, by the step."""
     files = [listing for each in found for listing in each.listings]
-    files += [list_file(path) for path in config.truth if is_hdf5(path)]
+    files += [list_file(path) for path in config.truth if not find_format(path).points_only]
     stated = [config.frame_rate, *(file.frame_rate for file in files)]
     rate = next((r for r in stated if r is not None and r < 1e6), None)
     return None if rate is None else rate / frames.step
@@ -259,9 +257,7 @@ def _pictures(config: ViewConfig, frames: Frames, notes: list[str]) -> dict[int,
         if room < 0:
             break
     if len(pictures) < len(frames.items):
-        notes.append(
-            f"{len(pictures)} of {counted(len(frames.items), 'frame')} have their picture."
-        )
+        notes.append(f"{len(pictures)} of {counted(len(frames.items), 'frame')} have a picture.")
     return pictures
 
 

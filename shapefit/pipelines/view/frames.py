@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from shapefit.errors import input_error
-from shapefit.io.listing import Listing
+from shapefit.io.kinds.listing import Listing
 from shapefit.pipelines.items import ChosenItems
 
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.listing import Listing, Records, read_chunks
+from shapefit.io.kinds.listing import Listing, Records, read_chunks
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
 Floats = NDArray[np.float64]
 
 CAMERA = ("camera_translation", "focal", "principal_point")
-"""Datasets that tell how a camera sees the shapes of a result in perspective."""
+"""Datasets that describe how a camera sees the shapes of a result in perspective."""
 NUMBERS = ("coefficients", "rotation", "translation", "scale", "relative_gap")
 OF_RESULTS = frozenset({"sequence", "landmarks_fitted", "status", *NUMBERS})
 """Datasets of a result that a page is made of, beside those that the format does not know."""
@@ -55,7 +55,7 @@ def gather(
     landmarks: Sequence[str],
     match: str,
 ) -> Gathered:
-    """Read the files of one name; `index` tells the frame of an item.
+    """Read the files of one name; `index` maps an item to its frame.
 
     Raises InputError for an item that two of them have.
     """
@@ -76,7 +76,7 @@ def gather(
                     item = next(item for item, f in index.items() if f == frame)
                     found = f"has the item '{item}', which {taken[int(frame)]} has too"
                     raise input_error(
-                        listing.path, found, "give each file a name of its own in `files`"
+                        listing.path, found, "give each file a unique name in `files`"
                     )
             _take(gathered, chunk.take(rows), frames, columns, match)
     return gathered
@@ -118,7 +118,7 @@ def _take(
     if isinstance(records, ResultSet):
         _take_result(records, put, put_landmarks)
         for name, values in (("status", records.status), (match, records.extras.get(match))):
-            if values is not None:
+            if values is not None and np.ndim(values) == 1:  # one per item
                 texts = gathered.texts.setdefault(name, np.full(n, "", dtype=object))
                 texts[frames] = np.asarray(values).astype(str)
     edges = records.extras.get("edges")

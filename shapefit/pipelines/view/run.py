@@ -11,7 +11,7 @@ import numpy as np
 
 from shapefit.config import ViewConfig
 from shapefit.errors import input_error
-from shapefit.io.listing import Listing, list_file
+from shapefit.io.kinds.listing import Listing, list_file
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_path, check_output
 from shapefit.pipelines.outcome import Outcome
@@ -54,7 +54,9 @@ def check_page(config: ViewConfig) -> Path:
         first = next(iter(config.files.values()))[0]
         output = Path.cwd() / f"{first.stem}.html"
     if is_stream(output):
-        raise input_error("output", "a page is not for a terminal", "give the name of a file")
+        raise input_error(
+            "output", "a page is not written to a terminal", "give the name of a file"
+        )
     check_output(output)
     return output
 

@@ -20,7 +20,7 @@ const drawing = (() => {
     uniform vec4 background; in vec4 colour; in float far; out vec4 pixel;
     vec4 fade(vec4 c) { return vec4(mix(c.rgb, background.rgb, 0.55 * far * far), c.a); }`;
 
-  /* A line is a strip of four corners, as wide as told, between its projected ends. */
+  /* A line is a strip of four corners, as wide as given, between its projected ends. */
   const LINES = [`${PLACE}
     in vec3 start, end; in vec4 tint; in float width; in vec2 corner;
     void main() {
@@ -91,7 +91,7 @@ const drawing = (() => {
       return place;
     }
 
-    /** Use a program with what all programs are told, draw, and let go of its attributes. */
+    /** Use a program with the uniforms of all programs, draw, and let go of its attributes. */
     function run(made, view, attributes, divisors, draw) {
       gl.useProgram(made);
       const at = (name) => gl.getUniformLocation(made, name);

@@ -268,8 +268,8 @@
   function fillKey() {
     const results = data.layers.some((layer) => layer.role === "result");
     const marks = [
-      ["● seen", data.seen(0)], ["○ hidden, from the model", results && data.seen(0)],
-      ["✕ judged an outlier", data.hasOutliers], ["– to where the model has it", results && data.seen(0)],
+      ["● observed", data.seen(0)], ["○ hidden, from the model", results && data.seen(0)],
+      ["✕ outlier", data.hasOutliers], ["– to its fitted position", results && data.seen(0)],
       ["+ one standard deviation", data.layers.some((layer) => layer.sd(0))],
     ];
     for (const [text, occurs] of marks) {

@@ -21,27 +21,20 @@ def test_defaults_are_the_grid_of_the_paper(folder):
     assert isinstance(config, SimulateConfig)
     assert config.landmarks == (5, 10, 15, 20, 25, 30, 35, 40, 45, 50)
     assert config.active_atoms == (1, 2, 3, 4, 5, 6, 7, 8, 9, 10)
-    assert (config.k, config.trials, config.success_below) == (50, 100, 1e-3)
+    assert (config.k, config.trials) == (50, 100)
     assert config.output == folder / "report"
-    assert config.published.success == ()
 
 
-def test_the_config_of_the_figure_has_the_whole_published_grid(project):
+def test_the_config_of_the_figure_has_the_whole_grid(project):
     config = load_config("simulate", project / "configs/recovery.yaml")
     assert config.output == project / "results/recovery"
-    assert config.published.landmarks == config.landmarks
-    assert config.published.active_atoms == config.active_atoms
-    assert config.published.success[0][0] == 0.08
-    assert config.published.success[-1][-1] == 0.87
+    assert len(config.landmarks) == len(config.active_atoms) == 10
 
 
 def test_the_printed_config_loads_again(project, folder):
     config = load_config("simulate", project / "configs/recovery.yaml")
     (folder / "printed.yaml").write_text(dump_config(config), encoding="utf-8")
     assert load_config("simulate", folder / "printed.yaml") == config
-
-
-GRID = "published={landmarks: [5, 10], active_atoms: [1], success: %s}"
 
 
 @pytest.mark.parametrize(
@@ -55,10 +48,9 @@ GRID = "published={landmarks: [5, 10], active_atoms: [1], success: %s}"
         (
             "active_atoms=[51]",
             "expected numbers of atoms in use up to k = 50, found 51; "
-            "leave out what is larger, or raise k",
+            "leave out larger numbers, or raise k",
         ),
         ("trials=0", "expected a whole number >= 1, found 0"),
-        ("success_below=0", "expected a number > 0, found 0"),
         ("translation=no", "expected free or none, found 'no'; did you mean 'none'?"),
         ("landmark=[5]", "unknown key 'landmark'; did you mean 'landmarks'?"),
     ],
@@ -67,19 +59,3 @@ def test_problems(option, expected):
     with pytest.raises(InputError) as caught:
         load(option)
     assert caught.value.problems == (f"--set {option}: {expected}",)
-
-
-@pytest.mark.parametrize(
-    ("success", "expected"),
-    [
-        ("[[1], [1.5]]", "expected a list of rows, each a list of numbers from 0 to 1, found 1.5"),
-        ("[[1]]", "expected in `success` 2 rows (landmarks) of 1 shares"),
-        ("[[1], [1, 0]]", "expected in `success` 2 rows (landmarks) of 1 shares"),
-    ],
-)
-def test_problems_of_the_published_grid(success, expected):
-    with pytest.raises(InputError) as caught:
-        load(GRID % success)
-    (problem,) = caught.value.problems
-    assert expected in problem
-    assert load(GRID % "[[1], [0.5]]").published.success == ((1,), (0.5,))

@@ -128,14 +128,14 @@ def test_a_problem_has_its_place(folder, old, new, line, expected):
             "`k` belongs to `method: sparse-coding`; leave it out",
         ),
         (
-            "fit.solver.name: [newton]",
-            'with fit.solver.name="newton", fit.solver.stop: '
-            "`stop: change` belongs to the solver admm; use `gap` or name: admm",
+            "fit.method: [alternate]",
+            'with fit.method="alternate", fit.loss: '
+            "the method alternate does not support `loss: exact`; use another, or `method: convex`",
         ),
     ],
 )
 def test_a_key_that_does_not_go_with_a_value_has_its_path(folder, vary, expected):
-    edit(folder, "lambda: 0.1", "solver: {name: admm, stop: change}")
+    edit(folder, "lambda: 0.1", "loss: exact")
     (problem,) = problems(folder, f"vary={{{vary}}}")
     assert problem == f"--set vary={{{vary}}}: {expected}"
 

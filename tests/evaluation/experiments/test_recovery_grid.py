@@ -9,7 +9,6 @@ from shapefit.convex.solution import Status
 from shapefit.evaluation.experiments.recovery import Attempt
 from shapefit.evaluation.experiments.recovery_grid import (
     Cell,
-    PublishedShares,
     RecoveryGrid,
     grid_json,
     markdown,
@@ -39,8 +38,7 @@ def cells():
 
 @pytest.fixture
 def grid(cells):
-    published = PublishedShares("a figure", {(5, 1): 0.45, (10, 2): 0.8, (15, 1): 1.0})
-    return RecoveryGrid(cells, "min f.", published, {"seconds": 1.5})
+    return RecoveryGrid(cells, "min f.", {"seconds": 1.5})
 
 
 def test_an_error_below_the_bound_is_a_success(grid):
@@ -53,10 +51,6 @@ def test_what_the_solver_did_not_finish_is_unsolved_unless_it_is_a_success():
     unfinished = Cell(5, 1, attempts, success_below=1e-3)
     assert unfinished.success == 0.25
     assert unfinished.unsolved == (1, 2)
-
-
-def test_deviations_are_ours_minus_theirs_where_both_exist(grid):
-    assert grid.deviations == pytest.approx({(5, 1): 0.05, (10, 2): -0.05})
 
 
 def test_csv_has_a_row_for_each_cell(tmp_path, grid):
@@ -80,7 +74,6 @@ def test_json_has_the_statistics_of_each_cell():
     grid = RecoveryGrid((Cell(5, 1, attempts, 1e-3),), "min f.", provenance={"seconds": 1.5})
     document = json.loads(grid_json(grid))
     assert document["seconds"] == 1.5
-    assert document["published"] is None
     assert document["cells"] == [
         {
             "p": 5,
@@ -104,18 +97,6 @@ def test_json_of_a_cell_without_any_number_has_nulls():
     assert entry["largest_residual"] is None
 
 
-def test_json_compares_with_the_published_shares(grid):
-    comparison = json.loads(grid_json(grid))["published"]
-    assert comparison["source"] == "a figure"
-    assert comparison["largest_deviation"] == pytest.approx(0.05)
-    assert comparison["cells"][1] == {
-        "p": 10,
-        "z": 2,
-        "success": 0.8,
-        "deviation": pytest.approx(-0.05),
-    }
-
-
 def rows_of(text, heading):
     """Rows of the first Markdown table after a heading."""
     lines = text.split(heading)[1].splitlines()
@@ -128,32 +109,15 @@ def rows_of(text, heading):
     return [table[0], *table[2:]]
 
 
-def test_markdown_sets_the_published_shares_and_the_deviations_beside_ours(grid):
+def test_markdown_has_the_shares(grid):
     text = markdown(grid)
     assert rows_of(text, "# Exact recovery") == [
         ["p \\ z", "1", "2"],
         ["5", "0.50", "0.00"],
         ["10", "1.00", "0.75"],
     ]
-    assert rows_of(text, "## Published") == [
-        ["p \\ z", "1", "2"],
-        ["5", "0.45", "–"],
-        ["10", "–", "0.80"],
-    ]
-    assert rows_of(text, "## Ours minus published")[2] == ["10", "–", "-0.05"]
     assert "4 random instances" in text
     assert "below 0.001" in text
-
-
-def test_markdown_names_the_largest_deviation_with_its_sign(cells):
-    published = PublishedShares("", {(5, 1): 0.45, (10, 2): 0.9})
-    text = markdown(RecoveryGrid(cells, "", published))
-    assert "largest deviation is -0.15, at p = 10 and z = 2" in text
-
-
-@pytest.mark.parametrize("published", [None, PublishedShares("elsewhere", {(99, 1): 1.0})])
-def test_markdown_leaves_out_what_cannot_be_compared(cells, published):
-    assert "ublished" not in markdown(RecoveryGrid(cells, "", published))
 
 
 def test_markdown_counts_what_was_not_solved(cells):

@@ -63,7 +63,7 @@ def test_the_table_has_values_down_and_groups_across():
     assert lines[0] == "# Error against fit.lambda"
     header, _, first, second = (cells(line) for line in lines if line.startswith("|"))
     groups = ["ab: similarity (normalised)", "c: similarity (normalised)"]
-    assert header == ["fit.lambda", *groups, "ms an image"]
+    assert header == ["fit.lambda", *groups, "ms per image"]
     assert first == ["0.1", "0.900 / 0.850", "0.500 / 0.500", "2"]
     assert second == ["0.2", *first[1:]]
 
@@ -86,10 +86,10 @@ def test_every_metric_has_a_column_and_a_panel():
     found = replace(found, points=(*found.points, *points(0.2, recall, whole, 0.002)))
     text = markdown(found)
     assert "Recall of" not in text
-    assert "recall the share of those made wrong" in text
+    assert "recall the share of the corrupted landmarks" in text
     header, _, first, second = (cells(line) for line in text.splitlines() if line[:1] == "|")
     assert header[1:] == [
-        "similarity (normalised)", "rotation (deg)", "recall (share)", "ms an image",
+        "similarity (normalised)", "rotation (deg)", "recall (share)", "ms per image",
     ]  # fmt: skip
     assert first == ["0.1", "0.767 / 0.733", "7.667 / 7.333", "–", "2"]
     assert second == ["0.2", *first[1:3], "0.383 / 0.367", "2"]

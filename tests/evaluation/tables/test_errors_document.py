@@ -60,7 +60,7 @@ def test_how_each_method_solved_is_told_where_the_files_tell_it(report):
     text = markdown(solved)
     assert "Objectives of different models cannot be compared" in text
     assert cells(text, "Solving") == [
-        ["method", "mean objective", "ms an image", "images/s", "optimal or converged"],
+        ["method", "mean objective", "ms per image", "images/s", "optimal or converged"],
         ["convex", "0.729", "0.273", "3662", "99.99 %"],
         ["pmp", "–", "12.3", "81", "100.00 %"],
         ["table", "–", "–", "–", "–"],
@@ -112,7 +112,7 @@ class TestWithoutGroups:
 
     def test_means_stand_beside_medians_and_the_speed_beside_both(self, methods, summaries):
         assert cells(markdown(Report(methods, summaries)), "Errors against the truth") == [
-            ["method", "similarity (normalised)", "rotation (deg)", "ms an image", "images/s"],
+            ["method", "similarity (normalised)", "rotation (deg)", "ms per image", "images/s"],
             ["convex", "0.300 / 0.200", "18.0 / 3.0", "0.25", "4000"],
             ["Oracle", "0.050 / 0.050", "–", "–", "–"],
         ]
@@ -129,7 +129,7 @@ class TestWithoutGroups:
 
     def test_a_published_row_has_a_mean_only(self, methods, summaries):
         text = markdown(Report(methods, summaries, {"Paper": {"all": 0.259}}))
-        assert "is quoted" in text
+        assert "are quoted" in text
         rows = cells(text, "Errors against the truth")
         assert rows[-1] == ["*Paper*", "0.259", "–", "–", "–"]
 

@@ -50,7 +50,7 @@ def test_lines_are_counted_over_blocks(csv, problems, read_views, small_blocks):
     path = csv(VIEWS + "a,head,1,2,-1,s\nb,head,?,2,1,s\nb,foot,1,2,1,t\n")
     told = [line.removeprefix(f"{path}:") for line in problems(read_views, path)]
     assert [line.partition(";")[0] for line in told] == [
-        "9: item 'a', landmark 'head' stands also on line 2",
+        "9: item 'a', landmark 'head' is also on line 2",
         "9: confidence is '-1'",
         "10: x is '?'",
         "11: sequence is 't'",

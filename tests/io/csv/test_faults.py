@@ -70,8 +70,8 @@ def test_ten_problems_are_told_and_the_rest_counted(csv, problems, read_views):
 def test_repeated_rows(csv, problems, read_views):
     path = csv("item,landmark,x,y\na,head,1,2\na,foot,1,2\nb,head,1,2\na,head,3,4\na,head,1,2\n")
     assert problems(read_views, path) == (
-        f"{path}:5: item 'a', landmark 'head' stands also on line 2; keep one of them",
-        f"{path}:6: item 'a', landmark 'head' stands also on line 2; keep one of them",
+        f"{path}:5: item 'a', landmark 'head' is also on line 2; keep one of them",
+        f"{path}:6: item 'a', landmark 'head' is also on line 2; keep one of them",
     )
 
 
@@ -123,7 +123,7 @@ def test_rows_with_too_few_or_too_many_cells(csv, problems, row, before, read_vi
     cells = row.count(",") + 1
     assert problems(read_views, path) == (
         f"{path}:{3 + before.count(chr(10))}: has {cells} cells for 4 columns; "
-        "write one cell a column",
+        "write one cell per column",
     )
 
 
@@ -136,7 +136,7 @@ def test_a_comma_in_a_name_does_not_stand_for_a_cell(csv, problems, read_views):
 def test_quotes_that_do_not_match(csv, problems, read_views):
     path = csv('item,landmark,x,y\na,head,1,2\n"b,head,1,2\n')
     (line,) = problems(read_views, path)
-    assert line == f"{path}:3: has 1 cells for 4 columns; write one cell a column"
+    assert line == f"{path}:3: has 1 cells for 4 columns; write one cell per column"
     path = csv('item,landmark,x,y\na,head,1,2\n5" nail,head,1,2\nc,head,1,2\n')
     (line,) = problems(read_views, path)
     assert line.startswith(f"{path}:3: cannot be read as CSV (")

@@ -116,7 +116,7 @@ def test_a_root_attribute_of_another_kind(landmark_file, problems, name, value):
     assert line.startswith(f"{landmark_file}: ")
     assert line.endswith(
         {
-            "format": "shapefit-landmarks file" if value != h5py.Empty("f") else "laid out so",
+            "format": "shapefit-landmarks file" if value != h5py.Empty("f") else "has that layout",
             "version": "this program reads version 1",
             "y_axis": "set it to up or down",
         }[name]
@@ -199,7 +199,7 @@ def test_text_that_is_not_utf8(shape_file, problems, edit):
     with h5py.File(shape_file, "a") as file:
         file["item"] = np.array([b"\xff", b"b", b"c", b"d", b"e"])
     (line,) = problems(READERS["shapes"], shape_file)
-    assert line == f"{shape_file}:/item: holds text that is not UTF-8; write its texts as UTF-8"
+    assert line == f"{shape_file}:/item: holds text that is not UTF-8; write its strings as UTF-8"
 
 
 def test_landmark_names_that_repeat_or_are_empty(shape_file, problems, edit):
@@ -222,7 +222,7 @@ def test_a_dataset_that_cannot_be_carried(landmark_file, problems):
     with h5py.File(landmark_file, "a") as file:
         file["link"] = np.array([file.ref] * 5, dtype=h5py.ref_dtype)
     (line,) = problems(read_landmarks, landmark_file)
-    assert line.startswith(f"{landmark_file}:/link: cannot be carried along; ")
+    assert line.startswith(f"{landmark_file}:/link: cannot be carried over; ")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -285,8 +285,7 @@ def test_faults_far_into_the_file_are_named_by_their_row(
     edit(path, landmarks=landmarks.landmarks.swapaxes(1, 2))
     (line,) = problems(open_landmarks, [path])
     assert line == (
-        f"{path}:/item[4]: item 'image 1' stands also at {path}:/item[1]; "
-        "give every item a name of its own"
+        f"{path}:/item[4]: item 'image 1' is also at {path}:/item[1]; give every item a unique name"
     )
 
 
@@ -308,10 +307,8 @@ def test_duplicate_items_in_one_file(shape_file, result_file, problems, edit):
     for path, read in ((shape_file, READERS["shapes"]), (result_file, read_results)):
         edit(path, item=["a", "b", "c", "b", "b"])
         assert problems(read, path) == (
-            f"{path}:/item[3]: item 'b' stands also at {path}:/item[1]; "
-            "give every item a name of its own",
-            f"{path}:/item[4]: item 'b' stands also at {path}:/item[1]; "
-            "give every item a name of its own",
+            f"{path}:/item[3]: item 'b' is also at {path}:/item[1]; give every item a unique name",
+            f"{path}:/item[4]: item 'b' is also at {path}:/item[1]; give every item a unique name",
         )
 
 

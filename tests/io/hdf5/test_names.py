@@ -13,7 +13,7 @@ def test_a_zero_byte_in_a_text_is_refused(shape_file, landmark_file, problems, e
     items = np.array([f"a\0{number}".encode() for number in range(5)], "S4")
     for path, read in ((shape_file, read_shapes), (landmark_file, open_landmarks)):
         assert problems(read, [edit(path, item=items)]) == (
-            f"{path}:/item: holds a text with a zero byte in it; remove it",
+            f"{path}:/item: holds a string with a zero byte; remove it",
         )
 
 

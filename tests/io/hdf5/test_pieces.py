@@ -8,6 +8,7 @@ import pytest
 
 from shapefit.io.hdf5 import pieces
 from shapefit.io.hdf5.pieces import read_rows
+from shapefit.io.hdf5.sizes import Stored
 
 ROWS = [(), slice(None), slice(3, 9), slice(8, 100), slice(5, 5)]
 
@@ -24,7 +25,7 @@ def dataset(tmp_path, rng):
 def test_pieces_make_the_whole(dataset, rng, monkeypatch, rows, most, chunks):
     values = rng.standard_normal((11, 5, 4))
     monkeypatch.setattr(pieces, "MOST_CHUNKS", most)
-    found = read_rows(dataset(values, chunks=chunks), rows, text=False)
+    found = read_rows(Stored.of(dataset(values, chunks=chunks)), rows)
     np.testing.assert_array_equal(found, values[rows])
 
 
@@ -33,12 +34,12 @@ def test_texts_are_texts(dataset, monkeypatch, rows):
     texts = np.array([f"café {number}" for number in range(11)], object)
     monkeypatch.setattr(pieces, "MOST_CHUNKS", 2)
     made = dataset(texts, dtype=h5py.string_dtype(), chunks=(1,))
-    assert list(read_rows(made, rows, text=True)) == list(texts[rows])
+    assert list(read_rows(Stored.of(made), rows)) == list(texts[rows])
 
 
 @pytest.mark.parametrize("value", [np.float64(3), np.zeros((0, 3)), np.arange(4)])
 def test_datasets_without_chunks(dataset, value):
-    np.testing.assert_array_equal(read_rows(dataset(value), (), text=False), value)
+    np.testing.assert_array_equal(read_rows(Stored.of(dataset(value)), ()), value)
 
 
 def test_never_more_chunks_than_that(monkeypatch):
@@ -59,8 +60,9 @@ def test_many_chunks_do_not_take_gigabytes(tmp_path, run_python):
 import resource
 import h5py
 from shapefit.io.hdf5.pieces import read_rows
+from shapefit.io.hdf5.sizes import Stored
 with h5py.File("{tmp_path}/many.h5") as file:
-    assert len(read_rows(file["many"], (), text=False)) == 100_000
+    assert len(read_rows(Stored.of(file["many"]), ())) == 100_000
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 400_000)
 """
     assert run_python(script).stdout == "True\n"

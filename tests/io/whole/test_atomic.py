@@ -88,14 +88,32 @@ def test_a_failing_rename_leaves_nothing(tmp_path, writer, monkeypatch):
     assert os.listdir(tmp_path) == ["out.bin"]
 
 
-def test_a_missing_folder(tmp_path, writer, problems):
-    target = tmp_path / "no" / "such" / "out.h5"
+def test_missing_folders_are_made(tmp_path, writer):
+    target = tmp_path / "no" / "such" / "out.bin"
+    assert check_output(target) == target
+    assert not (tmp_path / "no").exists()
+    writer(target)
+    assert target.read_bytes()
+    assert os.listdir(target.parent) == ["out.bin"]
+
+
+def test_folders_made_for_a_run_that_fails_are_removed(tmp_path):
+    (tmp_path / "old").mkdir()
+    for folder in ("old", "new"):
+        target = tmp_path / folder / "deep" / "out.bin"
+        for opened in (atomic_path, atomic_file):
+            with pytest.raises(KeyError), opened(target):
+                raise KeyError(target.parent.is_dir())
+    assert os.listdir(tmp_path) == ["old"]
+    assert os.listdir(tmp_path / "old") == []
+
+
+def test_a_folder_that_cannot_be_made(tmp_path, writer, problems):
+    (tmp_path / "file").touch()
+    target = tmp_path / "file" / "such" / "out.h5"
     for write in (writer, by_path, check_output):
         (line,) = problems(write, target)
-        assert line == (
-            f"{target}: its folder {target.parent} does not exist; "
-            f"create the folder (mkdir -p '{target.parent}')"
-        )
+        assert line == f"{target}: {tmp_path / 'file'} is not a folder; choose another folder"
 
 
 def test_a_folder_or_device_as_target(tmp_path, problems):
@@ -200,7 +218,7 @@ def test_digest(tmp_path, problems):
 @pytest.mark.parametrize(
     ("number", "fix"),
     [
-        (errno.EISDIR, "choose another name, or move away what is there"),
+        (errno.EISDIR, "choose another name, or move the existing file away"),
         (errno.EACCES, "choose another folder, or change its permissions"),
         (errno.EROFS, "choose another folder, or change its permissions"),
         (errno.ENAMETOOLONG, "choose a shorter name"),

@@ -129,8 +129,8 @@ def stand_in_the_way(folder, obstacle):
 @pytest.mark.parametrize(
     ("obstacle", "message"),
     [
-        ("folder", r"/z\.txt: it is a folder, and a file goes there; remove or rename it"),
-        ("file", r"/new: it is not a folder, and files go into it; remove or rename it"),
+        ("folder", r"/z\.txt: it is a folder, but must be a file; remove or rename it"),
+        ("file", r"/new: it is not a folder, but files must go into it; remove or rename it"),
     ],
 )
 @pytest.mark.parametrize("when", ["before", "while writing"])

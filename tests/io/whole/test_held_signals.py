@@ -35,6 +35,14 @@ def test_a_signal_acts_once_at_the_end(came, number):
     assert came == [number, number]
 
 
+def test_different_signals_all_act_in_the_order_they_came(came):
+    with held_signals():
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGTERM):
+            signal.raise_signal(number)
+        assert came == []
+    assert came == [signal.SIGTERM, signal.SIGINT]
+
+
 @pytest.mark.parametrize("number", NUMBERS)
 def test_the_end_of_the_outer_block_counts(came, number):
     with held_signals():

@@ -12,6 +12,8 @@ from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
 from shapefit.core import STRETCH
 from shapefit.geometry.normalisation import normalise, spread
+from shapefit.geometry.rotations import random_rotations
+from shapefit.lifting.outliers import truncated
 from shapefit.lifting.outliers.truncated import (
     find_untruncated,
     first_mu,
@@ -56,6 +58,26 @@ def test_planted_outliers_are_found_exactly(scene, share, rng):
 def test_half_of_the_landmarks_of_one_rigid_shape(scene, rng):
     landmarks, wrong = plant(scene.rotation[:, :2] @ scene.atoms[0], 0.5, rng)
     np.testing.assert_array_equal(search(landmarks, scene.atoms[:1]), ~wrong)
+
+
+def test_the_slow_schedule_finds_what_a_fast_one_does_not(rng, monkeypatch):
+    """More than half of the landmarks of a rigid shape wrong, among three atoms that could bend."""
+    n, share = 40, 0.55
+    atoms = normalise(rng.standard_normal((3, 3, P))).points
+    landmarks = random_rotations(n, rng)[:, :2] @ atoms[0]
+    wrong = rng.random((n, P)).argsort(1) < round(share * P)
+    low, high = landmarks.min(axis=2, keepdims=True), landmarks.max(axis=2, keepdims=True)
+    points = rng.uniform(low, high, landmarks.shape)
+    near = np.linalg.norm(points - landmarks, axis=1, keepdims=True) < 0.5
+    points = np.where(near, landmarks + 0.7, points)
+    landmarks = np.where(wrong[:, None], points, landmarks)
+
+    def found():
+        return (search(landmarks, atoms) == ~wrong).all(axis=1).mean()
+
+    assert found() > 0.9
+    monkeypatch.setattr(truncated, "GROWTH", 10.0)
+    assert found() < 0.6
 
 
 @pytest.mark.parametrize("mu", [1e-3, 0.3, 5.0])

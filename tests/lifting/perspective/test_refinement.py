@@ -14,7 +14,8 @@ from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
-from shapefit.lifting.perspective.refinement import FAILED, PerspectiveOptions, refine_perspective
+from shapefit.lifting.options import PerspectiveOptions
+from shapefit.lifting.perspective.refinement import FAILED, refine_perspective
 from shapefit.lifting.perspective.start import mean_coefficients, place_in_depth
 
 K, P = 6, 16

@@ -14,7 +14,7 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective.refinement import PerspectiveOptions
+from shapefit.lifting.options import PerspectiveOptions
 from shapefit.lifting.perspective.view import find_rotations, refine_view
 from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
 
@@ -95,7 +95,7 @@ def test_a_camera_inside_the_object_is_the_users_to_mend(landmarks, dictionary, 
     near = Camera(focal, camera.centre, camera.sign)
     first, found = view(landmarks, np.ones((N, P)), dictionary, near)
     assert list(found.failures) == [3]
-    assert "begin behind the camera" in found.failures[3]
+    assert "start behind the camera" in found.failures[3]
     assert "`camera.focal` or `camera.intrinsics`" in found.failures[3]
     e = found.estimate
     assert e.status[3] is Status.DEGENERATE

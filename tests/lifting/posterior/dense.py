@@ -46,11 +46,18 @@ def joint(scene: Scene, R: Floats, s: float, belief: Floats) -> tuple[Floats, Fl
     return s * E @ turn @ scene.mean.ravel(), s * s * E @ C @ E.T + N, s * s * C @ E.T
 
 
+def middle(scene: Scene) -> Floats:
+    """Middle (2,) of the seen landmarks, where the wide prior on the translation is centred."""
+    return scene.landmarks[:, scene.seen].mean(axis=1)
+
+
 def observed(scene: Scene) -> Floats:
-    return scene.landmarks[:, scene.seen].T.ravel()
+    return (scene.landmarks[:, scene.seen].T - middle(scene)).ravel()
 
 
-def log_likelihood(scene: Scene, R: Floats, s: float, gross: tuple[float, float], belief: Floats) -> float:
+def log_likelihood(
+    scene: Scene, R: Floats, s: float, gross: tuple[float, float], belief: Floats
+) -> float:
     """The variational bound at the belief (p,); that of no gross landmarks where gross[0] = 0.
 
     A translation with the deviation of TAU in the unit of shapes has the density of one that is
@@ -81,6 +88,7 @@ def condition(scene: Scene, R: Floats, s: float, belief: Floats) -> tuple[Floats
     C[p : 2 * p, p : 2 * p] += TAU_SQUARE
     gain = cross @ np.linalg.inv(S)
     y = s * turn @ scene.mean.ravel() + gain @ (observed(scene) - mean)
+    y[: 2 * p] += np.repeat(middle(scene), p)
     Z = np.eye(3 * p)
     Z[2 * p :, 2 * p :] -= 1 / p
     return Z @ y, Z @ (s * s * C - gain @ cross.T) @ Z.T

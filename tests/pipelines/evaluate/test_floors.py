@@ -144,7 +144,7 @@ class TestInputErrors:
 
     def test_atoms_without_items(self, desk, floors, dictionary):
         write_dictionary(floors["dictionary"], replace(dictionary, atom_items=None))
-        match = r"dictionary\.h5: does not tell which .*`method: exemplars`"
+        match = r"dictionary\.h5: does not state which .*`method: exemplars`"
         self.stops(desk, match, **floors, leave_out="own")
 
     def test_items_that_no_atom_has(self, desk, floors, dictionary):

@@ -166,7 +166,7 @@ class TestFailures:
         fields["landmarks_fitted"][3] = [[320.0], [240.0]]
         fields["rotation"][3] = np.nan
         judgement = judged(fields, truth)
-        reason = "no rotation (deg): the shape is empty, all its landmarks on one point"
+        reason = "no rotation (deg): the shape is empty, with all its landmarks at one point"
         assert judgement.failures == {"item3": reason}
         for (metric, _), values in judgement.errors.items():
             lost = [3] if metric == "rotation" else []
@@ -183,7 +183,7 @@ class TestFailures:
         fields["extras"]["true_rotation"][3] = np.nan
         (reason,) = judged(fields, truth).failures.values()
         assert reason.startswith(
-            "what camera (normalised), camera (m), rotation (deg) needs is nan"
+            "a value needed for camera (normalised), camera (m), rotation (deg) is nan"
         )
 
     @pytest.mark.parametrize("sides", [(0.0, 0.0), (np.nan, 4.0)])
@@ -273,7 +273,7 @@ class TestInputErrors:
             judged(fields, truth, "true_model")
 
     def test_dataset_to_match_by_is_not_one_name_an_image(self, fields, truth):
-        with pytest.raises(InputError, match=r"convex.h5: .*'true_rotation' with one name an"):
+        with pytest.raises(InputError, match=r"convex.h5: .*'true_rotation' with one name per"):
             judged(fields, truth, "true_rotation")
 
     @pytest.mark.parametrize("name", ["true_rotation", "landmarks", "bounding_box"])

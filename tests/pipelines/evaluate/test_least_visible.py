@@ -28,7 +28,7 @@ def test_images_with_at_least_so_many_are_judged(desk, partly_seen, least, judge
     rows = [row["item"] for row in desk.rows("per_image.csv") if row["metric"] == "rotation"]
     assert rows == [f"item{i}" for i in kept]
     assert (outcome.done, outcome.failures) == (judged, ())
-    out = f"{7 - judged} of 7 images left out, with fewer than {least} observed landmarks"
+    out = f"{7 - judged} of 7 images left out: fewer than {least} observed landmarks"
     assert (out in " ".join(outcome.warnings)) == (judged < 7)
     assert (out in last.note) == (judged < 7)
 
@@ -62,7 +62,7 @@ def test_the_time_of_an_image_is_that_of_all_images(desk, partly_seen):
     told = replace(partly_seen, attributes={"solve_seconds": 0.014})
     desk.write("convex.h5", told)
     *_, last = desk.run(least_visible=5, groups={})
-    assert last.note.split("\n\n")[2].splitlines()[2].endswith("|           2 |      500 |")
+    assert last.note.split("\n\n")[2].splitlines()[2].endswith("|            2 |      500 |")
 
 
 def test_results_without_observed_landmarks_are_an_error(desk, results):

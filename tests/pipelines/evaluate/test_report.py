@@ -53,18 +53,6 @@ def test_per_image_has_a_row_for_every_metric_and_unit(desk):
     assert float(row["error"]) < 1e-4
 
 
-def test_published_rows_and_caveats_stand_beside_ours(desk):
-    published = {"Convex (paper)": {"Subject 13": 0.259}}
-    *_, last = desk.run(published=published, caveats=["Other frames than theirs."])
-    header = next(line for line in last.note.splitlines() if "paper" in line)
-    row = next(line for line in last.note.splitlines() if "0.259" in line)
-    assert "convex" in header
-    assert row.startswith("| Subject 13 |")
-    assert "- Other frames than theirs." in last.note
-    document = json.loads((desk.config.output / "report.json").read_text())
-    assert document["published"] == published
-
-
 def test_failed_items_are_counted_listed_and_left_out(desk, truth, results):
     shapes = results.shapes.copy()
     shapes[1] = np.nan

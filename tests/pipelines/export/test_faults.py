@@ -24,9 +24,7 @@ def no_fitting(monkeypatch):
     def refuse(*_arguments):
         raise AssertionError("an image was fitted before the complaint")
 
-    monkeypatch.setattr(
-        "shapefit.pipelines.fit.run.choose_lifter", lambda _config, _dictionary: refuse
-    )
+    monkeypatch.setattr("shapefit.pipelines.fit.run.fit_images", refuse)
 
 
 @pytest.fixture
@@ -86,8 +84,8 @@ class TestRefused:
             ("-", "standard output; give the name of a folder"),
             ("views.h5", "it is not a folder"),
             ("nowhere/meshes", "does not exist; create the folder"),
-            ("result.h5", "result.h5 is also the output; give the folder a name of its own"),
-            ("../{here}/result.h5", "is also the output; give the folder a name of its own"),
+            ("result.h5", "result.h5 is also the output; give the folder a different name"),
+            ("../{here}/result.h5", "is also the output; give the folder a different name"),
             ("n" * 256, "its name is too long; give a shorter one"),
             ("link", "link: it is a link to .*nowhere, which does not exist; create that folder"),
         ],
@@ -122,7 +120,9 @@ class TestRefused:
         (tmp_path / "both/sub").mkdir(parents=True)
         suffix = file_format.split("-")[0]
         output = tmp_path / f"both/sub/result.{suffix}"
-        with pytest.raises(InputError, match=rf"is named like the \.{suffix} files that go into"):
+        with pytest.raises(
+            InputError, match=rf"has the same name as the \.{suffix} files that go into"
+        ):
             run(
                 output=output,
                 **{section: {"folder": str(tmp_path / "both"), "format": file_format}},
@@ -232,7 +232,7 @@ def test_a_folder_where_a_mesh_goes_leaves_everything_as_it_was(tmp_path, export
     target.unlink()
     target.mkdir()
     before = everything(tmp_path)
-    with pytest.raises(InputError, match=f"{target}: it is a folder, and a file goes there"):
+    with pytest.raises(InputError, match=f"{target}: it is a folder, but must be a file"):
         export(images)
     assert everything(tmp_path) == before
 
@@ -269,6 +269,8 @@ def test_folders_stay_as_they_were_where_the_result_cannot_be_completed(
 INTERRUPTED = """
 import os, signal, sys
 from pathlib import Path
+# Where the tests run in the background SIGINT is ignored, and a child inherits that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from shapefit_cli import main
 replace = Path.replace
 def interrupt(path, target):

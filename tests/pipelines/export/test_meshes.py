@@ -98,14 +98,12 @@ def test_by_default_a_car_stands_upright_and_looks_ahead(export, car_atoms, read
         assert place["left_front_wheel"][2] > place["left_rear_wheel"][2]
 
 
-@pytest.mark.parametrize("orthogonal", [False, True])
+@pytest.mark.parametrize("rotations", ["per-atom", "orthogonal"])
 def test_rotations_per_atom_give_the_landmarks_of_the_result(
-    export, car_atoms, orthogonal, read_one
+    export, car_atoms, rotations, read_one
 ):
-    keys = {"method": "convex", "orthogonal": orthogonal}
-    found, _ = export(
-        fit_keys=keys, rotation="per-atom", landmarks=True, frame="camera", format="ply"
-    )
+    keys = {"method": "convex", "rotations": rotations}
+    found, _ = export(fit_keys=keys, landmarks=True, frame="camera", format="ply")
     vertex = landmark_vertices(car_atoms)
     for image, item in enumerate(found.items):
         mesh = read_one(item, "ply")
@@ -173,7 +171,7 @@ def test_only_the_items_asked_for_are_written(tmp_path, export, views):
     }
     assert written == {chosen, *suvs}
     assert other not in written
-    assert outcomes[-1].warnings == ("export.items: no item is called or matches 'nobody*'",)
+    assert outcomes[-1].warnings == ("export.items: no item has this name or matches 'nobody*'",)
 
 
 def test_images_without_a_shape_are_counted(tmp_path, export, views):
@@ -185,7 +183,7 @@ def test_images_without_a_shape_are_counted(tmp_path, export, views):
     ]
     assert outcomes[-1].note == "5 meshes"
     assert outcomes[-1].warnings == (
-        "images without a shape (failed, or all coefficients 0): 1; they have no mesh",
+        "images without a shape (failed, or with all coefficients 0): 1; they have no mesh",
     )
     assert len(list((tmp_path / "meshes").rglob("*.ply"))) == 5
 
@@ -193,7 +191,7 @@ def test_images_without_a_shape_are_counted(tmp_path, export, views):
 def test_a_shape_that_shrank_to_a_point_is_counted_too(tmp_path, export):
     _, outcomes = export(fit_keys={"method": "convex", "lambda": 1e6})
     assert outcomes[-1].warnings == (
-        "images without a shape (failed, or all coefficients 0): 6; they have no mesh",
+        "images without a shape (failed, or with all coefficients 0): 6; they have no mesh",
     )
     assert outcomes[-1].written == (tmp_path / "result.h5",)
     assert not (tmp_path / "meshes").exists()
@@ -203,7 +201,7 @@ def test_a_shape_that_shrank_to_a_point_is_counted_too(tmp_path, export):
 def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
     export, car_atoms, views, monkeypatch, read_one, mixed, rotation
 ):
-    monkeypatch.setattr("shapefit.pipelines.export.meshes.STRETCH", 3)
+    monkeypatch.setattr("shapefit.pipelines.export.meshes.AT_A_TIME", 3)
     copies = [replace(views, items=tuple(f"{i}#{copy}" for i in views.items)) for copy in "ab"]
     landmarks = concatenate(copies)
     landmarks.landmarks[7, :, 2:] = np.nan

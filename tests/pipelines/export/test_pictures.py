@@ -57,7 +57,7 @@ def test_chosen_items_and_a_contact_sheet(tmp_path, draw, views):
     sheet = tmp_path / "pictures/contact_sheet.png"
     assert outcomes[-1].written == (tmp_path / "result.h5", tmp_path / "pictures", sheet)
     assert outcomes[-1].note == "2 pictures, contact sheet of 4"
-    assert outcomes[-1].warnings == ("pictures.items: no item is called or matches 'lorry*'",)
+    assert outcomes[-1].warnings == ("pictures.items: no item has this name or matches 'lorry*'",)
 
 
 def test_svg(tmp_path, draw, views):
@@ -131,8 +131,8 @@ def test_images_without_a_shape_that_nobody_names_make_room_for_others(tmp_path,
     _, outcomes = draw(replace(views, landmarks=landmarks), most=3, fit_keys={"chunk": 2})
     assert written(tmp_path) == {f"{item}.png" for item in views.items[2:5]}
     assert outcomes[-1].warnings == (
-        "images without a shape (failed, or all coefficients 0): 2; they have no picture unless "
-        "`pictures.items` names them",
+        "images without a shape (failed, or with all coefficients 0): 2; they have no picture "
+        "unless `pictures.items` lists them",
     )
 
 
@@ -165,7 +165,7 @@ class TestFittedImages:
         return fit_and_gather
 
     def test_observed_landmarks_and_outliers(self, gather, views):
-        keys = {"method": "convex", "loss": "sparse-error", "beta": 0.02}
+        keys = {"method": "convex", "outliers": {"method": "sparse-error", "threshold": 0.02}}
         found, images = gather(**keys)
         assert np.any(found.extras["outliers"])
         for row, image in enumerate(images):
@@ -180,7 +180,7 @@ class TestFittedImages:
         [
             {"method": "convex+refine"},
             {"method": "convex"},
-            {"method": "convex", "orthogonal": True},
+            {"method": "convex", "rotations": "orthogonal"},
             {
                 "camera": {
                     "model": "perspective", "focal": 1600.0, "principal_point": [640.0, 480.0],

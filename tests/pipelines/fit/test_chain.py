@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from shapefit.config import FitConfig
-from shapefit.convex.admm import solve_admm
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
 from shapefit.convex.solution import Status
@@ -16,10 +15,8 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import AlternationOptions, Settings, choose_method
-from shapefit.lifting.perspective.refinement import PerspectiveOptions
-from shapefit.lifting.temporal import Sequencing
+from shapefit.lifting.options import DepthOptions, PerspectiveOptions
 from shapefit.pipelines.fit.chain import (
-    choose_newton,
     choose_options,
     choose_program,
     choose_refinement,
@@ -45,14 +42,16 @@ def dictionary(rng):
 
 
 def test_settings_of_the_methods(config, dictionary):
-    alternation = {
-        "signed": True, "views": 9, "multi_start": True, "tolerance": 1e-3, "max_rounds": 17
-    }  # fmt: skip
-    given = config(alternation=alternation, orthogonal=True, method="alternate+")
-    found = choose_settings(given, dictionary, choose_newton(given))
+    alternation = {"signed": True, "views": 9}
+    given = config(alternation=alternation, method="convex+refine")
+    found = choose_settings(given, dictionary, choose_solver(given))
     assert found.options == AlternationOptions(**alternation)
     assert found.solve.func is solve_newton
-    assert (found.orthogonal, found.threads) == (True, 3)
+    assert (found.orthogonal, found.threads) == (False, 3)
+    assert choose_settings(config(rotations="orthogonal"), dictionary, solve_newton).orthogonal
+    everywhere = config(alternation={"views": "all"}, method="alternate")
+    options = choose_settings(everywhere, dictionary, solve_newton).options
+    assert (options.views, options.number_of_views) == ("all", 6)
     assert found.mean_shape is dictionary.mean_shape
     assert found.needs == {}
     pursuing = choose_settings(config(method="pmp"), dictionary, solve_newton)
@@ -60,31 +59,32 @@ def test_settings_of_the_methods(config, dictionary):
     assert pursuing.options is None
 
 
-def test_options_of_the_solvers(config):
+def test_options_of_the_solver(config):
     told = {"tolerance": 1e-7, "max_iterations": 23}
-    newton = choose_newton(config(solver=told))
+    newton = choose_solver(config(solver=told))
     assert (newton.func, newton.keywords) == (solve_newton, told | {"threads": 3})
-    told |= {"stop": "change"}
-    admm = choose_solver(config(solver=told | {"name": "admm"}))
-    assert (admm.func, admm.keywords) == (solve_admm, told)
 
 
 def test_the_program(config):
-    given = config(**{"lambda": "auto", "noise": 2.5, "loss": "sparse-error", "beta": 0.7})
+    robust = {"method": "sparse-error", "threshold": 0.7}
+    given = config(**{"lambda": "auto", "noise": 2.5, "outliers": robust})
     assert choose_program(given) == Program(None, Loss.SPARSE_ERROR, beta=0.7, noise=2.5)
+    assert choose_program(config(outliers={"method": "l1"})) == Program(0.1, Loss.ABSOLUTE)
+    assert choose_program(config(noise=2.5)).lam == 0.1
     assert choose_program(config(**{"lambda": 0.4})) == Program(0.4)
 
 
 def test_options_of_the_perspective_camera(config):
-    told = {"ridge": 0.7, "softness": 0.3, "max_rounds": 29}
+    told = {"ridge": 0.7, "softness": 0.3}
     camera = {"model": "perspective", "focal": 500.0, **told}
     assert choose_options(config(camera=camera)) == PerspectiveOptions(**told, threads=3)
 
 
 def test_options_of_the_depths_along_a_sequence(config, dictionary):
-    told = {"smoothness": 3.0, "rigidity": 40.0, "tolerance": 0.2, "max_rounds": 31}
-    refinement = choose_refinement(config(temporal={"depths": True, **told}), dictionary)
-    assert refinement.keywords["settings"] == Sequencing(**told)
+    told = {"smoothness": 3.0, "rigidity": 40.0}
+    given = config(temporal={"depths": True, "softness": 0.2, **told})
+    refinement = choose_refinement(given, dictionary)
+    assert refinement.keywords["settings"] == DepthOptions(tolerance=0.2, **told)
     assert refinement.keywords["bones"] is dictionary.edges
 
 
@@ -102,6 +102,6 @@ def test_an_image_that_failed_gets_no_observed_landmarks(dictionary, rng):
         sequences=("walk",) * 4,
     )  # fmt: skip
     lifting = lift(images.landmarks, np.ones((4, 5)), dictionary.atoms, Program(0.1), estimator)
-    refined = refine(lifting, images, dictionary.edges, Sequencing())
+    refined = refine(lifting, images, dictionary.edges, DepthOptions())
     assert np.isnan(refined.shapes[0]).all()
     np.testing.assert_allclose(refined.shapes[1:, :2], images.landmarks[1:])

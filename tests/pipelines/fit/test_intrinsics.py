@@ -83,9 +83,9 @@ SKEWED = MATRIX + np.array([[0, 3.0, 0], [0, 0, 0], [0, 0, 0]])
         (2 * MATRIX, ["0 0 2", "fx 0 cx"]),
         (-MATRIX + np.diag([0, 0, 2]), ["the focal length -810", "> 0"]),
         (np.array([1.0, 0.0, 1.0, 1.0]), ["the focal length 0", "> 0"]),
-        (np.array([1.0, np.nan, 1.0, 1.0]), ["not real and finite"]),
-        (MATRIX * np.array([[1, 1, np.inf]] * 3), ["not real and finite"]),
-        (MATRIX + 0j, ["not real and finite"]),
+        (np.array([1.0, np.nan, 1.0, 1.0]), ["not real or not finite"]),
+        (MATRIX * np.array([[1, 1, np.inf]] * 3), ["not real or not finite"]),
+        (MATRIX + 0j, ["not real or not finite"]),
     ],
 )
 def test_what_is_no_camera_is_refused(values, words):

@@ -229,7 +229,7 @@ def test_models_that_the_dictionary_lacks_are_fitted_with_all_atoms(run, images)
     odd = replace(images, extras={"true_model": shown})
     found, outcomes = run(views=odd, method="mean-shape", chunk=4)
     assert warnings(outcomes) == [
-        "leave_out: 2 of 9 images show no item of the dictionary, the first 'beetle'; "
+        "leave_out: 2 of 9 images show items that are not in the dictionary, the first 'beetle'; "
         "they were fitted with all atoms"
     ]
     known, _ = run(method="mean-shape")
@@ -279,12 +279,12 @@ class TestRefusals:
 
     def test_a_misspelt_dataset(self, run, tmp_path):
         assert self.refused(run, tmp_path, leave_out="true_modle") == (
-            "leave_out: there is no dataset 'true_modle' with one name an image; "
+            "leave_out: there is no dataset 'true_modle' with one name per image; "
             "set `leave_out` to one of: item, true_model"
         )
 
     def test_a_dataset_that_is_no_name(self, run, tmp_path):
-        assert "no dataset 'box' with one name an image" in self.refused(
+        assert "no dataset 'box' with one name per image" in self.refused(
             run, tmp_path, leave_out="box"
         )
 
@@ -303,8 +303,9 @@ class TestRefusals:
 
     def test_names_of_another_kind(self, run, tmp_path):
         assert self.refused(run, tmp_path, leave_out="item") == (
-            "leave_out: 9 of 9 images show no item of the dictionary, the first 'image0'; "
-            "name the dataset whose texts are items of the dictionary, as 'golf', 'jetta', 'passat'"
+            "leave_out: 9 of 9 images show items that are not in the dictionary, the first "
+            "'image0'; "
+            "name the dataset that holds items of the dictionary, such as 'golf', 'jetta', 'passat'"
         )
 
 

@@ -1,4 +1,4 @@
-"""`fit` with each loss, and along a path of lambdas: what belongs to one and not to others."""
+"""`fit` with each loss: what belongs to one and not to others."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import LandmarkSet, write_dictionary
+from shapefit.io import write_dictionary
 
 NAMES = tuple(f"point{j}" for j in range(10))
 
@@ -22,10 +22,12 @@ class TestFamily:
         few = images.take([0, 6])  # the ones that show this atom
         few.landmarks[np.arange(2), 0, np.arange(2)] += 30
         wrong = np.eye(2, 10, dtype=bool)
-        found, _ = fit(tmp_path, one, few, loss=loss, beta=0.2, **{"lambda": 0.01})
+        found, _ = fit(
+            tmp_path, one, few, outliers={"method": loss, "threshold": 0.2}, **{"lambda": 0.01}
+        )
         judged = found.extras["outliers"].astype(bool)
         assert judged[wrong].all()
-        # beta bounds the pull of an outlier, it does not end it: another may come to lie beyond
+        # its pull is bounded, not ended: another landmark may come to lie beyond
         assert (judged & ~wrong).sum() <= (1 if loss == "sparse-error" else 0)
         plain, _ = fit(tmp_path, one, few)
         assert "outliers" not in plain.extras
@@ -48,18 +50,6 @@ class TestFamily:
             low.extras["lambda"] * low.scale, low.extras["lambda"][0] * low.scale[0]
         )
 
-    def test_a_path_gives_what_single_fits_give(self, fit, tmp_path, dictionary, images):
-        lambdas = [0.5, 0.1, 0.02]
-        path, _ = fit(tmp_path, dictionary, images, path=lambdas)
-        np.testing.assert_array_equal(path.extras["path_lambda"], np.tile(lambdas, (8, 1)))
-        assert (path.extras["path_relative_gap"] <= 1e-4).all()
-        for column, lam in enumerate(lambdas):
-            single, _ = fit(tmp_path, dictionary, images, **{"lambda": lam})
-            np.testing.assert_allclose(
-                path.extras["path_objective"][:, column], single.objective, rtol=2e-4
-            )
-        assert (np.diff(path.extras["path_residual"], axis=1) < 0).all()
-
     def test_the_time_is_that_of_solving_all_chunks(
         self, fit, tmp_path, dictionary, views, monkeypatch
     ):
@@ -69,19 +59,3 @@ class TestFamily:
         found, _ = fit(tmp_path, dictionary, views, chunk=64)
         assert found.attributes["solve_seconds"] == 4
         assert found.attributes["images_per_second"] == pytest.approx(193 / 4)
-
-    def test_alternation_stops_as_the_config_says(self, fit, tmp_path, dictionary, images, rng):
-        noise = rng.standard_normal(images.landmarks.shape)
-        noisy = LandmarkSet(
-            landmarks=images.landmarks + noise, landmark_names=NAMES, items=images.items
-        )
-
-        def rounds(**alternation):
-            keys = {"method": "alternate", "alternation": alternation}
-            return fit(tmp_path, dictionary, noisy, **keys)[0].iterations
-
-        loose, usual, tight = (rounds(tolerance=t) for t in (0.1, 1e-6, 1e-12))
-        np.testing.assert_array_equal(usual, rounds())
-        assert (loose < usual).all()
-        assert (usual < tight).all()
-        assert (rounds(max_rounds=3, tolerance=1e-12) == 3).all()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import FitConfig
-from shapefit.config.commands.fit_outliers import OutlierSearchConfig
+from shapefit.config.commands.fit_outliers import OutliersConfig
 from shapefit.convex.newton import solve_newton
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import landmark_writer, open_landmarks, read_results, write_dictionary
@@ -98,12 +98,13 @@ def test_the_search_does_without_the_model_left_out(method, run, views, rng, mad
 
 def labels_of(image, dictionary, method):
     """Labels of one image with a dictionary that never had the model."""
-    search = choose_search(OutlierSearchConfig(method=method), solve_newton, 1)
+    search = choose_search(OutliersConfig(method=method), solve_newton, 1)
     visible = image.seen()
     return (visible & ~search(image, visible.astype(float), dictionary))[0]
 
 
-def test_the_rounds_of_a_truncated_search_are_those_of_the_config(views, made_cars, rng):
+def test_the_rounds_of_a_truncated_search_are_limited(views, made_cars, rng, monkeypatch):
+    monkeypatch.setattr(outlier_search, "MOST_ROUNDS", 3)
     spoilt, _ = spoil(views, 0.3, rng)
     solved = []
 
@@ -111,7 +112,7 @@ def test_the_rounds_of_a_truncated_search_are_those_of_the_config(views, made_ca
         solved.append(len(problem.landmarks))
         return solve_newton(problem)
 
-    search = choose_search(OutlierSearchConfig(method="truncated", max_rounds=3), solve, 1)
+    search = choose_search(OutliersConfig(method="truncated"), solve, 1)
     search(spoilt, spoilt.seen().astype(float), made_cars)
     assert solved == 3 * [64] + 3 * [44]  # stretch by stretch
 
@@ -119,17 +120,17 @@ def test_the_rounds_of_a_truncated_search_are_those_of_the_config(views, made_ca
 @pytest.mark.parametrize(
     ("method", "function", "keys"),
     [
-        ("ransac", "find_consensus", {"threshold", "draws", "max_rounds"}),
-        ("truncated", "find_untruncated", {"lam", "threshold", "max_rounds"}),
+        ("ransac", "find_consensus", {"threshold", "draws"}),
+        ("truncated", "find_untruncated", {"lam", "threshold"}),
     ],
 )
 def test_the_search_is_told_what_the_config_says(
     method, function, keys, views, made_cars, monkeypatch
 ):
-    options = {"threshold": 0.4, "draws": 7, "lam": 2.5, "max_rounds": 3}
+    options = {"threshold": 0.4, "draws": 7, "lam": 2.5}
     told = {}
     monkeypatch.setattr(outlier_search, function, lambda *_, **given: told.update(given))
-    search = choose_search(OutlierSearchConfig(method=method, **options), solve_newton, 1)
+    search = choose_search(OutliersConfig(method=method, **options), solve_newton, 1)
     search(views, views.seen().astype(float), made_cars)
     assert {key: told[key] for key in keys} == {key: options[key] for key in keys}
 
@@ -168,9 +169,9 @@ def test_images_that_cannot_be_searched_or_lifted(method, run, views, rng):
     found, failures = run(images, outliers={"method": method, "threshold": 0.01})
     name = images.items
     assert failures[name[1]] == "only 2 visible landmarks, 3 are needed"
-    assert failures[name[2]] == "all visible landmarks lie on one point"
+    assert failures[name[2]] == "all visible landmarks are at one point"
     assert failures[name[3]].endswith(
-        "of 5 visible landmarks agree with each other; it takes 4, not all on one line"
+        "of 5 visible landmarks agree with each other; the minimum is 4, not all on one line"
     )
     assert failures[name[4]] == "all landmarks are hidden"
     labels = found.extras["outliers"].astype(bool)

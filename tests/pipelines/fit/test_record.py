@@ -41,8 +41,7 @@ def fit(project, made_cars, tmp_path):
 @pytest.mark.parametrize(
     "keys",
     [
-        {"path": [0.5, 0.1]},
-        {"loss": "l1"},
+        {"outliers": {"method": "l1"}},
         {
             "method": "convex+refine",
             "camera": {"model": "perspective", "intrinsics": "camera_matrix"},
@@ -52,18 +51,19 @@ def fit(project, made_cars, tmp_path):
 def test_every_dataset_of_a_fit_is_known_as_such(fit, keys):
     found, told = fit(**keys)
     assert found.extras.keys() - {"camera_matrix"} <= OF_A_RESULT
-    assert not [line for line in told if "named like" in line]
+    assert not [line for line in told if "that a result uses" in line]
 
 
 def test_datasets_of_the_landmarks_do_not_pass_for_those_of_the_fit(fit):
-    mine = {name: np.full(3, -7.0) for name in ("status", "lambda", "path_lambda", "outliers")}
+    mine = {name: np.full(3, -7.0) for name in ("status", "lambda", "residual", "outliers")}
     found, told = fit({**mine, "subject": np.full(3, -7.0)})
     assert list(found.status) == ["optimal"] * 3
     np.testing.assert_array_equal(found.extras["lambda"], 0.1)
-    assert not {"path_lambda", "outliers"} & found.extras.keys()
+    assert "outliers" not in found.extras
+    assert (found.extras["residual"] >= 0).all()
     for name in (*(f"input_{name}" for name in mine), "subject"):
         np.testing.assert_array_equal(found.extras[name], -7.0)
-    (warning,) = (line for line in told if "named like" in line)
+    (warning,) = (line for line in told if "that a result uses" in line)
     for name in mine:
         assert f"{name} is stored as input_{name}" in warning
     assert "subject" not in warning
@@ -71,4 +71,4 @@ def test_datasets_of_the_landmarks_do_not_pass_for_those_of_the_fit(fit):
 
 def test_a_table_holds_no_datasets_to_be_told_of(fit):
     _, told = fit({"status": np.zeros(3)}, output="result.csv")
-    assert not [line for line in told if "named like" in line]
+    assert not [line for line in told if "that a result uses" in line]

@@ -44,13 +44,13 @@ class TestInputsThatAreRefused:
         with pytest.raises(InputError, match="shapefit-dictionary"):
             fit(tmp_path, other, images)
 
-    def test_a_missing_output_folder(self, tmp_path, dictionary, images, write):
+    def test_an_output_folder_that_cannot_be_made(self, tmp_path, dictionary, images, write):
         config = FitConfig(
             landmarks=[str(write(tmp_path / "views.h5", images))],
             dictionary=str(dictionary),
-            output=str(tmp_path / "missing" / "result.h5"),
+            output=str(tmp_path / "views.h5" / "result.h5"),
         )
-        with pytest.raises(InputError, match="missing"):
+        with pytest.raises(InputError, match=r"views\.h5 is not a folder"):
             list(run(config))
 
     def test_csv_out(self, tmp_path, dictionary, images, write):

@@ -117,10 +117,12 @@ class TestShapes:
     @pytest.mark.parametrize(
         "keys",
         [{"method": method} for method in METHODS if method != "pmp"]
-        + [{"loss": loss} for loss in ("exact", "l1", "sparse-error")]
-        + [{"method": "convex+refine", "loss": "l1"}]
-        + [{"path": [1.0, 0.1, 0.01]}, {"solver": {"name": "admm"}}]
-        + [{"outliers": {"method": method}} for method in ("ransac", "truncated")],
+        + [{"loss": "exact"}]
+        + [{"method": "convex+refine", "outliers": {"method": "l1"}}]
+        + [
+            {"outliers": {"method": method}}
+            for method in ("ransac", "truncated", "l1", "sparse-error")
+        ],
         ids=str,
     )
     def test_chunks_and_threads_do_not_change_a_bit(self, fit, tmp_path, dictionary, views, keys):
@@ -159,7 +161,7 @@ class TestShapes:
         assert found.shapes.shape == (0, 3, 10)
         assert failures(outcomes) == {}
 
-    @pytest.mark.parametrize("method", ["convex+refine", "alternate", "alternate+", "mean-shape"])
+    @pytest.mark.parametrize("method", ["convex+refine", "alternate", "mean-shape"])
     def test_every_method_gives_shapes_on_the_landmarks(
         self, fit, tmp_path, dictionary, images, method, failures
     ):
@@ -170,8 +172,3 @@ class TestShapes:
         np.testing.assert_allclose(found.shapes[:, :2], found.landmarks_fitted)
         if method != "mean-shape":  # alternate may end in a local minimum
             assert np.median(found.extras["residual"]) < 0.05
-
-    def test_the_paper_s_solver_agrees(self, fit, tmp_path, dictionary, images):
-        a, _ = fit(tmp_path, dictionary, images)
-        b, _ = fit(tmp_path, dictionary, images, solver={"name": "admm"})
-        np.testing.assert_allclose(a.objective, b.objective, rtol=2e-4)

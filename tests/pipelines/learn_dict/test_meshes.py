@@ -100,7 +100,7 @@ def test_an_atom_that_is_no_mixture_leaves_the_meshes_out(tmp_path, models, monk
     monkeypatch.setattr(learn_dict, "learn", learn_elsewhere)
     few = models.take([0, 1, 2, 3])
     dictionary, warnings = make(tmp_path, few)
-    assert warnings == ["the meshes are left out: an atom is no mixture of the training shapes"]
+    assert warnings == ["the meshes are left out: an atom is no combination of the training shapes"]
     assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
 
 

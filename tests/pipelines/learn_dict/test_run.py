@@ -1,7 +1,9 @@
 """`learn-dict` from files to a file: what is learned from, written, left out and refused."""
 
 import json
+import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -179,6 +181,8 @@ class TestOutcomes:
         assert final.written == (made.output,)
         assert made.output.exists()
         assert "relative error" in final.note
+        (gap,) = re.findall(r"relative gap of the coding at most (\S+), ", final.note)
+        assert 0 <= float(gap) < 1e-10
 
     def test_a_tolerance_needs_fewer_rounds(self, config):
         outcomes, _ = learned(config(iterations=100, tolerance=0.05))
@@ -188,6 +192,13 @@ class TestOutcomes:
     def test_atoms_that_no_shape_uses_are_counted(self, config):
         outcomes, _ = learned(config(beta=100.0))
         assert any("6 of 6 atoms" in warning for warning in warnings(outcomes))
+
+    def test_an_alignment_that_did_not_come_to_rest_is_reported(self, config, monkeypatch):
+        hasty = partial(generalised_procrustes, max_rounds=1)
+        monkeypatch.setattr(training_shapes, "generalised_procrustes", hasty)
+        outcomes, _ = learned(config())
+        expected = "the mean of the aligned shapes still moved after 1 rounds"
+        assert warnings(outcomes) == [expected]
 
     def test_a_good_run_has_no_warnings_or_failures(self, config):
         outcomes, _ = learned(config())
@@ -264,7 +275,7 @@ class TestFailures:
         points[4] = points[4, :, :1]
         write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
         outcomes, dictionary = learned(config())
-        assert failures(outcomes) == {"item4": "all its landmarks lie on one point"}
+        assert failures(outcomes) == {"item4": "all its landmarks are at one point"}
         assert [len(o.failures) for o in outcomes] == [1, 0, 0, 0, 0, 0]
         write_shapes(tmp_path / "train.h5", shapes.take(np.arange(30) != 4))
         _, expected = learned(config())
@@ -274,7 +285,7 @@ class TestFailures:
         points = shapes.shapes.copy()
         points[4, 0, 0], points[7, 1, 2] = np.nan, np.inf
         spoiled = replace(shapes, shapes=points)
-        monkeypatch.setattr(training_shapes, "read_shapes", lambda paths: spoiled)
+        monkeypatch.setattr(learn_dict, "read_shapes", lambda *_: spoiled)
         outcomes, dictionary = learned(config())
         assert failures(outcomes) == dict.fromkeys(("item4", "item7"), "a coordinate is not finite")
         assert np.isfinite(dictionary.atoms).all()

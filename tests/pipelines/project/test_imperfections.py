@@ -1,4 +1,4 @@
-"""Noise, hidden landmarks and outliers have the size and the share that was asked for."""
+"""Noise, hidden and wrong landmarks have the size and the share that was asked for."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,6 @@ from shapefit.pipelines.project.imperfections import (
     Purpose,
     add_noise,
     corrupt,
-    displace,
     hide,
     stream,
 )
@@ -59,27 +58,6 @@ def test_some_landmarks_stay_visible(rng, p):
     assert np.array_equal(visible.sum(axis=1), np.full(50, min(p, LEAST_VISIBLE)))
 
 
-@pytest.mark.parametrize("share", [0.1, 0.3])
-def test_a_share_of_the_visible_landmarks_is_displaced(landmarks, rng, share):
-    landmarks[:, :, :5] = np.nan
-    after, moved = displace(landmarks, share, 2.0, rng)
-    assert np.array_equal(np.isnan(after), np.isnan(landmarks))
-    assert np.array_equal(moved, (after != landmarks).all(axis=1) & np.isfinite(landmarks[:, 0]))
-    assert moved.sum(axis=1).mean() == pytest.approx(10 * share, abs=5 * 0.5 / np.sqrt(BLOCK))
-
-
-def test_outliers_fill_the_disc_evenly(landmarks, rng):
-    step = displace(landmarks, 0.5, 2.0, rng)[0] - landmarks
-    step = step.swapaxes(1, 2)[(step != 0).all(axis=1)]
-    distance = np.linalg.norm(step, axis=1)
-    assert distance.max() <= 2 * (1 + 1e-12)
-    # Half of the area lies within size / sqrt(2), and half on each side of the middle.
-    allowed = 5 * 0.5 / np.sqrt(len(step))
-    assert (distance < np.sqrt(2)).mean() == pytest.approx(0.5, abs=allowed)
-    assert (step[:, 0] > 0).mean() == pytest.approx(0.5, abs=allowed)
-    assert (step[:, 1] > 0).mean() == pytest.approx(0.5, abs=allowed)
-
-
 def test_streams_differ_by_seed_purpose_and_block():
     draws = {
         stream(seed, purpose, block).random()
@@ -93,13 +71,12 @@ def test_streams_differ_by_seed_purpose_and_block():
 def test_a_seed_means_the_same_in_every_version():
     """Files of old runs can be made again: neither purposes nor their numbers may change."""
     members = {name: purpose.value for name, purpose in Purpose.__members__.items()}
-    assert members == {"VIEW": 0, "NOISE": 1, "HIDDEN": 2, "OUTLIERS": 3, "CORRUPTION": 4}
+    assert members == {"VIEW": 0, "NOISE": 1, "HIDDEN": 2, "CORRUPTION": 4}
 
 
 @pytest.mark.parametrize("spoil", [
     lambda W, rng: add_noise(W, 0.1, rng),
     lambda W, rng: hide(W, 0.3, rng),
-    lambda W, rng: displace(W, 0.3, 1.0, rng)[0],
 ])  # fmt: skip
 def test_an_image_fares_the_same_however_many_follow(landmarks, spoil):
     whole = spoil(landmarks, np.random.default_rng(3))

@@ -28,11 +28,11 @@ def images(rng):
 
 @pytest.fixture
 def choose(tmp_path, images):
-    def choose(least_visible=0, first=0, every=1, corruption=None, names=NAMES, images=images):
+    def choose(least_visible=0, offset=0, every=1, corruption=None, names=NAMES, images=images):
         with landmark_writer(tmp_path / "all.h5") as writer:
             writer.append(images)
         chosen, warm_up = tmp_path / "chosen.h5", tmp_path / "warm_up.h5"
-        choice = Choice(least_visible, first, every)
+        choice = Choice(least_visible, offset, every)
         choose_images([tmp_path / "all.h5"], choice, corruption, names, chosen, warm_up)
         return read(chosen), read(warm_up)
 
@@ -46,12 +46,14 @@ def read(path):
 
 
 @pytest.mark.parametrize("block", [3, 1024])
-@pytest.mark.parametrize(("first", "every"), [(0, 1), (0, 2), (1, 2), (3, 4)])
-def test_every_nth_of_the_images_that_show_enough(choose, images, first, every, block, monkeypatch):
+@pytest.mark.parametrize(("offset", "every"), [(0, 1), (0, 2), (1, 2), (3, 4)])
+def test_every_nth_of_the_images_that_show_enough(
+    choose, images, offset, every, block, monkeypatch
+):
     monkeypatch.setattr("shapefit.pipelines.sweep.images.BLOCK", block)
-    chosen, warm_up = choose(least_visible=4, first=first, every=every)
+    chosen, warm_up = choose(least_visible=4, offset=offset, every=every)
     enough = [f"image{i}" for i in range(20) if i % 7 >= 4]
-    assert chosen.items == tuple(enough[first::every])
+    assert chosen.items == tuple(enough[offset::every])
     assert warm_up.items == chosen.items[:8]
     rows = [images.items.index(item) for item in chosen.items]
     np.testing.assert_array_equal(chosen.landmarks, images.landmarks[rows])
@@ -61,7 +63,7 @@ def test_every_nth_of_the_images_that_show_enough(choose, images, first, every, 
 def test_what_is_drawn_for_an_image_does_not_depend_on_the_choice(choose, images):
     corruption = CorruptionConfig(share=0.5, seed=2)
     everything, _ = choose(corruption=corruption)
-    some, _ = choose(least_visible=4, first=1, every=2, corruption=corruption)
+    some, _ = choose(least_visible=4, offset=1, every=2, corruption=corruption)
     rows = [everything.items.index(item) for item in some.items]
     np.testing.assert_array_equal(some.landmarks, everything.landmarks[rows])
     wrong = everything.extras["corrupted"].astype(bool)
@@ -110,7 +112,7 @@ def test_the_labels_are_in_the_order_of_the_dictionary(choose):
 
 def test_no_image_left_is_an_error_that_says_so(choose):
     with pytest.raises(InputError, match=r"2 images with 6 visible landmarks or more; lower"):
-        choose(least_visible=6, first=2)
+        choose(least_visible=6, offset=2)
 
 
 def test_every_block_of_images_has_draws_of_its_own(choose, images, rng, monkeypatch):

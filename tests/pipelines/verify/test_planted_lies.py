@@ -11,6 +11,14 @@ from shapefit.geometry.rotations import rotation_about
 IMAGE = 3
 TURN = rotation_about(np.array([1.0, 2.0, 3.0]), np.array([1e-9]))[0]
 
+TERMS = {
+    "squared": {},
+    "exact": {"loss": "exact"},
+    "l1": {"outliers": {"method": "l1"}},
+    "sparse-error": {"outliers": {"method": "sparse-error"}},
+}
+"""Data term -> the keys of `fit` that choose it."""
+
 
 def gap_lowered(file):
     file["relative_gap"][IMAGE] *= 0.9
@@ -135,7 +143,7 @@ LIES = [
 @pytest.mark.parametrize("loss", ["squared", "l1"])
 @pytest.mark.parametrize(("lie", "claim"), LIES, ids=[lie.__name__ for lie, _ in LIES])
 def test_a_lie_is_found(fitted, changed, verify, dictionaries, item_of, loss, lie, claim):
-    honest = fitted("people", loss=loss)
+    honest = fitted("people", **TERMS[loss])
     found = verify(changed(honest, lie), dictionaries["people"])
     assert list(found.failures) == [item_of(honest, IMAGE)]
     assert claim in found.failures[item_of(honest, IMAGE)]
@@ -143,7 +151,7 @@ def test_a_lie_is_found(fitted, changed, verify, dictionaries, item_of, loss, li
 
 @pytest.mark.parametrize("loss", ["squared", "exact", "l1", "sparse-error"])
 def test_a_raised_status_is_found(fitted, changed, verify, dictionaries, item_of, loss):
-    honest = fitted("people", loss=loss, solver={"max_iterations": 1})
+    honest = fitted("people", **TERMS[loss], solver={"max_iterations": 1})
 
     def raised(file):
         assert file["status"].asstr()[IMAGE] == "iteration limit"
@@ -214,7 +222,7 @@ CLAIMED = [
 def test_numbers_that_are_none_hold_for_nothing(
     fitted, changed, verify, dictionaries, item_of, name, value
 ):
-    honest = fitted("people", loss="sparse-error")
+    honest = fitted("people", outliers={"method": "sparse-error"})
 
     def spoil(file):
         first = int(file["transform_count"][:IMAGE].sum())
@@ -232,7 +240,9 @@ def test_a_dataset_of_another_shape_is_refused(fitted, changed, verify, dictiona
         file[name] = np.repeat(values[:, None], 2, axis=1)
 
     with pytest.raises(InputError, match=rf"/{name}: holds .* of the shape"):
-        verify(changed(fitted("people", loss="l1"), reshape), dictionaries["people"])
+        verify(
+            changed(fitted("people", outliers={"method": "l1"}), reshape), dictionaries["people"]
+        )
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "no", '{"method": "convex"}'])

@@ -13,7 +13,13 @@ from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.project import run as projecting
 
-LOSSES = ["squared", "exact", "l1", "sparse-error"]
+TERMS = {
+    "squared": {},
+    "exact": {"loss": "exact"},
+    "l1": {"outliers": {"method": "l1"}},
+    "sparse-error": {"outliers": {"method": "sparse-error"}},
+}
+"""Data term -> the keys of `fit` that choose it."""
 IMAGES = 150
 
 
@@ -24,7 +30,7 @@ def people(real_data, tmp_path_factory):
     shapes = read_shapes([real_data / "mocap/subject13_24fps.h5"])
     chosen = np.linspace(0, len(shapes) - 1, IMAGES).astype(int)
     write_shapes(folder / "shapes.h5", shapes.take(chosen))
-    camera = {"model": "orthographic", "view": "turntable", "up": "y"}
+    camera = {"view": "turntable", "up": "y"}
     list(
         projecting.run(
             ProjectConfig(
@@ -73,15 +79,15 @@ def test_methods_on_people(people, verify, tmp_path, method):
 
 
 @pytest.mark.real_data
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("loss", list(TERMS))
 def test_losses_on_people(people, verify, tmp_path, loss):
-    accept(people, verify, tmp_path, loss=loss)
+    accept(people, verify, tmp_path, **TERMS[loss])
 
 
 @pytest.mark.real_data
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("loss", list(TERMS))
 def test_losses_on_cars(cars, verify, tmp_path, loss):
-    accept(cars, verify, tmp_path, loss=loss, lam=1.0, leave_out="true_model")
+    accept(cars, verify, tmp_path, **TERMS[loss], lam=1.0, leave_out="true_model")
 
 
 @pytest.mark.real_data

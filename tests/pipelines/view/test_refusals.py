@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -64,7 +66,7 @@ def test_a_page_that_would_replace_its_input(desk):
 
 def test_a_terminal_and_a_folder_are_no_place_for_a_page(desk):
     result = desk.result()
-    for output, found in (("-", "not for a terminal"), (desk.folder, "it is a folder")):
+    for output, found in (("-", "not written to a terminal"), (desk.folder, "it is a folder")):
         with pytest.raises(InputError, match=found):
             list(run(ViewConfig(files={"result": (result,)}, output=output)))
 
@@ -81,6 +83,10 @@ def test_a_format_that_is_no_text(desk, form):
     with h5py.File(path, "r+") as file:
         file.attrs["format"] = form
     assert "result.h5: has a format that is no text; give one of" in refused(desk, path)
+
+
+def test_a_table_without_end(desk):
+    assert "/dev/zero:1: is not text (a zero byte)" in refused(desk, Path("/dev/zero"))
 
 
 def test_images_that_are_not_there_or_no_images(desk, rng):

@@ -8,7 +8,7 @@ import numpy as np
 def test_a_result_with_all_it_needs_says_nothing(desk):
     edges = np.array([[0, 1], [1, 2]])
     made = desk.view(desk.result(), truth=(desk.truth(edges=edges),))
-    assert made.notes == "Laid onto result by the best similarity: truth."
+    assert made.notes == "Aligned with result by the best similarity: truth."
     assert made.data["edges"] == edges.tolist()
     assert [layer["name"] for layer in made.data["layers"]] == ["result", "truth"]
     assert made.outcome.done == 6
@@ -16,7 +16,7 @@ def test_a_result_with_all_it_needs_says_nothing(desk):
 
 def test_without_observed_landmarks(desk):
     made = desk.view(desk.result(extras={}))
-    assert "no observed landmarks; name the landmark file too" in made.notes
+    assert "no observed landmarks; add the landmark file" in made.notes
     assert made.data["seen"] is None
     assert made.data["flat"]
 
@@ -75,7 +75,7 @@ def test_csv_shows_points(desk):
 def test_a_dictionary_that_is_gone_or_changed_is_named(desk):
     gone = '{"dictionary": "/nowhere/dict.h5"}'
     made = desk.view(desk.result(attributes={"config": gone}))
-    assert "its dictionary dict.h5 is not where it was; -d DICT.h5 names another" in made.notes
+    assert "its dictionary dict.h5 no longer exists; -d DICT.h5 names another" in made.notes
     changed = desk.truth()
     made = desk.view(desk.result(attributes={"config": f'{{"dictionary": "{changed}"}}'}))
     assert "has changed since the fit" in made.notes

@@ -1,4 +1,4 @@
-"""What a file holds, told without its numbers: kind, items, sequences, names of landmarks."""
+"""What a file holds, without its numbers: kind, items, sequences, names of landmarks."""
 
 from __future__ import annotations
 
@@ -10,21 +10,25 @@ from typing import Any, Literal
 import numpy as np
 
 from shapefit.errors import input_error
+from shapefit.io.formats import find_format, find_lister
 from shapefit.io.kinds.landmarks import open_landmarks
 from shapefit.io.kinds.results import read_results
 from shapefit.io.kinds.shapes import read_shapes
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Format
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
-from shapefit.io.sources import is_hdf5, is_stream
+from shapefit.io.sources import is_stream
 
-Kind = Literal["result", "shapes", "landmarks"]
+ListedKind = Literal["result", "shapes", "landmarks"]
 Records = ResultSet | ShapeSet | LandmarkSet
 
-FORMATS: Mapping[str, tuple[Kind, Format]] = {
+LAYOUTS: Mapping[str, tuple[ListedKind, Format]] = {
     RESULTS.name: ("result", RESULTS),
     SHAPES.name: ("shapes", SHAPES),
     LANDMARKS.name: ("landmarks", LANDMARKS),
 }
+
+LONGEST_HEADER = 1 << 16
+"""Characters of a first line that are looked at: a device may never end it."""
 
 BLOCK = 16384
 """Items that are read at a time."""
@@ -39,7 +43,7 @@ class Listing:
     """
 
     path: Path
-    kind: Kind
+    kind: ListedKind
     items: tuple[str, ...]
     sequences: tuple[str, ...] | None
     landmark_names: tuple[str, ...]
@@ -59,8 +63,43 @@ def list_file(path: Path) -> Listing:
     if is_stream(path):
         found = "standard input can be read only once"
         raise input_error("-", found, "save it to a file and name that")
-    if not is_hdf5(path):
-        return _list_table(path)
+    lister = find_lister(path)
+    if lister is None:
+        return list_records(path)
+    listing: Listing = lister(path)
+    return listing
+
+
+def list_records(path: Path) -> Listing:
+    """List a file by reading it, as the first kind that its format can hold."""
+    kind = next(iter(find_format(path).readers))
+    if kind == "landmarks":
+        with open_landmarks([path]) as source:
+            (records,) = source.chunks(max(source.count, 1))
+            return _listing(path, "landmarks", records, source.y_axis)
+    if kind == "shapes":
+        return _listing(path, "shapes", read_shapes([path]), None)
+    results = read_results(path)
+    return _listing(path, "result", results, results.y_axis)
+
+
+def _listing(
+    path: Path, kind: ListedKind, records: Records, y_axis: Literal["up", "down"] | None
+) -> Listing:
+    return Listing(
+        path=path,
+        kind=kind,
+        items=records.items,
+        sequences=records.sequences,
+        landmark_names=records.landmark_names,
+        unit=records.unit,
+        y_axis=y_axis,
+        frame_rate=records.frame_rate,
+    )
+
+
+def list_hdf5(path: Path) -> Listing:
+    """List an HDF5 file of results, shapes or landmarks."""
     from shapefit.io.hdf5.reading import Hdf5Reader
 
     kind, form = _kind_of(path)
@@ -89,7 +128,7 @@ def read_chunks(listing: Listing, of_results: Collection[str]) -> Iterator[Recor
             yield from source.chunks(BLOCK)
     elif listing.kind == "shapes":
         yield read_shapes([listing.path])
-    elif is_hdf5(listing.path):
+    elif listing.datasets:
         yield from _result_chunks(listing.path, of_results)
     else:
         yield read_results(listing.path)
@@ -118,7 +157,7 @@ def _result_chunks(path: Path, wanted: Collection[str]) -> Iterator[ResultSet]:
             )
 
 
-def _kind_of(path: Path) -> tuple[Kind, Format]:
+def _kind_of(path: Path) -> tuple[ListedKind, Format]:
     import h5py
 
     try:
@@ -129,11 +168,11 @@ def _kind_of(path: Path) -> tuple[Kind, Format]:
         fix = "the file may be cut off or damaged: copy or make it again"
         raise input_error(path, found, fix) from error
     name = stated.decode("utf-8", "replace") if isinstance(stated, bytes | np.bytes_) else stated
-    if not isinstance(name, str) or name not in FORMATS:
+    if not isinstance(name, str) or name not in LAYOUTS:
         named = f"is a {name} file" if isinstance(name, str) else "has a format that is no text"
         found = "has no root attribute format" if name is None else named
-        raise input_error(path, found, f"give one of {', '.join(FORMATS)}")
-    return FORMATS[name]
+        raise input_error(path, found, f"give one of {', '.join(LAYOUTS)}")
+    return LAYOUTS[name]
 
 
 def _datasets(path: Path) -> frozenset[str]:
@@ -143,11 +182,12 @@ def _datasets(path: Path) -> frozenset[str]:
         return frozenset(file)
 
 
-def _list_table(path: Path) -> Listing:
+def list_table(path: Path) -> Listing:
+    """List a CSV table."""
     from shapefit.io.csv.tables import read_landmark_table, read_result_table
 
     with path.open(encoding="utf-8", errors="replace") as file:
-        columns = file.readline().lstrip("\ufeff").strip().split(",")
+        columns = file.readline(LONGEST_HEADER).lstrip("\ufeff").strip().split(",")
     solid = "z" in {column.strip(' "') for column in columns}
     table = read_result_table(path) if solid else read_landmark_table(path)
     return Listing(

@@ -1,0 +1,73 @@
+"""Files to records and back, with one landmark per row."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+from shapefit import io
+from shapefit.face.records import (
+    Dictionary,
+    Fit,
+    Landmarks,
+    Shapes,
+    dictionary_model,
+    fit_of,
+    landmark_set,
+    result_set,
+    rows_of,
+    shape_set,
+)
+from shapefit.io.layout import DICTIONARY, LANDMARKS, SHAPES
+
+File = str | PathLike[str]
+
+
+def read_shapes(*paths: File) -> Shapes:
+    """Read files of 3D shapes, in any format of `learn-dict`, as one set."""
+    return rows_of(io.read_shapes(_paths(paths)), Shapes, SHAPES)
+
+
+def read_landmarks(*paths: File) -> Landmarks:
+    """Read files of 2D landmarks, in any format of `fit`, as one set."""
+    with io.open_landmarks(_paths(paths)) as source:
+        (landmarks,) = source.chunks(max(source.count, 1))
+    return rows_of(landmarks, Landmarks, LANDMARKS)
+
+
+def read_dictionary(path: File) -> Dictionary:
+    """Read a dictionary."""
+    return rows_of(io.read_dictionary(Path(path)), Dictionary, DICTIONARY)
+
+
+def read_results(path: File) -> Fit:
+    """Read a result; what proves it stays in the file, for `shapefit verify`."""
+    return fit_of(io.read_results(Path(path)), {})
+
+
+def write_shapes(path: File, shapes: Shapes) -> None:
+    """Write shapes to HDF5, or to CSV where the name ends in .csv."""
+    io.write_shapes(Path(path), shape_set(shapes))
+
+
+def write_landmarks(path: File, landmarks: Landmarks) -> None:
+    """Write landmarks to HDF5, or to CSV where the name ends in .csv."""
+    with io.landmark_writer(Path(path)) as writer:
+        writer.append(landmark_set(landmarks))
+
+
+def write_dictionary(path: File, dictionary: Dictionary) -> None:
+    """Write a dictionary to HDF5."""
+    io.write_dictionary(Path(path), dictionary_model(dictionary))
+
+
+def write_results(path: File, result: Fit) -> None:
+    """Write a fit to HDF5 as `fit` does, or its shapes to CSV where the name ends in .csv."""
+    record = result_set(result)
+    with io.result_writer(Path(path)) as writer:
+        writer.append(record)
+        writer.attributes.update(record.attributes)
+
+
+def _paths(paths: tuple[File, ...]) -> list[Path]:
+    return [Path(path) for path in paths]

@@ -1,0 +1,56 @@
+"""Keyword arguments checked against the config of a command: the same keys, defaults and errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from shapefit.config.checked import check
+from shapefit.config.model import CommandConfig
+from shapefit.config.settings import Settings
+from shapefit.errors import input_error
+
+Config = TypeVar("Config", bound=CommandConfig)
+
+
+def default(model: type[CommandConfig], name: str) -> Any:
+    """Return the default of a key of a command."""
+    return model.model_fields[name].get_default(call_default_factory=True)
+
+
+def config_of(
+    model: type[Config],
+    function: str,
+    given: Mapping[str, Any],
+    options: Mapping[str, Any],
+    files: Mapping[str, Any],
+) -> Config:
+    """Return the config that the arguments of a function make.
+
+    `given` are those of its signature, `options` further keys of the command. `files` (key ->
+    value) are the keys whose place arrays take; in the config they hold these values, for messages.
+    Raises InputError for what the config refuses, each problem with the name of its argument.
+    """
+    closed = {*files, "data", "export", "pictures"} & model.model_fields.keys()
+    for key in options.keys() & closed:
+        found = f"there is no argument `{key}`"
+        fix = f"it is for files: use the command line, or the functions of shapefit for `{key}`"
+        raise input_error(f"{function}.{key}", found, fix)
+    settings = Settings({})
+    stream = dict.fromkeys(files, "-")
+    settings.take_section(function, stream | plain({**given, **options}))
+    return check(model, settings).model_copy(update=dict(files))
+
+
+def plain(value: Any) -> Any:
+    """Return a value as YAML would have it: no numbers or arrays of NumPy, no tuples, no paths."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return str(value) if isinstance(value, Path) else value

@@ -1,0 +1,172 @@
+"""The table of file formats: how each is recognised, what it can hold, what reads and writes it.
+
+It is light: readers and writers are imported when a file of theirs is met. A format of others has
+one file with its functions, and one entry here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from shapefit.errors import input_error, listed
+from shapefit.io.sources import HDF5_SIGNATURE, is_stream, require_file, source_name
+
+HEAD_BYTES = 4096
+"""Of a file that a recogniser sees."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileFormat:
+    """A format of files. Functions are named as "module:function".
+
+    title        what a file of it is called, with its article
+    suffixes     endings of its names; it is looked for in files of these names first, and an
+                 output of such a name is written in it
+    recogniser   takes a path and the first HEAD_BYTES of the file; whether it is in this format
+    readers      by kind (landmarks, shapes, result, dictionary): takes a path, returns the record,
+                 or a SourceFile that gives out parts of it. A reader of shapes takes `gaps`, too:
+                 whether landmarks may be unknown
+    lister       takes a path, returns a Listing; without one the whole file is read
+    writer       takes a path and the layout of the records, gives a RecordWriter in a `with`
+    writes       the kinds that it can write
+    points_only  it has no place for what is not a point: attributes, further datasets
+    states_y_axis  its files say, or it is known of all of them, whether y points up or down
+    """
+
+    title: str
+    suffixes: tuple[str, ...]
+    recogniser: str
+    readers: Mapping[str, str] = field(default_factory=dict)
+    lister: str | None = None
+    writer: str | None = None
+    writes: tuple[str, ...] = ()
+    points_only: bool = True
+    states_y_axis: bool = True
+
+    def has_suffix(self, path: Path) -> bool:
+        """Whether the path is named like a file of this format."""
+        return path.name.lower().endswith(self.suffixes)
+
+
+HDF5 = FileFormat(
+    title="an HDF5 file",
+    suffixes=(".h5", ".hdf5", ".hdf", ".he5"),
+    recogniser="shapefit.io.formats:begins_like_hdf5",
+    readers={
+        "landmarks": "shapefit.io.kinds.landmarks:open_hdf5",
+        "shapes": "shapefit.io.kinds.shapes:open_hdf5",
+        "result": "shapefit.io.kinds.results:read_hdf5",
+        "dictionary": "shapefit.io.kinds.dictionaries:read_hdf5",
+    },
+    lister="shapefit.io.kinds.listing:list_hdf5",
+    writer="shapefit.io.hdf5.writing:hdf5_output",
+    writes=("landmarks", "shapes", "result", "dictionary"),
+    points_only=False,
+)
+
+CSV = FileFormat(
+    title="a CSV file",
+    suffixes=(".csv",),
+    recogniser="shapefit.io.formats:begins_like_tidy_csv",
+    readers={
+        "landmarks": "shapefit.io.csv.tables:read_landmark_table",
+        "shapes": "shapefit.io.csv.tables:read_shape_table",
+        "result": "shapefit.io.csv.tables:read_result_table",
+    },
+    lister="shapefit.io.kinds.listing:list_table",
+    writer="shapefit.io.csv.writing:csv_output",
+    writes=("landmarks", "shapes", "result"),
+    states_y_axis=False,
+)
+
+FORMATS: dict[str, FileFormat] = {"hdf5": HDF5, "csv": CSV}
+"""Those of the package come first; the recognisers of others are asked before theirs."""
+
+
+def find_format(path: Path) -> FileFormat:
+    """Return the format of a file, by its content; what nothing recognises is read as CSV.
+
+    Standard input and pipes are CSV. Raises InputError as `require_file` does, and where the name
+    promises HDF5 but the content is something else.
+    """
+    if is_stream(path):
+        return CSV
+    require_file(path)
+    if not path.is_file():
+        return CSV
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    for known in _likely_first(path):
+        if _load(known.recogniser)(path, head):
+            return known
+    if HDF5.has_suffix(path):
+        fix = "give an HDF5 file, or name it .csv if it is CSV"
+        raise input_error(path, "is not an HDF5 file", fix)
+    return CSV
+
+
+def find_reader(path: Path, kind: str) -> Callable[..., Any]:
+    """Return what reads records of a kind from this file. Raises InputError where nothing does."""
+    known = find_format(path)
+    if kind not in known.readers:
+        titles = listed(each.title for each in FORMATS.values() if kind in each.readers)
+        found = f"is not {titles}" if path.is_file() else "is not a file on a disk"
+        raise input_error(source_name(path), found, f"give a shapefit-{kind} file")
+    return _load(known.readers[kind])
+
+
+def find_lister(path: Path) -> Callable[[Path], Any] | None:
+    """Return what lists a file without reading all of it, if its format has such a thing."""
+    lister = find_format(path).lister
+    return None if lister is None else _load(lister)
+
+
+def find_target_format(path: Path) -> FileFormat:
+    """Return the format that an output path asks for: CSV for `-`, else by its name, else HDF5."""
+    if is_stream(path):
+        return CSV
+    named = (known for known in FORMATS.values() if known.writer and known.has_suffix(path))
+    return next(named, HDF5)
+
+
+def find_writer(path: Path, kind: str) -> Callable[..., Any]:
+    """Return what writes records of a kind. Raises InputError where the format cannot hold them."""
+    known = find_target_format(path)
+    if known.writer is None or kind not in known.writes:
+        name = known.title.split()[1]
+        raise input_error(path, f"a {kind} cannot be {name}", "give it a name in .h5")
+    return _load(known.writer)
+
+
+def begins_like_hdf5(path: Path, head: bytes) -> bool:
+    """Whether a file begins with the signature of HDF5."""
+    return head.startswith(HDF5_SIGNATURE)
+
+
+def begins_like_tidy_csv(path: Path, head: bytes) -> bool:
+    """Whether the first line names the columns of our tables."""
+    line = head.partition(b"\n")[0].removeprefix(b"\xef\xbb\xbf").strip()
+    columns = {cell.strip(b' "') for cell in line.split(b",")}
+    return {b"item", b"landmark"} <= columns and not HDF5.has_suffix(path)
+
+
+def _likely_first(path: Path) -> Iterator[FileFormat]:
+    """Yield the formats whose names fit before the others, and each time the package's own last.
+
+    Many formats are HDF5 or CSV inside, so their recognisers are asked before ours.
+    """
+    others = [known for known in FORMATS.values() if known not in (HDF5, CSV)]
+    ordered = [*others, HDF5, CSV]
+    yield from (known for known in ordered if known.has_suffix(path))
+    yield from (known for known in ordered if not known.has_suffix(path))
+
+
+def _load(place: str) -> Callable[..., Any]:
+    """Import a function by its place, "module:function"."""
+    module, _, name = place.partition(":")
+    function: Callable[..., Any] = getattr(import_module(module), name)
+    return function

@@ -1,0 +1,194 @@
+"""The commands that run a pipeline on a config: one table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import click
+
+from .streams import tell
+
+if TYPE_CHECKING:
+    from .report import Report
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A command: its texts, its pipeline, and the arguments that are keys of its config.
+
+    `unit` is what the progress bar counts. Where `prints_note` the last note of the pipeline is the
+    result of the command, for stdout. Each of `actions` is a flag, and what is done with the report
+    when it is given.
+    """
+
+    name: str
+    pipeline: str
+    unit: str
+    summary: str
+    text: str
+    examples: str
+    parameters: tuple[click.Parameter, ...]
+    prints_note: bool = False
+    actions: dict[str, tuple[click.Option, Callable[[Report], None]]] = field(default_factory=dict)
+
+
+def _files(key: str, metavar: str | None = None) -> click.Argument:
+    return click.Argument([key], nargs=-1, metavar=metavar)
+
+
+def _output(metavar: str, text: str) -> click.Option:
+    return click.Option(["-o", "--output"], metavar=metavar, help=text)
+
+
+def _dictionary(text: str) -> click.Option:
+    return click.Option(["-d", "--dictionary"], metavar="DICT.h5", help=text)
+
+
+def _truth() -> click.Option:
+    text = "File of the true 3D shapes. Repeatable."
+    return click.Option(["--truth"], metavar="SHAPES", multiple=True, help=text)
+
+
+def _report_folder() -> click.Option:
+    return _output("DIR", "Folder to write the report to.")
+
+
+def _open_in_browser(report: Report) -> None:
+    import webbrowser
+
+    for path in report.written:
+        if not webbrowser.open(path.resolve().as_uri()):
+            tell(f"No browser was found; open {path} in one.")
+
+
+COMMANDS = (
+    Spec(
+        "learn-dict",
+        pipeline="learn_dict.run",
+        unit="round",
+        summary="Learn a dictionary from 3D shapes.",
+        text="""Learn a dictionary of rotatable basis shapes from 3D shapes.
+
+SHAPES are files of 3D shapes, HDF5 or CSV; globs work.""",
+        examples="""\
+  shapefit learn-dict train.h5 -o dict.h5
+  shapefit learn-dict -c learn-dict.yaml 'train/*.h5' -o dict.h5 --set k=128
+  shapefit learn-dict -c cars models.h5 -o cars.h5
+  shapefit learn-dict train.csv -o dict.h5 --set beta=0.05 --print-config""",
+        parameters=(_files("shapes"), _output("DICT.h5", "Dictionary file to write (HDF5).")),
+    ),
+    Spec(
+        "project",
+        pipeline="project.run",
+        unit="image",
+        summary="Project 3D shapes to synthetic 2D landmarks.",
+        text="""Project 3D shapes to synthetic 2D landmarks with a known camera.
+
+SHAPES are files of 3D shapes, HDF5 or CSV; globs work, - is stdin (CSV).""",
+        examples="""\
+  shapefit project test.h5 -o views.h5
+  shapefit project -c project.yaml test.h5 -o views.h5 --set noise=0.01 --set hidden=0.2
+  shapefit project test.h5 -o - --set camera.view=random > views.csv""",
+        parameters=(
+            _files("shapes"),
+            _output("LANDMARKS", "Landmark file to write; - is stdout (CSV)."),
+        ),
+    ),
+    Spec(
+        "fit",
+        pipeline="fit.run",
+        unit="image",
+        summary="Lift 2D landmarks to 3D shapes.",
+        text="""Lift 2D landmarks in single images to 3D shapes.
+
+LANDMARKS are files of 2D landmarks, HDF5 or CSV; globs work, - is stdin (CSV).""",
+        examples="""\
+  shapefit fit views.h5 -d dict.h5 -o result.h5
+  shapefit fit -c fit.yaml 'views/*.h5' -d dict.h5 -o result.h5 --set lambda=0.2
+  shapefit fit -c cars photos.h5 -d cars.h5 -o result.h5 --set export.folder=meshes
+  shapefit fit -d dict.h5 -o - - < landmarks.csv > shapes.csv""",
+        parameters=(
+            _files("landmarks"),
+            _output("RESULT", "Result file to write; - is stdout (CSV)."),
+            _dictionary("Dictionary that learn-dict wrote."),
+        ),
+    ),
+    Spec(
+        "eval",
+        pipeline="evaluate.run",
+        unit="image",
+        summary="Compare results with the truth.",
+        text="""Compare results with the truth; print the table of errors (Markdown) to stdout.
+
+RESULTs are files that fit wrote; globs work. In the table each has the name of its file; the
+config can set other names.""",
+        examples="""\
+  shapefit eval result.h5 --truth test.h5 -o report/
+  shapefit eval -c eval.yaml convex.h5 pmp.h5 --truth test.h5 -o report/
+  shapefit eval result.h5 --truth 'test/*.h5' -o report/ > table.md""",
+        parameters=(_files("results", "[RESULT]..."), _report_folder(), _truth()),
+        prints_note=True,
+    ),
+    Spec(
+        "simulate",
+        pipeline="simulate",
+        unit="trial",
+        summary="Measure exact recovery on planted instances.",
+        text="""Measure how often the noiseless program finds planted transforms exactly.
+
+Random instances over a grid of landmarks and atoms in use; prints the table of shares
+(Markdown) to stdout.""",
+        examples="""\
+  shapefit simulate -c recovery.yaml
+  shapefit simulate -o recovery/ --set trials=10 --set 'landmarks=[10, 20]'
+  shapefit simulate -c recovery.yaml --set translation=none -o literal/ > recovery.md""",
+        parameters=(_report_folder(),),
+        prints_note=True,
+    ),
+    Spec(
+        "sweep",
+        pipeline="sweep.run",
+        unit="image",
+        summary="Run the chain over the values of one key.",
+        text="""Run learn-dict, project, fit and eval for each value of one key.
+
+Prints the table of errors and times against the key (Markdown) to stdout; the report draws
+it.""",
+        examples="""\
+  shapefit sweep -c sensitivity-lambda.yaml
+  shapefit sweep -c sweep.yaml -o lambda/ --set 'vary={fit.lambda: [0.05, 0.1, 0.2]}'
+  shapefit sweep -c sweep.yaml --set 'vary={fit.method: [convex, alternate]}' > table.md""",
+        parameters=(_report_folder(),),
+        prints_note=True,
+    ),
+    Spec(
+        "view",
+        pipeline="view.run",
+        unit="frame",
+        summary="Show results on a page to rotate and play.",
+        text="""Write one HTML page that shows results, to rotate and play.
+
+The page needs no network and no server: send it to a colleague. On the left are the
+landmarks in the image, on the right the shapes in 3D, and below them a strip that shows where
+to look.""",
+        examples="""\
+  shapefit view result.h5
+  shapefit view convex.h5 pmp.h5 --truth test.h5 -o page.html --open
+  shapefit view cars.h5 --truth models.h5 --set match=true_model --set images=frames/""",
+        parameters=(
+            _files("files", "[RESULT|LANDMARKS|SHAPES]..."),
+            _output("PAGE.html", "HTML file to write."),
+            _truth(),
+            _dictionary("Dictionary with the edges and meshes to draw."),
+        ),
+        actions={
+            "opens": (
+                click.Option(["--open", "opens"], is_flag=True, help="Open the page in a browser."),
+                _open_in_browser,
+            )
+        },
+    ),
+)
+"""In the order of the help, which is that of the chain."""

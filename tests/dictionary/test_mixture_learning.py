@@ -1,0 +1,88 @@
+"""Mixtures over shapes: a certificate, planted mixtures, weights, scikit-learn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shapefit.dictionary.mixture import Mixture
+from shapefit.dictionary.mixture_learning import cross_validate, learn_mixture
+
+
+def draw(n: int, seed: int = 0, p: int = 3):
+    """Shapes of three well separated Gaussians, and their mixture."""
+    rng = np.random.default_rng(seed)
+    weights = np.array([0.5, 0.3, 0.2])
+    means = 3 * rng.normal(size=(3, 3, p))
+    roots = 0.3 * rng.normal(size=(3, 3 * p, 3 * p)) / np.sqrt(p)
+    covariances = roots @ roots.swapaxes(1, 2) + 0.02 * np.eye(3 * p)
+    k = rng.choice(3, size=n, p=weights)
+    z = np.einsum("nij,nj->ni", np.linalg.cholesky(covariances)[k], rng.normal(size=(n, 3 * p)))
+    return (means.reshape(3, -1)[k] + z).reshape(n, 3, p), Mixture(weights, means, covariances)
+
+
+def test_a_planted_mixture_is_recovered():
+    shapes, truth = draw(6000)
+    found = learn_mixture(shapes, 3, shrinkage=0.0, floor=1e-9).mixture
+    order = [int(((found.means - mean) ** 2).sum(axis=(1, 2)).argmin()) for mean in truth.means]
+    assert sorted(order) == [0, 1, 2]
+    assert found.weights[order] == pytest.approx(truth.weights, abs=0.03)
+    assert found.means[order] == pytest.approx(truth.means, abs=0.05)
+    assert found.covariances[order] == pytest.approx(truth.covariances, abs=0.05)
+
+
+@pytest.mark.parametrize("shrinkage", [0.0, 0.3])
+def test_no_round_lowers_the_objective(shrinkage):
+    rng = np.random.default_rng(1)
+    shapes = rng.normal(size=(400, 3, 4)) ** 3
+    trace = learn_mixture(shapes, 6, shrinkage=shrinkage, floor=0.05, tolerance=0.0).trace
+    assert len(trace) > 5
+    assert (np.diff(trace) >= -1e-8 * np.abs(trace[1:])).all()
+
+
+def test_the_optimum_is_one_for_scikit_learn():
+    mixture = pytest.importorskip("sklearn.mixture")
+    shapes, _ = draw(500, seed=2)
+    found = learn_mixture(shapes, 3, shrinkage=0.0, floor=1e-9, tolerance=1e-10, max_rounds=200)
+    judge = mixture.GaussianMixture(
+        3,
+        reg_covar=0.0,
+        weights_init=found.mixture.weights,
+        means_init=found.mixture.means.reshape(3, -1),
+        precisions_init=np.linalg.inv(found.mixture.covariances),
+        tol=1e-12,
+    ).fit(shapes.reshape(500, -1))
+    mine = np.logaddexp.reduce(found.mixture.log_density(shapes), axis=1).mean()
+    assert mine == pytest.approx(judge.score(shapes.reshape(500, -1)), abs=1e-6)
+
+
+def test_a_weight_counts_as_so_many_shapes():
+    shapes, _ = draw(60, seed=3)
+    counts = np.random.default_rng(0).integers(1, 4, size=60)
+    options = {"shrinkage": 0.0, "floor": 0.01}
+    weighted = learn_mixture(shapes, 1, weights=counts.astype(float), **options).mixture
+    repeated = learn_mixture(np.repeat(shapes, counts, axis=0), 1, **options).mixture
+    assert weighted.means == pytest.approx(repeated.means)
+    assert weighted.covariances == pytest.approx(repeated.covariances)
+
+
+def test_shrinkage_draws_towards_the_covariance_of_all():
+    shapes, _ = draw(300, seed=4)
+    X = shapes.reshape(300, -1)
+    G = np.cov(X.T, bias=True) + 0.01 * np.eye(9)
+    for shrinkage in (0.1, 0.9):
+        C = learn_mixture(shapes, 3, shrinkage=shrinkage, floor=0.01).mixture.covariances
+        apart = np.linalg.norm(C - G, axis=(1, 2)) / np.linalg.norm(G)
+        assert (apart < 1.2 * (1 - shrinkage) + 0.1).all()
+
+
+def test_the_right_number_of_components_predicts_best():
+    shapes, _ = draw(600, seed=5)
+    groups = np.arange(600) % 4
+    one, three = (cross_validate(shapes, groups, k, shrinkage=0.0, floor=0.01) for k in (1, 3))
+    assert three > one + 1
+
+
+def test_more_components_than_shapes_are_refused():
+    with pytest.raises(ValueError, match=r"within 1\.\.5"):
+        learn_mixture(np.zeros((5, 3, 4)), 6, shrinkage=0.1, floor=0.1)

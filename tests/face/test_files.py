@@ -1,0 +1,95 @@
+"""What is read is written as it was, with one landmark per row; names are imported when used."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+import shapefit
+
+from .conftest import run_command, same_file
+
+
+@pytest.mark.parametrize("name", ["people_test.h5", "cars.h5"])
+def test_shapes_come_back_as_they_were(tmp_path, sample, name):
+    shapes = shapefit.read_shapes(sample / name)
+    with h5py.File(sample / name) as file:
+        np.testing.assert_array_equal(shapes.shapes, file["shapes"][()])
+    shapefit.write_shapes(tmp_path / "again.h5", shapes)
+    same_file(sample / name, tmp_path / "again.h5")
+
+
+def test_landmarks_come_back_as_they_were(tmp_path, sample, views):
+    for path in (views, sample / "cars_views.h5"):
+        images = shapefit.read_landmarks(path)
+        with h5py.File(path) as file:
+            np.testing.assert_array_equal(images.landmarks, file["landmarks"][()])
+        shapefit.write_landmarks(tmp_path / "again.h5", images)
+        same_file(path, tmp_path / "again.h5")
+
+
+def test_a_dictionary_comes_back_as_it_was(tmp_path, people):
+    for path in people.values():
+        atoms = shapefit.read_dictionary(path)
+        with h5py.File(path) as file:
+            np.testing.assert_array_equal(atoms.atoms, file["atoms"][()])
+        shapefit.write_dictionary(tmp_path / "again.h5", atoms)
+        same_file(path, tmp_path / "again.h5")
+
+
+def test_a_result_comes_back_as_it_was_but_for_its_proof(tmp_path, people, views):
+    run_command(
+        "fit", landmarks=str(views), dictionary=str(people["sparse-coding"]),
+        output=str(tmp_path / "result.h5"), proof=False,
+    )  # fmt: skip
+    found = shapefit.read_results(tmp_path / "result.h5")
+    shapefit.write_results(tmp_path / "again.h5", found)
+    same_file(tmp_path / "result.h5", tmp_path / "again.h5")
+    assert found.attributes["method"] == "convex"
+
+
+def test_csv_is_read_and_written(tmp_path, sample):
+    images = shapefit.read_landmarks(sample / "people_views.csv")
+    shapefit.write_landmarks(tmp_path / "again.csv", images)
+    again = shapefit.read_landmarks(tmp_path / "again.csv")
+    np.testing.assert_array_equal(again.landmarks, images.landmarks)
+
+
+def test_several_files_are_one_set(sample, tmp_path):
+    names = ("people_frames.csv", "people_test.h5")
+    apart = [replace(shapefit.read_shapes(sample / name), extras={}) for name in names]
+    shapefit.write_shapes(tmp_path / "a.h5", apart[1])
+    shapefit.write_shapes(
+        tmp_path / "b.csv", replace(apart[0], items=list("abcdefgh"), sequences=None)
+    )
+    both = shapefit.read_shapes(tmp_path / "a.h5", tmp_path / "b.csv")
+    assert both.items == (*apart[1].items, *"abcdefgh")
+
+
+def test_a_file_that_is_not_there_is_an_error(tmp_path):
+    for read in (shapefit.read_shapes, shapefit.read_landmarks, shapefit.read_dictionary):
+        with pytest.raises(shapefit.InputError, match=r"nowhere\.h5"):
+            read(tmp_path / "nowhere.h5")
+
+
+def test_every_name_is_there_and_no_other():
+    assert set(shapefit.__all__) <= set(dir(shapefit))
+    for name in shapefit.__all__:
+        assert getattr(shapefit, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'lift'"):
+        _ = shapefit.lift
+
+
+def test_importing_the_package_imports_nothing_else():
+    source = "import sys, shapefit; dir(shapefit); print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", source], capture_output=True, text=True, check=True
+    )
+    loaded = set(done.stdout.split())
+    assert not loaded & {"numpy", "pydantic", "h5py", "scipy"}
+    assert not [name for name in loaded if name.startswith("shapefit.")]

@@ -1,0 +1,187 @@
+"""`shapefit.fit` finds what the command finds, bit for bit, and refuses what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import shapefit
+from shapefit.config import FitConfig
+from shapefit.lifting.methods import METHODS
+
+from .conftest import run_command, same_file
+
+OPTIONS = {
+    "squared": {},
+    "exact": {"loss": "exact"},
+    "sparse-error": {"outliers": {"method": "sparse-error", "threshold": 0.2}},
+    "noise": {"lam": "auto", "noise": 3.0},
+    "transforms": {"transforms": True, "rotations": "orthogonal"},
+    "ransac": {"outliers": {"method": "ransac", "seed": 3}},
+    "truncated": {"outliers": {"method": "truncated"}},
+    "sequences": {"temporal": {"depths": True}},
+    "perspective": {"camera": {"model": "perspective", "focal": 900.0}},
+    "one thread": {"threads": 1, "chunk": 64},
+    "strict": {"strict": True, "solver": {"max_iterations": 2}},
+}
+
+
+def both(tmp_path, landmarks, dictionary, **options):
+    """Fit by the command and by the function; the files of both."""
+    keys = {("lambda" if key == "lam" else key): value for key, value in options.items()}
+    run_command(
+        "fit", landmarks=str(landmarks), dictionary=str(dictionary),
+        output=str(tmp_path / "command.h5"), **keys,
+    )  # fmt: skip
+    found = shapefit.fit(
+        shapefit.read_landmarks(landmarks), shapefit.read_dictionary(dictionary), **options
+    )
+    shapefit.write_results(tmp_path / "function.h5", found)
+    return tmp_path / "command.h5", tmp_path / "function.h5", found
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_every_method_finds_what_the_command_finds(tmp_path, people, views, method):
+    dictionary = people["pca-bases" if method == "pmp" else "sparse-coding"]
+    command, function, found = both(tmp_path, views, dictionary, method=method)
+    same_file(command, function)
+    assert len(found) == 150
+    assert found.attributes["method"] == method
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_every_option_does_what_it_does_in_the_command(tmp_path, people, views, name):
+    command, function, _ = both(tmp_path, views, people["sparse-coding"], **OPTIONS[name])
+    same_file(command, function)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_cars_without_their_own_model_under_their_own_camera(tmp_path, sample):
+    dictionary = tmp_path / "cars.h5"
+    run_command(
+        "learn-dict", shapes=str(sample / "cars.h5"), output=str(dictionary),
+        method="exemplars", align="none",
+    )  # fmt: skip
+    options = {"method": "convex+refine", "lam": 1.0, "leave_out": "true_model"}
+    camera = {"model": "perspective", "intrinsics": "camera_matrix"}
+    landmarks = sample / "cars_views.h5"
+    command, function, _ = both(tmp_path, landmarks, dictionary, camera=camera, **options)
+    same_file(command, function)
+    images = shapefit.read_landmarks(landmarks)
+    matrix = images.extras["camera_matrix"]
+    kept = {name: value for name, value in images.extras.items() if name != "camera_matrix"}
+    atoms = shapefit.read_dictionary(dictionary)
+    for given in (matrix, {"intrinsics": np.tile(matrix, (108, 1, 1))}):
+        found = shapefit.fit(replace(images, extras=kept), atoms, camera=given, **options)
+        np.testing.assert_array_equal(found.shapes, shapefit.read_results(command).shapes)
+
+
+def test_arrays_alone_are_enough(people, views):
+    atoms, images = (
+        shapefit.read_dictionary(people["sparse-coding"]),
+        shapefit.read_landmarks(views),
+    )
+    named = shapefit.fit(images, atoms)
+    plain = shapefit.fit(images.landmarks, atoms, weights=images.confidence)
+    np.testing.assert_array_equal(plain.shapes, named.shapes)
+    assert plain.items[:2] == ("0", "1")
+    assert plain.shapes.shape == (150, 15, 3)
+    assert plain.landmarks_fitted.shape == (150, 15, 2)
+    assert plain.rotation.shape == (150, 3, 3)
+    assert plain.coefficients.shape == (150, 24)
+    assert set(plain.status) == {"optimal"}
+    assert (plain.relative_gap <= 1e-6).all()
+    assert (plain.shape_sd, plain.plausibility, plain.modes) == (None, None, None)
+    assert not plain.failures
+
+
+def test_an_image_without_landmarks_fails_and_the_others_do_not(people, views):
+    atoms, images = (
+        shapefit.read_dictionary(people["sparse-coding"]),
+        shapefit.read_landmarks(views),
+    )
+    points = images.landmarks.copy()
+    points[3] = np.nan
+    found = shapefit.fit(replace(images, landmarks=points), atoms)
+    assert found.failures == {images.items[3]: "all landmarks are hidden"}
+    failed = np.isnan(found.shapes).all(axis=(1, 2))
+    assert failed.tolist() == [image == 3 for image in range(150)]
+
+
+def test_what_the_command_warns_of_is_a_warning(people, views):
+    atoms = shapefit.read_dictionary(people["sparse-coding"])
+    with pytest.warns(UserWarning, match="not optimal") as told:
+        shapefit.fit(shapefit.read_landmarks(views), atoms, solver={"max_iterations": 1})
+    assert told[0].filename == __file__
+    with pytest.warns(UserWarning, match="pmp is made for"):
+        shapefit.fit(shapefit.read_landmarks(views), atoms, method="pmp")
+
+
+def test_the_defaults_are_those_of_the_command(people, views):
+    import inspect
+
+    defaults = {name: p.default for name, p in inspect.signature(shapefit.fit).parameters.items()}
+    assert defaults["lam"] == FitConfig.model_fields["lam"].default
+    assert defaults["method"] == FitConfig.model_fields["method"].default
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"method": "convexx"}, r"^fit\.method: expected convex .*did you mean 'convex'\?$"),
+        ({"lam": -1}, r"^fit\.lambda: expected a number > 0 or auto, found -1$"),
+        ({"outliers": {"metod": "ransac"}}, r"fit\.outliers\.metod: unknown key .*'method'"),
+        ({"lamda": 1}, r"fit\.lamda: unknown key 'lamda'; did you mean 'lambda'"),
+        ({"output": "x.h5"}, r"^fit\.output: there is no argument `output`; it is for files"),
+        ({"export": {"folder": "x"}}, r"^fit\.export: there is no argument"),
+        ({"camera": np.eye(2)}, r"camera\.intrinsics: camera_matrix: has the shape \(2, 2\)"),
+        ({"camera": {"model": "perspective"}}, "and a focal length .*go together"),
+        (
+            {"weights": np.ones((2, 15))},
+            r"weights: has the shape \(2, 15\); it must be \(150, 15\)",
+        ),
+        ({"weights": np.full((150, 15), -1)}, r"^landmarks\.confidence\[0\]: landmark 'pelvis' is"),
+        ({"temporal": {"depths": True}}, "landmarks without `sequence`"),
+        ({"leave_out": "model"}, "the atoms of the dictionary have no items"),
+    ],
+)
+def test_what_is_wrong_is_an_error_with_its_place(people, views, changes, message):
+    images = shapefit.read_landmarks(views)
+    bare = replace(images, confidence=None, sequences=None)
+    with pytest.raises(shapefit.InputError, match=message):
+        shapefit.fit(bare, shapefit.read_dictionary(people["sparse-coding"]), **changes)
+
+
+@pytest.mark.parametrize(
+    ("landmarks", "message"),
+    [
+        (
+            np.ones((4, 2, 15)),
+            r"^landmarks: has the shape \(4, 2, 15\); it must be \(n, p, 2\), one",
+        ),
+        (np.ones((15, 2)), r"^landmarks: has the shape \(15, 2\)"),
+        (np.ones((4, 14, 2)), "has 14 landmarks without names, not 15; name them: Landmarks"),
+        ([["a"]], "^landmarks: is no array of numbers"),
+        (np.full((1, 15, 2), np.inf), r"^landmarks\[0\]: landmark 'pelvis' is \(inf, inf\); write"),
+        (shapefit.Landmarks(np.ones((2, 3, 2)), "abc"), "none of the 3 landmarks"),
+        (shapefit.Landmarks(np.ones((2, 15, 2)), items=["a", "a"]), "item 'a' is also at"),
+        (shapefit.Landmarks(np.ones((2, 15, 2)), items=["a"]), r"landmarks\.items: has the shape"),
+        (shapefit.Landmarks(np.ones((2, 15, 2)), items=["a", ""]), r"item\[1\]: is empty; name"),
+    ],
+)
+def test_landmarks_that_cannot_be_are_refused(people, landmarks, message):
+    with pytest.raises(shapefit.InputError, match=message):
+        shapefit.fit(landmarks, shapefit.read_dictionary(people["sparse-coding"]))
+
+
+def test_a_dictionary_that_cannot_be_is_refused(people, views):
+    atoms = shapefit.read_dictionary(people["sparse-coding"])
+    images = shapefit.read_landmarks(views)
+    with pytest.raises(shapefit.InputError, match=r"dictionary\.mean_shape: all its landmarks"):
+        shapefit.fit(images, replace(atoms, mean_shape=np.ones((15, 3))))
+    with pytest.raises(shapefit.InputError, match=r"dictionary\.atoms: .*\(k, p, 3\), one landm"):
+        shapefit.fit(images, replace(atoms, atoms=atoms.atoms.swapaxes(1, 2)))

@@ -1,0 +1,139 @@
+"""The posterior under mixtures: sampling, equivariance, calibration, gross landmarks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shapefit.dictionary.mixture import Mixture
+from shapefit.geometry.rotations import random_rotations, rotation_about
+from shapefit.lifting.posterior.posterior import Gross, find_posterior
+from tests.lifting.posterior import dense
+
+
+def draw_images(prior: Mixture, n: int, seed: int, misfit: float):
+    """Shapes of the mixture, seen: y (n, 3, p) in the camera frame, landmarks, rotations."""
+    rng = np.random.default_rng(seed)
+    p = prior.means.shape[2]
+    k = rng.choice(len(prior), size=n, p=prior.weights)
+    roots = np.linalg.cholesky(prior.covariances)
+    x = prior.means[k] + np.einsum("nij,nj->ni", roots[k], rng.normal(size=(n, 3 * p))).reshape(
+        n, 3, p
+    )
+    R = random_rotations(n, rng)
+    y = R @ x
+    w = y[:, :2] + np.sqrt(misfit) * rng.normal(size=(n, 2, p))
+    return y, w, R
+
+
+def solve(prior, w, starts, misfit, **options):
+    n, _, p = w.shape
+    v = np.where(np.isfinite(w).all(axis=1), misfit, np.inf)
+    return find_posterior(w, v, np.zeros((n, p, 2, 2)), prior, starts, **options)
+
+
+def test_the_mean_of_a_mixture_is_that_of_importance_sampling(draw_mixture):
+    prior, misfit, p = draw_mixture(2), 0.02, 7
+    y, w, R = draw_images(prior, 1, 4, misfit)
+    found = solve(prior, w, R[:, None], misfit, covariance=True, modes=6)
+    # views about those of the modes, weighed by the exact likelihood of all components
+    rng = np.random.default_rng(0)
+    modes, share = found.modes, found.modes.shares[0]
+    used = np.flatnonzero(share > 0)
+    draws, spread = 6000, 0.25
+    which = rng.choice(used, size=draws, p=share[used] / share[used].sum())
+    scene = [
+        dense.Scene(w[0], np.full(p, misfit), np.zeros((p, 2, 2)), mean, C)
+        for mean, C in zip(prior.means, prior.covariances, strict=True)
+    ]
+    log_weight, means = [], []
+    for m in which:
+        theta = spread * rng.normal(size=4) * [1, 1, 1, 0.5]
+        R, s = dense.moved(modes.rotation[0, m], modes.scale[0, m], theta)
+        densities = []
+        for o in used:
+            off = R @ modes.rotation[0, o].T
+            turn = rotation_vector(off)
+            grow = np.log(s / modes.scale[0, o])
+            z = np.append(turn, grow / 0.5) / spread
+            # a turn by |t| takes up (2 - 2 cos |t|) / |t|^2 of the volume of its vector
+            angle = np.linalg.norm(turn)
+            volume = (2 - 2 * np.cos(angle)) / angle**2
+            densities.append(np.log(share[o] / share[used].sum()) - 0.5 * z @ z - np.log(volume))
+        ones = np.ones(p)
+        logs = np.array(
+            [
+                np.log(weight) + dense.log_likelihood(each, R, s, (0, 0.05), ones)
+                for weight, each in zip(prior.weights, scene, strict=True)
+            ]
+        )
+        part = np.exp(logs - logs.max())
+        conditional = [dense.condition(each, R, s, ones)[0] for each in scene]
+        means.append(np.einsum("k,kd->d", part / part.sum(), conditional))
+        log_weight.append(logs.max() + np.log(part.sum()) - np.logaddexp.reduce(densities))
+    weight = np.exp(np.array(log_weight) - max(log_weight))
+    weight /= weight.sum()
+    assert 1 / (weight**2).sum() > 100  # enough draws count
+    sampled = weight @ np.array(means)
+    deviation = found.deviation[0].ravel()
+    assert np.abs(sampled - found.mean[0].ravel()).max() < 0.35 * deviation.max()
+
+
+def rotation_vector(R):
+    angle = np.arccos(np.clip((np.trace(R) - 1) / 2, -1, 1))
+    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return axis / max(2 * np.sin(angle), 1e-12) * angle
+
+
+def test_moving_growing_and_turning_the_image_moves_the_posterior_along(draw_mixture):
+    prior, misfit = draw_mixture(3), 0.01
+    _, w, R = draw_images(prior, 20, 5, misfit)
+    w[3, :, 2] = np.nan
+    plain = solve(prior, w, R[:, None], misfit, max_rounds=200)
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
+    moved = 12.5 * turn[:2, :2] @ w + np.array([[300.0], [-40.0]])
+    other = solve(prior, moved, (turn @ R)[:, None], misfit, max_rounds=200)
+    expected = 12.5 * turn @ plain.mean
+    expected[:, :2] += np.array([[300.0], [-40.0]])
+    assert other.mean == pytest.approx(expected, abs=12.5e-6)
+    assert other.scale == pytest.approx(12.5 * plain.scale, rel=1e-6)
+    assert other.deviation[:, 2] == pytest.approx(12.5 * plain.deviation[:, 2], rel=1e-5)
+
+
+def test_regions_hold_what_they_say_for_shapes_of_the_model(draw_mixture):
+    prior, misfit, n, p = draw_mixture(4, size=0.1), 0.005, 600, 7
+    y, w, R = draw_images(prior, n, 6, misfit)
+    found = solve(prior, w, R[:, None], misfit, covariance=True)
+    y[:, 2] -= y[:, 2].mean(axis=1, keepdims=True)
+    blocks = found.covariance.reshape(n, 3, p, 3, p)
+    apart = (y - found.mean).transpose(0, 2, 1)
+    C = np.stack([blocks[:, :, j, :, j] for j in range(p)], axis=1)
+    square = np.einsum("npa,npa->np", apart, np.linalg.solve(C, apart[..., None])[..., 0])
+    for share, bound in ((0.5, 2.366), (0.9, 6.251)):  # quantiles of chi^2 with 3 degrees
+        inside = (square < bound).mean(axis=1)  # landmarks of one image go together
+        error = inside.std() / np.sqrt(n)
+        assert inside.mean() == pytest.approx(share, abs=4 * error + 0.02)
+
+
+def test_a_gross_landmark_is_disbelieved_and_the_others_stay(draw_mixture):
+    prior, misfit, n, p = draw_mixture(5, p=13, size=0.08), 0.005, 40, 13
+    y, w, R = draw_images(prior, n, 7, misfit)
+    clean = solve(prior, w, R[:, None], misfit, gross=Gross(0.05))
+    w[:, :, 4] += np.array([2.0, -1.5])
+    found = solve(prior, w, R[:, None], misfit, gross=Gross(0.05))
+    others = np.arange(p) != 4
+    error = [np.median(np.abs(f.mean - y)[:, :2, others].mean(axis=(1, 2))) for f in (clean, found)]
+    assert np.median(found.belief[:, 4]) < 0.01
+    assert np.median(found.belief[:, others]) > 0.99
+    assert error[1] < 1.1 * error[0]
+
+
+def test_the_weight_of_a_component_counts():
+    mean = np.random.default_rng(0).normal(size=(3, 6))
+    mean -= mean.mean(axis=1, keepdims=True)
+    C = 0.01 * np.eye(18)
+    prior = Mixture(np.array([0.9, 0.1]), np.stack([mean, mean]), np.stack([C, C]))
+    w = mean[None, :2]
+    found = solve(prior, w, np.eye(3)[None, None], 0.01, modes=2)
+    assert found.modes.shares[0] == pytest.approx([0.9, 0.1], rel=1e-6)
+    assert found.modes.component[0].tolist() == [0, 1]

@@ -1,0 +1,134 @@
+"""The command line gives one answer: whatever the format, the level, the files or the threads."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit import core
+from shapefit.io import read_dictionary, read_results, read_shapes, write_shapes
+from shapefit_cli.main import run
+
+LOSSES = ("squared", "exact", "l1", "sparse-error")
+COMMAND = Path(sys.executable).with_name("shapefit")
+FINE = "--set=solver.tolerance=1e-9"
+
+
+def shapefit(*words: object) -> None:
+    assert run([str(word) for word in words]) == 0
+
+
+@pytest.fixture(scope="module")
+def files(project, tmp_path_factory):
+    """Shapes as HDF5 and as CSV, views of them in both, and a dictionary."""
+    folder = tmp_path_factory.mktemp("files")
+    shapes = read_shapes([project / "sample_data/people_test.h5"])
+    shapes = shapes.take(np.arange(0, len(shapes), 7))
+    write_shapes(folder / "shapes.h5", shapes)
+    write_shapes(folder / "shapes.csv", shapes)
+    noisy = ("--set=camera.view=random", "--set=noise=0.02", "--set=hidden=0.1")
+    for ending in ("h5", "csv"):
+        shapefit("project", folder / f"shapes.{ending}", "-o", folder / f"views.{ending}", *noisy)
+    training = project / "sample_data/people_train.h5"
+    shapefit("learn-dict", training, "-o", folder / "d.h5", "--set=k=12", "--set=iterations=1")
+    return folder
+
+
+def fit(files: Path, output: Path, *settings: object, views: str = "views.h5"):
+    shapefit("fit", files / views, "-d", files / "d.h5", "-o", output, *settings)
+    return read_results(output)
+
+
+def same(found: Path, expected: Path, *, without: tuple[str, ...] = ()) -> None:
+    """Assert that two HDF5 files hold the same bits."""
+    with h5py.File(found) as one, h5py.File(expected) as other:
+        assert set(one) - set(without) == set(other) - set(without)
+        for name in set(one) - set(without):
+            np.testing.assert_array_equal(one[name][()], other[name][()], err_msg=name)
+
+
+def test_a_chain_in_csv_has_the_bits_of_one_in_hdf5(files, tmp_path):
+    for ending in ("h5", "csv"):
+        fit(files, tmp_path / f"{ending}.h5", views=f"views.{ending}")
+    # a table holds points only: neither true cameras nor whose motion it was
+    same(tmp_path / "csv.h5", tmp_path / "h5.h5", without=("true_rotation", "subject"))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("--set=k=6", "--set=iterations=2"),
+        ("--set=method=exemplars",),
+        ("--set=method=pca-bases",),
+    ],
+)
+def test_a_dictionary_has_the_same_bits_from_both_formats(files, tmp_path, settings):
+    for ending in ("h5", "csv"):
+        shapefit(
+            "learn-dict",
+            files / f"shapes.{ending}",
+            "-o",
+            tmp_path / f"from-{ending}.h5",
+            *settings,
+        )
+    one, other = (read_dictionary(tmp_path / f"from-{ending}.h5") for ending in ("h5", "csv"))
+    np.testing.assert_array_equal(one.atoms, other.atoms)
+    np.testing.assert_array_equal(one.mean_shape, other.mean_shape)
+    assert one.landmark_names == other.landmark_names
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_shapes_have_the_same_bits_in_both_outputs(files, tmp_path, loss):
+    table = fit(files, tmp_path / "r.csv", f"--set=loss={loss}")
+    whole = fit(files, tmp_path / "r.h5", f"--set=loss={loss}")
+    assert table.items == whole.items
+    np.testing.assert_array_equal(table.shapes, whole.shapes)
+
+
+@pytest.mark.parametrize("method", ["convex+refine", "alternate", "alternate+", "mean-shape"])
+def test_threads_and_chunks_change_no_bit_of_a_file(files, tmp_path, method):
+    choose = f"--set=method={method}"
+    fit(files, tmp_path / "one.h5", choose, "--set=threads=1")
+    fit(files, tmp_path / "many.h5", choose, "--set=threads=3", "--set=chunk=64")
+    same(tmp_path / "many.h5", tmp_path / "one.h5")
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_one_file_or_several_have_one_optimum(files, tmp_path, loss):
+    lines = (files / "views.csv").read_text().splitlines()
+    items = list(dict.fromkeys(line.split(",")[0] for line in lines[1:]))
+    late = set(items[len(items) // 3 :])
+    for name, part in (("a", items[: len(items) // 3]), ("b", late)):
+        rows = [line for line in lines[1:] if line.split(",")[0] in part]
+        (tmp_path / f"{name}.csv").write_text("\n".join([lines[0], *rows]) + "\n")
+    paths = (tmp_path / "b.csv", tmp_path / "a.csv")
+    settings = (f"--set=loss={loss}", FINE)
+    shapefit("fit", *paths, "-d", files / "d.h5", "-o", tmp_path / "parts.h5", *settings)
+    parts = read_results(tmp_path / "parts.h5")
+    whole = fit(files, tmp_path / "whole.h5", *settings, views="views.csv")
+    order = [parts.items.index(item) for item in whole.items]
+    np.testing.assert_allclose(parts.objective[order], whole.objective, rtol=1e-7)
+    if loss in ("squared", "l1"):
+        size = np.abs(whole.shapes).max()
+        np.testing.assert_allclose(parts.shapes[order], whole.shapes, atol=1e-3 * size)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_levels_of_the_processor_have_one_optimum_and_a_proof(files, tmp_path, loss):
+    expected = fit(files, tmp_path / "here.h5", f"--set=loss={loss}", FINE)
+    for level in core.LEVELS:
+        output = tmp_path / f"{level}.h5"
+        words = ["fit", files / "views.h5", "-d", files / "d.h5", "-o", output]
+        command = [COMMAND, *words, f"--set=loss={loss}", FINE]
+        environment = os.environ | {"SHAPEFIT_LEVEL": str(level)}
+        subprocess.run(command, env=environment, check=True, capture_output=True, timeout=120)
+        found = read_results(output)
+        np.testing.assert_array_equal(found.status, expected.status)
+        np.testing.assert_allclose(found.objective, expected.objective, rtol=1e-7)
+        shapefit("verify", output, "-d", files / "d.h5", "--landmarks", files / "views.h5")
