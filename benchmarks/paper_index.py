@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from benchmarks import optimality
 from shapefit.evaluation.tables.markdown import markdown_table
 from shapefit.io.whole.atomic import atomic_path
 
@@ -41,6 +42,7 @@ def index(folder: Path) -> str:
     parts = [
         INTRODUCTION,
         *_mocap(_read(folder / "mocap/report.json")),
+        *optimality.sections(folder),
         *_recovery(_read(folder / "recovery/recovery.json")),
         *_timing([_read(folder / name / "sweep.json") for name in ("timing", "timing-pmp")]),
         *_sensitivity({name: _read(folder / name / "sweep.json") for name in SENSITIVITIES}),

@@ -150,6 +150,11 @@ def _mean_shape_whose_squares_overflow(folder: Path) -> Command:
     return ("fit", "views.h5", "-d", "bases.h5", "-o", "out.h5", "--set=method=pmp")
 
 
+def _limbs_without_a_length(folder: Path) -> Command:
+    _change(folder / "bases.h5", edges=np.array([[0, 0], [1, 1]]))
+    return ("fit", "views.h5", "-d", "bases.h5", "-o", "out.h5", "--set=method=pmp")
+
+
 def _iterations_beyond_64_bits(_folder: Path) -> Command:
     return (*FIT, f"--set=solver.max_iterations={BEYOND_INT64}")
 
@@ -221,6 +226,7 @@ FINDINGS: Mapping[str, Finding] = {
         _dataset_whose_name_is_not_utf8,
         _mean_shape_of_one_point,
         _mean_shape_whose_squares_overflow,
+        _limbs_without_a_length,
         _iterations_beyond_64_bits,
         _rounds_beyond_64_bits,
         _rounds_beyond_memory,

@@ -124,7 +124,7 @@ def mocap(project, real_data, tmp_path_factory):
 @pytest.mark.real_data
 def test_the_paper_s_table_on_motion_capture(project, mocap):
     folder, run = mocap
-    for name in ("convex", "refine", "alternate", "alternate-plus", "pmp", "mean-shape"):
+    for name in ("convex", "global", "refine", "alternate", "alternate-plus", "pmp", "mean-shape"):
         run("fit", f"paper/fit-{name}")
     run("eval", "paper/eval", "--set", "examples=0")
     found = report(folder / "results/paper/mocap/report.csv")

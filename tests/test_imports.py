@@ -122,7 +122,6 @@ FOLDERS = sorted({path.parent for path in PACKAGE if len(python_files(path.paren
 FEW_FILES = {
     "shapefit": "the face of the package and the errors",
     "shapefit.core": "its sources are C++",
-    "shapefit.lifting.posterior": "its sources are C++, and Python is their door",
 }
 """Folders with fewer files than a folder is worth, and why."""
 

@@ -50,6 +50,29 @@ class parts:
     @staticmethod
     def climb(blocks: Floats, R: Floats) -> float: ...
     @staticmethod
+    def root_cells(vertices: Floats, cells: Indices) -> None: ...
+    @staticmethod
+    def judge_cell(
+        W: Floats,
+        omega: Floats,
+        atoms: Floats,
+        lam: Floats,
+        is_signed: bool,
+        corners: Floats,
+        cut: float,
+        excess: Floats,
+    ) -> bool: ...
+    @staticmethod
+    def descend(
+        W: Floats,
+        omega: Floats,
+        atoms: Floats,
+        lam: Floats,
+        is_signed: bool,
+        q: Floats,
+        share: float,
+    ) -> float: ...
+    @staticmethod
     def polar_rotation(A: Floats, R: Floats) -> bool: ...
     @staticmethod
     def draw_triple(candidates: Indices, state: States, triple: Indices) -> None: ...
@@ -199,6 +222,36 @@ def refine_perspective(
     status: Indices,
     threads: int,
 ) -> None: ...
+def find_posterior(
+    *,
+    landmarks: Floats,
+    misfit: Floats,
+    noise: Floats,
+    log_weights: Floats,
+    means: Floats,
+    covariances: Floats,
+    starts: Floats,
+    chance: float,
+    density: float,
+    max_rounds: int,
+    mean: Floats,
+    deviation: Floats,
+    covariance: Floats | None,
+    belief: Floats,
+    rotation: Floats,
+    scale: Floats,
+    log_evidence: Floats,
+    surprise: Floats,
+    rounds: Indices,
+    mode_component: Indices,
+    mode_rotation: Floats,
+    mode_scale: Floats,
+    mode_log_evidence: Floats,
+    mode_mean: Floats,
+    mode_covariance: Floats,
+    mode_belief: Floats,
+    threads: int,
+) -> None: ...
 def code(
     *,
     gram: Floats,
@@ -269,3 +322,68 @@ def certify(
     relative_gap: Floats,
     residual: Floats,
 ) -> None: ...
+def find_optimum(
+    *,
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    lam: Floats,
+    is_signed: bool,
+    starts: Floats,
+    tolerance: float,
+    most_cells: int,
+    most_seconds: float,
+    coefficients: Floats,
+    rotation: Floats,
+    objective: Floats,
+    bound: Floats,
+    cells: Indices,
+    vertices: Indices,
+    status: Indices,
+    threads: int,
+) -> None: ...
+def find_modes(
+    *,
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    lam: Floats,
+    is_signed: bool,
+    best: Floats,
+    within: float,
+    apart: float,
+    most_cells: int,
+    most_seconds: float,
+    rotation: Floats,
+    objective: Floats,
+    count: Indices,
+    valleys: Indices,
+    cells: Indices,
+    status: Indices,
+    threads: int,
+) -> None: ...
+def find_coefficients(
+    *,
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    lam: Floats,
+    is_signed: bool,
+    rotation: Floats,
+    coefficients: Floats,
+    objective: Floats,
+    threads: int,
+) -> None: ...
+def record_tree(
+    *,
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    lam: Floats,
+    is_signed: bool,
+    cut: float,
+    most_cells: int,
+    vertices: Floats,
+    multipliers: Floats,
+    splits: Indices,
+) -> tuple[int, int, bool]: ...

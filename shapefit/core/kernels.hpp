@@ -8,6 +8,7 @@
 #include "perspective/data.hpp"
 #include "posterior/data.hpp"
 #include "pursuit/data.hpp"
+#include "rotation_search/data.hpp"
 
 namespace shapefit {
 
@@ -24,6 +25,10 @@ struct Kernels {
     void (*pursue)(const PursuitData&, Range);
     void (*refine_perspective)(const PerspectiveData&, Range);
     void (*synchronise)(const SynchronisationData&, Range);
+    void (*find_optimum)(const GlobalData&, Range);
+    void (*find_modes)(const ModesData&, Range);
+    void (*find_coefficients)(const CoefficientsData&, Range);
+    TreeSize (*record_tree)(const TreeData&);  // of one image
     void (*update_atoms)(const AtomUpdateData&);  // all at once
 };
 
@@ -72,6 +77,9 @@ struct Parts {
                              Matrix<const double> R, Vector<double> g, Matrix<double> H);
     TrustedStep (*truncated_cg)(Vector<const double> g, Matrix<const double> H, double radius,
                                 Vector<double> step);
+    void (*root_cells)(Matrix<double> vertices, Matrix<int64_t> cells);
+    bool (*judge_cell)(const CellData& cell, Vector<double> excess);
+    double (*descend)(const SearchProblem& problem, Vector<double> q, double share);
     void (*retract)(Matrix<const double> R, Vector<const double> step, Matrix<double> out);
     void (*orthonormalise)(Matrix<double> R);
 };

@@ -18,6 +18,11 @@
 #include "posterior/posterior.hpp"
 #include "pursuit/pursuit.hpp"
 #include "pursuit/sphere.hpp"
+#include "rotation_search/modes.hpp"
+#include "rotation_search/objective.hpp"
+#include "rotation_search/optimum.hpp"
+#include "rotation_search/parts.hpp"
+#include "rotation_search/record.hpp"
 
 // The two steps by which a name becomes a string.
 #define SHAPEFIT_QUOTE(name) #name
@@ -42,6 +47,10 @@ const Level table = {
             .pursue = pursue,
             .refine_perspective = refine_perspective,
             .synchronise = synchronise,
+            .find_optimum = find_optimum,
+            .find_modes = find_modes,
+            .find_coefficients = find_coefficients,
+            .record_tree = record_tree,
             .update_atoms = update_atoms,
         },
     .parts =
@@ -73,6 +82,9 @@ const Level table = {
             .rotation_value = rotation_value,
             .rotation_model = rotation_model,
             .truncated_cg = trusted_step,
+            .root_cells = root_cells,
+            .judge_cell = judge_alone,
+            .descend = descend_alone,
             .retract = retract_rotation,
             .orthonormalise = orthonormalise_rows,
         },

@@ -112,6 +112,9 @@ AXES = {
     "t": "half-steps",
     "c": "components",
     "a": "active transforms",
+    "m": "modes",
+    "l": "cells of trees",
+    "v": "vertices of trees",
 }
 
 _LANDMARK_NAMES = Dataset("landmark_names", ("p",), "text", required=True)
@@ -158,6 +161,28 @@ PROOF = (
 )
 """What proves the optimum of the convex program of a result, beside its landmarks and lambda."""
 
+MODE_COUNT = Dataset("modes", ("n",), "index", stored="int32")
+
+MODES = (
+    MODE_COUNT,
+    Dataset("mode_objective", ("m",), counted_by=MODE_COUNT.name),
+    Dataset("mode_rotation", ("m", 3, 3), counted_by=MODE_COUNT.name),
+    Dataset("mode_shapes", ("m", "p", 3), points=True, counted_by=MODE_COUNT.name),
+)
+"""All readings of each image."""
+
+TREE_CELLS = Dataset("tree_cells", ("n",), "index", stored="int32")
+TREE_VERTICES = Dataset("tree_vertices", ("n",), "index", stored="int32")
+
+TREES = (
+    TREE_CELLS,
+    Dataset("tree_splits", ("l",), "index", counted_by=TREE_CELLS.name, stored="int8"),
+    TREE_VERTICES,
+    Dataset("tree_rotations", ("v", 4), counted_by=TREE_VERTICES.name),
+    Dataset("tree_multipliers", ("v", "p", 2), points=True, counted_by=TREE_VERTICES.name),
+)
+"""What proves the bound on all rotations of some images."""
+
 RESULTS = Format(
     "shapefit-result",
     (
@@ -178,6 +203,8 @@ RESULTS = Format(
         Dataset("transforms", ("n", "k", 2, 3)),
         _MESH_VERTICES,
         *PROOF,
+        *MODES,
+        *TREES,
     ),
 )
 

@@ -146,8 +146,15 @@ class ResultSet:
     convex_translation (n, 2), convex_objective and convex_relative_gap (n,), the last two where
     objective and relative_gap are not those of the program; the transforms that are not 0, one
     image after the other: active_transforms (a, 2, 3) of the atoms transform_atom (a,), and
-    transform_count (n,) of them for each image. frame_rate as in a ShapeSet. attributes are
-    stored with the file (method, times, config, digests).
+    transform_count (n,) of them for each image.
+
+    All readings, one image after the other and the best first: modes (n,) of each image, their
+    mode_objective (m,), mode_rotation (m, 3, 3) and mode_shapes (m, 3, p). What proves the bound
+    on all rotations: tree_cells (n,), 0 where the tree of an image was not kept, tree_splits (l,);
+    tree_vertices (n,), tree_rotations (v, 4), tree_multipliers (v, 2, p).
+
+    frame_rate as in a ShapeSet. attributes are stored with the file (method, times, config,
+    digests).
     """
 
     shapes: Floats
@@ -173,6 +180,15 @@ class ResultSet:
     transform_count: Integers | None = None
     transform_atom: Integers | None = None
     active_transforms: Floats | None = None
+    modes: Integers | None = None
+    mode_objective: Floats | None = None
+    mode_rotation: Floats | None = None
+    mode_shapes: Floats | None = None
+    tree_cells: Integers | None = None
+    tree_splits: Integers | None = None
+    tree_vertices: Integers | None = None
+    tree_rotations: Floats | None = None
+    tree_multipliers: Floats | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
     unit: str = UNKNOWN_UNIT
     y_axis: Literal["up", "down"] = "up"

@@ -110,7 +110,7 @@ def find_limbs(shapes: Floats, edges: NDArray[np.int64] | None) -> Floats:
     if edges is None or len(edges) == 0:
         raise ValueError("matching pursuit needs edges, the limbs whose lengths it keeps")
     limbs = shapes[:, :, edges[:, 0]] - shapes[:, :, edges[:, 1]]
-    if not limbs[0].any():
+    if not np.linalg.norm(limbs[0]) > 0:
         raise ValueError("every edge of the mean shape has length 0")
     return np.ascontiguousarray(limbs.reshape(len(shapes), -1))
 

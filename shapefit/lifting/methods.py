@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from shapefit.convex.problem import Problem
     from shapefit.convex.solution import Solution
+    from shapefit.dictionary.model import Dictionary
     from shapefit.lifting.estimate import Estimate, Estimator
 
     Solve = Callable[[Problem], Solution]
@@ -79,6 +80,24 @@ class PosteriorOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SearchOptions:
+    """The section `search`: how the method global searches.
+
+    signed        coefficients of either sign
+    modes         list all readings whose objective is at most this share above the least; 0: none
+    max_cells     the search of an image gives up after so many cells
+    max_seconds   or so many seconds
+    proof_every   keep the tree of every so many images; 0: of none
+    """
+
+    signed: bool = False
+    modes: float = 0.0
+    max_cells: int = 200_000
+    max_seconds: float = 10.0
+    proof_every: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """What the methods need besides the problem; each reads what concerns it.
 
@@ -87,6 +106,7 @@ class Settings:
     needs            what else of the dictionary the method needs, by name
     options          the options of the method, of the type that the table names
     orthogonal       convex: each M_i / c_i is replaced by the nearest orthonormal rows
+    tolerance        global: the relative gap at which an image is solved
     threads          0 is one per core
     """
 
@@ -95,15 +115,30 @@ class Settings:
     needs: dict[str, Any] = field(default_factory=dict)
     options: Any = None
     orthogonal: bool = False
+    tolerance: float = 1e-2
     threads: int = 0
 
 
 class Need(NamedTuple):
-    """A field of the dictionary that a method cannot do without, and how to get one that has it."""
+    """A field of the dictionary that a method cannot do without, and how to get one that has it.
+
+    useless    says what is wrong with the field of a dictionary that has it; "" for nothing
+    """
 
     name: str
     what: str
     fix: str
+    useless: Callable[[Dictionary], str] = lambda _: ""
+
+
+def lacks_limbs(dictionary: Dictionary) -> str:
+    """Say what keeps the edges from fixing the size of a skeleton: none of them has a length."""
+    assert dictionary.edges is not None  # check_needs
+    if len(dictionary.edges) == 0:
+        return "`edges` is empty"
+    start, end = dictionary.edges.T
+    limbs = dictionary.mean_shape[:, start] - dictionary.mean_shape[:, end]
+    return "" if (limbs**2).sum() > 0 else "every edge of `mean_shape` has length 0"
 
 
 class Section(NamedTuple):
@@ -114,6 +149,7 @@ class Section(NamedTuple):
 
 
 ALTERNATION = Section("alternation", AlternationOptions)
+SEARCH = Section("search", SearchOptions)
 POSTERIOR = Section("posterior", PosteriorOptions)
 
 
@@ -127,10 +163,12 @@ class Method:
     losses         data terms that it knows
     learned        how the dictionary must be learned, by `method` of learn-dict; empty for any
     needs          fields of the dictionary without which it cannot run
-    yields         optional fields of its Estimate
+    yields         optional fields of its Estimate, those on request included
     further        further datasets of the result that it yields, by name
     proves         "optimum": it is the convex program, and its certificate is that of the result;
                    "bound": it starts from the convex program, whose proof is stored beside it;
+                   "global": it is the optimum with one rotation, and its certificate that of the
+                   result; what proves it is stored on request;
                    "nothing": a local method
     one_rotation   all atoms share one rotation
     mixes_atoms    shapes are R sum_i c_i B_i (or sum_i c_i R_i B_i), so that whatever belongs to
@@ -148,7 +186,7 @@ class Method:
     needs: tuple[Need, ...] = ()
     yields: frozenset[str]
     further: tuple[str, ...] = ()
-    proves: Literal["optimum", "bound", "nothing"] = "nothing"
+    proves: Literal["optimum", "bound", "global", "nothing"] = "nothing"
     one_rotation: bool = True
     mixes_atoms: bool = True
     perspective: bool = True
@@ -188,6 +226,15 @@ METHODS: dict[str, Method] = {
         yields=OF_ATOMS | {"relative_gap", "outliers", "convex_proof"},
         proves="bound",
     ),
+    "global": Method(
+        run="shapefit.lifting.global_optimum.method:find_global",
+        summary="the certified optimum over all rotations shared by the atoms",
+        section=SEARCH,
+        yields=OF_ATOMS | {"relative_gap", "readings", "trees"},
+        further=("modes_complete",),
+        proves="global",
+        tolerance=1e-2,
+    ),
     "alternate": Method(
         run="shapefit.lifting.shared_rotation.methods:alternate_from_mean",
         summary="alternating minimisation from the mean shape",
@@ -203,6 +250,7 @@ METHODS: dict[str, Method] = {
                 "edges",
                 "the limbs whose lengths pmp keeps",
                 "learn it with `method: pca-bases` from shapes with edges",
+                lacks_limbs,
             ),
         ),
         yields=frozenset({"coefficients", "active_atoms"}),
@@ -222,7 +270,7 @@ METHODS: dict[str, Method] = {
         summary="the posterior mean under the prior over shapes, with its uncertainty",
         section=POSTERIOR,
         needs=(PRIOR,),
-        yields=frozenset({"convex_proof", "deviation", "covariance"}),
+        yields=frozenset({"convex_proof", "deviation"}),
         further=("log_evidence", "plausibility", "belief"),
         proves="bound",
         mixes_atoms=False,
@@ -240,7 +288,7 @@ METHODS: dict[str, Method] = {
                 "learn it from shapes with edges",
             ),
         ),
-        yields=frozenset({"convex_proof", "deviation", "covariance", "modes"}),
+        yields=frozenset({"convex_proof", "deviation"}),
         further=("log_evidence", "plausibility", "belief", "sequence_noise"),
         proves="bound",
         mixes_atoms=False,

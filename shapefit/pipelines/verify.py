@@ -172,6 +172,11 @@ def explain(terms: Terms) -> list[str]:
             "The optimum of the robust program that finds the outliers is proved; no bound is "
             "known for the refinement."
         )
+    elif terms.is_global:
+        said.append(
+            "Where a tree is stored (`search.proof_every`) no rotation has an objective below "
+            "`objective * (1 - relative_gap)`; of other images the gap is stated, not proved."
+        )
     else:
         said.append(f"The method {terms.method} has no proof of an optimum.")
     if not (terms.is_program or terms.has_one_rotation):

@@ -14,8 +14,10 @@ from shapefit.verification.images import read_images
 from shapefit.verification.proofs.convex import check_fit, check_start
 from shapefit.verification.proofs.one_rotation import check_one_rotation
 from shapefit.verification.proofs.program import dual_bound
+from shapefit.verification.proofs.rotation_tree import check_trees
 from shapefit.verification.proofs.transforms import Atoms, Transforms
 from shapefit.verification.statements import (
+    OPTIMAL,
     check_absence,
     check_lambda,
     check_left_out,
@@ -71,8 +73,30 @@ def check_subject(subject: Subject) -> list[Check]:
             return checks + check_fit(subject, M, bound)
         checks += check_start(subject, M, bound)
     if terms.has_one_rotation:
-        return checks + check_one_rotation(subject, bound)
+        checks += check_one_rotation(subject, bound)
+        return checks + (check_certificate(subject) if terms.is_global else [])
     return [*checks, *check_points_alone(subject)]
+
+
+def check_certificate(subject: Subject) -> list[Check]:
+    """Check the trees that are there, and that an optimal image is within the tolerance."""
+    gap, tolerance = subject.stated("relative_gap"), subject.terms.tolerance
+    optimal = subject.words() == OPTIMAL
+    within = check(
+        "an optimal image is within the tolerance",
+        gap - tolerance,
+        subject.images.factor * value_share(subject),
+        optimal,
+    )
+    return [within, *check_trees(subject)]
+
+
+def value_share(subject: Subject) -> Floats:
+    """||Omega o V||^2 over the objective: what rounding of the bound weighs in the gap."""
+    images = subject.images
+    whole = (images.inliers[:, None] ** 2 * images.points**2).sum(axis=(1, 2))
+    share: Floats = 1 + whole / subject.stated("objective")
+    return share
 
 
 def check_atoms(subject: Subject, M: Transforms) -> list[Check]:

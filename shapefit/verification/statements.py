@@ -61,7 +61,7 @@ def check_left_out(
 def check_words(result: ResultSet, fitted: Flags, terms: Terms, file: Path) -> Check:
     """Check that the status is one that the method can end with."""
     words = words_of(result, file)
-    good = {"iteration limit", OPTIMAL if terms.is_program else "converged"}
+    good = {"iteration limit", OPTIMAL if terms.is_program or terms.is_global else "converged"}
     if terms.by_change and terms.method == CONVEX:
         good.add("converged")
     right = np.where(fitted, np.isin(words, list(good)), np.isin(words, WITHOUT_SHAPE))

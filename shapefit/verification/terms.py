@@ -15,6 +15,7 @@ CONVEX = "convex"
 REFINED = ("convex+refine", "alternate+")
 STARTED = ("posterior",)
 LOCAL = ("alternate",)
+GLOBAL = "global"
 QUADRATIC = ("squared", "sparse-error")
 ROBUST = ("l1", "sparse-error")
 DEFAULT_THRESHOLD = 0.1
@@ -29,7 +30,8 @@ class Terms:
     transforms were replaced by nearest rotations; left_out: the dataset that names the atoms left
     out, '' for none; searched: outliers were looked for before the fit; perspective: refined under
     a camera; depths: refined along sequences; by_change: solved to a stop of the changes; path:
-    solved along lambdas; dictionary and landmarks: the files of the fit; inputs: their digests.
+    solved along lambdas; signed: the global optimum is one over coefficients of either sign;
+    dictionary and landmarks: the files of the fit; inputs: their digests.
     """
 
     method: str
@@ -44,6 +46,7 @@ class Terms:
     depths: bool
     by_change: bool
     path: bool
+    signed: bool
     dictionary: str
     landmarks: tuple[str, ...]
     inputs: Mapping[str, str]
@@ -59,9 +62,14 @@ class Terms:
         return self.method == CONVEX and not self.perspective
 
     @property
+    def is_global(self) -> bool:
+        """Whether objective and shapes are those of the optimum over all rotations."""
+        return self.method == GLOBAL and not self.perspective
+
+    @property
     def has_one_rotation(self) -> bool:
         """Whether the shapes are R sum_i c_i B_i with the rotation and coefficients stored."""
-        return self.perspective or self.method in (*REFINED, *LOCAL)
+        return self.perspective or self.method in (*REFINED, *LOCAL, GLOBAL)
 
     @property
     def bound(self) -> float:
@@ -96,6 +104,7 @@ def read_terms(attributes: Mapping[str, Any], file: Path) -> Terms:
             depths=bool(config.get("temporal", {}).get("depths")),
             by_change=config["solver"].get("stop") == "change",
             path=bool(config.get("path")),
+            signed=bool(config.get("search", {}).get("signed", False)),
             dictionary=str(config["dictionary"]),
             landmarks=tuple(map(str, config["landmarks"])),
             inputs=dict(json.loads(str(attributes.get("inputs", "{}")))),

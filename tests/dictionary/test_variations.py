@@ -23,7 +23,7 @@ def test_limbs_are_the_chains_without_their_first_bone():
 
 @pytest.mark.parametrize("edges", [EDGES[:-1], np.vstack([EDGES[:-1], [[1, 4]]])])
 def test_bones_that_are_no_tree_are_refused(edges):
-    with pytest.raises(ValueError, match="tree|apart"):
+    with pytest.raises(ValueError, match=r"tree|apart"):
         find_skeleton(edges, 8)
 
 

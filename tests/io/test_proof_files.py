@@ -79,8 +79,8 @@ def test_results_without_a_proof_are_read(tmp_path, results):
 
 
 @pytest.mark.parametrize(("count", "message"), [(-1, "is -1, not a number"), (9, "is 9, not a"),
-                                                (1, "holds 6 transforms, and"),
-                                                (4, "holds 6 transforms, and")])  # fmt: skip
+                                                (1, "holds 6 active transforms, and"),
+                                                (4, "holds 6 active transforms, and")])  # fmt: skip
 def test_counts_that_do_not_fit_are_refused(path, count, message):
     with h5py.File(path, "r+") as file:
         file["transform_count"][3] = count

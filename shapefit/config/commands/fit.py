@@ -23,6 +23,7 @@ from shapefit.lifting.methods import (
     METHODS,
     ROBUST,
     AlternationOptions,
+    SearchOptions,
     summarise,
     those,
 )
@@ -51,7 +52,9 @@ class SolverConfig(ConfigModel):
     tolerance: float = Field(
         default=METHODS["convex"].tolerance,
         gt=0,
-        description="An image is solved when its relative duality gap falls to this.",
+        description="An image is solved when its relative duality gap falls to this; with the "
+        "method global its gap to the bound on all rotations, "
+        f"{METHODS['global'].tolerance:g} by default.",
     )
     max_iterations: int = Field(
         default=1000, ge=1, le=MOST_STEPS, description="Maximum iterations per image."
@@ -81,6 +84,35 @@ class AlternationConfig(ConfigModel):
         description="Views, spread evenly, from which the pose of the mean shape is sought; all: "
         f"from {DEFAULT_VIEWS} views, and alternate starts from each of them and keeps "
         "the lowest objective.",
+    )
+
+
+class SearchConfig(ConfigModel):
+    """How the method global searches all rotations."""
+
+    signed: bool = Field(default=SearchOptions.signed, description="Coefficients of either sign.")
+    modes: float = Field(
+        default=SearchOptions.modes,
+        ge=0,
+        le=1,
+        description="Also list all other readings of an image whose objective is at most this "
+        "share above the least, such as 0.05, and prove that there is none besides; 0 lists none.",
+    )
+    max_cells: int = Field(
+        default=SearchOptions.max_cells,
+        ge=1,
+        le=MOST_STEPS,
+        description="Most cells of rotations that are looked at for one image.",
+    )
+    max_seconds: float = Field(
+        default=SearchOptions.max_seconds, gt=0, description="Most seconds for one image."
+    )
+    proof_every: int = Field(
+        default=SearchOptions.proof_every,
+        ge=0,
+        le=MOST_STEPS,
+        description="Also store the proof of every so many images, for `shapefit verify` (HDF5 "
+        "only; some 100 KB for each); 0 stores none.",
     )
 
 
@@ -131,6 +163,10 @@ class FitConfig(CommandConfig):
     alternation: AlternationConfig = Field(
         default_factory=AlternationConfig.model_construct,
         description=f"How {SEARCHING} search.",
+    )
+    search: SearchConfig = Field(
+        default_factory=SearchConfig.model_construct,
+        description="How the method global searches all rotations.",
     )
     posterior: PosteriorConfig = Field(
         default_factory=PosteriorConfig.model_construct,
@@ -195,6 +231,14 @@ class FitConfig(CommandConfig):
         return self.outliers.method if self.outliers.method in ROBUST else self.loss
 
     @model_validator(mode="after")
+    def _tolerance_of_the_method(self) -> Self:
+        """Fill in the tolerance of the method where the config gives none."""
+        if "tolerance" not in self.solver.model_fields_set:
+            solver = self.solver.model_copy(update={"tolerance": METHODS[self.method].tolerance})
+            object.__setattr__(self, "solver", solver)
+        return self
+
+    @model_validator(mode="after")
     def _belong_together(self) -> Self:
         if self.lam == "auto" and self.noise is None:
             raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
@@ -216,6 +260,11 @@ class FitConfig(CommandConfig):
                 "data terms; leave out one of them"
             )
         weak = self.camera.model == "weak-perspective"
+        if self.search.modes and not weak:
+            raise ValueError(
+                "`search: {modes: ...}` lists readings under weak perspective; leave out either it "
+                "or `camera: {model: perspective}`"
+            )
         free = listed(those(lambda other: not other.one_rotation))
         if self.rotations != "shared" and (method.one_rotation or not weak):
             raise ValueError(
@@ -224,7 +273,7 @@ class FitConfig(CommandConfig):
             )
         if not (weak or method.perspective):
             raise ValueError(
-                f"`camera: {{model: perspective}}` does not work with the method  {self.method}; "
+                f"`camera: {{model: perspective}}` does not work with the method {self.method}; "
                 "take another"
             )
         return self

@@ -50,7 +50,7 @@ class PosteriorConfig(ConfigModel):
         description="Most steps from one start under one component.",
     )
     implausible: float = Field(
-        default=0.01,
+        default=0.05,
         ge=0,
         lt=1,
         description="Images with a plausibility below this are reported as not to be trusted.",

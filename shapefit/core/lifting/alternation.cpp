@@ -5,19 +5,6 @@
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
-// S = sum_i c_i B_i (3, row); returns ||c||_1.
-double mix_atoms(ReducedAtoms& atoms, const ActiveSet& set, double* shape) {
-    const long size = 3 * padded(atoms.q);
-    double penalty = 0;
-    for (long j = 0; j < size; ++j) shape[j] = 0;
-    for (long e = 0; e < set.count; ++e) {
-        penalty += magnitude(set.x[e]);
-        const double* B = atoms.atom(set.index[e]);
-        for (long j = 0; j < size; ++j) shape[j] += set.x[e] * B[j];
-    }
-    return penalty;
-}
-
 // P = S S^T and D = w S^T, from rows of `row` numbers.
 void find_moments(const double* w, const double* S, long row, double* P, double* D) {
     for (int a = 0; a < 3; ++a) {
@@ -104,7 +91,7 @@ AlternationEnd alternate_image(AlternationRoom& room, double lam, bool is_signed
     for (long step = 0; step < 2 * most_rounds; step += 2) {
         double now = room.coefficients.minimise_at(R);
         room.trace[step] = now;
-        const double penalty = mix_atoms(room.atoms, set, room.shape);
+        const double penalty = room.atoms.mix(set, room.shape);
         if (penalty > 0) {
             find_moments(room.w, room.shape, row, P, D);
             now = energy + rotation_step({P, D, false}, R).value + lam * penalty;

@@ -25,6 +25,9 @@ class CoefficientStep {
     // Take the step at R (3, 3); returns the minimum.
     double minimise_at(const double* R);
 
+    // w - Rbar sum_i c_i B_i (2, row) at the end of the step.
+    const double* residual() const { return residual_; }
+
     double square(long i) const { return dot_padded(projected(i), projected(i), 2 * atoms_.row); }
     void overlaps(long i, const long* used, long m, double* out) const;
     double pull(long i, double sign) const { return along_[i] - lam_ * sign; }

@@ -38,6 +38,18 @@ void ReducedAtoms::copy() {
     for (long e = 0; e < 3 * p_ * padded_atoms; ++e) planes[e] = all_[e];
 }
 
+double ReducedAtoms::mix(const ActiveSet& set, double* shape) {
+    const long size = 3 * padded(q);
+    double penalty = 0;
+    for (long j = 0; j < size; ++j) shape[j] = 0;
+    for (long e = 0; e < set.count; ++e) {
+        penalty += magnitude(set.x[e]);
+        const double* B = atom(set.index[e]);
+        for (long j = 0; j < size; ++j) shape[j] += set.x[e] * B[j];
+    }
+    return penalty;
+}
+
 void ReducedAtoms::resize(long coordinates) {
     q = coordinates;
     row = padded(q);

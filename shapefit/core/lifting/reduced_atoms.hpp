@@ -1,8 +1,7 @@
 // The atoms of an image in reduced coordinates: with the atoms innermost, and by atom where asked.
 #pragma once
 
-#include "../algebra/lanes.hpp"
-#include "../algebra/workspace.hpp"
+#include "../algebra/active_set.hpp"
 #include "../convex/reduction.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
@@ -30,6 +29,9 @@ class ReducedAtoms {
         if (!laid_[i]) lay(i, B);
         return B;
     }
+
+    // shape (3, row) = sum_i c_i B_i; returns ||c||_1.
+    double mix(const ActiveSet& set, double* shape);
 
   private:
     void resize(long coordinates);

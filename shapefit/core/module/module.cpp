@@ -21,4 +21,5 @@ NB_MODULE(_core, module) {
     shapefit::bind_perspective(module, parts);
     shapefit::bind_posterior(module);
     shapefit::bind_pursuit(module, parts);
+    shapefit::bind_rotation_search(module, parts);
 }

@@ -25,6 +25,7 @@ namespace shapefit::SHAPEFIT_LEVEL {
 
 constexpr int VIEW = 4;             // numbers of theta
 constexpr double TAU_SQUARE = 900;  // variance of the translation in the unit of shapes: wide
+constexpr double LEAST_CURVATURE = 1;  // of a view: none is less certain than a radian
 constexpr double LEAST_BELIEF = 1e-6;
 
 // Where row i of a lower triangle begins.

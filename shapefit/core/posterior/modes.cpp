@@ -114,7 +114,7 @@ void add_view(const Mode& mode, long d, ModeSpace& space, double* covariance) {
         for (int j = 0; j <= i; ++j) {
             double rest = mode.hessian[VIEW * i + j];
             for (int k = 0; k < j; ++k) rest -= L[i][k] * L[j][k];
-            L[i][j] = i == j ? root(larger(rest, 1e-9)) : rest / L[j][j];
+            L[i][j] = i == j ? root(larger(rest, LEAST_CURVATURE)) : rest / L[j][j];
         }
     for (int i = 0; i < VIEW; ++i) {
         double* row = space.J[i].data;

@@ -150,7 +150,7 @@ long gather(const PosteriorData& data, long pairs, Search& search) {
                     double rest = at.hessian[VIEW * i + j][lane];
                     for (int k = 0; k < j; ++k) rest -= L[i][k] * L[j][k];
                     definite = definite && (i != j || rest > 1e-6);
-                    L[i][j] = i == j ? root(larger(rest, 1e-6)) : rest / L[j][j];
+                    L[i][j] = i == j ? root(larger(rest, LEAST_CURVATURE)) : rest / L[j][j];
                     if (i == j) log_det += 2 * ::log(L[i][i]);
                 }
             mode.component = (b * WIDTH + lane) % K;

@@ -29,6 +29,8 @@ _IN_QUOTES = re.compile('[",\\r\\n]')
 class CsvWriter:
     """Appends records as rows `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence]`.
 
+    Results with readings also have a column `modes`.
+
     NaN becomes an empty cell; numbers have the fewest digits that read back to the same float.
     The header is written with the first record. CSV has no place for `attributes`.
     """
@@ -88,7 +90,11 @@ def _columns(record: ShapeSet | LandmarkSet | ResultSet) -> list[str]:
         columns.append("confidence")
     if _deviations(record) is not None:
         columns += DEVIATIONS
-    return columns if record.sequences is None else [*columns, "sequence"]
+    if record.sequences is not None:
+        columns.append("sequence")
+    if isinstance(record, ResultSet) and record.modes is not None:
+        columns.append("modes")
+    return columns
 
 
 def _parts(n: int, p: int) -> Iterator[slice]:
@@ -112,6 +118,12 @@ def _rows(record: ShapeSet | LandmarkSet | ResultSet, part: slice) -> bytes:
     ends = [b"\n"] * n
     if record.sequences is not None:
         ends = [b",%b\n" % _cell(sequence) for sequence in record.sequences[part]]
+    if isinstance(record, ResultSet) and record.modes is not None:
+        counts = record.modes[part].tolist()
+        ends = [
+            b",%d\n" % count if end == b"\n" else end[:-1] + b",%d\n" % count
+            for end, count in zip(ends, counts, strict=True)
+        ]
     ends = [end for end in ends for _ in range(p)]
     return b"".join(chain.from_iterable(zip(names, _texts(numbers), ends, strict=True)))
 

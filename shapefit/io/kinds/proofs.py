@@ -11,11 +11,11 @@ import numpy as np
 
 from shapefit.errors import input_error
 from shapefit.io.formats import HDF5, find_format
-from shapefit.io.layout import RESULTS, TRANSFORM_COUNT
+from shapefit.io.layout import AXES, MODES, RESULTS, Dataset
 from shapefit.io.records import ResultSet
 
 UNNEEDED = ("sequence", "iterations", "mesh_vertices")
-"""Datasets that nothing is claimed of."""
+"""Datasets that nothing is claimed of, beside the modes."""
 
 
 class ProofFile:
@@ -48,37 +48,43 @@ class ProofFile:
         """Give out the results, `size` at a time."""
         counted = [dataset for dataset in RESULTS.datasets if dataset.counted_by]
         unneeded = [dataset for dataset in RESULTS.datasets if dataset.name in UNNEEDED]
-        begin = 0
+        unneeded += MODES
+        begin: dict[str, int] = {}
         for start in range(0, self.count, size):
             rows = slice(start, min(start + size, self.count))
             fields = self._reader.fields(rows, without=counted + unneeded)
-            counts = fields[TRANSFORM_COUNT.attribute]
-            if counts is not None:
-                end = begin + self._total(counts, rows)
-                pieces = slice(begin, end)
-                fields |= {one.attribute: self._reader.read(one.name, pieces) for one in counted}
-                self._check_length(end, last=rows.stop == self.count)
-                begin = end
+            for dataset in counted:
+                counts = fields.get(dataset.counted_by)
+                if counts is None:
+                    continue
+                first = begin.get(dataset.name, 0)
+                end = first + self._total(counts, dataset, rows)
+                fields[dataset.attribute] = self._reader.read(dataset.name, slice(first, end))
+                self._check_length(dataset, end, last=rows.stop == self.count)
+                begin[dataset.name] = end
             yield ResultSet(
                 **fields, extras=self._reader.extras(rows), unit=self._reader.unit,
                 y_axis=self._reader.y_axis,
             )  # fmt: skip
 
-    def _total(self, counts: Any, rows: slice) -> int:
-        wrong = np.flatnonzero(
-            (counts < 0) | (counts > self.size("k") if self.size("k") else False)
-        )
+    def _total(self, counts: Any, dataset: Dataset, rows: slice) -> int:
+        most = self.size(str(dataset.axes[0])) or 0
+        if dataset.axes[0] == "a":
+            most = self.size("k") or most
+        wrong = np.flatnonzero((counts < 0) | (counts > most))
         if len(wrong):
-            place = self._reader.place(TRANSFORM_COUNT.name, rows.start + int(wrong[0]))
+            place = self._reader.place(dataset.counted_by, rows.start + int(wrong[0]))
             fix = "the file was changed: fit again"
-            raise input_error(place, f"is {counts[wrong[0]]}, not a number of atoms", fix)
+            what = AXES[str(dataset.axes[0])]
+            raise input_error(place, f"is {counts[wrong[0]]}, not a number of {what}", fix)
         return int(counts.sum())
 
-    def _check_length(self, end: int, *, last: bool) -> None:
-        length = self.size("a") or 0
+    def _check_length(self, dataset: Dataset, end: int, *, last: bool) -> None:
+        axis = str(dataset.axes[0])
+        length = self.size(axis) or 0
         if end > length or (last and end != length):
-            found = f"holds {length} transforms, and {TRANSFORM_COUNT.name} counts {end}"
-            place = self._reader.place("active_transforms")
+            found = f"holds {length} {AXES[axis]}, and {dataset.counted_by} counts {end}"
+            place = self._reader.place(dataset.name)
             raise input_error(place, found, "the file was changed: fit again")
 
 

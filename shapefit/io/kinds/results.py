@@ -6,7 +6,7 @@ from pathlib import Path
 
 from shapefit.io.duplicates import ItemList, check_unique_items
 from shapefit.io.formats import find_reader
-from shapefit.io.layout import PROOF, RESULTS
+from shapefit.io.layout import PROOF, RESULTS, TREES
 from shapefit.io.magnitudes import Axis, check_magnitudes
 from shapefit.io.records import ResultSet
 from shapefit.io.sources import source_name
@@ -16,7 +16,7 @@ def read_results(path: Path) -> ResultSet:
     """Read a result from HDF5 or CSV (`-` is standard input).
 
     From CSV all but shapes, names, items and sequences is None. What proves the optimum stays in
-    the file: see proof_files.py. Raises InputError for what is
+    the file: see proofs.py. Raises InputError for what is
     wrong with the file, and for items that occur twice.
     """
     results: ResultSet = find_reader(path, "result")(path)
@@ -35,7 +35,7 @@ def read_hdf5(path: Path) -> ResultSet:
         check_named(reader, [items])
         check_unique_items([ItemList(lambda: [items], lambda row: reader.place("item", row))])
         return ResultSet(
-            **reader.fields(without=PROOF),
+            **reader.fields(without=PROOF + TREES),
             extras=reader.extras(),
             unit=reader.unit,
             y_axis=reader.y_axis,

@@ -60,7 +60,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         ),
         deviation=widening * found.deviation,
         covariance=None if found.covariance is None else options.widening * found.covariance,
-        modes=found.modes if modes else None,
+        posterior_modes=found.modes if modes else None,
         convex_proof=ConvexProof.of(solution),
         further={
             "log_evidence": found.log_evidence,

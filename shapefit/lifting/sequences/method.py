@@ -42,7 +42,7 @@ def refine_lifting(
     images.
     """
     found = lifting.estimate
-    modes = found.modes
+    modes = found.posterior_modes
     weights = lifting.problem.weights
     seen = (weights > 0)[:, None]
     own = found.deviation
@@ -70,7 +70,7 @@ def refine_lifting(
             found,
             deviation=np.where(single, own, scaled),
             covariance=None,
-            modes=None,
+            posterior_modes=None,
             further={**found.further, NOISE: noise},
         ),
     )

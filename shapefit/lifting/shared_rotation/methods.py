@@ -149,19 +149,29 @@ def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: 
         max_rounds=options.max_rounds,
         threads=settings.threads,
     )
-    c = found.coefficients
-    R = np.where(np.isfinite(found.rotation), found.rotation, 0.0)
-    shapes = R @ combine(c, problem.atoms)
+    return describe(problem, found.coefficients, found.rotation, found.rounds, found.status)
+
+
+def describe(
+    problem: Problem,
+    coefficients: Floats,
+    rotation: Floats,
+    iterations: NDArray[np.int64],
+    status: tuple[Status, ...],
+) -> Estimate:
+    """Lay out shapes S = R sum_i c_i B_i for c (n, k) and R (n, 3, 3), nan where it is unknown."""
+    R = np.where(np.isfinite(rotation), rotation, 0.0)
+    shapes = R @ combine(coefficients, problem.atoms)
     placed = fit_translation(problem, shapes[:, :2])
     return Estimate(
         shapes=shapes,
         translation=placed.translation,
-        rotation=found.rotation,
-        objective=placed.misfit + problem.lam * np.abs(c).sum(axis=1),
+        rotation=rotation,
+        objective=placed.misfit + problem.lam * np.abs(coefficients).sum(axis=1),
         residual=placed.residual,
-        iterations=found.rounds,
-        status=found.status,
-        coefficients=c,
-        active_atoms=is_active(c).sum(axis=1),
-        transforms=share_rotation(c, R),
+        iterations=iterations,
+        status=status,
+        coefficients=coefficients,
+        active_atoms=is_active(coefficients).sum(axis=1),
+        transforms=share_rotation(coefficients, R),
     )

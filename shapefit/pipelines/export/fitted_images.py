@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,6 +66,29 @@ def fitted_image(
         seen_shape=seen_shape[0],
         seen_mesh=None if seen_mesh is None else seen_mesh[0],
     )
+
+
+def all_readings(image: FittedImage, found: ResultSet) -> list[FittedImage]:
+    """Return the image (n = 1) once per reading, the best first; only that one has a mesh."""
+    if found.modes is None or found.modes[0] < 2:
+        return [image]
+    objective, R = required(found.mode_objective), required(found.mode_rotation)
+    shapes = required(found.mode_shapes)
+    images = [replace(image, title=f"{image.title}, reading 1")]
+    for j in range(1, len(objective)):
+        above = objective[j] / objective[0] - 1
+        images.append(
+            replace(
+                image,
+                title=f"reading {j + 1}, {above:+.1%}",
+                shape=shapes[j],
+                seen_shape=shapes[j],
+                rotation=R[j],
+                mesh_vertices=None,
+                seen_mesh=None,
+            )
+        )
+    return images
 
 
 def _place(found: ResultSet) -> tuple[Floats, Floats]:

@@ -16,7 +16,7 @@ from shapefit.io import ResultSet
 from shapefit.io.whole.folder import StagedFiles
 from shapefit.io.whole.item_files import file_stem
 from shapefit.meshes.pictures import FittedImage, Model, contact_sheet, fit_picture
-from shapefit.pipelines.export.fitted_images import fitted_image
+from shapefit.pipelines.export.fitted_images import all_readings, fitted_image
 from shapefit.pipelines.export.meshes import has_shape
 from shapefit.pipelines.items import ChosenItems, spread
 
@@ -62,11 +62,12 @@ class PictureExport:
             if not (alone or on_sheet):
                 continue
             turned = None if transforms is None else transforms[[row]]
-            image = fitted_image(found.take([row]), turned, self._config, self._dictionary)
+            one = found.take([row])
+            image = fitted_image(one, turned, self._config, self._dictionary)
             if on_sheet:
                 self._sheet.append(image)
             if alone:
-                self._save(file_stem(item), fit_picture([image], model), item)
+                self._save(file_stem(item), fit_picture(all_readings(image, one), model), item)
                 self._drawn += 1
         self._come += len(found)
         if self._sheet and self._come == self._awaited:

@@ -223,16 +223,22 @@ def choose_settings(config: FitConfig, dictionary: Dictionary, solve: Solve) -> 
         needs={need.name: getattr(dictionary, need.name) for need in method.needs},
         options=options,
         orthogonal=config.rotations == "orthogonal",
+        tolerance=config.solver.tolerance,
         threads=config.threads,
     )
 
 
 def choose_solver(config: FitConfig) -> Solve:
-    """Return the solver with the options of the config."""
-    options = config.solver
+    """Return the solver with the options of the config.
+
+    Where the tolerance is that of another gap, the convex program is solved at its own default.
+    """
+    options, tolerance = config.solver, config.solver.tolerance
+    if METHODS[config.method].proves == "global":
+        tolerance = min(tolerance, METHODS["convex"].tolerance)
     return partial(
         solve_newton,
-        tolerance=options.tolerance,
+        tolerance=tolerance,
         max_iterations=options.max_iterations,
         threads=config.threads,
     )

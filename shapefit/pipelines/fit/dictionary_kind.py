@@ -9,10 +9,12 @@ from shapefit.lifting.methods import METHODS
 
 
 def check_needs(config: FitConfig, dictionary: Dictionary) -> None:
-    """Raise InputError where the dictionary lacks what the method cannot do without."""
+    """Raise InputError where the dictionary lacks what the method needs, or it is of no use."""
     for need in METHODS[config.method].needs:
-        if getattr(dictionary, need.name) is None:
-            raise input_error(config.dictionary, f"no `{need.name}`, {need.what}", need.fix)
+        missing = getattr(dictionary, need.name) is None
+        found = f"no `{need.name}`" if missing else need.useless(dictionary)
+        if found:
+            raise input_error(config.dictionary, f"{found}: {need.what}", need.fix)
 
 
 def mismatch(config: FitConfig, dictionary: Dictionary) -> tuple[str, ...]:

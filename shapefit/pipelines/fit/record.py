@@ -17,6 +17,7 @@ from shapefit.io.layout import RESULTS
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.left_out_items import find_left_out
+from shapefit.pipelines.fit.searched import with_readings, with_trees
 
 Floats = NDArray[np.float64]
 
@@ -67,6 +68,7 @@ def as_result(
         frame_rate=images.frame_rate,
         extras=further_datasets(images, lifting, config, dictionary),
     )
+    record = with_trees(with_readings(record, lifting), lifting)
     return with_proof(record, lifting, config) if config.proof else record
 
 

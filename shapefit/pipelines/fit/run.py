@@ -35,6 +35,7 @@ from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.record import as_result, find_renamed
+from shapefit.pipelines.fit.searched import Ambiguous
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, nothing_in
 
@@ -55,6 +56,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         from shapefit.pipelines.fit.left_out import UnknownItems
 
         unknown = UnknownItems(config.leave_out, dictionary)
+    ambiguous = Ambiguous(config.search.modes)
     solve_seconds, done = 0.0, 0
     with (
         open_landmarks(config.landmarks, config.rename) as source,
@@ -64,6 +66,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         for images, lifting, record, seconds in fit_chunks(source, config, dictionary, chain):
             if unknown:
                 unknown.add(images)
+            ambiguous.add(lifting)
             writer.append(record)
             exports.add(record, lifting.estimate.transforms)
             solve_seconds += seconds
@@ -89,6 +92,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         + left_out_landmarks(strange, names)
         + rate_warnings(source.frame_rate, config)
         + left_in
+        + ambiguous.warnings
         + exports.warnings,
         note=exports.note,
         written=(config.output, *exports.folders, *exports.sheets),

@@ -28,8 +28,8 @@ def learn_prior(config: LearnDictConfig, training: TrainingShapes) -> tuple[Mixt
     """
     options = config.prior
     if options.components > len(training):
-        shapes = counted(len(training), "shape")
-        found = f"{options.components} components are more than the {shapes} to learn from"
+        there = counted(len(training), "shape")
+        found = f"{options.components} components are more than the {there} to learn from"
         raise input_error("prior.components", found, "lower it, or give more shapes")
     weights = np.tile(find_weights(config, training), options.copies)
     shapes = vary_shapes(config, training)

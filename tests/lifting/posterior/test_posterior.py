@@ -34,7 +34,7 @@ def solve(prior, w, starts, misfit, **options):
 
 def test_the_mean_of_a_mixture_is_that_of_importance_sampling(draw_mixture):
     prior, misfit, p = draw_mixture(2), 0.02, 7
-    y, w, R = draw_images(prior, 1, 4, misfit)
+    _, w, R = draw_images(prior, 1, 4, misfit)
     found = solve(prior, w, R[:, None], misfit, covariance=True, modes=6)
     # views about those of the modes, weighed by the exact likelihood of all components
     rng = np.random.default_rng(0)

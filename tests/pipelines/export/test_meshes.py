@@ -121,7 +121,7 @@ def test_the_consensus_rotation_keeps_lengths_that_rotations_per_atom_do_not(
 ):
     lengths = {}
     for rotation in ("shared", "per-atom"):
-        found, _ = export(fit_keys={"method": "convex"}, rotation=rotation, format="obj")
+        found, _ = export(fit_keys={"method": "convex", "rotations": rotation}, format="obj")
         lengths[rotation] = edge_lengths(read_one(found.items[0], "obj"))
     plain = trimesh.Trimesh(
         found.scale[0] * mixed(car_atoms.mesh_vertices, found, 0).T,
@@ -206,9 +206,11 @@ def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
     landmarks = concatenate(copies)
     landmarks.landmarks[7, :, 2:] = np.nan
     found, _ = export(
-        landmarks, fit_keys={"method": "convex", "chunk": 5}, items=["*[0-35-9]#a", "*#b"],
-        format="obj", rotation=rotation,
-    )  # fmt: skip
+        landmarks,
+        fit_keys={"method": "convex", "chunk": 5, "rotations": rotation},
+        items=["*[0-35-9]#a", "*#b"],
+        format="obj",
+    )
     written = [i for i, item in enumerate(found.items) if i != 7 and not item.endswith("4#a")]
     assert 7 < len(written) < 12
     for image in written:

@@ -112,8 +112,8 @@ def test_shapes_without_pairs_are_refused(make, shapes, tmp_path):
         with pytest.raises(InputError) as caught:
             make(replace(shapes, extras={}), symmetry=symmetry)
         assert str(caught.value) == (
-            f"{tmp_path / 'faces.h5'}: has no dataset `mirror_index`; store the index of each "
-            "landmark's mirror image, or set `symmetry: none`"
+            f"{tmp_path / 'faces.h5'}: has no dataset `mirror_index`; give `mirror`, store the "
+            "index of each landmark's mirror image, or set `symmetry: none`"
         )
 
 

@@ -1,0 +1,120 @@
+"""The global optimum of the model with one rotation, certified by branch and bound."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit import core
+from shapefit.convex.problem import Loss, Problem
+from shapefit.convex.solution import Status
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+STATUS = (
+    Status.OPTIMAL,
+    Status.ITERATION_LIMIT,
+    Status.DEGENERATE,
+    Status.NUMERICAL_FAILURE,
+)
+"""What the codes of the search mean."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where the search of one image gives up: after so many cells, or seconds."""
+
+    cells: int = 200_000
+    seconds: float = 10.0
+
+
+@dataclass(frozen=True)
+class GlobalOptimum:
+    """min_R v(R) for n images, and how well it is known.
+
+    coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0; objective U (n,) there, and bound
+    L (n,) <= v(R) for every rotation R; cells and vertices (n,) of the search; status, a Status
+    for each image: OPTIMAL where U - L <= tolerance U, up to rounding.
+    """
+
+    coefficients: Floats
+    rotation: Floats
+    objective: Floats
+    bound: Floats
+    cells: Indices
+    vertices: Indices
+    status: tuple[Status, ...]
+
+    @property
+    def relative_gap(self) -> Floats:
+        """(U - L) / U (n,), 0 where U = 0."""
+        gap = np.zeros_like(self.objective)
+        np.divide(self.objective - self.bound, self.objective, out=gap, where=self.objective > 0)
+        return gap
+
+
+def find_optimum(
+    problem: Problem,
+    starts: Floats | None = None,
+    *,
+    signed: bool = False,
+    tolerance: float = 1e-2,
+    limits: Limits | None = None,
+    threads: int = 0,
+) -> GlobalOptimum:
+    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all R.
+
+    (Paper, eq. originalnoisy, with weights and translation.) Over c >= 0, or any c where `signed`,
+    and Rbar Rbar^T = I. The optimum found is never above v at one of starts (n, s, 3, 3); a start
+    that is nan counts for nothing. Fewer than two visible landmarks are DEGENERATE. Bound and
+    search: docs/global.md. Raises ValueError for a loss other than the squared one.
+    """
+    check_loss(problem)
+    limits = limits or Limits()
+    n, k = len(problem.landmarks), len(problem.atoms)
+    if starts is None:
+        starts = np.zeros((n, 0, 3, 3))
+    if starts.shape[0] != n or starts.shape[2:] != (3, 3):
+        raise ValueError(f"starts {starts.shape} must be ({n}, s, 3, 3)")
+    coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
+    objective, bound = np.full(n, np.nan), np.full(n, np.nan)
+    cells, vertices, codes = (np.zeros(n, np.int64) for _ in range(3))
+    core.find_optimum(
+        **as_arguments(problem, signed=signed),
+        starts=np.ascontiguousarray(starts, dtype=np.float64),
+        tolerance=tolerance,
+        most_cells=limits.cells,
+        most_seconds=limits.seconds,
+        coefficients=coefficients,
+        rotation=rotation,
+        objective=objective,
+        bound=bound,
+        cells=cells,
+        vertices=vertices,
+        status=codes,
+        threads=threads,
+    )
+    rotation[~coefficients.any(axis=1)] = np.nan
+    status = tuple(STATUS[code] for code in codes)
+    return GlobalOptimum(coefficients, rotation, objective, bound, cells, vertices, status)
+
+
+def check_loss(problem: Problem) -> None:
+    """Raise ValueError unless the loss is the squared one."""
+    if problem.loss is not Loss.SQUARED:
+        raise ValueError(f"the search knows the squared loss only, not {problem.loss.value}")
+
+
+def as_arguments(problem: Problem, *, signed: bool) -> dict[str, Any]:
+    """Return the arguments of a kernel that say what the problem is."""
+    return {
+        "landmarks": problem.landmarks,
+        "weights": problem.weights,
+        "atoms": problem.atoms,
+        "lam": problem.lam,
+        "is_signed": signed,
+    }
