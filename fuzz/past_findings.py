@@ -159,11 +159,11 @@ def _iterations_beyond_64_bits(_folder: Path) -> Command:
     return (*FIT, f"--set=solver.max_iterations={BEYOND_INT64}")
 
 
-def _rounds_beyond_64_bits(_folder: Path) -> Command:
+def _views_beyond_64_bits(_folder: Path) -> Command:
     return (*FIT, "--set=method=alternate", f"--set=alternation.views={BEYOND_INT64}")
 
 
-def _rounds_beyond_memory(_folder: Path) -> Command:
+def _views_beyond_memory(_folder: Path) -> Command:
     return (*FIT, "--set=method=alternate", "--set=alternation.views=3000000000")
 
 
@@ -228,8 +228,8 @@ FINDINGS: Mapping[str, Finding] = {
         _mean_shape_whose_squares_overflow,
         _limbs_without_a_length,
         _iterations_beyond_64_bits,
-        _rounds_beyond_64_bits,
-        _rounds_beyond_memory,
+        _views_beyond_64_bits,
+        _views_beyond_memory,
         _seconds_that_are_nan,
         _item_that_forges_a_line,
         _signalling_nan,

@@ -18,6 +18,18 @@ from shapefit_cli.main import run
 LOSSES = ("squared", "exact", "l1", "sparse-error")
 COMMAND = Path(sys.executable).with_name("shapefit")
 FINE = "--set=solver.tolerance=1e-9"
+METHODS = {
+    "convex+refine": ("--set=method=convex+refine",),
+    "convex+refine, signed": ("--set=method=convex+refine", "--set=alternation.signed=true"),
+    "alternate": ("--set=method=alternate",),
+    "mean-shape": ("--set=method=mean-shape",),
+}
+
+
+def term(loss: str) -> str:
+    """Return the setting that chooses a data term."""
+    key = "loss" if loss in ("squared", "exact") else "outliers.method"
+    return f"--set={key}={loss}"
 
 
 def shapefit(*words: object) -> None:
@@ -85,17 +97,16 @@ def test_a_dictionary_has_the_same_bits_from_both_formats(files, tmp_path, setti
 
 @pytest.mark.parametrize("loss", LOSSES)
 def test_shapes_have_the_same_bits_in_both_outputs(files, tmp_path, loss):
-    table = fit(files, tmp_path / "r.csv", f"--set=loss={loss}")
-    whole = fit(files, tmp_path / "r.h5", f"--set=loss={loss}")
+    table = fit(files, tmp_path / "r.csv", term(loss))
+    whole = fit(files, tmp_path / "r.h5", term(loss))
     assert table.items == whole.items
     np.testing.assert_array_equal(table.shapes, whole.shapes)
 
 
-@pytest.mark.parametrize("method", ["convex+refine", "alternate", "alternate+", "mean-shape"])
-def test_threads_and_chunks_change_no_bit_of_a_file(files, tmp_path, method):
-    choose = f"--set=method={method}"
-    fit(files, tmp_path / "one.h5", choose, "--set=threads=1")
-    fit(files, tmp_path / "many.h5", choose, "--set=threads=3", "--set=chunk=64")
+@pytest.mark.parametrize("choose", METHODS.values(), ids=METHODS)
+def test_threads_and_chunks_change_no_bit_of_a_file(files, tmp_path, choose):
+    fit(files, tmp_path / "one.h5", *choose, "--set=threads=1")
+    fit(files, tmp_path / "many.h5", *choose, "--set=threads=3", "--set=chunk=64")
     same(tmp_path / "many.h5", tmp_path / "one.h5")
 
 
@@ -108,7 +119,7 @@ def test_one_file_or_several_have_one_optimum(files, tmp_path, loss):
         rows = [line for line in lines[1:] if line.split(",")[0] in part]
         (tmp_path / f"{name}.csv").write_text("\n".join([lines[0], *rows]) + "\n")
     paths = (tmp_path / "b.csv", tmp_path / "a.csv")
-    settings = (f"--set=loss={loss}", FINE)
+    settings = (term(loss), FINE)
     shapefit("fit", *paths, "-d", files / "d.h5", "-o", tmp_path / "parts.h5", *settings)
     parts = read_results(tmp_path / "parts.h5")
     whole = fit(files, tmp_path / "whole.h5", *settings, views="views.csv")
@@ -121,11 +132,11 @@ def test_one_file_or_several_have_one_optimum(files, tmp_path, loss):
 
 @pytest.mark.parametrize("loss", LOSSES)
 def test_levels_of_the_processor_have_one_optimum_and_a_proof(files, tmp_path, loss):
-    expected = fit(files, tmp_path / "here.h5", f"--set=loss={loss}", FINE)
+    expected = fit(files, tmp_path / "here.h5", term(loss), FINE)
     for level in core.LEVELS:
         output = tmp_path / f"{level}.h5"
         words = ["fit", files / "views.h5", "-d", files / "d.h5", "-o", output]
-        command = [COMMAND, *words, f"--set=loss={loss}", FINE]
+        command = [COMMAND, *words, term(loss), FINE]
         environment = os.environ | {"SHAPEFIT_LEVEL": str(level)}
         subprocess.run(command, env=environment, check=True, capture_output=True, timeout=120)
         found = read_results(output)
