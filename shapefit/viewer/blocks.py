@@ -22,8 +22,8 @@ FINE_ENOUGH = 1000
 def block_of_points(points: Floats) -> Block:
     """Return points (n, p, d) as 16-bit integers on one scale.
 
-    A value that is not finite in 32 bits is missing. Where a few rows lie so far off that the steps would be
-    too coarse for the others, the block holds 32-bit floats instead.
+    A value that is not finite in 32 bits is missing. Where a few rows lie so far off that the steps
+    would be too coarse for the others, the block holds 32-bit floats instead.
     """
     with np.errstate(over="ignore"):
         known: NDArray[np.bool_] = np.all(np.isfinite(points.astype("<f4")), axis=-1)
