@@ -109,7 +109,7 @@ def test_a_method_is_a_file_and_an_entry(folder):
     [
         (
             "method=flt",
-            "pmp or mean-shape or flat, found 'flt'; did you mean 'flat'?",
+            " or flat, found 'flt'; did you mean 'flat'?",
         ),
         ("loss=exact", "the method flat does not support `loss: exact`"),
         ("outliers.method=l1", "the method flat does not support `outliers: {method: l1}`"),

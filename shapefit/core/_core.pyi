@@ -236,7 +236,7 @@ def find_posterior(
     max_rounds: int,
     mean: Floats,
     deviation: Floats,
-    covariance: Floats,
+    covariance: Floats | None,
     belief: Floats,
     rotation: Floats,
     scale: Floats,

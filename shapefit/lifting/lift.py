@@ -31,6 +31,10 @@ REASONS = {
 NOT_FINITE = "the fitted shape contains NaN or infinity"
 
 
+NOISIEST = 1e6
+"""Noise in units of the size of the landmarks beyond which these say nothing."""
+
+
 @dataclass(frozen=True)
 class Program:
     """Which convex program is solved.
@@ -132,12 +136,13 @@ def find_noise(
     program: Program, covariance: Floats | None, scale: Floats, shape: tuple[int, ...]
 ) -> Floats | None:
     """Covariance (n, p, 2, 2) of the noise of landmarks (n, p) that are normalised by scale."""
-    if covariance is None and program.noise == 0:
+    if covariance is not None:
+        given: Floats = covariance / scale[:, None, None, None] ** 2
+        return given
+    if program.noise == 0:
         return None
-    if covariance is None:
-        covariance = np.broadcast_to(program.noise**2 * np.eye(2), (*shape, 2, 2))
-    noise: Floats = covariance / scale[:, None, None, None] ** 2
-    return noise
+    deviation = np.minimum(program.noise / scale, NOISIEST)
+    return np.broadcast_to(deviation[:, None, None, None] ** 2 * np.eye(2), (*shape, 2, 2))
 
 
 def choose_lambda(program: Program, atoms: Floats, scale: Floats, visible_share: Floats) -> Floats:

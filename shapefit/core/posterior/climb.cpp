@@ -9,7 +9,7 @@ constexpr double FIRST_DAMPING = 1e-3, EASE = 0.1, HARDEN = 8, MOST_DAMPING = 1e
 constexpr double HOPELESS = 25;    // below the best so far in log evidence
 constexpr long EARLY = 2;  // rounds at the start in which the view rests, and the belief in a
                            // landmark comes from the others
-constexpr double DIFFERENCE = 1e-4;
+constexpr double DIFFERENCE = 1e-6;  // of the Hessian, to one side
 
 Lanes select(Lanes mask, Lanes yes, Lanes no) { return mask > 0.5 ? yes : no; }
 Lanes indicate(Lanes value) { return value > 0.0 ? all(1.0) : Lanes{}; }
@@ -148,17 +148,13 @@ long climb(const PosteriorData& data, const Observed& seen, const Pack& pack, La
 void measure_hessian(const PosteriorData& data, const Observed& seen, const Pack& pack,
                      const LikelihoodSpace& space, Climb& at) {
     for (int i = 0; i < VIEW; ++i) {
-        Lanes step[VIEW] = {}, ahead[VIEW];
-        for (int side = 0; side < 2; ++side) {
-            step[i] = all(side ? -DIFFERENCE : DIFFERENCE);
-            move(at.view, step, at.tried);
-            find_likelihood(data, seen, pack, at.tried, at.belief, false, space, at.there,
-                            at.tried_next);
-            for (int j = 0; j < VIEW; ++j) {
-                if (!side) ahead[j] = at.there.gradient[j];
-                at.hessian[VIEW * i + j] = (ahead[j] - at.there.gradient[j]) / (2 * DIFFERENCE);
-            }
-        }
+        Lanes step[VIEW] = {};
+        step[i] = all(DIFFERENCE);
+        move(at.view, step, at.tried);
+        find_likelihood(data, seen, pack, at.tried, at.belief, false, space, at.there,
+                        at.tried_next);
+        for (int j = 0; j < VIEW; ++j)
+            at.hessian[VIEW * i + j] = (at.there.gradient[j] - at.found.gradient[j]) / DIFFERENCE;
     }
     for (int i = 0; i < VIEW; ++i)
         for (int j = 0; j < i; ++j)

@@ -206,9 +206,11 @@ def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
     landmarks = concatenate(copies)
     landmarks.landmarks[7, :, 2:] = np.nan
     found, _ = export(
-        landmarks, fit_keys={"method": "convex", "chunk": 5, "rotations": rotation}, items=["*[0-35-9]#a", "*#b"],
+        landmarks,
+        fit_keys={"method": "convex", "chunk": 5, "rotations": rotation},
+        items=["*[0-35-9]#a", "*#b"],
         format="obj",
-    )  # fmt: skip
+    )
     written = [i for i, item in enumerate(found.items) if i != 7 and not item.endswith("4#a")]
     assert 7 < len(written) < 12
     for image in written:

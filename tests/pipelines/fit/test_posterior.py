@@ -1,0 +1,101 @@
+"""`method: posterior` from files to files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.dictionary.mixture import Mixture
+from shapefit.errors import InputError
+from shapefit.io import read_dictionary, write_dictionary
+
+
+@pytest.fixture
+def with_prior(dictionary, atoms, rng):
+    """The dictionary with a prior of two Gaussians about its atoms."""
+    known = read_dictionary(dictionary)
+    B = 0.1 * rng.standard_normal((2, 30, 30))
+    C = B @ B.swapaxes(1, 2) / 30 + 0.01 * np.eye(30)
+    means = 5 * np.stack([atoms[:3].mean(axis=0), atoms[3:].mean(axis=0)])
+    write_dictionary(dictionary, replace(known, prior=Mixture(np.array([0.7, 0.3]), means, C)))
+    return dictionary
+
+
+def test_a_prior_survives_the_file(with_prior):
+    prior = read_dictionary(with_prior).prior
+    assert prior.weights.tolist() == [0.7, 0.3]
+    with h5py.File(with_prior) as file:
+        stored = file["prior_covariances"][:]
+    assert stored.shape == (2, 10, 3, 10, 3)
+    assert stored[1, 4, 2, 7, 0] == prior.covariances[1, 2 * 10 + 4, 7]
+
+
+@pytest.mark.parametrize(
+    ("dataset", "value", "found"),
+    [
+        ("prior_weights", [0.5, 0.6], "add up to 1"),
+        ("prior_covariances", -1.0, "no covariance"),
+        ("prior_means", np.nan, "no number"),
+    ],
+)
+def test_a_prior_that_is_none_is_refused(with_prior, dataset, value, found):
+    with h5py.File(with_prior, "a") as file:
+        file[dataset][...] = value
+    with pytest.raises(InputError, match=found):
+        read_dictionary(with_prior)
+
+
+def test_a_dictionary_without_a_prior_names_the_command(fit, tmp_path, dictionary, images):
+    with pytest.raises(InputError, match=r"no `prior`.*learn-dict.*prior: \{components: 16\}"):
+        fit(tmp_path, dictionary, images, method="posterior")
+
+
+def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, tmp_path, with_prior, images):
+    keys = {"method": "posterior", "posterior": {"covariance": True}}
+    found, _ = fit(tmp_path, with_prior, images, **keys)
+    covariance = found.extras["shape_covariance"]
+    assert covariance.shape == (8, 30, 30)
+    variance = np.diagonal(covariance, axis1=1, axis2=2).reshape(8, 10, 3)
+    assert found.shape_sd.swapaxes(1, 2) ** 2 == pytest.approx(variance)
+    assert ((found.extras["plausibility"] >= 0) & (found.extras["plausibility"] <= 1)).all()
+    assert set(found.status) == {"converged"}
+    larger = replace(images, landmarks=10 * images.landmarks)
+    grown, _ = fit(tmp_path, with_prior, larger, **keys)
+    assert grown.shape_sd == pytest.approx(10 * found.shape_sd, rel=1e-4)
+
+
+def test_noise_widens_and_a_covariance_of_each_landmark_takes_its_place(
+    fit, tmp_path, with_prior, images
+):
+    plain, _ = fit(tmp_path, with_prior, images, method="posterior")
+    noisy, _ = fit(tmp_path, with_prior, images, method="posterior", noise=2.0)
+    assert np.median(noisy.shape_sd[:, :2]) > np.median(plain.shape_sd[:, :2])
+    each = np.tile(4.0 * np.eye(2), (8, 10, 1, 1))
+    told = replace(images, extras={**images.extras, "landmark_covariance": each})
+    same, _ = fit(tmp_path, with_prior, told, method="posterior")
+    assert same.shapes == pytest.approx(noisy.shapes)
+    wrong = replace(images, extras={"landmark_covariance": -each})
+    with pytest.raises(InputError, match="negative variance"):
+        fit(tmp_path, with_prior, wrong, method="posterior")
+
+
+def test_implausible_images_are_reported_and_keep_their_status(fit, tmp_path, with_prior, images):
+    _, outcomes = fit(
+        tmp_path, with_prior, images, method="posterior", posterior={"implausible": 0.999999}
+    )
+    assert any("not to be trusted" in word for out in outcomes for word in map(str, out.warnings))
+
+
+def test_images_without_enough_landmarks_fail_alone(fit, tmp_path, with_prior, images, failures):
+    landmarks = images.landmarks.copy()
+    landmarks[2, :, 2:] = np.nan
+    found, outcomes = fit(
+        tmp_path, with_prior, replace(images, landmarks=landmarks), method="posterior"
+    )
+    assert list(failures(outcomes)) == ["image2"]
+    assert np.isnan(found.shapes[2]).all()
+    assert np.isnan(found.shape_sd[2]).all()
+    assert np.isfinite(found.shapes[[0, 1, 3, 4, 5, 6, 7]]).all()
