@@ -72,6 +72,7 @@ paper: $(RUNS)
 	$(BIN)/python -m benchmarks.published mocap results/paper/mocap
 	$(SHAPEFIT) simulate -c configs/recovery.yaml -o results/paper/recovery || [ $$? -eq 1 ]
 	$(BIN)/python -m benchmarks.published recovery results/paper/recovery
+	$(BIN)/python -m benchmarks.rotation_recovery results/paper
 	for sweep in $(PAPER_SWEEPS); do \
 	    $(SHAPEFIT) sweep -c configs/paper/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(BIN)/python -m benchmarks.paper_index results/paper
