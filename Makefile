@@ -58,7 +58,7 @@ recovery: $(RUNS)
 	$(SHAPEFIT) simulate -c configs/recovery.yaml
 	$(BIN)/python -m benchmarks.published recovery results/recovery
 
-PAPER_FITS := convex global refine alternate alternate-plus pmp mean-shape
+PAPER_FITS := convex global refine alternate alternate-nonnegative alternate-plus pmp mean-shape
 PAPER_SWEEPS := timing timing-pmp sensitivity-lambda sensitivity-noise sensitivity-hidden sensitivity-k
 
 # A fit or simulation in which single items fail (exit code 1) lists them; the others are used.
