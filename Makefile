@@ -15,6 +15,7 @@
 #   make bench        speed relative to the previous release and other solvers; fails below a floor
 #                     (DATA=FOLDER motion capture, CARS=FOLDER cars, BENCH_OPTIONS='--only CASE --quick')
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
+#   make detected     landmarks that networks detected, against their 3D truth (DATA=FOLDER as above)
 #   make cars         real cars: report, meshes, pictures, outliers (DATA=FOLDER as above)
 
 PYTHON ?= python3
@@ -31,7 +32,7 @@ CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper cars bench clean
+.PHONY: demo test fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper detected cars bench clean
 
 demo: $(RUNS)
 	$(call chain,demo)
@@ -74,6 +75,9 @@ paper: $(RUNS)
 	for sweep in $(PAPER_SWEEPS); do \
 	    $(SHAPEFIT) sweep -c configs/paper/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(BIN)/python -m benchmarks.paper_index results/paper
+
+detected: $(RUNS)
+	$(BIN)/python -m benchmarks.detected $(if $(DATA),--data '$(DATA)')
 
 CAR_METHODS := $(basename $(notdir $(wildcard configs/cars/methods/*.yaml)))
 CAR_SWEEPS := $(basename $(notdir $(wildcard configs/cars/outliers-*.yaml)))

@@ -139,20 +139,6 @@ def test_the_paper_s_table_on_motion_capture(project, mocap):
 
 
 @pytest.mark.real_data
-def test_sequences_of_motion_capture(project, mocap):
-    folder, run = mocap
-    run("learn-dict", "mocap/best/learn-dict")
-    run("fit", "mocap/best/fit")
-    result = str(folder / "results/mocap/best/result.h5")
-    run("eval", "mocap/eval", result, "-o", str(folder / "sequences"))
-    found = report(folder / "sequences/report.csv")
-    stated = table(project / "docs/better_mocap.md", "configuration")["`configs/mocap/best`"]
-    for group, figure in zip(("Subject 13", "Subject 14"), stated, strict=True):
-        mean, _ = found["result", "similarity", "normalised", group]
-        assert within(mean, figure.strip("*")), (group, mean, figure)
-
-
-@pytest.mark.real_data
 def test_real_cars(project, real_data, tmp_path):
     run = runner(project, tmp_path, f"data={real_data / 'cars'}")
     run("learn-dict", "cars/learn-dict")

@@ -27,8 +27,8 @@ OLD_KEYS: Mapping[str, Mapping[str, str]] = {
         "alternation.max_rounds": "leave it out: 500 rounds are the most for an image",
         "outliers.max_rounds": "leave it out: 100 rounds are the most for an image",
         "camera.max_rounds": "leave it out: 1000 rounds are the most for an image",
-        "temporal.tolerance": "use `temporal.softness`, which it was: `tolerance` is the solver's",
-        "temporal.max_rounds": "leave it out: 100 rounds are the most for a sequence",
+        "temporal": "use `method: sequences`, which took the place of `temporal.depths`; it needs "
+        "a dictionary with a prior (configs/people)",
     },
     "EvalConfig": {
         "published": "leave it out: `python -m benchmarks.published` sets the paper's rows beside "

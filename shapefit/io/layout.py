@@ -220,6 +220,8 @@ DICTIONARY = Format(
         Dataset("atom_scale", ("k",)),
         Dataset("atom_item", ("k",), "text", field="atom_items"),
         Dataset("objective_trace", ("t",)),
+        Dataset("acceleration", ("p",)),
+        Dataset("edge_give", ("e",)),
         Dataset("prior_weights", ("c",)),
         Dataset("prior_means", ("c", "p", 3), points=True),
         Dataset("prior_covariances", ("c", "p", 3, "p", 3)),

@@ -15,6 +15,7 @@ from shapefit.convex.solution import Solution, Status
 if TYPE_CHECKING:
     from shapefit.lifting.global_optimum.modes import Modes
     from shapefit.lifting.global_optimum.tree import Tree
+    from shapefit.lifting.posterior.posterior import Modes as PosteriorModes
 
 Floats = NDArray[np.float64]
 
@@ -55,8 +56,9 @@ class Estimate:
     of them are not 0; transforms M (n, k, 2, 3); relative_gap (n,); tight (n,), as in
     Reconstruction; outliers (n, p), the landmarks that a robust loss or a search
     before the fit set aside; deviation (n, 3, p) and covariance (n, 3p, 3p; all x, then y, then z),
-    how uncertain shapes + T are; convex_proof, of the convex program that it is or starts from.
-    readings and trees: of each image what `global` lists and proves, where it is asked to.
+    how uncertain shapes + T are; posterior_modes of each image, from which sequences are inferred;
+    convex_proof, of the convex program that it is or starts from. readings and trees: of each
+    image what `global` lists and proves, where it is asked to.
     further: what else a method knows, (n, ...) by the name of its dataset in the result; in the
     unit that it is stored in, and among what the table of methods says that it yields.
     """
@@ -76,6 +78,7 @@ class Estimate:
     outliers: NDArray[np.bool_] | None = None
     deviation: Floats | None = None
     covariance: Floats | None = None
+    posterior_modes: PosteriorModes | None = None
     convex_proof: ConvexProof | None = None
     readings: tuple[Modes, ...] | None = None
     trees: tuple[Tree | None, ...] | None = None

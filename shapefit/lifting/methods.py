@@ -176,6 +176,7 @@ class Method:
     mixes_atoms    shapes are R sum_i c_i B_i (or sum_i c_i R_i B_i), so that whatever belongs to
                    the atoms, as their meshes, can be mixed alike
     perspective    may be refined under a perspective camera
+    sequences      lifts whole sequences: its images are followed by the stage of sequences
     tolerance      the default of `solver.tolerance`
     """
 
@@ -191,6 +192,7 @@ class Method:
     one_rotation: bool = True
     mixes_atoms: bool = True
     perspective: bool = True
+    sequences: bool = False
     tolerance: float = 1e-6
 
     def load(self) -> Run:
@@ -202,6 +204,12 @@ class Method:
 
 OF_ATOMS = frozenset({"coefficients", "active_atoms", "transforms"})
 ROBUST = ("l1", "sparse-error")
+
+PRIOR = Need(
+    "prior",
+    "the prior over shapes that posterior weighs the landmarks against",
+    "learn it by `shapefit learn-dict` with `prior: {components: 16}`",
+)
 
 METHODS: dict[str, Method] = {
     "convex": Method(
@@ -263,18 +271,31 @@ METHODS: dict[str, Method] = {
         run="shapefit.lifting.posterior.method:lift_to_posterior",
         summary="the posterior mean under the prior over shapes, with its uncertainty",
         section=POSTERIOR,
-        needs=(
-            Need(
-                "prior",
-                "the prior over shapes that posterior weighs the landmarks against",
-                "learn it by `shapefit learn-dict` with `prior: {components: 16}`",
-            ),
-        ),
+        needs=(PRIOR,),
         yields=frozenset({"convex_proof", "deviation"}),
         further=("log_evidence", "plausibility", "belief"),
         proves="bound",
         mixes_atoms=False,
         perspective=False,
+    ),
+    "sequences": Method(
+        run="shapefit.lifting.sequences.method:lift_frames",
+        summary="the posterior of whole sequences: rigid bones, steady motion",
+        section=POSTERIOR,
+        needs=(
+            PRIOR,
+            Need(
+                "edges",
+                "the bones, which keep their lengths over a sequence",
+                "learn it from shapes with edges",
+            ),
+        ),
+        yields=frozenset({"convex_proof", "deviation"}),
+        further=("log_evidence", "plausibility", "belief", "sequence_noise"),
+        proves="bound",
+        mixes_atoms=False,
+        perspective=False,
+        sequences=True,
     ),
 }
 

@@ -101,7 +101,7 @@ def read_terms(attributes: Mapping[str, Any], file: Path) -> Terms:
             left_out=config["leave_out"] or "",
             searched=config["outliers"]["method"] not in ("none", *ROBUST),
             perspective=config["camera"]["model"] == "perspective",
-            depths=bool(config["temporal"]["depths"]),
+            depths=bool(config.get("temporal", {}).get("depths")),
             by_change=config["solver"].get("stop") == "change",
             path=bool(config.get("path")),
             signed=bool(config.get("search", {}).get("signed", False)),

@@ -21,7 +21,7 @@ from shapefit.pipelines.outcome import Failure, Outcome
         (["--leave-out", "item"], "--leave-out; it is a key of the config: --set leave_out=item"),
         (["--threshold", "3"], "it is a key of the config: --set outliers.threshold=3"),
         (["--outliers.method=l1"], "it is a key of the config: --set outliers.method=l1"),
-        (["--softness", "1"], "--set temporal.softness=1 or --set camera.softness=1"),
+        (["--softness", "1"], "--set camera.softness=1"),
     ],
 )
 def test_an_option_that_is_a_key_names_the_setting(shapefit, arguments, hint):

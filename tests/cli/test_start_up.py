@@ -39,7 +39,7 @@ NOT_FOR_A_FIT_OF_CSV = (
     "shapefit.lifting.perspective.refinement",
     "shapefit.lifting.perspective.view",
     "shapefit.lifting.outliers.ransac",
-    "shapefit.lifting.temporal",
+    "shapefit.lifting.sequences",
     "shapefit.lifting.outliers.truncated",
     "shapefit.meshes",
     "shapefit.pipelines.fit.left_out",

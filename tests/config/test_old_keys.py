@@ -83,7 +83,6 @@ def test_a_successor_exists_and_an_old_key_does_not(command, key, text):
         ("fit", ["method=convex+refine", "alternation={signed: true}"]),
         ("fit", ["alternation.views=all"]),
         ("fit", ["rotations=orthogonal"]),
-        ("fit", ["temporal.softness=0.1"]),
         ("learn-dict", ["method=pca-bases", "bases=0.9"]),
         ("project", ["camera.view=[[1,0,0],[0,1,0],[0,0,1]]", "camera.scale=2"]),
     ],

@@ -21,7 +21,6 @@ OPTIONS = {
     "transforms": {"transforms": True, "rotations": "orthogonal"},
     "ransac": {"outliers": {"method": "ransac", "seed": 3}},
     "truncated": {"outliers": {"method": "truncated"}},
-    "sequences": {"temporal": {"depths": True}},
     "perspective": {"camera": {"model": "perspective", "focal": 900.0}},
     "one thread": {"threads": 1, "chunk": 64},
     "strict": {"strict": True, "solver": {"max_iterations": 2}},
@@ -145,7 +144,6 @@ def test_the_defaults_are_those_of_the_command(people, views):
             r"weights: has the shape \(2, 15\); it must be \(150, 15\)",
         ),
         ({"weights": np.full((150, 15), -1)}, r"^landmarks\.confidence\[0\]: landmark 'pelvis' is"),
-        ({"temporal": {"depths": True}}, "landmarks without `sequence`"),
         ({"leave_out": "model"}, "the atoms of the dictionary have no items"),
     ],
 )

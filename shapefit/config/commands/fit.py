@@ -12,6 +12,7 @@ from shapefit.config.commands.fit_camera import ViewingConfig
 from shapefit.config.commands.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.commands.fit_outliers import OutliersConfig
 from shapefit.config.commands.fit_posterior import PosteriorConfig
+from shapefit.config.commands.fit_sequences import SequencesConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, Renaming
 from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
@@ -26,7 +27,6 @@ from shapefit.lifting.methods import (
     summarise,
     those,
 )
-from shapefit.lifting.options import DepthOptions
 
 if TYPE_CHECKING:
     MethodName = str
@@ -116,35 +116,6 @@ class SearchConfig(ConfigModel):
     )
 
 
-class TemporalConfig(ConfigModel):
-    """How the images of a sequence inform one another."""
-
-    depths: bool = Field(
-        default=False,
-        description="Refine the depths along each sequence: the bones (edges of the dictionary) "
-        "keep their lengths and landmarks move smoothly. Assumes one body per "
-        "sequence, images in temporal order, a camera of constant scale, and little "
-        "noise.",
-    )
-    smoothness: float = Field(
-        default=DepthOptions.smoothness,
-        ge=0,
-        description="Weight of the second difference of depths from image to image; a higher "
-        "frame rate needs more.",
-    )
-    rigidity: float = Field(
-        default=DepthOptions.rigidity,
-        ge=0,
-        description="Weight of the differences in the lengths of bones.",
-    )
-    softness: float = Field(
-        default=DepthOptions.tolerance,
-        gt=0,
-        description="Change of a depth beyond which the estimate from the single image is "
-        "treated as a gross error, in units of the size of the landmarks.",
-    )
-
-
 class FitConfig(CommandConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
@@ -201,9 +172,9 @@ class FitConfig(CommandConfig):
         default_factory=PosteriorConfig.model_construct,
         description="How posterior weighs landmarks against the prior over shapes.",
     )
-    temporal: TemporalConfig = Field(
-        default_factory=TemporalConfig.model_construct,
-        description="How the images of a sequence inform one another.",
+    sequences: SequencesConfig = Field(
+        default_factory=SequencesConfig.model_construct,
+        description="How the method sequences ties the images of a sequence together.",
     )
     leave_out: Annotated[str | None, OF_THE_DATA] = Field(
         default=None,
@@ -235,7 +206,7 @@ class FitConfig(CommandConfig):
         le=10_000_000,
         description="Images held in memory at a time, rounded up to a multiple of 64. Results "
         "do not depend on it, except with `leave_out`, within the tolerance of the "
-        "solver. With `temporal.depths` whole sequences are held instead.",
+        "solver. With `method: sequences` whole sequences are held instead.",
     )
     strict: bool = Field(
         default=False, description="Count an image whose tolerance was not reached as failed."
@@ -289,11 +260,6 @@ class FitConfig(CommandConfig):
                 "data terms; leave out one of them"
             )
         weak = self.camera.model == "weak-perspective"
-        if self.temporal.depths and not weak:
-            raise ValueError(
-                "`temporal: {depths: true}` refines shapes under weak perspective; leave out "
-                "either it or `camera: {model: perspective}`"
-            )
         if self.search.modes and not weak:
             raise ValueError(
                 "`search: {modes: ...}` lists readings under weak perspective; leave out either it "

@@ -33,11 +33,17 @@ def read_hdf5(path: Path) -> Dictionary:
     with Hdf5Reader(path, DICTIONARY) as reader:
         check_dictionary(reader)
         fields = reader.fields()
+        give = fields["edge_give"]
+        if give is not None and not (np.isfinite(give).all() and (give >= 0).all()):
+            fix = "make the dictionary again"
+            raise input_error(reader.place("edge_give"), "holds what is no deviation", fix)
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
         fields["prior"] = _read_prior(reader, fields)
         provenance = {name: str(value) for name, value in reader.attributes.items()}
-        return Dictionary(**fields, unit=reader.unit, provenance=provenance)
+        return Dictionary(
+            **fields, unit=reader.unit, frame_rate=reader.frame_rate, provenance=provenance
+        )
 
 
 def _read_prior(reader: Hdf5Reader, fields: dict[str, Any]) -> Mixture | None:

@@ -18,11 +18,12 @@ Floats = NDArray[np.float64]
 FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
 
-def lift_to_posterior(problem: Problem, settings: Settings) -> Estimate:
+def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> Estimate:
     """Return the posterior mean, its standard deviations, and what the images are worth.
 
     The convex program finds the view to start from; its proof goes with the result, and is one of
-    that program only. An image that the program cannot solve has no posterior.
+    that program only. An image that the program cannot solve has no posterior. `modes` of each
+    image, the most likely ones, are kept.
     """
     options: PosteriorOptions = settings.options
     solution = settings.solve(problem)
@@ -35,6 +36,7 @@ def lift_to_posterior(problem: Problem, settings: Settings) -> Estimate:
         settings.needs["prior"],
         starts,
         Gross(options.gross_chance, options.gross_density),
+        modes=modes,
         covariance=options.covariance,
         max_rounds=options.max_rounds,
         threads=settings.threads,
@@ -58,6 +60,7 @@ def lift_to_posterior(problem: Problem, settings: Settings) -> Estimate:
         ),
         deviation=widening * found.deviation,
         covariance=None if found.covariance is None else options.widening * found.covariance,
+        posterior_modes=found.modes if modes else None,
         convex_proof=ConvexProof.of(solution),
         further={
             "log_evidence": found.log_evidence,

@@ -40,7 +40,4 @@ def find_obstacle(config: FitConfig) -> tuple[str, str] | None:
     if not mixes_atoms(config):
         found = f"`method: {config.method}` gives no coefficients to combine the atoms' meshes"
         return found, f"choose {listed(those(lambda method: method.mixes_atoms))}"
-    if config.temporal.depths:
-        found = "`temporal.depths` moves every landmark independently, so there is no mesh"
-        return found, "set `temporal.depths: false`"
     return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -26,7 +26,7 @@ from shapefit.lifting.methods import (
     Settings,
     choose_method,
 )
-from shapefit.lifting.options import DepthOptions, PerspectiveOptions
+from shapefit.lifting.options import PerspectiveOptions
 from shapefit.pipelines.fit.dictionary_kind import check_needs
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Chain:
     program: Program
     method: Callable[[Dictionary], Estimator]
     view: View | None
-    depths: Refinement | None
+    sequences: Refinement | None
 
 
 def fit_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Lifting:
@@ -67,8 +67,8 @@ def fit_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Lif
         lifting = lift_images(images, dictionary, chain)
     else:
         lifting = chain.leave_out(images, dictionary, partial(lift_images, chain=chain))
-    if chain.depths is not None:
-        lifting = chain.depths(lifting, images)
+    if chain.sequences is not None:
+        lifting = chain.sequences(lifting, images)
     return fail_nonfinite(lifting)
 
 
@@ -102,7 +102,7 @@ def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
     METHODS[config.method].load()
     solve = choose_solver(config)
     return Chain(
-        depths=choose_refinement(config, dictionary),
+        sequences=choose_refinement(config, dictionary),
         program=choose_program(config),
         search=choose_search(config, solve),
         method=lambda part: choose_method(config.method, choose_settings(config, part, solve)),
@@ -155,43 +155,26 @@ def choose_options(config: FitConfig) -> PerspectiveOptions:
 
 
 def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement | None:
-    """Return what refines the depths along each sequence, if the config asks for it."""
-    if not config.temporal.depths:
+    """Return the inference over whole sequences, where the method is for these."""
+    if not METHODS[config.method].sequences:
         return None
-    if dictionary.edges is None:
-        raise input_error(
-            "temporal.depths",
-            f"{config.dictionary} without `edges`",
-            "learn the dictionary from shapes with edges: they are the bones",
+    from shapefit.lifting.sequences.method import refine_lifting
+    from shapefit.pipelines.fit.motion import find_lengths, find_motion
+
+    lengths = find_lengths(config, dictionary)
+
+    def refine(lifting: Lifting, images: LandmarkSet) -> Lifting:
+        rate = config.sequences.frame_rate or images.frame_rate
+        return refine_lifting(
+            lifting,
+            images.landmarks,
+            images.sequences or (),
+            find_motion(dictionary, rate, lengths),
+            config.posterior.misfit,
+            config.posterior.widening,
         )
-    import shapefit.lifting.temporal  # noqa: F401, before the clock of solving starts
 
-    settings = DepthOptions(
-        smoothness=config.temporal.smoothness,
-        rigidity=config.temporal.rigidity,
-        tolerance=config.temporal.softness,
-    )
-    return partial(refine, bones=dictionary.edges, settings=settings)
-
-
-def refine(
-    lifting: Lifting, images: LandmarkSet, bones: NDArray[np.integer], settings: DepthOptions
-) -> Lifting:
-    """Refine the depths along each sequence, with x and y as observed where a landmark is seen.
-
-    Bones keep their lengths in the observed landmarks, not in those fitted image by image. What
-    is hidden or set aside as an outlier keeps its fitted x and y. All but the shapes stays.
-    """
-    from shapefit.lifting.temporal import refine_sequences
-
-    seen = lifting.problem.weights > 0
-    if lifting.estimate.outliers is not None:
-        seen &= ~lifting.estimate.outliers
-    seen &= np.isfinite(lifting.scale)[:, None]
-    shapes = lifting.shapes.copy()
-    shapes[:, :2] = np.where(seen[:, None, :], images.landmarks, shapes[:, :2])
-    refined = refine_sequences(shapes, images.sequences or (), bones, settings)
-    return replace(lifting, shapes=refined)
+    return refine
 
 
 def find_covariance(images: LandmarkSet) -> Floats | None:

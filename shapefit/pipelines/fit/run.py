@@ -30,6 +30,7 @@ from shapefit.io import (
 from shapefit.io.formats import find_target_format
 from shapefit.io.records import nearest_names
 from shapefit.lifting.lift import Lifting
+from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
@@ -89,6 +90,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         + mismatch(config, dictionary)
         + find_renamed(source, config)
         + left_out_landmarks(strange, names)
+        + rate_warnings(source.frame_rate, config)
         + left_in
         + ambiguous.warnings
         + exports.warnings,
@@ -147,9 +149,9 @@ def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkS
     """Give out the images, cut where no result depends on `chunk`.
 
     An image starts from its neighbour's solution within a stretch, so chunks hold whole stretches.
-    With `temporal.depths` they hold whole sequences, READ_AHEAD or more images at a time.
+    With `method: sequences` they hold whole sequences, READ_AHEAD or more images at a time.
     """
-    if config.temporal.depths:
+    if METHODS[config.method].sequences:
         return whole_sequences(map(with_sequences, source.chunks(READ_AHEAD)))
     return source.chunks(math.ceil(config.chunk / STRETCH) * STRETCH)
 
@@ -157,15 +159,24 @@ def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkS
 def with_sequences(images: LandmarkSet) -> LandmarkSet:
     """Return the images, and refuse them where they name no sequences."""
     if images.sequences is None:
-        raise input_error(
-            "temporal.depths", "landmarks without `sequence`", "name the sequence of each image"
-        )
+        fix = "name the sequence of each image, or take `method: posterior`"
+        raise input_error("method: sequences", "landmarks without `sequence`", fix)
     return images
 
 
 def source_names(config: FitConfig) -> str:
     """Name the place of the landmark names for messages."""
     return ", ".join(str(path) for path in config.landmarks) + ": landmark names"
+
+
+def rate_warnings(rate: float | None, config: FitConfig) -> tuple[str, ...]:
+    """Warn where sequences are to be smoothed and nobody says how fast the images follow."""
+    if not METHODS[config.method].sequences or rate or config.sequences.frame_rate:
+        return ()
+    return (
+        "the frame rate is unknown, so the motion from image to image is taken for that of the "
+        "training shapes; set `sequences.frame_rate`, or the root attribute `frame_rate`",
+    )
 
 
 def find_strange(own: Sequence[str], known: Sequence[str]) -> list[str]:

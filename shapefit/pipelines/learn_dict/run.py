@@ -190,4 +190,7 @@ def _dictionary(training: TrainingShapes, atoms: Floats) -> Dictionary:
         mean_shape=normalise(training.alignment.mean).points,
         edges=training.original.edges,
         unit=training.original.unit,
+        acceleration=training.acceleration,
+        edge_give=training.give,
+        frame_rate=None if training.acceleration is None else training.original.frame_rate,
     )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.config import LearnDictConfig
+from shapefit.dictionary.motion import find_acceleration, find_give
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import SMALLEST, normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
@@ -26,14 +27,17 @@ class TrainingShapes:
     """n training shapes: `original` in their unit, and `alignment` of the normalised ones.
 
     scale (n,): shape j measures scale[j] * alignment.shapes[j]; mesh_vertices (n, 3, q) in the
-    frame and on the scale of alignment.shapes, None where there are no meshes. failures: the
-    shapes that should have been among them; warnings about the rest.
+    frame and on the scale of alignment.shapes, None where there are no meshes. Of all shapes given:
+    acceleration (p,), None where they are no sequences; give (e,), None without edges. failures:
+    the shapes that should have been among them; warnings about the rest.
     """
 
     original: ShapeSet
     alignment: Alignment
     scale: Floats
     mesh_vertices: Floats | None
+    acceleration: Floats | None
+    give: Floats | None
     failures: tuple[Failure, ...]
     warnings: tuple[str, ...]
 
@@ -48,6 +52,11 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
     of landmarks that `symmetry` needs, unknown landmarks in `align`, 0 shapes, and k above their
     number.
     """
+    fine = separate(given)[0]
+    acceleration = find_acceleration(fine.shapes, fine.sequences) if fine.sequences else None
+    give = None
+    if fine.edges is not None and len(fine):
+        give = find_give(fine.shapes, fine.edges, fine.sequences or ("",) * len(fine))
     sequences = given.sequences or ("",) * len(given)
     kept = given.take(every_nth(sequences, config.every))
     usable, failures = separate(kept)
@@ -68,6 +77,8 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
         alignment=alignment,
         scale=normalised.scale,
         mesh_vertices=None if mesh is None else carry_mesh(mesh, normalised, alignment.rotations),
+        acceleration=acceleration,
+        give=give,
         failures=failures,
         warnings=tuple(find_warnings(usable, shapes, alignment)),
     )

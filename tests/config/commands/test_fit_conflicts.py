@@ -43,11 +43,6 @@ def problem(addition: str, *options: str) -> str:
         ("outliers: {threshold: 0}", "4:23", "expected a number > 0"),
         ("lambda: auto", "4:9", "`lambda: auto` needs `noise`"),
         (
-            "temporal: {depths: true}\ncamera: {model: perspective, focal: 2}",
-            "4:11",
-            "`temporal: {depths: true}` refines shapes under weak perspective",
-        ),
-        (
             "method: pmp\ncamera: {model: perspective, focal: 2}",
             "5:9",
             "`camera: {model: perspective}` does not work with the method pmp",

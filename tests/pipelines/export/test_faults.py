@@ -62,10 +62,6 @@ class TestRefused:
         with pytest.raises(InputError, match=r"export\.unit: .*no coefficients.*unit: landmarks"):
             export(dictionary=changed(**NO_MESH), fit_keys={"method": method}, unit="dictionary")
 
-    def test_a_mesh_whose_landmarks_move_on_their_own(self, export):
-        with pytest.raises(InputError, match=r"export: `temporal\.depths` moves every landmark"):
-            export(fit_keys={"temporal": {"depths": True}})
-
     @pytest.mark.parametrize(
         "fit_keys",
         [

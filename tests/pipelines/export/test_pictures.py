@@ -223,12 +223,6 @@ class TestFittedImages:
                 atol=1e-9,
             )
 
-    def test_where_a_mesh_cannot_follow_there_is_none(self, gather, views):
-        sequence = replace(views, sequences=("a",) * 6)
-        _, images = gather(sequence, temporal={"depths": True})
-        assert all(image.mesh_vertices is None for image in images)
-        assert all(image.fitted for image in images)
-
 
 def test_people_are_drawn_with_their_bones(draw, people, project, sheets):
     with open_landmarks([project / "sample_data/people_views.csv"]) as source:

@@ -58,20 +58,6 @@ def test_lines_join_the_landmarks_of_the_result_whatever_the_method(
         np.testing.assert_allclose(ends, found.shapes[image].T[bones], atol=PIXEL)
 
 
-def test_depths_refined_along_a_sequence_are_those_of_the_wireframe(
-    export, people, poses, read_one
-):
-    sequence = LandmarkSet(
-        landmarks=poses.landmarks, landmark_names=poses.landmark_names, items=poses.items,
-        sequences=("one",) * len(poses),
-    )  # fmt: skip
-    keys = {"temporal": {"depths": True}}
-    found, _ = export(sequence, people, keys, landmarks=True, frame="camera")
-    for image, item in enumerate(found.items):
-        points = read_one(item, ending="-landmarks")
-        np.testing.assert_allclose(points.vertices.T, found.shapes[image], atol=PIXEL)
-
-
 def test_people_can_be_turned_back_and_measured(export, people, poses, read_one, metres):
     found, _ = export(poses, people, landmarks=True, unit="dictionary")
     dictionary = read_dictionary(people)

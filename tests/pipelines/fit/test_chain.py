@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from shapefit.config import FitConfig
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
-from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import LandmarkSet
-from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.methods import AlternationOptions, Settings, choose_method
-from shapefit.lifting.options import DepthOptions, PerspectiveOptions
+from shapefit.lifting.lift import Program
+from shapefit.lifting.methods import AlternationOptions
+from shapefit.lifting.options import PerspectiveOptions
 from shapefit.pipelines.fit.chain import (
     choose_options,
     choose_program,
-    choose_refinement,
     choose_settings,
     choose_solver,
-    refine,
 )
 
 
@@ -78,30 +72,3 @@ def test_options_of_the_perspective_camera(config):
     told = {"ridge": 0.7, "softness": 0.3}
     camera = {"model": "perspective", "focal": 500.0, **told}
     assert choose_options(config(camera=camera)) == PerspectiveOptions(**told, threads=3)
-
-
-def test_options_of_the_depths_along_a_sequence(config, dictionary):
-    told = {"smoothness": 3.0, "rigidity": 40.0}
-    given = config(temporal={"depths": True, "softness": 0.2, **told})
-    refinement = choose_refinement(given, dictionary)
-    assert refinement.keywords["settings"] == DepthOptions(tolerance=0.2, **told)
-    assert refinement.keywords["bones"] is dictionary.edges
-
-
-def test_an_image_that_failed_gets_no_observed_landmarks(dictionary, rng):
-    """Without depths, x and y would be half a shape."""
-
-    def solve(problem):
-        solution = solve_newton(problem)
-        return replace(solution, status=(Status.NUMERICAL_FAILURE, *solution.status[1:]))
-
-    estimator = choose_method("convex", Settings(solve=solve, mean_shape=dictionary.mean_shape))
-    names = dictionary.landmark_names
-    images = LandmarkSet(
-        landmarks=rng.standard_normal((4, 2, 5)), landmark_names=names, items=tuple("1234"),
-        sequences=("walk",) * 4,
-    )  # fmt: skip
-    lifting = lift(images.landmarks, np.ones((4, 5)), dictionary.atoms, Program(0.1), estimator)
-    refined = refine(lifting, images, dictionary.edges, DepthOptions())
-    assert np.isnan(refined.shapes[0]).all()
-    np.testing.assert_allclose(refined.shapes[1:, :2], images.landmarks[1:])

@@ -6,12 +6,11 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig, LearnDictConfig, ProjectConfig
+from shapefit.config import FitConfig, LearnDictConfig
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, landmark_writer, read_dictionary
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.project import run as projecting
 
 TERMS = {
     "squared": {},
@@ -96,25 +95,6 @@ def test_pmp_has_no_proof_and_is_no_failure(project, tmp_path, verify, landmarks
 )  # fmt: skip
 def test_the_note_says_what_is_covered(fitted, verify, dictionaries, kind, keys, said):
     assert said in verify(fitted(kind, **keys), dictionaries[kind]).note
-
-
-def test_depths_along_a_sequence_are_not_covered(project, tmp_path, verify, dictionaries):
-    views, result = tmp_path / "views.h5", tmp_path / "result.h5"
-    shapes = [str(project / "sample_data/people_test.h5")]
-    list(projecting.run(ProjectConfig(shapes=shapes, output=str(views))))
-    config = FitConfig(
-        landmarks=[str(views)],
-        dictionary=str(dictionaries["people"]),
-        output=str(result),
-        temporal={"depths": True},
-    )
-    list(fit.run(config))
-    found = verify(result, dictionaries["people"], [views])
-    assert found.failures == {}
-    assert "Depths refined along sequences are not covered." in found.note
-    with h5py.File(result, "r+") as file:
-        file["shapes"][0, 0, 0] += 1e-6
-    assert len(verify(result, dictionaries["people"]).failures) == 1
 
 
 def test_hard_images_are_accepted(tmp_path, verify, dictionaries, rng):

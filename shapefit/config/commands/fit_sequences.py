@@ -1,0 +1,25 @@
+"""The section `sequences` of `fit`: how the images of a sequence hang together."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from shapefit.config.model import ConfigModel
+from shapefit.config.paths import OptionalInputPath
+
+
+class SequencesConfig(ConfigModel):
+    """How `method: sequences` ties the images of a sequence together."""
+
+    frame_rate: float | None = Field(
+        default=None,
+        gt=0,
+        description="Images a second; left out, the `frame_rate` of the landmark files. Where "
+        "neither says it, the motion from image to image is taken for that of the training shapes.",
+    )
+    lengths: OptionalInputPath = Field(
+        default=None,
+        description="Known lengths of the bones: shapes of the body (HDF5 or CSV), of which the "
+        "mean lengths are taken, or a CSV file with the header `from,to,length`, in any unit. Left "
+        "out, they are found in each sequence.",
+    )

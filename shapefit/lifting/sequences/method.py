@@ -1,0 +1,76 @@
+"""The method `sequences`: the posterior of every image, and then of every sequence as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.convex.problem import Problem
+from shapefit.lifting.estimate import Estimate
+from shapefit.lifting.lift import Lifting
+from shapefit.lifting.methods import Settings
+from shapefit.lifting.posterior.method import lift_to_posterior
+from shapefit.lifting.sequences.clips import Clips, Motion, refine_clips
+from shapefit.lifting.sequences.observations import MOST_MODES
+
+Floats = NDArray[np.float64]
+
+NOISE = "sequence_noise"
+"""Dataset of the noise (n,) of a coordinate that was found in the sequence of each image."""
+
+
+def lift_frames(problem: Problem, settings: Settings) -> Estimate:
+    """Return the posterior of each image, with the modes from which sequences are inferred."""
+    return lift_to_posterior(problem, settings, modes=MOST_MODES)
+
+
+def refine_lifting(
+    lifting: Lifting,
+    landmarks: Floats,
+    sequences: Sequence[str],
+    motion: Motion,
+    misfit: float,
+    widening: float,
+) -> Lifting:
+    """Infer the shapes of whole sequences from the modes of their images.
+
+    landmarks (n, 2, p) as observed; misfit, the variance of normalised landmarks in the posteriors;
+    widening of the variances. All but the shapes and what is known of them stays that of the
+    images.
+    """
+    found = lifting.estimate
+    modes = found.posterior_modes
+    weights = lifting.problem.weights
+    seen = (weights > 0)[:, None]
+    own = found.deviation
+    if modes is None or own is None:
+        raise ValueError("the images have no modes, or no deviations")
+    centre = lifting.translation - lifting.scale[:, None] * found.translation
+    clips = Clips(
+        landmarks=np.where(seen, landmarks, np.nan),
+        trust=np.nan_to_num(found.further["belief"]) * weights**2,
+        points=lifting.shapes,
+        scale=lifting.scale,
+        centre=centre,
+        modes=modes,
+        misfit=misfit,
+        deviation=lifting.scale[:, None, None] * own / np.sqrt(widening),
+    )
+    points, deviation, noise = refine_clips(clips, sequences, motion)
+    single = np.isnan(noise)[:, None, None]
+    scaled = np.sqrt(widening) * deviation / lifting.scale[:, None, None]
+    return replace(
+        lifting,
+        shapes=points,
+        landmarks_fitted=points[:, :2].copy(),
+        estimate=replace(
+            found,
+            deviation=np.where(single, own, scaled),
+            covariance=None,
+            posterior_modes=None,
+            further={**found.further, NOISE: noise},
+        ),
+    )

@@ -1,0 +1,113 @@
+"""The noise of the landmarks of a sequence, found in the sequence itself."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.lifting.sequences.observations import Observations
+from shapefit.lifting.sequences.smoothing import Model, Smoothed, first_lengths, smooth
+
+Floats = NDArray[np.float64]
+
+LEVELS = (0.003, 0.01, 0.03, 0.06)
+"""Standard deviations of a coordinate that are tried, in units of the size of the landmarks.
+
+The last one is that with which the posteriors of the images took them.
+"""
+
+FIRST = 3
+"""The level that is tried first."""
+
+LEAST_TURN = 0.3
+"""How much bones must turn, see `find_turn`, before their lengths can tell what the noise is."""
+
+WINDOW = 120
+"""Frames in the middle of a sequence from which the noise is found."""
+
+
+def find_noise(seen: Observations, model: Model) -> float | None:
+    """Return the sigma of the objective of `smooth`, from the middle of the sequence.
+
+    The level of the most evidence: from the first one on the noise falls, or else rises, as long
+    as the evidence grows. Detectors err alike from frame to frame, so that as many frames say less
+    than they seem to: with the correlation r of the residuals of neighbours sigma grows by
+    sqrt((1 + r) / (1 - r)), at most to that of the images alone.
+
+    None where bones hardly turn: seen from one side, landmarks that are off alike in all frames fit
+    a rigid body too, and the sequence cannot tell.
+    """
+    most = float(np.sqrt(seen.misfit))
+    if find_turn(seen, model) < LEAST_TURN:
+        return None
+    levels = (*(level for level in LEVELS if level < most), most)
+    first = max(0, (len(seen) - WINDOW) // 2)
+    part = seen.take(slice(first, first + WINDOW))
+    best = min(FIRST, len(levels) - 1)
+    first_level, at = best, smooth(part, model, levels[best])
+    for step in (-1, 1):
+        tried = best + step
+        found: Smoothed = at
+        while 0 <= tried < len(levels):
+            found = smooth(part, model, levels[tried], found)
+            if found.log_evidence <= at.log_evidence:
+                break
+            best, at, tried = tried, found, tried + step
+        if best != first_level:
+            break
+    r = correlation(part, at)
+    return min(levels[best] * float(np.sqrt((1 + r) / (1 - r))), most)
+
+
+def find_turn(seen: Observations, model: Model) -> float:
+    """Median over the bones of how their projections vary over time, in their lengths.
+
+    The root of the mean square distance of a bone's projection from its mean; a bone that turns
+    once around in the plane of the image has 1.
+    """
+    i, j = model.bones.T
+    w = np.where(seen.trust[:, None] > 0, seen.landmarks, np.nan)
+    bone = w[:, :, i] - w[:, :, j]
+    there = np.isfinite(bone).all(axis=1)
+    count = there.sum(axis=0)
+    usable = count > 0
+    if not usable.any():
+        return 0.0
+    kept = np.where(there[:, None], bone, 0.0)
+    mean = kept.sum(axis=0) / np.maximum(count, 1)
+    apart = np.where(there[:, None], bone - mean, 0.0)
+    spread = np.sqrt((apart**2).sum(axis=(0, 1)) / np.maximum(count, 1))
+    lengths = first_lengths(seen.start, model)
+    return float(np.median(spread[usable] / np.maximum(lengths[usable], 1e-12)))
+
+
+def find_haste(seen: Observations, acceleration: Floats) -> float:
+    """How much faster than expected the landmarks move in their images: a factor from 1 to 30.
+
+    Second differences of a steady motion resemble their neighbours; of white noise their variance
+    is 6 and the covariance of neighbours -4 times that of the noise. With a correlation of 0.7 of
+    the motion's, variance + 1.5 covariance = 2.05 times the mean square of the motion's.
+    """
+    w = np.where(seen.trust[:, None] > 0, seen.landmarks, np.nan)
+    second = w[2:] - 2 * w[1:-1] + w[:-2]
+    apart = second[1:] * second[:-1]
+    with_neighbour = np.isfinite(apart)
+    known = np.isfinite(second)
+    if not with_neighbour.any():
+        return 1.0
+    variance = np.where(known, second**2, 0.0).sum(axis=(0, 1)) / np.maximum(known.sum((0, 1)), 1)
+    covariance = np.where(with_neighbour, apart, 0.0).sum(axis=(0, 1))
+    covariance = covariance / np.maximum(with_neighbour.sum(axis=(0, 1)), 1)
+    moving = np.maximum(variance + 1.5 * covariance, 0.0) / 2.05
+    seen_ever = known.any(axis=(0, 1))
+    expected = float((acceleration[seen_ever] ** 2).sum())
+    return float(np.clip(np.sqrt(moving[seen_ever].sum() / expected), 1.0, 30.0))
+
+
+def correlation(seen: Observations, found: Smoothed) -> float:
+    """Correlation of the residuals of trusted landmarks between neighbouring frames, 0 to 0.98."""
+    left = np.nan_to_num(seen.landmarks) - found.points[:, :2]
+    left = left * np.sqrt(seen.trust)[:, None]
+    whole = float((left**2).sum())
+    shared = float((left[1:] * left[:-1]).sum()) / whole if whole > 0 else 0.0
+    return min(max(shared, 0.0), 0.98)

@@ -1,0 +1,100 @@
+"""How the body of a sequence moves and is built, as dictionary, config and files say."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
+from shapefit.io import match_landmarks, read_shapes
+from shapefit.lifting.sequences.clips import Motion
+
+Floats = NDArray[np.float64]
+
+USUAL = 0.02
+"""Second difference of a coordinate from image to image where the dictionary knows none, in units
+of the size of the body: that of subject 86 at 24 Hz."""
+
+RIGID = 0.005
+"""Deviation of a bone from its length, in the same units, that no data are more exact than."""
+
+HEADER = ("from", "to", "length")
+
+
+def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | None) -> Motion:
+    """Return the motion between images at a frame rate, or at that of the training shapes.
+
+    Of a body whose velocity wanders, second differences grow with the 3/2th power of the time
+    between images.
+    """
+    assert dictionary.edges is not None  # check_needs
+    acceleration = dictionary.acceleration
+    if acceleration is None:
+        acceleration = np.full(len(dictionary.landmark_names), USUAL)
+    elif rate is not None and dictionary.frame_rate is not None:
+        acceleration = acceleration * (dictionary.frame_rate / rate) ** 1.5
+    give = dictionary.edge_give
+    if give is None:
+        give = np.full(len(dictionary.edges), USUAL)
+    return Motion(dictionary.edges, acceleration, np.maximum(give, RIGID), lengths)
+
+
+def find_lengths(config: FitConfig, dictionary: Dictionary) -> Floats | None:
+    """Return the known lengths (e,) of the bones of the dictionary, nan where unknown; or None.
+
+    Raises InputError for a file that cannot be read or holds no length of a bone.
+    """
+    path = config.sequences.lengths
+    if path is None:
+        return None
+    assert dictionary.edges is not None  # check_needs
+    names = dictionary.landmark_names
+    table = read_lengths(path)
+    if table is None:
+        shapes = read_shapes([path], gaps=True)
+        known = [name for name in names if name in set(shapes.landmark_names)]
+        points = np.full((len(shapes), 3, len(names)), np.nan)
+        columns = [names.index(name) for name in known]
+        points[..., columns] = shapes.shapes[..., match_landmarks(shapes.landmark_names, known)]
+        i, j = dictionary.edges.T
+        each = np.linalg.norm(points[..., i] - points[..., j], axis=1)
+        there = np.isfinite(each)
+        total = np.where(there, each, 0.0).sum(axis=0)
+        lengths = np.where(there.any(axis=0), total / np.maximum(there.sum(axis=0), 1), np.nan)
+    else:
+        lengths = np.array(
+            [table.get(frozenset((names[i], names[j])), np.nan) for i, j in dictionary.edges]
+        )
+    if not np.isfinite(lengths).any():
+        found = "has no length of a bone of the dictionary"
+        first = " - ".join(names[end] for end in dictionary.edges[0])
+        raise input_error(path, found, f"name bones as the dictionary does, as {first}")
+    return lengths
+
+
+def read_lengths(path: Path) -> dict[frozenset[str], float] | None:
+    """Return the lengths of a CSV file with the header `from,to,length`; None for other files.
+
+    Raises InputError with the line of what is no length.
+    """
+    found: dict[frozenset[str], float] = {}
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        if tuple(file.readline().strip().split(",")) != HEADER:
+            return None
+        for line, row in enumerate(csv.reader(file), 2):
+            try:
+                one, other, text = row
+                length = float(text)
+            except ValueError:
+                length = math.nan
+            if not (math.isfinite(length) and length > 0):
+                wrong = f"is no length of a bone: {','.join(row)}"
+                raise input_error(f"{path}:{line}", wrong, "write from,to,length with a length > 0")
+            found[frozenset((one, other))] = length
+    return found

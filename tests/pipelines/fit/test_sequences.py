@@ -1,0 +1,146 @@
+"""The method `sequences` through `fit`: frame rates, order, known lengths, single images."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.config import FitConfig, LearnDictConfig, ProjectConfig
+from shapefit.errors import InputError
+from shapefit.io import landmark_writer, open_landmarks, read_dictionary, read_results
+from shapefit.pipelines.fit import run as fit
+from shapefit.pipelines.learn_dict import run as learning
+from shapefit.pipelines.project import run as projecting
+
+
+@pytest.fixture(scope="module")
+def people(project, tmp_path_factory):
+    """A dictionary with a prior, and views of some sequences of the sample data."""
+    folder = tmp_path_factory.mktemp("people")
+    shapes = (project / "sample_data/people_train.h5",)
+    config = LearnDictConfig(
+        shapes=shapes, output=folder / "dictionary.h5", k=16, iterations=3,
+        prior={"components": 4, "floor": 0.01},
+    )  # fmt: skip
+    list(learning.run(config))
+    test = (project / "sample_data/people_test.h5",)
+    list(projecting.run(ProjectConfig(shapes=test, output=folder / "views.h5")))
+    return folder
+
+
+def fitted(folder, landmarks, **keys):
+    output = folder / "result.h5"
+    config = FitConfig(
+        landmarks=(landmarks,), dictionary=folder / "dictionary.h5", output=output,
+        **{"method": "sequences", **keys},
+    )  # fmt: skip
+    outcomes = list(fit.run(config))
+    return read_results(output), [w for outcome in outcomes for w in outcome.warnings]
+
+
+def images_of(path):
+    with open_landmarks([path]) as source:
+        (images,) = source.chunks(10**6)
+    return images
+
+
+def written(path, images):
+    with landmark_writer(path) as writer:
+        writer.append(images)
+    return path
+
+
+def test_a_dictionary_of_sequences_knows_motion_and_bones(people):
+    dictionary = read_dictionary(people / "dictionary.h5")
+    assert (dictionary.acceleration > 0).all()
+    assert dictionary.edge_give.shape == (len(dictionary.edges),)
+
+
+def test_shapes_move_and_have_deviations(people):
+    single, _ = fitted(people, people / "views.h5", method="posterior")
+    whole, _ = fitted(people, people / "views.h5")
+    assert np.isfinite(whole.shapes).all()
+    assert (whole.shape_sd > 0).all()
+    assert np.abs(whole.shapes - single.shapes).max() > 0
+    np.testing.assert_array_equal(whole.landmarks_fitted, whole.shapes[:, :2])
+
+
+def test_sequences_of_one_image_are_single_images(people, tmp_path):
+    images = images_of(people / "views.h5").take(slice(0, 20))
+    alone = replace(images, sequences=tuple(map(str, range(20))))
+    path = written(tmp_path / "alone.h5", alone)
+    single, _ = fitted(people, path, method="posterior")
+    whole, _ = fitted(people, path)
+    # but for the neighbour that the convex program starts from
+    np.testing.assert_allclose(whole.shapes, single.shapes, rtol=1e-5, atol=1e-8)
+    np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
+    assert np.isnan(whole.extras["sequence_noise"]).all()
+
+
+def test_an_unknown_frame_rate_is_a_warning(people, tmp_path):
+    images = replace(images_of(people / "views.h5").take(slice(0, 10)), frame_rate=None)
+    path = written(tmp_path / "unknown.h5", images)
+    assert any("frame rate is unknown" in text for text in fitted(people, path)[1])
+    assert not any("frame rate" in t for t in fitted(people, path, sequences={"frame_rate": 24})[1])
+    stated = written(tmp_path / "stated.h5", replace(images, frame_rate=24.0))
+    result, warnings = fitted(people, stated)
+    assert not any("frame rate" in text for text in warnings)
+    assert result.frame_rate == 24
+
+
+@pytest.mark.parametrize("rate", [0.0, -5.0, np.nan])
+def test_a_frame_rate_that_is_none_is_an_error(people, tmp_path, rate):
+    path = written(tmp_path / "landmarks.h5", images_of(people / "views.h5").take(slice(0, 3)))
+    with h5py.File(path, "r+") as file:
+        file.attrs["frame_rate"] = rate
+    with pytest.raises(InputError, match="frame_rate is"):
+        fitted(people, path)
+
+
+def test_sequences_out_of_order_are_an_error(people, tmp_path):
+    images = images_of(people / "views.h5").take(slice(0, 6))
+    mixed = replace(images, sequences=("a", "a", "b", "b", "a", "a"))
+    with pytest.raises(InputError, match="the sequence 'a' goes on after others"):
+        fitted(people, written(tmp_path / "mixed.h5", mixed))
+
+
+def test_known_lengths_come_from_shapes_or_a_table(people, project, tmp_path):
+    from shapefit.pipelines.fit.motion import find_lengths
+
+    dictionary = read_dictionary(people / "dictionary.h5")
+
+    def lengths(path):
+        config = FitConfig(
+            landmarks=(people / "views.h5",), dictionary=people / "dictionary.h5",
+            output=tmp_path / "x.h5", method="sequences", sequences={"lengths": path},
+        )  # fmt: skip
+        return find_lengths(config, dictionary)
+
+    names, edges = dictionary.landmark_names, dictionary.edges
+    from_shapes = lengths(project / "sample_data/people_test.h5")
+    assert (from_shapes > 0).all()
+    table = tmp_path / "lengths.csv"
+    rows = [f"{names[j]},{names[i]},{n}" for n, (i, j) in enumerate(edges[:3], 1)]
+    table.write_text("\n".join(["from,to,length", *rows]))
+    assert lengths(table)[:3].tolist() == [1, 2, 3]
+    assert np.isnan(lengths(table)[3:]).all()
+    table.write_text("from,to,length\nhead,neck,long\n")
+    with pytest.raises(InputError, match=r"lengths\.csv:2: is no length"):
+        lengths(table)
+
+
+def test_landmarks_are_renamed_and_strange_ones_left_out(people, tmp_path):
+    images = images_of(people / "views.h5").take(slice(0, 8))
+    names = list(images.landmark_names)
+    odd = replace(images, landmark_names=("first", *names[1:-1], names[-1] + "x"))
+    path = written(tmp_path / "odd.h5", odd)
+    result, warnings = fitted(people, path, method="convex", rename={"first": names[0]})
+    assert any(f"{names[-1]}x: {names[-1]}" in text for text in warnings)
+    assert result.landmark_names == tuple(names)
+    with pytest.raises(InputError, match=r"no landmark fist.*did you mean 'fist' -> 'first'"):
+        fitted(people, path, method="convex", rename={"fist": names[0]})
+    with pytest.raises(InputError, match="gives the name"):
+        fitted(people, path, method="convex", rename={"first": names[1]})
