@@ -19,7 +19,7 @@ import numpy as np
 Command = tuple[str, ...]
 Finding = Callable[[Path], Command]
 
-SEEDS = (("hdf5", 118), ("hdf5", 231), ("hdf5", 362), ("hdf5", 487), ("set", 1663))
+SEEDS = (("hdf5", 118), ("hdf5", 231), ("hdf5", 362), ("hdf5", 487), ("set", 1663), ("hdf5", 6168))
 """Kinds and seeds of cases that failed."""
 
 FIT = ("fit", "views.h5", "-d", "dict.h5", "-o", "out.h5", "--set=threads=1")
@@ -198,6 +198,13 @@ def _page_of_a_table_without_end(_folder: Path) -> Command:
     return ("view", "/dev/full", "-o", "out.html")
 
 
+def _landmarks_whose_span_overflows(folder: Path) -> Command:
+    points = np.zeros((8, 15, 2))
+    points[:, 0], points[:, 1] = 1e308, -1e308
+    _change(folder / "result.h5", landmarks=points)
+    return ("view", "result.h5", "-o", "out.html")
+
+
 def _match_by_matrices(_folder: Path) -> Command:
     truth = ("--truth", "shapes.h5", "--set=match=true_rotation")
     return ("view", "result.h5", *truth, "-o", "out.html")
@@ -235,6 +242,7 @@ FINDINGS: Mapping[str, Finding] = {
         _signalling_nan,
         _table_without_end,
         _page_of_a_table_without_end,
+        _landmarks_whose_span_overflows,
         _match_by_matrices,
         _config_without_end,
     )

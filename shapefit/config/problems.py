@@ -19,8 +19,16 @@ from shapefit.config.settings import Settings, found
 def schema_problems(
     model: type[BaseModel], error: ValidationError, settings: Settings
 ) -> list[str]:
-    """Return one line for each thing that the schema of `model` rejects in `settings`."""
-    return list(dict.fromkeys(_problem(model, detail, settings) for detail in error.errors()))
+    """Return one line for each thing that the schema of `model` rejects in `settings`.
+
+    A key whose value cannot be read is not missing.
+    """
+    details = [
+        detail
+        for detail in error.errors()
+        if not (detail["type"] == "missing" and detail["loc"] in settings.refused)
+    ]
+    return list(dict.fromkeys(_problem(model, detail, settings) for detail in details))
 
 
 def _problem(model: type[BaseModel], detail: ErrorDetails, settings: Settings) -> str:

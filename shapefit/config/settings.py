@@ -26,13 +26,14 @@ class Settings:
     """Values for a config before they are checked; `problems` is what is wrong already.
 
     `path_keys` are the keys that hold paths. Where a file is not `readable`, the keys that it
-    gives are unknown.
+    gives are unknown; `refused` are the keys of --set options whose value cannot be read.
     """
 
     path_keys: PathKeys
     values: dict[str, Any] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     readable: bool = True
+    refused: set[Location] = field(default_factory=set)
     _places: dict[Location, Place] = field(
         default_factory=lambda: {(): Place(COMMAND_LINE, COMMAND_LINE)}
     )
@@ -99,7 +100,9 @@ class Settings:
         text = "'-'" if text.strip() == "-" else text  # in YAML a list with nothing in it
         document = read_yaml(text, lambda _line, _column: place)
         self.problems += document.problems
-        if not document.problems:
+        if document.problems:
+            self.refused.add(tuple(keys))
+        else:
             self._set(tuple(keys), document.value, place)
 
     def set_argument(self, key: str, value: Any) -> None:

@@ -65,8 +65,9 @@ class PosteriorOptions:
     misfit         variance that the model cannot place, of a coordinate in the unit of normalised
                    shapes, at confidence 1
     gross_chance   chance that a landmark is gross; 0 believes all
-    gross_density  density of gross landmarks per area, in the unit of normalised shapes
+    gross_density  density of gross landmarks per area, for normalised landmarks
     widening       factor of all covariances, for bodies and motions that the prior lacks
+    views          views, spread evenly, to start from besides that of the convex program
     covariance     whether the covariance of all landmarks together is wanted
     max_rounds     most steps from one start under one component
     """
@@ -75,6 +76,7 @@ class PosteriorOptions:
     gross_chance: float = 0.02
     gross_density: float = 0.05
     widening: float = 1.0
+    views: int = 0
     covariance: bool = False
     max_rounds: int = 30
 

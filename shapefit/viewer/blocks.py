@@ -22,10 +22,11 @@ FINE_ENOUGH = 1000
 def block_of_points(points: Floats) -> Block:
     """Return points (n, p, d) as 16-bit integers on one scale.
 
-    A value that is not finite is missing. Where a few rows lie so far off that the steps would be
-    too coarse for the others, the block holds 32-bit floats instead.
+    A value that is not finite in 32 bits is missing. Where a few rows lie so far off that the steps
+    would be too coarse for the others, the block holds 32-bit floats instead.
     """
-    known: NDArray[np.bool_] = np.all(np.isfinite(points), axis=-1)
+    with np.errstate(over="ignore"):
+        known: NDArray[np.bool_] = np.all(np.isfinite(points.astype("<f4")), axis=-1)
     values = points[known]
     if not len(values):
         return _scaled(points, known, np.zeros(points.shape[-1]), 1.0)

@@ -241,6 +241,13 @@ def test_a_wrong_option_is_named_by_its_text(option, expected):
     assert expected.replace("'a.h5'", repr(str(Path.cwd() / "a.h5"))) in told
 
 
+@pytest.mark.parametrize("value", ['"\\ud800"', "[a", "*x"])
+def test_a_key_whose_value_cannot_be_read_is_not_missing(value):
+    text = "dictionary: a.h5\noutput: out.h5\n"
+    (told,) = problems("fit", text, f"landmarks={value}")
+    assert told.startswith(f"--set landmarks={value}: ")
+
+
 def test_an_option_over_a_mapping_is_blamed_for_what_is_in_it():
     option = "outliers={method: l2}"
     told = only_problem("fit", "outliers: {method: l1}\n", option)

@@ -27,12 +27,18 @@ class PosteriorConfig(ConfigModel):
     gross_density: float = Field(
         default=PosteriorOptions.gross_density,
         gt=0,
-        description="Density of gross landmarks, per area in the unit of normalised shapes.",
+        description="Density of gross landmarks, per area, for normalised landmarks.",
     )
     widening: float = Field(
         default=PosteriorOptions.widening,
         gt=0,
         description="Factor of all covariances, for what the prior has not seen.",
+    )
+    views: int = Field(
+        default=PosteriorOptions.views,
+        ge=0,
+        le=1000,
+        description="Views, spread evenly, to start from besides that of the convex program.",
     )
     covariance: bool = Field(
         default=PosteriorOptions.covariance,

@@ -17,7 +17,7 @@ struct PosteriorData {
     Tensor<const double> covariances;  // C (K, 3p, 3p)
     Blocks<const double> starts;       // (n, S, 3, 3), nan where there are fewer
     double chance;                     // that a landmark is gross
-    double density;                    // of gross landmarks, per area in the unit of shapes
+    double density;                    // of gross landmarks, per area in their unit
     long most_rounds;
     Tensor<double> mean;          // of y = s (R x + t) (n, 3, p), mean depth 0
     Tensor<double> deviation;     // its standard deviations (n, 3, p)

@@ -289,16 +289,19 @@ Lanes predict(const Noise& N, Lanes q, const Lanes* a, const Lanes* D) {
 }
 
 // Add the terms of the belief to value and surprise; the next belief.
-void believe(const PosteriorData& data, const Observed& seen, Lanes shrunk, const Lanes* belief,
+void believe(const PosteriorData& data, const Observed& seen, const LaneView& view, Lanes shrunk,
+             const Lanes* belief,
              bool by_others, const LikelihoodSpace& space, Likelihood& found, Lanes* next) {
     if (!(data.chance > 0)) {
         for (long j = 0; j < seen.m; ++j) next[j] = all(1.0);
         return;
     }
-    const double kept = ::log1p(-data.chance), gross = ::log(data.chance * data.density);
+    const double kept = ::log1p(-data.chance);
+    const Lanes gross = ::log(data.chance * data.density) + 2.0 * view.log_scale;
     for (long j = 0; j < seen.m; ++j) {
         const Noise N = noise_of(seen, j, shrunk);
         const Lanes q = belief[j], rest = 1.0 - q;
+        found.gradient[3] -= 2.0 * rest;
         const Lanes log_size = 0.5 * logarithm(N.xx * N.yy - N.xy * N.xy) + LOG_TWO_PI;
         const Lanes *a = space.alpha + 2 * j, *D = space.diagonal + 3 * j;
         const Lanes square = N.xx * (a[0] * a[0] - D[0]) + 2.0 * N.xy * (a[0] * a[1] - D[1]) +
@@ -371,7 +374,7 @@ void find_likelihood(const PosteriorData& data, const Observed& seen, const Pack
     Lanes Z[6];
     pull_back(seen, pack, view, space, Z);
     differentiate(seen, view, shrink * shrink, belief, Z, space, found);
-    believe(data, seen, shrink * shrink, belief, by_others, space, found, next);
+    believe(data, seen, view, shrink * shrink, belief, by_others, space, found, next);
 }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -8,8 +8,9 @@
 // shape is X = R mu + R C R_2^T alpha. The log likelihood of the m seen landmarks w is that of y less
 // (2 m - 2) log s. Derivatives are over theta: R <- exp([theta_1..3]_x) R, s <- exp(theta_4) s.
 //
-// q_j is the belief that landmark j is not gross. A gross one is uniform with the density u; with
-// the chance g of that the value is the variational bound
+// q_j is the belief that landmark j is not gross. A gross one is uniform with the density u per area
+// of landmarks, u s^2 in the unit of shapes; with the chance g of that the value is the variational
+// bound, u for u s^2,
 //
 //     log N(y; R_2 mu, S) + sum_j (1 - q_j) (log 2 pi |N_j|^1/2 + log g u) + q_j log(1 - g)
 //                         - (1 + q_j) log q_j - (1 - q_j) log(1 - q_j),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapefit.io.csv.grid import GROWTH, Grid, NumberedNames
 from shapefit.io.csv.numbers import read_numbers
 from shapefit.io.csv.text import Block, CsvText
-from shapefit.io.layout import DEVIATIONS
+from shapefit.io.layout import DEVIATIONS, MODE_COUNT
 from shapefit.io.memory import check_fits
 from shapefit.io.problems import Problems
 from shapefit.io.records import Floats, Integers, LandmarkSet, Names, ResultSet, ShapeSet
@@ -23,13 +23,17 @@ FAILED_FIX = f"{FINITE_FIX}, or leave the cell empty where the item failed"
 CONFIDENCE_FIX = "write 0 (hidden) or a positive number"
 
 
+RESULT_COLUMNS = ("sequence", *DEVIATIONS, MODE_COUNT.name)
+"""Columns that a result may have; only the sequence is read."""
+
+
 def read_shape_table(path: Path, *, gaps: bool = False) -> ShapeSet:
     """Read `item,landmark,x,y,z[,sequence]`, every landmark of every item.
 
     With `gaps` a landmark that has no row, or an empty or nan coordinate, is unknown: NaN.
     """
     fix = UNKNOWN_FIX if gaps else FINITE_FIX
-    table = _Tidy(path, ("x", "y", "z"), ("sequence", *DEVIATIONS), fix, empty_allowed=gaps)
+    table = _Tidy(path, ("x", "y", "z"), RESULT_COLUMNS, fix, empty_allowed=gaps)
     if not gaps:
         table.check_complete()
     return ShapeSet(table.points, table.landmarks, table.items, table.sequences)
@@ -49,7 +53,7 @@ def read_landmark_table(path: Path) -> LandmarkSet:
 
 def read_result_table(path: Path) -> ResultSet:
     """Read `item,landmark,x,y,z[,sequence]`; empty cells stand for items that failed."""
-    table = _Tidy(path, ("x", "y", "z"), ("sequence", *DEVIATIONS), FAILED_FIX)
+    table = _Tidy(path, ("x", "y", "z"), RESULT_COLUMNS, FAILED_FIX)
     return ResultSet(
         shapes=table.points,
         landmark_names=table.landmarks,

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 class Gross:
     """A landmark is gross with the chance `chance`; then it falls with the density `density`.
 
-    The density is per area in the unit of shapes; a chance of 0 believes every landmark.
+    The density is per area in the unit of the landmarks; a chance of 0 believes every landmark.
     """
 
     chance: float = 0.0

@@ -8,8 +8,13 @@ from numpy.typing import NDArray
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution
 from shapefit.lifting.methods import Settings
-from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
-from shapefit.lifting.shared_rotation.synchronisation import synchronise
+from shapefit.lifting.reconstruction import reconstruct
+from shapefit.lifting.shared_rotation.pose import (
+    find_moments,
+    find_pose,
+    spread_views,
+    turn_in_plane,
+)
 
 Floats = NDArray[np.float64]
 
@@ -17,12 +22,12 @@ VIEWS = 6
 
 
 def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Floats:
-    """Rotations (n, 1, 3, 3): the one that the transforms of the convex program agree on.
+    """Rotations (n, 1 + views, 3, 3): the consensus of the convex program's rotations.
 
-    Where they are all 0, the best pose of the mean shape. Rotations of the best pose, of the
-    views of `alternate` and the mirrored depth gained nothing on subject 86.
+    Where they are all 0, the best pose of the mean shape. Then the views of the options, each
+    turned in the plane onto the landmarks.
     """
-    rotation = synchronise(solution.transforms, threads=settings.threads).rotation
+    rotation = reconstruct(solution.transforms, problem.atoms).rotation.copy()
     empty = np.flatnonzero(~solution.transforms.any(axis=(1, 2, 3)))
     if len(empty):
         part = problem.take(empty)
@@ -30,4 +35,8 @@ def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Flo
         rotation[empty] = find_pose(
             part, settings.mean_shape, views, threads=settings.threads
         ).rotation
-    return rotation[:, None]
+    if settings.options.views == 0:
+        return rotation[:, None]
+    _, by_shape = find_moments(problem, settings.mean_shape)
+    turned = turn_in_plane(spread_views(settings.options.views), by_shape)
+    return np.concatenate([rotation[:, None], turned], axis=1)

@@ -67,16 +67,16 @@ def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[st
         warnings=training.warnings,
         note=counted(len(training), "shape"),
     )
-    prior = None
-    if config.prior.components:
-        prior, note = learn_prior(config, training)
-        yield Outcome(note=note)
     methods = {
         "sparse-coding": _sparse_coding,
         "exemplars": _exemplars,
         "pca-bases": _pca_bases,
     }
     made = yield from methods[config.method](config, training)
+    prior = None
+    if config.prior.components:
+        prior, note = learn_prior(config, training)
+        yield Outcome(note=note)
     provenance = {
         "method": config.method,
         "version": __version__,

@@ -73,7 +73,7 @@ def log_likelihood(
             q = belief[j]
             N = 2 * np.pi * (s * s * scene.misfit[j] * np.eye(2) + scene.noise[j])
             value += 0.5 * np.linalg.slogdet(N / q)[1] - 0.5 * q * np.linalg.slogdet(N)[1]
-            value += q * np.log1p(-chance) + (1 - q) * np.log(chance * density / s**2)
+            value += q * np.log1p(-chance) + (1 - q) * np.log(chance * density)
             value -= q * np.log(q) + (0 if q == 1 else (1 - q) * np.log1p(-q))
     return float(value)
 

@@ -30,7 +30,7 @@ def solve(scene, R, gross=(0.0, 0.05)):
 @pytest.mark.parametrize("chance", [0.0, 0.05])
 def test_a_mode_is_that_of_the_dense_computation(draw_scene, noisy, hidden, chance):
     scene, R = draw_scene(3, noisy=noisy, hidden=hidden)
-    gross = (chance, 0.05)
+    gross = (chance, 0.05 / 37**2)
     found = solve(scene, R, gross).modes
     R, s = found.rotation[0, 0], found.scale[0, 0]
     belief = np.nan_to_num(found.belief[0, 0], nan=1.0)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import FitConfig
+from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_about
@@ -25,7 +26,8 @@ def atoms(rng):
 @pytest.fixture
 def dictionary(tmp_path, atoms):
     path = tmp_path / "dictionary.h5"
-    write_dictionary(path, Dictionary(atoms, NAMES, normalise(atoms.mean(0)).points))
+    prior = Mixture(np.ones(1), normalise(atoms.mean(0)).points[None], 0.1 * np.eye(30)[None])
+    write_dictionary(path, Dictionary(atoms, NAMES, prior.means[0], prior=prior))
     return path
 
 

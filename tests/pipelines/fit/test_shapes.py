@@ -10,7 +10,7 @@ import pytest
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.rotations import rotation_angle
-from shapefit.io import LandmarkSet, write_dictionary
+from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.lifting.methods import METHODS
 
 PRIORLESS = [name for name, m in METHODS.items() if "prior" not in {n.name for n in m.needs}]
@@ -159,7 +159,8 @@ class TestShapes:
         self, fit, tmp_path, dictionary, atoms, method, failures
     ):
         edges = np.array([[0, 1], [1, 2]])
-        write_dictionary(dictionary, Dictionary(atoms, NAMES, atoms[0], edges=edges))
+        prior = read_dictionary(dictionary).prior
+        write_dictionary(dictionary, Dictionary(atoms, NAMES, atoms[0], edges=edges, prior=prior))
         empty = LandmarkSet(landmarks=np.empty((0, 2, 10)), landmark_names=NAMES, items=())
         found, outcomes = fit(tmp_path, dictionary, empty, method=method)
         assert found.shapes.shape == (0, 3, 10)

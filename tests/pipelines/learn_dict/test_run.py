@@ -192,7 +192,7 @@ class TestOutcomes:
         hasty = partial(generalised_procrustes, max_rounds=1)
         monkeypatch.setattr(training_shapes, "generalised_procrustes", hasty)
         outcomes, _ = learned(config())
-        expected = "the mean of the aligned shapes still moved after 1 rounds"
+        expected = "the mean of the aligned shapes was still moving after 1 rounds"
         assert warnings(outcomes) == [expected]
 
     def test_a_good_run_has_no_warnings_or_failures(self, config):
@@ -325,7 +325,7 @@ class TestRefusals:
     def test_no_shape_that_can_be_used(self, config, shapes, tmp_path):
         points = np.repeat(shapes.shapes[:, :, :1], shapes.shapes.shape[2], axis=2)
         write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
-        with pytest.raises(InputError, match=r"0 shapes.*; item0, for one: all its landmarks lie"):
+        with pytest.raises(InputError, match=r"0 shapes.*; item0, for one: all its landmarks are"):
             list(learn_dict.run(config(k=1)))
 
     def test_an_output_folder_that_cannot_be_made_is_seen_before_any_work(self, config, tmp_path):

@@ -101,7 +101,7 @@ def test_meshes_are_left_out_and_a_warning_says_why(make, shapes, rng):
         assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
         (warning,) = outcomes[0].warnings
         assert warning.startswith("the meshes are left out: `symmetry` mirrors landmarks")
-        assert "`symmetry: none` keeps them" in warning
+        assert "`symmetry: none` keeps the meshes" in warning
     dictionary, outcomes = make(meshed)
     assert outcomes[0].warnings == ()
     assert dictionary.mesh_vertices.shape == (6, 3, 4)
