@@ -27,7 +27,7 @@ OLD_KEYS: Mapping[str, Mapping[str, str]] = {
         "alternation.max_rounds": "leave it out: 500 rounds are the most for an image",
         "outliers.max_rounds": "leave it out: 100 rounds are the most for an image",
         "camera.max_rounds": "leave it out: 1000 rounds are the most for an image",
-        "temporal": "use `method: sequences`, which took the place of `temporal.depths`; it needs "
+        "temporal": "use `method: sequences`, which took its place; it needs "
         "a dictionary with a prior (configs/people)",
     },
     "EvalConfig": {

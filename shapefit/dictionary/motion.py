@@ -40,7 +40,7 @@ def find_give(shapes: Floats, edges: NDArray[np.integer], sequences: Sequence[st
     """Root mean square (e,) of how the edges' lengths differ from their means in each sequence.
 
     shapes (n, 3, p), edges (e, 2); in units of the size of the shapes. 0 where edges are rigid
-    bones of one body a sequence.
+    bones and each sequence shows one body.
     """
     scale = normalise(shapes).scale
     i, j = edges.T

@@ -290,7 +290,7 @@ METHODS: dict[str, Method] = {
                 "learn it from shapes with edges",
             ),
         ),
-        yields=frozenset({"convex_proof", "deviation"}),
+        yields=frozenset({"convex_proof", "deviation", "posterior_modes"}),
         further=("log_evidence", "plausibility", "belief", "sequence_noise"),
         proves="bound",
         mixes_atoms=False,

@@ -102,10 +102,10 @@ class SearchConfig(ConfigModel):
         default=SearchOptions.max_cells,
         ge=1,
         le=MOST_STEPS,
-        description="Most cells of rotations that are looked at for one image.",
+        description="Maximum number of cells of rotations searched per image.",
     )
     max_seconds: float = Field(
-        default=SearchOptions.max_seconds, gt=0, description="Most seconds for one image."
+        default=SearchOptions.max_seconds, gt=0, description="Maximum seconds per image."
     )
     proof_every: int = Field(
         default=SearchOptions.proof_every,

@@ -14,15 +14,15 @@ class PosteriorConfig(ConfigModel):
     misfit: float = Field(
         default=PosteriorOptions.misfit,
         gt=0,
-        description="Variance that prior and camera cannot account for, of a coordinate of a "
-        "landmark of confidence 1, in the unit of normalised shapes. It divides by the square of "
-        "the confidence, and adds to `noise`, which does so too.",
+        description="Variance of a landmark's coordinate that prior and camera do not explain, in "
+        "the unit of normalised shapes, at confidence 1. It is added to the variance of `noise`; "
+        "both are divided by the square of the confidence.",
     )
     gross_chance: float = Field(
         default=PosteriorOptions.gross_chance,
         ge=0,
         lt=1,
-        description="Chance that a landmark is gross: it lies anywhere. 0 believes all.",
+        description="Probability that a landmark is grossly wrong, anywhere; 0 trusts all.",
     )
     gross_density: float = Field(
         default=PosteriorOptions.gross_density,
@@ -32,7 +32,7 @@ class PosteriorConfig(ConfigModel):
     widening: float = Field(
         default=PosteriorOptions.widening,
         gt=0,
-        description="Factor of all covariances, for what the prior has not seen.",
+        description="Factor applied to all covariances, to allow for what the prior has not seen.",
     )
     views: int = Field(
         default=PosteriorOptions.views,
@@ -53,7 +53,7 @@ class PosteriorConfig(ConfigModel):
         default=PosteriorOptions.max_rounds,
         ge=1,
         le=MOST_STEPS,
-        description="Most steps from one start under one component.",
+        description="Maximum steps per start and component.",
     )
     implausible: float = Field(
         default=0.05,

@@ -14,12 +14,12 @@ class SequencesConfig(ConfigModel):
     frame_rate: float | None = Field(
         default=None,
         gt=0,
-        description="Images a second; left out, the `frame_rate` of the landmark files. Where "
-        "neither says it, the motion from image to image is taken for that of the training shapes.",
+        description="Images per second; by default, `frame_rate` of the landmark files. Without "
+        "either, the motion between images is assumed to be that between the training shapes.",
     )
     lengths: OptionalInputPath = Field(
         default=None,
         description="Known lengths of the bones: shapes of the body (HDF5 or CSV), of which the "
-        "mean lengths are taken, or a CSV file with the header `from,to,length`, in any unit. Left "
-        "out, they are found in each sequence.",
+        "mean lengths are taken, or a CSV file with the header `from,to,length`, in any unit. By "
+        "default, they are estimated in each sequence.",
     )

@@ -31,7 +31,7 @@ class PriorConfig(ConfigModel):
         default=1,
         ge=1,
         le=100,
-        description="Times that each shape takes part, varied anew each time.",
+        description="Number of copies of each shape, each varied at random.",
     )
     stretch: float = Field(
         default=0.0,
@@ -53,13 +53,13 @@ class PriorConfig(ConfigModel):
         description="Dataset of the shapes that holds the weight of each.",
     )
     max_rounds: int = Field(
-        default=20, ge=1, le=MOST_STEPS, description="Most rounds of expectation maximisation."
+        default=20, ge=1, le=MOST_STEPS, description="Maximum rounds of expectation maximisation."
     )
     folds: int = Field(
         default=0,
         ge=0,
         le=100,
         description="Cross-validates the mixture on as many groups of whole sequences (without "
-        "sequences: blocks of shapes), and reports the log likelihood of a shape left out; 0 does "
-        "not.",
+        "sequences: blocks of shapes), and reports the log likelihood of a shape left out; 0 "
+        "skips this.",
     )

@@ -74,7 +74,7 @@ def refine_clips(
     """Points (n, 3, p), their standard deviations, and the noise (n,) found in their sequence.
 
     All in the unit of the landmarks. nan in deviations and noise where the inference is that of the
-    images: one is alone or nearly so in its sequence, or the sequence cannot tell more than they do
+    images: one is alone or nearly so in its sequence, or the sequence adds nothing
     (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but steadied.
     """
     points = clips.points.copy()

@@ -24,7 +24,9 @@ NOISE = "sequence_noise"
 
 def lift_frames(problem: Problem, settings: Settings) -> Estimate:
     """Return the posterior of each image, with the modes from which sequences are inferred."""
-    return lift_to_posterior(problem, settings, modes=MOST_MODES)
+    found = lift_to_posterior(problem, settings, modes=MOST_MODES)
+    unknown = np.full(len(problem.landmarks), np.nan)
+    return replace(found, further={**found.further, NOISE: unknown})
 
 
 def refine_lifting(

@@ -20,7 +20,7 @@ FIRST = 3
 """The level that is tried first."""
 
 LEAST_TURN = 0.3
-"""How much bones must turn, see `find_turn`, before their lengths can tell what the noise is."""
+"""How much bones must turn, see `find_turn`, before their lengths show what the noise is."""
 
 WINDOW = 120
 """Frames in the middle of a sequence from which the noise is found."""
@@ -35,7 +35,7 @@ def find_noise(seen: Observations, model: Model) -> float | None:
     sqrt((1 + r) / (1 - r)), at most to that of the images alone.
 
     None where bones hardly turn: seen from one side, landmarks that are off alike in all frames fit
-    a rigid body too, and the sequence cannot tell.
+    a rigid body too, and the sequence shows no difference.
     """
     most = float(np.sqrt(seen.misfit))
     if find_turn(seen, model) < LEAST_TURN:

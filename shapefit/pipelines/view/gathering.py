@@ -18,9 +18,9 @@ Floats = NDArray[np.float64]
 CAMERA = ("camera_translation", "focal", "principal_point")
 """Datasets that describe how a camera sees the shapes of a result in perspective."""
 NUMBERS = ("coefficients", "rotation", "translation", "scale", "relative_gap")
-OF_RESULTS = frozenset({"sequence", "landmarks_fitted", "status", *NUMBERS})
+OF_RESULTS = frozenset({"sequence", "landmarks_fitted", "status", "shape_sd", *NUMBERS})
 """Datasets of a result that a page is made of, beside those that the format does not know."""
-JUDGEMENTS = ("plausibility", "evidence")
+JUDGEMENTS = ("plausibility", "log_evidence")
 """Datasets (n,) that say how far an image can be trusted: less is worse."""
 
 
@@ -143,7 +143,8 @@ def _take_result(
     extras = records.extras
     put_landmarks("landmarks", extras.get("landmarks"), (2,))
     put_landmarks("outliers", extras.get("outliers"), ())
-    put_landmarks("shape_sd", extras.get("shape_sd"), (3,))
+    if records.shape_sd is not None:
+        put_landmarks("shape_sd", records.shape_sd.swapaxes(1, 2), (3,))
     if records.landmarks_fitted is not None:
         put_landmarks("landmarks_fitted", records.landmarks_fitted.swapaxes(1, 2), (2,))
     for name in NUMBERS:

@@ -148,7 +148,7 @@ def _measures(gathered: Gathered, seen: Floats | None) -> Iterator[Measure]:
     found = gathered.of_frames
     for name in JUDGEMENTS:
         if name in found and found[name].ndim == 1:
-            yield Measure(name, found[name], bad="low")
+            yield Measure(name.replace("_", " "), found[name], bad="low")
     if seen is not None:
         fitted = found.get("landmarks_fitted")
         flat = gathered.points[:, :2] if fitted is None else fitted.swapaxes(1, 2)

@@ -65,10 +65,6 @@ class TestInputErrors:
             desk.begin()
         assert (desk.folder / "report").read_text() == "kept"
 
-    def test_folder_of_the_output_is_missing(self, desk):
-        with pytest.raises(InputError, match="does not exist"):
-            desk.begin(output=desk.folder / "none" / "report")
-
     def test_output_is_standard_output(self, desk):
         with pytest.raises(InputError, match="folder"):
             desk.begin(output="-")

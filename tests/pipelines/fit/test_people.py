@@ -76,7 +76,9 @@ def errors(result, shapes):
     )
 
 
-@pytest.mark.parametrize(("subject", "error", "noisy"), [(13, 0.2268, 0.2503), (14, 0.2288, 0.2534)])
+@pytest.mark.parametrize(
+    ("subject", "error", "noisy"), [(13, 0.2268, 0.2503), (14, 0.2288, 0.2534)]
+)
 def test_headline_figures(real_data, lift, subject, error, noisy):
     shapes, landmarks = views(real_data, subject)
     sequences = np.array(shapes.sequences)

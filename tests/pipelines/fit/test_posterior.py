@@ -49,6 +49,7 @@ def test_a_prior_that_is_none_is_refused(with_prior, dataset, value, found):
 
 
 def test_a_dictionary_without_a_prior_names_the_command(fit, tmp_path, dictionary, images):
+    write_dictionary(dictionary, replace(read_dictionary(dictionary), prior=None))
     with pytest.raises(InputError, match=r"no `prior`.*learn-dict.*prior: \{components: 16\}"):
         fit(tmp_path, dictionary, images, method="posterior")
 

@@ -115,17 +115,18 @@ def test_errors_and_trust_stand_on_the_strip(desk, rng):
     extras = {
         "landmarks": landmarks.swapaxes(1, 2),
         "plausibility": np.linspace(0, 1, 6),
-        "evidence": -np.arange(6.0),
-        "shape_sd": np.ones((6, 5, 3)),
+        "log_evidence": -np.arange(6.0),
         "outliers": np.eye(6, 5, dtype=bool),
     }
     status = np.array(["optimal", "converged", "iteration limit", "degenerate", "x", "optimal"])
-    result = desk.result(extras=extras, relative_gap=gap, status=status)
+    result = desk.result(
+        extras=extras, relative_gap=gap, status=status, shape_sd=np.ones((6, 3, 5))
+    )
     made = desk.view(result, truth=(desk.truth(),))
     layer = made.data["layers"][0]
     measures = {measure["name"]: measure for measure in layer["measures"]}
     assert list(measures) == [
-        "error", "plausibility", "evidence", "reprojection", "relative gap", "status",
+        "error", "plausibility", "log evidence", "reprojection", "relative gap", "status",
     ]  # fmt: skip
     found, truth = read_results(result), read_shapes([desk.folder / "truth.h5"])
     for name, expected in (
