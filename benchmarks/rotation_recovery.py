@@ -119,11 +119,11 @@ def is_recovered(planted: Planted, shape: Floats, rotation: Floats) -> bool:
 
 
 def table(cells: Sequence[Mapping[str, Any]]) -> str:
-    """Return the shares: a row for each number of landmarks and method, z across."""
+    """Return the shares in percent: a row for each number of landmarks and method, z across."""
     across = sorted({cell["z"] for cell in cells})
     at = {(cell["p"], cell["z"]): cell["recovered"] for cell in cells}
     rows = [
-        [f"{p}, `{name}`", *(f"{at[p, z][name]:.2f}" for z in across)]
+        [f"{p}, `{name}`", *(f"{100 * at[p, z][name]:.0f}" for z in across)]
         for p in sorted({cell["p"] for cell in cells})
         for name in METHODS
     ]
@@ -141,7 +141,7 @@ def sections(folder: Path) -> list[str]:
     total = {name: sum(cell[name] for cell in cells) for name in ("missed", "better", "stopped")}
     return [
         "### Recovery of one planted rotation",
-        f"Share of {cells[0]['trials']} trials per cell in which the rotation is within "
+        f"Percentage of {cells[0]['trials']} trials per cell in which the rotation is within "
         f"{DEGREES:g} degree of the planted one and the relative error of the shape below "
         f"{ERROR:g}; z of {ATOMS} atoms are active, landmarks are exact.",
         table(cells),

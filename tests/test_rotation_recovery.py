@@ -76,6 +76,6 @@ def test_the_section_has_a_row_for_each_method_and_is_left_out_where_nothing_was
     path.write_text(json.dumps({"cells": cells}), encoding="utf-8")
     page = "\n".join(rotation_recovery.sections(tmp_path))
     for name in rotation_recovery.METHODS:
-        shares = [f"{cell['recovered'][name]:.2f}" for cell in cells]
+        shares = [f"{100 * cell['recovered'][name]:.0f}" for cell in cells]
         row = next(line for line in page.splitlines() if f"`{name}`" in line)
         assert [entry.strip() for entry in row.strip("|").split("|")][1:] == shares
