@@ -58,7 +58,7 @@ recovery: $(RUNS)
 	$(SHAPEFIT) simulate -c configs/recovery.yaml
 	$(BIN)/python -m benchmarks.published recovery results/recovery
 
-PAPER_FITS := convex global refine alternate alternate-plus pmp mean-shape
+PAPER_FITS := convex global refine alternate alternate-nonnegative alternate-plus pmp mean-shape
 PAPER_SWEEPS := timing timing-pmp sensitivity-lambda sensitivity-noise sensitivity-hidden sensitivity-k
 
 # A fit or simulation in which single items fail (exit code 1) lists them; the others are used.
@@ -72,6 +72,7 @@ paper: $(RUNS)
 	$(BIN)/python -m benchmarks.published mocap results/paper/mocap
 	$(SHAPEFIT) simulate -c configs/recovery.yaml -o results/paper/recovery || [ $$? -eq 1 ]
 	$(BIN)/python -m benchmarks.published recovery results/paper/recovery
+	$(BIN)/python -m benchmarks.rotation_recovery results/paper
 	for sweep in $(PAPER_SWEEPS); do \
 	    $(SHAPEFIT) sweep -c configs/paper/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(BIN)/python -m benchmarks.paper_index results/paper

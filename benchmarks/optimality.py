@@ -3,12 +3,13 @@
 `python -m benchmarks.optimality FOLDER` reads the results of `make paper` in FOLDER. The best
 objective known is that of the global search. What lies between it and the objective of a method is
 due to the method's search; what lies between it and the bound of the convex program to the
-relaxation.
+relaxation. Coefficients of either sign are another model: such results are refused.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
 import h5py
@@ -19,7 +20,7 @@ from shapefit.evaluation.tables.markdown import markdown_table
 
 Floats = NDArray[np.float64]
 
-METHODS = {"Convex+refine": "refine", "Alternate": "alternate", "Alternate+": "alternate-plus"}
+METHODS = {"Convex+refine": "refine", "Alternate, c >= 0": "alternate-nonnegative"}
 WITHIN = 0.01
 """How far above the global optimum an objective may be that counts as optimal."""
 
@@ -41,7 +42,10 @@ def sections(folder: Path) -> list[str]:
     ]
     if modes is not None:
         lines.append(f"More than one reading within 5%: {(modes[known] > 1).mean():.1%}.")
-    rows = [row(folder / f"{stem}.h5", name, best) for name, stem in METHODS.items()]
+    found = {name: read(folder / f"{stem}.h5") for name, stem in METHODS.items()}
+    objectives = np.stack([objective for objective, _ in found.values()])
+    found["the better of both"] = np.where(np.isnan(objectives), np.inf, objectives).min(0), None
+    rows = [row(name, best, *of_method) for name, of_method in found.items()]
     header = [
         "method",
         f"not optimal within {WITHIN:.0%}",
@@ -53,24 +57,30 @@ def sections(folder: Path) -> list[str]:
     return ["### How often each method is optimal", " ".join(lines), markdown_table(header, rows)]
 
 
-def row(path: Path, name: str, best: Floats) -> list[str]:
-    """Return what a method's result says beside the best objectives (n,)."""
+def read(path: Path) -> tuple[Floats, Floats | None]:
+    """Return objectives and gaps (n,) of a result; ValueError where its model is not global's."""
     with h5py.File(path) as file:
-        objective = file["objective"][:]
-        gap = file["relative_gap"][:] if "relative_gap" in file else np.full_like(best, np.nan)
+        if json.loads(file.attrs["config"])["alternation"]["signed"]:
+            raise ValueError(f"{path}: coefficients of either sign are another model")
+        gap = file["relative_gap"][:] if "relative_gap" in file else None
+        return file["objective"][:], gap
+
+
+def row(name: str, best: Floats, objective: Floats, gap: Floats | None) -> list[str]:
+    """Return what a method's objectives and gaps (n,) say beside the best objectives (n,)."""
     both = np.isfinite(best) & np.isfinite(objective) & (objective > 0)
     excess = objective[both] / best[both] - 1
     beyond = excess > WITHIN
     search = 1 - best[both] / objective[both]
-    relaxation = gap[both] - search
-    bounded = bool(np.isfinite(relaxation).all())
+    bounds = ["–", "–"] if gap is None else [gap[both].mean(), (gap[both] - search).mean()]
+    total, relaxation = (x if isinstance(x, str) else f"{x:.2%}" for x in bounds)
     return [
         name,
         f"{beyond.mean():.2%}",
         f"{excess[beyond].mean() if beyond.any() else 0:.0%} ({max(excess.max(), 0):.0%})",
-        f"{gap[both].mean():.2%}" if bounded else "–",
+        total,
         f"{search.mean():.2%}",
-        f"{relaxation.mean():.2%}" if bounded else "–",
+        relaxation,
     ]
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks import optimality
+from benchmarks import optimality, rotation_recovery
 from shapefit.evaluation.tables.markdown import markdown_table
 from shapefit.io.whole.atomic import atomic_path
 
@@ -44,6 +44,7 @@ def index(folder: Path) -> str:
         *_mocap(_read(folder / "mocap/report.json")),
         *optimality.sections(folder),
         *_recovery(_read(folder / "recovery/recovery.json")),
+        *rotation_recovery.sections(folder),
         *_timing([_read(folder / name / "sweep.json") for name in ("timing", "timing-pmp")]),
         *_sensitivity({name: _read(folder / name / "sweep.json") for name in SENSITIVITIES}),
     ]

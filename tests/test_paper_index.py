@@ -70,6 +70,17 @@ def test_numbers_stand_beside_those_of_the_paper(folder):
     assert "- The data are others." in page
 
 
+def test_planted_rotations_have_a_section(folder):
+    cell = {"p": 15, "z": 3, "trials": 20, "certified": 0.9, "missed": 2, "better": 1, "stopped": 1}
+    shares = {"global": 0.9, "convex+refine": 0.6, "alternate": 0.05, "convex": 0.3}
+    (folder / "rotation-recovery.json").write_text(
+        json.dumps({"cells": [cell | {"recovered": shares}]}), encoding="utf-8"
+    )
+    page = index(folder)
+    assert rows(page)["15, `convex+refine`"] == ["60"]
+    assert "certified 90.0% of 20 trials" in page
+
+
 def test_every_report_is_linked(folder):
     page = index(folder)
     for path in folder.rglob("*.json"):
