@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shapefit.dictionary import model
+from shapefit.dictionary.mixture import Mixture
 from shapefit.errors import input_error
 from shapefit.io.extras import Extras
 from shapefit.io.layout import DICTIONARY, LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Format
@@ -72,7 +73,8 @@ class Landmarks:
 class Dictionary:
     """k atoms: atoms (k, p, 3), centred and on the scale of normalised shapes.
 
-    mean_shape (p, 3); the other fields as in a dictionary file (README.md, Files).
+    mean_shape (p, 3); prior is the mixture over shapes that `learn` or `read_dictionary` gives; the
+    other fields as in a dictionary file (README.md, Files).
     """
 
     atoms: Floats
@@ -84,6 +86,10 @@ class Dictionary:
     atom_scale: Floats | None = None
     unit: str = UNKNOWN_UNIT
     atom_items: Names | None = None
+    prior: Mixture | None = None
+    acceleration: Floats | None = None
+    edge_give: Floats | None = None
+    frame_rate: float | None = None
     objective_trace: Floats = field(default_factory=lambda: np.empty(0))
     provenance: Mapping[str, str] = field(default_factory=dict)
 

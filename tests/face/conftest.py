@@ -49,7 +49,12 @@ def people(sample, tmp_path_factory) -> dict[str, Path]:
     """Dictionaries of people as the command learns them, by method."""
     folder = tmp_path_factory.mktemp("people")
     shapes = str(sample / "people_train.h5")
-    keys = {"sparse-coding": {"k": 24, "iterations": 2}, "pca-bases": {}, "exemplars": {}}
+    prior = {"components": 2, "floor": 0.01}
+    keys = {
+        "sparse-coding": {"k": 24, "iterations": 2, "prior": prior},
+        "pca-bases": {},
+        "exemplars": {},
+    }
     for method, options in keys.items():
         run_command(
             "learn-dict", shapes=shapes, output=str(folder / f"{method}.h5"), method=method,

@@ -58,7 +58,7 @@ def test_motion_capture_with_truth_and_two_methods(real_data, people, lift, view
     rows = np.flatnonzero(np.array(every.sequences) == "01_06")
     truth, seen = lift.folder / "truth.h5", lift.folder / "seen.h5"
     write_shapes(truth, every.take(rows))
-    camera = {"model": "orthographic", "view": "turntable"}
+    camera = {"view": "turntable"}
     list(project.run(ProjectConfig(shapes=(truth,), output=seen, camera=camera)))
     files = {m: (lift((seen,), people, m, method=m),) for m in ("convex", "mean-shape")}
     made = view(files, truth=(truth,))

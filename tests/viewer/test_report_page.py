@@ -99,7 +99,6 @@ def evaluated(sequence, tmp_path_factory):
         truth=(sequence.truth,),
         output=folder,
         metrics=("similarity",),
-        caveats=("Made.",),
     )
     outcomes = list(evaluate.run(config))
     assert not any(outcome.warnings for outcome in outcomes)
@@ -136,7 +135,7 @@ def test_a_sweep_shows_its_best_value(project, tmp_path):
         fit={"method": "convex"},
         truth=(data / "people_test.h5",),
         vary={"fit.lambda": (0.1, 50.0)},
-        frames=20,
+        every=20,
         output=tmp_path / "sweep",
         plots=False,
     )

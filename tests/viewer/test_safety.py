@@ -100,9 +100,7 @@ def test_hostile_names_stay_text_in_a_report(hostile, tmp_path, open_page):
         results={HOSTILE[0]: (result,)},
         truth=(truth,),
         output=tmp_path / "report",
-        caveats=HOSTILE,
         groups={HOSTILE[2]: "*"},
-        published={HOSTILE[1]: {HOSTILE[2]: 1.0}},
         metrics=("similarity",),
     )
     list(evaluate.run(config))
