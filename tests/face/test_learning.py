@@ -16,7 +16,8 @@ from .conftest import run_command, same_file
 
 @pytest.mark.parametrize("method", ["sparse-coding", "pca-bases", "exemplars"])
 def test_every_method_makes_what_the_command_makes(tmp_path, people, sample, method):
-    own = {"k": 24, "iterations": 2} if method == "sparse-coding" else {}
+    prior = {"components": 2, "floor": 0.01}
+    own = {"k": 24, "iterations": 2, "prior": prior} if method == "sparse-coding" else {}
     shapes = shapefit.read_shapes(sample / "people_train.h5")
     made = shapefit.learn(shapes, method=method, every=20, **own)
     shapefit.write_dictionary(tmp_path / "made.h5", made)

@@ -108,7 +108,7 @@ def evaluated(sequence, tmp_path_factory):
 def test_a_report_shows_its_plots_and_images(evaluated, open_page):
     page = open_page(evaluated / "report.html")
     titles = page.run("return [...document.querySelectorAll('h2, h3')].map((e) => e.textContent)")
-    assert {"Plots", "Caveats", "How it was made", "walker: worst", "walker: best"} <= set(titles)
+    assert {"Plots", "How it was made", "walker: worst", "walker: best"} <= set(titles)
     assert page.run("return document.querySelectorAll('.card svg path').length") > 36 * 4
     assert page.run("return document.querySelectorAll('figure img').length") == 2
     text = (evaluated / "report.md").read_text("utf-8")
