@@ -38,9 +38,9 @@ class _ConfigPath(click.Path):
         """Offer the names of installed configs, and files."""
         from click.shell_completion import CompletionItem
 
-        from shapefit.config.presets import preset_names
+        from shapefit.config.presets import find_presets
 
-        names = [name for name in preset_names(self._command) if name.startswith(incomplete)]
+        names = [name for name in find_presets(self._command) if name.startswith(incomplete)]
         files = super().shell_complete(ctx, param, incomplete)
         return [CompletionItem(name, help="installed config") for name in names] or files
 

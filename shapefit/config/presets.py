@@ -10,6 +10,9 @@ from shapefit.errors import input_error
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
+WHOLE_SEQUENCES = "people/sequences.yaml"
+"""A second way to fit people, so a file of that name beside the one for single images."""
+
 
 class ConfigFile(NamedTuple):
     """The YAML file of a config; of a preset only settings count, not what it says of its data."""
@@ -24,9 +27,12 @@ def presets_folder() -> Path:
     return installed if installed.is_dir() else _PACKAGE.parent / "configs"
 
 
-def preset_names(command: str) -> list[str]:
-    """Return the names that have a file for the command, sorted."""
-    return sorted(file.parent.name for file in presets_folder().glob(f"*/{command}.yaml"))
+def find_presets(command: str) -> dict[str, Path]:
+    """Return the files of the command by the names that stand for them, sorted."""
+    files = {file.parent.name: file for file in presets_folder().glob(f"*/{command}.yaml")}
+    if command == "fit":
+        files |= {file.stem: file for file in presets_folder().glob(WHOLE_SEQUENCES)}
+    return dict(sorted(files.items()))
 
 
 def find_config(command: str, path: Path | None) -> ConfigFile | None:
@@ -38,9 +44,9 @@ def find_config(command: str, path: Path | None) -> ConfigFile | None:
         return None
     if path == STANDARD_STREAM or (path.exists() and not path.is_dir()):
         return ConfigFile(path)
-    names = preset_names(command)
-    if str(path) in names:
-        return ConfigFile(presets_folder() / path / f"{command}.yaml", is_preset=True)
+    presets = find_presets(command)
+    if str(path) in presets:
+        return ConfigFile(presets[str(path)], is_preset=True)
     found = "it is a folder" if path.is_dir() else "no such file"
-    known = f"or one of the installed configs: {', '.join(names)}" if names else "to read"
+    known = f"or one of the installed configs: {', '.join(presets)}" if presets else "to read"
     raise input_error(path, found, f"name a YAML file, {known}")

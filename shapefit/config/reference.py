@@ -24,8 +24,9 @@ Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no
 - A path may begin with `{data}`: it is replaced by the folder that the key `data` names. Every
   command has this key.
 - `-c NAME` stands for the command's own file of an installed folder: `-c cars` of `fit` is
-  `configs/cars/fit.yaml`. An existing file of that name is preferred. The settings of an installed
-  file are used; what applies only to its own data is ignored: paths, and the keys marked with \\*.
+  `configs/cars/fit.yaml`, and `-c sequences` is `configs/people/sequences.yaml`. An existing file
+  of that name is preferred. The settings of an installed file are used; what applies only to its
+  own data is ignored: paths, and the keys marked with \\*.
 - `--print-config` prints the resolved config, with every default.
 """
 

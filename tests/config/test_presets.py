@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from shapefit.config import find_config, load_config
-from shapefit.config.presets import preset_names, presets_folder
+from shapefit.config.presets import find_presets, presets_folder
 from shapefit.errors import InputError
 
 
@@ -30,7 +30,14 @@ def test_a_name_is_the_file_of_the_command():
     for command in ("learn-dict", "fit", "eval"):
         file = find_config(command, Path("cars"))
         assert file == (presets_folder() / "cars" / f"{command}.yaml", True)
-    assert "cars" not in preset_names("project")
+    assert "cars" not in find_presets("project")
+
+
+def test_sequences_are_a_second_way_to_fit_people():
+    file = presets_folder() / "people" / "sequences.yaml"
+    assert find_config("fit", Path("sequences")) == (file, True)
+    assert load("fit", "sequences", **MINE).method == "sequences"
+    assert "sequences" not in find_presets("eval")
 
 
 def test_the_settings_of_a_preset_work_on_files_of_the_user(folder):
@@ -84,7 +91,7 @@ def test_the_path_of_an_installed_file_keeps_its_data(project):
 def test_an_unknown_name_lists_those_that_there_are(name):
     with pytest.raises(InputError) as caught:
         find_config("fit", Path(name))
-    known = ", ".join(preset_names("fit"))
+    known = ", ".join(find_presets("fit"))
     assert "cars" in known
     assert caught.value.problems == (
         f"{name}: no such file; name a YAML file, or one of the installed configs: {known}",
@@ -105,7 +112,7 @@ def test_every_preset_is_right_but_for_files(command):
         "eval": {"results": ("a.h5",), "truth": ("d.h5",)},
         "project": {"shapes": ("a.h5",)},
     }[command]
-    names = preset_names(command)
+    names = find_presets(command)
     assert names
     for name in names:
         load(command, name, output="out", **arguments)
