@@ -33,6 +33,19 @@ class OfTheData:
 OF_THE_DATA = OfTheData()
 
 
+class Anchored(str):
+    """A path taken relative to the folder of a config; `given` is what stands there."""
+
+    given: str
+
+    @classmethod
+    def of(cls, given: str, folder: Path) -> Anchored:
+        """Return the path `given` in the folder."""
+        path = cls(folder / os.path.expanduser(given))
+        path.given = given
+        return path
+
+
 def change_paths(
     values: Mapping[str, Any], keys: PathKeys, change: Callable[[Any], Any]
 ) -> dict[str, Any]:
@@ -61,7 +74,7 @@ def anchored(value: Any, folder: Path) -> Any:
         return {key: anchored(item, folder) for key, item in value.items()}
     if not isinstance(value, str) or value == "-" or value.startswith(DATA):
         return value
-    return str(folder / os.path.expanduser(value))
+    return Anchored.of(value, folder)
 
 
 def with_data(value: Any, data: Path) -> Any:
@@ -130,7 +143,8 @@ def _kind(path: Path) -> int | None:
         raise ValueError(f"{path} cannot be read: {error.strerror}; check the path") from None
 
 
-def _one_file(value: Any) -> Path:
+def expand_one(value: Any) -> Path:
+    """Return the one file that a path or glob names. Raises ValueError."""
     files = expand_path(value)
     if len(files) > 1:
         raise ValueError(f"{value} matches {len(files)} files; name one")
@@ -163,12 +177,12 @@ OptionalPath = Annotated[
 OptionalInputPath = Annotated[
     Path | None,
     PathWords("a path"),
-    BeforeValidator(lambda value: None if value is None else _one_file(value)),
+    BeforeValidator(lambda value: None if value is None else expand_one(value)),
 ]
 
 OutputPath = Annotated[Path, PathWords("a path"), BeforeValidator(absolute_path)]
 
-InputPath = Annotated[Path, PathWords("a path"), BeforeValidator(_one_file)]
+InputPath = Annotated[Path, PathWords("a path"), BeforeValidator(expand_one)]
 
 # Each item becomes the tuple of the files that it names (so that a wrong item is reported at its
 # own place), and the tuples are joined last.

@@ -13,9 +13,10 @@ from shapefit.config.commands.fit_export import ExportConfig, PicturesConfig
 from shapefit.config.commands.fit_outliers import OutliersConfig
 from shapefit.config.commands.fit_posterior import PosteriorConfig
 from shapefit.config.commands.fit_sequences import SequencesConfig
+from shapefit.config.dictionaries import DictionaryPath
 from shapefit.config.expectation import Expected
 from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, Renaming
-from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
+from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath
 from shapefit.errors import listed
 from shapefit.lifting.methods import (
     ALTERNATION,
@@ -120,7 +121,10 @@ class FitConfig(CommandConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
     landmarks: InputPaths = Field(description="Files of 2D landmarks (HDF5 or CSV; - is stdin).")
-    dictionary: InputPath = Field(description="Dictionary file that learn-dict wrote.")
+    dictionary: DictionaryPath = Field(
+        description="Dictionary file that learn-dict wrote, or the name of an installed one, such "
+        "as people."
+    )
     rename: Renaming = Field(
         default_factory=dict,
         description="Landmarks to rename: name in the files -> name in the dictionary.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
@@ -9,7 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.learn_dict_prior import PriorConfig
 from shapefit.config.expectation import Expected
-from shapefit.config.model import MOST_STEPS, CommandConfig, Renaming
+from shapefit.config.model import MOST_STEPS, CommandConfig, ConfigModel, Renaming
 from shapefit.config.paths import InputPaths, OutputPath
 
 _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
@@ -25,6 +26,16 @@ def _landmark_choice(value: Any) -> Any:
     return tuple(value)
 
 
+class OriginConfig(ConfigModel):
+    """Where training shapes come from: root attributes of the dictionary."""
+
+    source: str | None = Field(default=None, min_length=1, description="Their source.")
+    licence: str | None = Field(default=None, min_length=1, description="The terms of use.")
+    acknowledgement: str | None = Field(
+        default=None, min_length=1, description="What users of the dictionary are asked to say."
+    )
+
+
 _BASES = "a whole number >= 1, or a share > 0 and < 1"
 
 
@@ -33,6 +44,21 @@ def _share_or_number(value: Any) -> float | int:
     if is_number or (isinstance(value, float) and 0 < value < 1):
         return value
     raise PydanticCustomError("share_or_number", f"expected {_BASES}")
+
+
+_EVERY = "a whole number >= 1, or a mapping of globs on sequence names to such numbers"
+
+
+def _number_or_numbers(value: Any) -> int | dict[str, int]:
+    if _is_step(value):
+        return value
+    if not isinstance(value, Mapping) or not value or not all(map(_is_step, value.values())):
+        raise PydanticCustomError("every", f"expected {_EVERY}")
+    return dict(value)
+
+
+def _is_step(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 1
 
 
 class LearnDictConfig(CommandConfig):
@@ -50,10 +76,13 @@ class LearnDictConfig(CommandConfig):
         "which makes every training shape an atom; or the principal components of "
         "each sequence, bases of either sign for matching pursuit.",
     )
-    every: int = Field(
+    every: Annotated[
+        int | Mapping[str, int], Expected(_EVERY), BeforeValidator(_number_or_numbers)
+    ] = Field(
         default=1,
-        ge=1,
-        description="Keep every n-th shape of each sequence, starting with its first.",
+        description="Keep every n-th shape of each sequence, starting with its first; a mapping "
+        'such as {13_*: 18, "*": 2} keeps so many of the sequences that a glob fits, the first '
+        "that fits, and all shapes of those that none fits.",
     )
     align: Annotated[
         Literal["all", "none"] | tuple[str, ...],
@@ -99,6 +128,10 @@ class LearnDictConfig(CommandConfig):
         "within the sequence that they explain (pca-bases only).",
     )
 
+    origin: OriginConfig = Field(
+        default_factory=OriginConfig.model_construct,
+        description="Where the shapes come from, which the dictionary then says.",
+    )
     prior: PriorConfig = Field(
         default_factory=PriorConfig.model_construct,
         description="The prior over shapes, for `method: posterior` of fit.",

@@ -7,11 +7,11 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
+from shapefit.config.dictionaries import OptionalDictionaryPath
 from shapefit.config.model import CommandConfig, FromLists, Renaming
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import (
     OF_THE_DATA,
-    OptionalInputPath,
     OptionalInputPaths,
     OptionalPath,
     PathWords,
@@ -42,7 +42,7 @@ class ViewConfig(CommandConfig):
         default_factory=dict,
         description="Landmarks to rename: name in the truth -> name in the files to show.",
     )
-    dictionary: OptionalInputPath = Field(
+    dictionary: OptionalDictionaryPath = Field(
         default=None,
         description="Dictionary with the edges and meshes to draw; by default, the one with "
         "which the result was fitted, if it still exists.",
