@@ -108,6 +108,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data/mocap"))
     parser.add_argument("--bodies", nargs="*", default=[], help="bodies to know; all by default")
+    parser.add_argument("--only", nargs="*", default=[], help="bodies to judge; all by default")
     parser.add_argument("--methods", nargs="*", default=list(CONFIG), choices=list(CONFIG))
     parser.add_argument("--set", nargs="*", default=[], dest="settings", help="of learn-dict")
     parser.add_argument("--folder", type=Path, default=FOLDER)
@@ -124,7 +125,8 @@ def main() -> None:
             [files[ALONE]], given.folder / "alone.h5", CONFIGS / "people/learn-dict.yaml", []
         )
     rows = []
-    for name, shapes in bodies.items():
+    for name in given.only or bodies:
+        shapes = bodies[name]
         folder = given.folder / name
         folder.mkdir(exist_ok=True)
         others = [file for other, file in files.items() if other != name]

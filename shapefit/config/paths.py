@@ -65,8 +65,8 @@ def change_paths(
 def anchored(value: Any, folder: Path) -> Any:
     """Return `value` with every path in it taken relative to `folder`.
 
-    `value` is what YAML gives: a text, or lists and mappings of texts. `-`, nothing and paths that begin
-    with `{data}` stay as they are.
+    `value` is what YAML gives: a text, or lists and mappings of texts. `-`, an empty text and
+    paths that begin with `{data}` stay as they are.
     """
     if isinstance(value, list):
         return [anchored(item, folder) for item in value]
