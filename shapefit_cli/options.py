@@ -45,10 +45,8 @@ class _ConfigPath(click.Path):
         return [CompletionItem(name, help="installed config") for name in names] or files
 
 
-class DictionaryPath(click.ParamType):
+class DictionaryPath(click.types.StringParamType):
     """A file, or the name of an installed dictionary."""
-
-    name = "dictionary"
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
