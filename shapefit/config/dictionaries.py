@@ -5,14 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator
+from pydantic import AfterValidator, BeforeValidator, PlainValidator
 
 from shapefit.config.paths import (
     STANDARD_STREAM,
     Anchored,
     PathWords,
     absolute_path,
+    as_tuple,
     expand_one,
+    expand_path,
+    flat,
 )
 
 FOLDER = Path(__file__).resolve().parents[1] / "dictionaries"
@@ -43,6 +46,13 @@ def find_dictionary(value: Any) -> Path:
     return known[name]
 
 
+def expand_named(value: Any) -> tuple[Path, ...]:
+    """Return the files that a path or glob names, or the installed dictionary of that name."""
+    if not absolute_path(value).exists() and str(value) in find_dictionaries():
+        return (find_dictionary(value),)
+    return expand_path(value)
+
+
 _EXPECTED = "a path, or the name of an installed dictionary"
 
 DictionaryPath = Annotated[Path, PathWords(_EXPECTED), BeforeValidator(find_dictionary)]
@@ -51,4 +61,11 @@ OptionalDictionaryPath = Annotated[
     Path | None,
     PathWords(_EXPECTED),
     BeforeValidator(lambda value: None if value is None else find_dictionary(value)),
+]
+
+NamedInputPaths = Annotated[
+    tuple[Annotated[Path, PlainValidator(expand_named)], ...],
+    PathWords("a path, a glob or the name of an installed dictionary, or a list of them"),
+    BeforeValidator(as_tuple),
+    AfterValidator(flat),
 ]

@@ -152,14 +152,16 @@ def expand_one(value: Any) -> Path:
     return files[0]
 
 
-def _as_tuple(value: Any) -> tuple[Any, ...]:
+def as_tuple(value: Any) -> tuple[Any, ...]:
+    """Return a path or a list of paths as a tuple. Raises ValueError for an empty list."""
     items = tuple(value) if isinstance(value, list | tuple) else (value,)
     if not items:
         raise ValueError("expected at least one path, found an empty list")
     return items
 
 
-def _flat(expanded: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
+def flat(expanded: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
+    """Join what several paths name, each file once."""
     return tuple(dict.fromkeys(path for files in expanded for path in files))
 
 
@@ -190,13 +192,13 @@ InputPath = Annotated[Path, PathWords("a path"), BeforeValidator(expand_one)]
 InputPaths = Annotated[
     tuple[Annotated[Path, PlainValidator(expand_path)], ...],
     PathWords("a path or glob, or a list of them"),
-    BeforeValidator(_as_tuple),
-    AfterValidator(_flat),
+    BeforeValidator(as_tuple),
+    AfterValidator(flat),
 ]
 
 OptionalInputPaths = Annotated[
     tuple[Annotated[Path, PlainValidator(expand_path)], ...],
     PathWords("a path or glob, or a list of them"),
     BeforeValidator(lambda value: tuple(value) if isinstance(value, list | tuple) else (value,)),
-    AfterValidator(_flat),
+    AfterValidator(flat),
 ]

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
+import shapefit
 from shapefit.config import find_config, load_config
 from shapefit.config.dictionaries import FOLDER, find_dictionaries
 from shapefit.errors import InputError
+from shapefit.io.skeletons import PEOPLE as PEOPLE_JOINTS
 
 PEOPLE = FOLDER / "people.h5"
 
@@ -86,3 +88,7 @@ def test_every_command_with_a_dictionary_takes_a_name():
     judged = {"results": ("a.h5",), "truth": ("a.h5",), "output": "report"}
     report = load_config("eval", None, ["floors={dictionary: people}"], judged)
     assert report.floors.dictionary == PEOPLE
+
+
+def test_python_takes_a_name_too():
+    assert shapefit.read_dictionary("people").landmark_names == PEOPLE_JOINTS

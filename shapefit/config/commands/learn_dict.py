@@ -12,7 +12,7 @@ from shapefit.config.commands.input import InputConfig
 from shapefit.config.commands.learn_dict_prior import PriorConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import MOST_STEPS, CommandConfig, ConfigModel
-from shapefit.config.paths import InputPaths, OutputPath
+from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath
 
 _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
 
@@ -30,10 +30,19 @@ def _landmark_choice(value: Any) -> Any:
 class OriginConfig(ConfigModel):
     """Where training shapes come from: root attributes of the dictionary."""
 
-    source: str | None = Field(default=None, min_length=1, description="Their source.")
-    licence: str | None = Field(default=None, min_length=1, description="The terms of use.")
+    source: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Where the shapes come from; the dictionary states it, and `shapefit info` "
+        "shows it.",
+    )
+    licence: str | None = Field(
+        default=None, min_length=1, description="Terms of use, stated alike."
+    )
     acknowledgement: str | None = Field(
-        default=None, min_length=1, description="What users of the dictionary are asked to say."
+        default=None,
+        min_length=1,
+        description="What those who use the shapes are asked to acknowledge, stated alike.",
     )
 
 
@@ -128,7 +137,7 @@ class LearnDictConfig(CommandConfig):
         "within the sequence that they explain (pca-bases only).",
     )
 
-    origin: OriginConfig = Field(
+    origin: Annotated[OriginConfig, OF_THE_DATA] = Field(
         default_factory=OriginConfig.model_construct,
         description="Where the shapes come from, which the dictionary then says.",
     )
