@@ -2,8 +2,8 @@
 
 `python -m benchmarks.bodies --data FOLDER` learns by configs/people/learn-box.yaml without a body,
 lifts turntable views of that body, and writes the table into results/bodies/index.md, beside the
-same by the dictionary of subject 86 alone. Every image counts for `posterior`; for `sequences`
-every sixth sequence.
+same by the dictionary of subject 86 alone. `posterior` is judged by images of all sequences,
+`sequences` by every sixth sequence.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.evaluation.tables.markdown import markdown_table
-from shapefit.io import read_shapes, write_shapes
+from shapefit.io import landmark_writer, open_landmarks, read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.io.whole.atomic import atomic_path
 
@@ -32,6 +32,9 @@ ALONE = "86"
 CONFIG = {"posterior": CONFIGS / "people/fit.yaml", "sequences": CONFIGS / "people/sequences.yaml"}
 EVERY = {"posterior": 1, "sequences": 6}
 """Every so many sequences of a body are lifted."""
+
+MOST = 3000
+"""Images of a body that `posterior`, which lifts each alone, is judged by: spread evenly."""
 
 HEADS = (": images", f", {ALONE} alone", ", all others", ", ratio")
 
@@ -75,14 +78,25 @@ def learn(training: Sequence[Path], target: Path, config: Path, settings: Iterab
     return target
 
 
-def look(shapes: ShapeSet, every: int, folder: Path) -> tuple[Path, Path]:
-    """Write every n-th sequence of a body and its turntable views: landmarks, truth."""
+def look(shapes: ShapeSet, method: str, folder: Path) -> tuple[Path, Path]:
+    """Write turntable views of sequences of a body for a method: landmarks, truth."""
+    every = EVERY[method]
     names = list(dict.fromkeys(shapes.sequences or ()))[::every]
     rows = np.flatnonzero(np.isin(np.array(shapes.sequences), names))
     truth, landmarks = folder / f"truth-{every}.h5", folder / f"landmarks-{every}.h5"
     write_shapes(truth, shapes.take(rows))
     run("project", "-c", CONFIGS / "mocap/project.yaml", truth, "-o", landmarks)
+    if method == "posterior":
+        thin(landmarks, -(-len(rows) // MOST))
     return landmarks, truth
+
+
+def thin(landmarks: Path, every: int) -> None:
+    """Keep every so many images of a file."""
+    with open_landmarks([landmarks]) as source:
+        (images,) = source.chunks(max(source.count, 1))
+    with landmark_writer(landmarks) as writer:
+        writer.append(images.take(np.arange(0, len(images), every)))
 
 
 def judge(
@@ -135,7 +149,7 @@ def main() -> None:
         )
         row = [name]
         for method in given.methods:
-            landmarks, truth = look(shapes, EVERY[method], folder)
+            landmarks, truth = look(shapes, method, folder)
             errors, images = judge(method, without, landmarks, truth, folder)
             one = None
             if alone is not None and name != ALONE:
