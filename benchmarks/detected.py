@@ -128,8 +128,11 @@ def of_landmarks(shapes: ShapeSet, columns: np.ndarray[tuple[int], np.dtype[np.i
     )
 
 
-def measure(case: Case, data: Path, methods: Sequence[str]) -> list[str]:
-    """Fit one case by the methods; the cells of its row, errors and those of the unit of truth."""
+def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") -> list[str]:
+    """Fit one case by the methods; the cells of its row, errors and those of the unit of truth.
+
+    `people` is the dictionary of people with a prior, by default the one of subject 86.
+    """
     folder = FOLDER / case.name.replace(", ", "-").replace(" ", "-")
     folder.mkdir(parents=True, exist_ok=True)
     if case.learn is None:
@@ -139,6 +142,8 @@ def measure(case: Case, data: Path, methods: Sequence[str]) -> list[str]:
     else:
         plain, prior = (learn(config, data) for config in case.learn)
         landmarks, truth = (data / f"{name}.h5" for name in (case.landmarks, case.truth))
+        if people and case.learn is PEOPLE:
+            prior = Path(people)
     known = names_of(landmarks)
     rename = {old: new for old, new in case.rename.items() if old in known}
     renamed = ["--set", f"rename={json.dumps(rename)}"] if rename else []
@@ -185,12 +190,13 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=Path("../shared/data/detected"))
     parser.add_argument("--only", nargs="*", default=[], help="beginnings of the names of cases")
     parser.add_argument("--methods", nargs="*", default=METHODS, choices=METHODS)
+    parser.add_argument("--people", default="", help="dictionary in place of subject 86's: people")
     given = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
     rows = []
     for case in CASES:
         if not given.only or case.name.startswith(tuple(given.only)):
-            rows.append([case.name, *measure(case, given.data, given.methods)])
+            rows.append([case.name, *measure(case, given.data, given.methods, given.people)])
             print(" | ".join(rows[-1]), flush=True)
     table = markdown_table(["set", *given.methods], rows)
     text = f"# Detected landmarks\n\nMean similarity error, normalised.\n\n{table}\n"
