@@ -35,6 +35,7 @@ from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
+from shapefit.pipelines.fit.joints import as_joints, find_joints
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.searched import Ambiguous
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
@@ -81,7 +82,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 warnings=find_warnings(images, lifting, config),
             )
         names = dictionary.landmark_names
-        strange = find_strange(source.landmark_names, names)
+        joints = find_joints(source.landmark_names, names)
+        strange = find_strange(joints.rename(source.landmark_names), names)
         left_in = unknown.warnings if unknown else ()
         inputs = (*config.landmarks, config.dictionary)
         writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
@@ -93,7 +95,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         + source.notes
         + mismatch(config, dictionary)
         + find_renamed(source, config)
-        + left_out_landmarks(strange, names)
+        + joints.notes
+        + left_out_landmarks(strange, () if joints.names else names)
         + rate_warnings(source.frame_rate, config)
         + left_in
         + ambiguous.warnings
@@ -116,10 +119,11 @@ def fit_chunks(
     source: LandmarkSource, config: FitConfig, dictionary: Dictionary, chain: Chain
 ) -> Iterator[Fitted]:
     """From landmarks to the records of a result, chunk by chunk."""
-    names = dictionary.landmark_names
-    strange = find_strange(source.landmark_names, names)
+    names, place = dictionary.landmark_names, source_names(config)
+    joints = find_joints(source.landmark_names, names)
+    strange = find_strange(joints.rename(source.landmark_names), names)
     for chunk in find_chunks(source, config):
-        images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
+        images = as_joints(chunk, joints, place).arrange(names, place, leave_out=bool(strange))
         began = time.perf_counter()
         lifting = fit_images(images, dictionary, chain)
         seconds = time.perf_counter() - began
