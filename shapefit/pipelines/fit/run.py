@@ -81,9 +81,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 failures=find_failures(images, lifting, config),
                 warnings=find_warnings(images, lifting, config),
             )
-        names = dictionary.landmark_names
-        joints = find_joints(source.landmark_names, names)
-        strange = find_strange(joints.rename(source.landmark_names), names)
+        names = name_warnings(source.landmark_names, dictionary.landmark_names)
         left_in = unknown.warnings if unknown else ()
         inputs = (*config.landmarks, config.dictionary)
         writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
@@ -95,8 +93,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         + source.notes
         + mismatch(config, dictionary)
         + find_renamed(source, config)
-        + joints.notes
-        + left_out_landmarks(strange, () if joints.names else names)
+        + names
         + rate_warnings(source.frame_rate, config)
         + left_in
         + ambiguous.warnings
@@ -197,6 +194,13 @@ def find_strange(own: Sequence[str], known: Sequence[str]) -> list[str]:
     """List the landmarks that the dictionary lacks and a fit can do without: three others match."""
     strange = [name for name in own if name not in set(known)]
     return strange if len(own) - len(strange) >= FEWEST_LANDMARKS else []
+
+
+def name_warnings(own: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """Say which landmarks stand for joints of the dictionary, and which are left out."""
+    joints = find_joints(own, known)
+    strange = find_strange(joints.rename(own), known)
+    return joints.notes + left_out_landmarks(strange, () if joints.names else known)
 
 
 def left_out_landmarks(strange: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
