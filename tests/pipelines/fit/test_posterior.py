@@ -61,6 +61,11 @@ def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, tmp_path, wit
     assert covariance.shape == (8, 30, 30)
     variance = np.diagonal(covariance, axis1=1, axis2=2).reshape(8, 10, 3)
     assert found.shape_sd.swapaxes(1, 2) ** 2 == pytest.approx(variance)
+    blocks = covariance.reshape(8, 10, 3, 10, 3)
+    sd, correlation = found.shape_sd.swapaxes(1, 2), found.extras["shape_correlation"]
+    for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
+        own = np.einsum("npp->np", blocks[:, :, a, :, b]) / (sd[..., a] * sd[..., b])
+        assert correlation[..., row] == pytest.approx(own, abs=1e-6)
     assert ((found.extras["plausibility"] >= 0) & (found.extras["plausibility"] <= 1)).all()
     assert set(found.status) == {"converged"}
     larger = replace(images, landmarks=10 * images.landmarks)
