@@ -60,9 +60,9 @@ class Modes:
 class Posterior:
     """The mixture of the modes of n images, nan where there is none.
 
-    mean (n, 3, p) of y, its standard deviations (n, 3, p), and the correlation (n, 3, p) of x with y,
-    x with z, and y with z of each landmark; covariance (n, 3p, 3p), None where
-    it was not asked for; belief (n, p); rotation (n, 3, 3) and scale (n,) of the most likely mode;
+    mean (n, 3, p) of y, its standard deviations (n, 3, p), and the correlation (n, 3, p) of x with
+    y, x with z, and y with z of each landmark; covariance (n, 3p, 3p), None where it was not asked
+    for; belief (n, p); rotation (n, 3, 3) and scale (n,) of the most likely mode;
     log_evidence (n,) of the image; surprise (n,), twice what
     the log likelihood lacks to that of landmarks exactly where they are expected; rounds (n,), the
     steps of all climbs; modes, those asked for.

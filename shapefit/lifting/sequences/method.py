@@ -74,6 +74,10 @@ def refine_lifting(
             deviation=np.where(single, own, scaled),
             covariance=None,
             posterior_modes=None,
-            further={**found.further, CORRELATION: np.where(single, own_mixed, mixed), NOISE: noise},
+            further={
+                **found.further,
+                CORRELATION: np.where(single, own_mixed, mixed),
+                NOISE: noise,
+            },
         ),
     )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error
-from shapefit.evaluation.metric_table import METRICS, ROTATION
+from shapefit.evaluation.metric_table import METRICS, ROTATION, TRUE_ROTATION
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 from shapefit.evaluation.summary import ALL
 from shapefit.geometry.procrustes import coincide
@@ -30,7 +30,8 @@ class Judgement:
     items and sequences (n), a sequence that nobody knows is empty; errors maps a metric and unit
     to (n,), nan where an image failed or, in precision and recall, has nothing to judge; failures
     maps the failed items to the reason; truth_rows (n) index the truth of each image, -1 where
-    there is none.
+    there is none; true_rotation (n, 3, 3), from its frame to that of the camera, None where nobody
+    knows it.
     """
 
     file: Path
@@ -40,15 +41,23 @@ class Judgement:
     failures: Mapping[str, str]
     warnings: tuple[str, ...]
     truth_rows: NDArray[np.intp]
+    true_rotation: Floats | None = None
 
 
 def judge(
-    file: Path, results: ResultSet, truth: ShapeSet, match: str, metrics: Sequence[str]
+    file: Path,
+    results: ResultSet,
+    truth: ShapeSet,
+    match: str,
+    metrics: Sequence[str],
+    *,
+    in_camera: bool = False,
 ) -> Judgement:
     """Measure every image of a result file in the metrics that its datasets allow.
 
     `match` is "item", or the dataset of the results that names the true item of each image.
-    Landmarks are matched by name; those that only one side has are left out. Raises InputError
+    Landmarks are matched by name; those that only one side has are left out. The true rotation is
+    a dataset of the results, or none at all where the truth is `in_camera`. Raises InputError
     where no image or too few landmarks match, and where no metric can be measured.
     """
     if not len(results):
@@ -61,10 +70,13 @@ def judge(
     true = truth.shapes[:, :, match_landmarks(truth.landmark_names, names)][rows]
     true[rows < 0] = np.nan
 
+    rotation = find_rotation(file, results, in_camera=in_camera)
     errors: dict[Kind, Floats] = {}
     unmeasured: list[str] = []
     for metric in metrics:
         data = {wanted: find_dataset(file, results, wanted) for wanted in datasets_of(metric)}
+        if TRUE_ROTATION in data:
+            data[TRUE_ROTATION] = rotation
         lacking = [wanted for wanted in METRICS[metric].datasets if data[wanted] is None]
         if lacking:
             datasets = " and ".join(f"`{wanted.name}`" for wanted in lacking)
@@ -95,7 +107,15 @@ def judge(
         failures=_failures(results, keys, rows, judged, errors),
         warnings=tuple(warnings),
         truth_rows=rows,
+        true_rotation=rotation,
     )
+
+
+def find_rotation(file: Path, results: ResultSet, *, in_camera: bool) -> Floats | None:
+    """Rotation (n, 3, 3) from the frame of the truth to that of the camera, None if not known."""
+    if in_camera:
+        return np.tile(np.eye(3), (len(results), 1, 1))
+    return find_dataset(file, results, TRUE_ROTATION)
 
 
 def _truth_rows(file: Path, keys: Sequence[str], truth: ShapeSet) -> NDArray[np.intp]:
