@@ -74,8 +74,9 @@ def refine_clips(
     """Points (n, 3, p), their deviations and correlations, and the noise (n,) of their sequence.
 
     All but correlations in the unit of the landmarks. nan in deviations, correlations and noise
-    where the inference is that of the images: one is alone or nearly so in its sequence, or the sequence adds nothing
-    (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but steadied.
+    where the inference is that of the images: one is alone or nearly so in its sequence, or the
+    sequence adds nothing (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but
+    steadied.
     """
     points = clips.points.copy()
     deviation, correlation = np.full_like(points, np.nan), np.full_like(points, np.nan)
