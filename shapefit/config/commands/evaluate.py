@@ -93,10 +93,12 @@ class EvalConfig(CommandConfig):
         description="Minimum number of observed landmarks for an image to be evaluated; other "
         "images are left out and counted in a warning.",
     )
-    truth_frame: Annotated[Literal["object", "camera"], OF_THE_DATA] = Field(
+    truth_frame: Annotated[Literal["object", "camera", "line-of-sight"], OF_THE_DATA] = Field(
         default="object",
         description="Frame of the true shapes: `object`, which the dataset `true_rotation` of the "
-        "result turns into that of the camera, or `camera` (x and y as in the image).",
+        "result turns into that of the camera; `camera` (x and y as in the image); or "
+        "`line-of-sight`: that of the camera, which is then turned to look straight at each shape, "
+        "as weak perspective has it.",
     )
     calibration: bool = Field(
         default=True,

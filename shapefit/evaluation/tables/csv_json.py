@@ -73,6 +73,8 @@ def report_json(report: Report) -> str:
         "summaries": [_nulls(asdict(s)) for s in report.summaries],
         "calibration": [_nulls(asdict(c)) for c in report.coverage],
         "trusted": [_nulls(asdict(k)) for k in report.kept],
+        "without_error_bars": report.without_bars,
+        "parallel_error_bars": report.parallel,
         "published": {method: dict(column) for method, column in report.published.items()},
         "caveats": report.caveats,
         "warnings": report.warnings,

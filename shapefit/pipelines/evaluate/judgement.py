@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.metric_table import METRICS, ROTATION, TRUE_ROTATION
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 from shapefit.evaluation.summary import ALL
+from shapefit.geometry.normalisation import centroid
 from shapefit.geometry.procrustes import coincide
 from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
 from shapefit.pipelines.evaluate.common_landmarks import common_landmarks
@@ -21,6 +23,7 @@ from shapefit.pipelines.evaluate.result_datasets import find_dataset
 from shapefit.pipelines.items import named_items
 
 Floats = NDArray[np.float64]
+Frame = Literal["object", "camera", "line-of-sight"]
 
 
 @dataclass(frozen=True)
@@ -51,13 +54,14 @@ def judge(
     match: str,
     metrics: Sequence[str],
     *,
-    in_camera: bool = False,
+    frame: Frame = "object",
 ) -> Judgement:
     """Measure every image of a result file in the metrics that its datasets allow.
 
     `match` is "item", or the dataset of the results that names the true item of each image.
-    Landmarks are matched by name; those that only one side has are left out. The true rotation is
-    a dataset of the results, or none at all where the truth is `in_camera`. Raises InputError
+    Landmarks are matched by name; those that only one side has are left out. `frame` is that of the
+    truth: its own, from which the dataset `true_rotation` turns it, that of the camera, or that of
+    the camera turned to look straight at each shape. Raises InputError
     where no image or too few landmarks match, and where no metric can be measured.
     """
     if not len(results):
@@ -70,7 +74,7 @@ def judge(
     true = truth.shapes[:, :, match_landmarks(truth.landmark_names, names)][rows]
     true[rows < 0] = np.nan
 
-    rotation = find_rotation(file, results, in_camera=in_camera)
+    rotation = find_rotation(file, results, true, frame)
     errors: dict[Kind, Floats] = {}
     unmeasured: list[str] = []
     for metric in metrics:
@@ -111,11 +115,25 @@ def judge(
     )
 
 
-def find_rotation(file: Path, results: ResultSet, *, in_camera: bool) -> Floats | None:
-    """Rotation (n, 3, 3) from the frame of the truth to that of the camera, None if not known."""
-    if in_camera:
+def find_rotation(file: Path, results: ResultSet, true: Floats, frame: Frame) -> Floats | None:
+    """Rotation (n, 3, 3) from the frame of the truth (n, 3, p) to that of the camera.
+
+    None where the results should state it and do not. For the line of sight it takes the centroid
+    of the truth onto the optical axis, by the smallest turn.
+    """
+    if frame == "object":
+        return find_dataset(file, results, TRUE_ROTATION)
+    if frame == "camera":
         return np.tile(np.eye(3), (len(results), 1, 1))
-    return find_dataset(file, results, TRUE_ROTATION)
+    ray = centroid(true, visible_in_both(true, true))
+    length = np.linalg.norm(ray, axis=1)
+    somewhere = (length > 0) & np.isfinite(length)
+    x, y, z = np.where(somewhere[:, None], ray, [0.0, 0.0, 1.0]).T / np.where(somewhere, length, 1)
+    depth, none = np.where(z < 0, -1.0, 1.0), np.zeros(len(ray))
+    K = np.stack([none, none, -depth * x, none, none, -depth * y, depth * x, depth * y, none])
+    K = K.T.reshape(-1, 3, 3)
+    turn: Floats = np.eye(3) + K + K @ K / (1 + np.abs(z))[:, None, None]
+    return turn
 
 
 def _truth_rows(file: Path, keys: Sequence[str], truth: ShapeSet) -> NDArray[np.intp]:

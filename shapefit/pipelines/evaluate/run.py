@@ -161,7 +161,7 @@ def _judge_all(
                 truth,
                 config.match,
                 config.metrics,
-                in_camera=config.truth_frame == "camera",
+                frame=config.truth_frame,
             )
             judgements.append(judgement)
             unjudged: tuple[str, ...] = ()

@@ -10,6 +10,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.evaluation.calibration import find_levels
+from shapefit.geometry.rotations import rotation_about
 from shapefit.io import write_shapes
 from tests.pipelines.evaluate.conftest import N
 
@@ -101,6 +102,19 @@ def test_a_truth_in_the_frame_of_the_camera_needs_no_rotation(desk, reported, su
     of_metres = [row for row in desk.rows("calibration.csv") if row["unit"] == "m"]
     before = [row for row in rows if row["unit"] == "m"]
     assert [row["inside_90"] for row in of_metres] == [row["inside_90"] for row in before]
+
+
+def test_the_line_of_sight_meets_each_shape(desk, reported, sure, truth):
+    reported()
+    before = desk.errors(method="posterior", metric="camera", unit="m")
+    away = truth.shapes - truth.shapes.mean(axis=2, keepdims=True)
+    away = sure.extras["true_rotation"] @ away
+    tilt = rotation_about(np.array([0.6, -0.8, 0.0]), np.array(0.4))
+    for depth in (5.0, -5.0):
+        seen = tilt @ (away + np.array([[0.0], [0.0], [depth]]))
+        write_shapes(desk.folder / "truth.h5", replace(truth, shapes=seen))
+        reported(truth_frame="line-of-sight", metrics=["camera"])
+        assert desk.errors(method="posterior", metric="camera", unit="m") == pytest.approx(before)
 
 
 def test_gaps_of_the_truth_are_left_out(desk, reported, truth):
