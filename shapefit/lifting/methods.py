@@ -177,6 +177,8 @@ class Method:
                    the atoms, as their meshes, can be mixed alike
     perspective    may be refined under a perspective camera
     sequences      lifts whole sequences: its images are followed by the stage of sequences
+    precisions     weighs landmarks by their precision: `landmark_covariance` counts, and a confidence
+                   divides standard deviations
     tolerance      the default of `solver.tolerance`
     """
 
@@ -193,6 +195,7 @@ class Method:
     mixes_atoms: bool = True
     perspective: bool = True
     sequences: bool = False
+    precisions: bool = False
     tolerance: float = 1e-6
 
     def load(self) -> Run:
@@ -276,6 +279,7 @@ METHODS: dict[str, Method] = {
         further=("log_evidence", "plausibility", "belief", "shape_correlation"),
         proves="bound",
         mixes_atoms=False,
+        precisions=True,
         perspective=False,
     ),
     "sequences": Method(
@@ -294,6 +298,7 @@ METHODS: dict[str, Method] = {
         further=("log_evidence", "plausibility", "belief", "shape_correlation", "sequence_noise"),
         proves="bound",
         mixes_atoms=False,
+        precisions=True,
         perspective=False,
         sequences=True,
     ),

@@ -84,8 +84,21 @@ def test_noise_widens_and_a_covariance_of_each_landmark_takes_its_place(
     same, _ = fit(tmp_path, with_prior, told, method="posterior")
     assert same.shapes == pytest.approx(noisy.shapes)
     wrong = replace(images, extras={"landmark_covariance": -each})
+    fit(tmp_path, with_prior, wrong, method="convex")  # which does not use it
     with pytest.raises(InputError, match="negative variance"):
         fit(tmp_path, with_prior, wrong, method="posterior")
+
+
+@pytest.mark.parametrize("method", ["posterior", "sequences"])
+def test_what_confidences_above_one_do_is_told(fit, tmp_path, with_prior, images, method):
+    known = read_dictionary(with_prior)
+    write_dictionary(with_prior, replace(known, edges=np.array([[0, 1], [1, 2]])))
+    sure = replace(images, confidence=np.full((8, 10), 3.0))
+    _, outcomes = fit(tmp_path, with_prior, sure, method=method)
+    told = [w for out in outcomes for w in map(str, out.warnings) if "confidences above 1" in w]
+    assert len(told) == 1
+    assert "more precise than the model otherwise believes" in told[0]
+    assert "lambda" not in told[0]
 
 
 def test_implausible_images_are_reported_and_keep_their_status(fit, tmp_path, with_prior, images):
