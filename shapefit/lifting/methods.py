@@ -177,8 +177,8 @@ class Method:
                    the atoms, as their meshes, can be mixed alike
     perspective    may be refined under a perspective camera
     sequences      lifts whole sequences: its images are followed by the stage of sequences
-    precisions     weighs landmarks by their precision: `landmark_covariance` counts, and a confidence
-                   divides standard deviations
+    precisions     weighs landmarks by their precision: `landmark_covariance` counts, and
+                   confidences divide standard deviations
     tolerance      the default of `solver.tolerance`
     """
 

@@ -240,8 +240,8 @@ def find_warnings(
         )
     if images.confidence is not None and (images.confidence > 1).any():
         what = (
-            "they make a landmark more precise than the model otherwise believes, which divides its "
-            "standard deviation by them"
+            "they make a landmark more precise than the model otherwise believes, whose standard "
+            "deviations they divide"
             if METHODS[config.method].precisions
             else "they are weights, and larger ones count more against `lambda`"
         )
