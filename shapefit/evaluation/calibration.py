@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.evaluation.metric_table import SHARE
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, placed_apart, visible_in_both
+from shapefit.evaluation.summary import ImageErrors
 
 Floats = NDArray[np.float64]
 
@@ -20,6 +22,9 @@ WIDTH_OF = 0.9
 
 QUANTILE = 6.251388631170325
 """Squared Mahalanobis radius of that ellipsoid: the 90% quantile of chi^2 with 3 degrees."""
+
+INSIDE = f"inside_{100 * WIDTH_OF:.0f}"
+"""What the share of an image is called."""
 
 SMALLEST = 1e-12
 """Share of a variance that is left where correlations leave none."""
@@ -37,6 +42,7 @@ class ErrorBars:
 
     method: str
     landmarks: tuple[str, ...]
+    items: tuple[str, ...]
     sequences: tuple[str, ...]
     level: Floats
     width: Mapping[str, Floats]
@@ -135,6 +141,15 @@ def cover(bars: ErrorBars, grouping: Mapping[str, Sequence[str]]) -> list[Covera
     return found
 
 
+def image_shares(bars: ErrorBars) -> ImageErrors:
+    """Share of the landmarks of each image inside the 90% ellipsoids, where any can be judged."""
+    judged = ~np.isnan(bars.level)
+    rows = np.flatnonzero(judged.any(axis=1))
+    within = (bars.level[rows] <= WIDTH_OF).sum(axis=1) / judged[rows].sum(axis=1)
+    items, sequences = (tuple(names[row] for row in rows) for names in (bars.items, bars.sequences))
+    return ImageErrors(bars.method, INSIDE, SHARE, items, sequences, within)
+
+
 def of_sequences(bars: ErrorBars, members: Sequence[str]) -> NDArray[np.bool_]:
     """Which images (n,) belong to the sequences."""
     return np.isin(np.array(bars.sequences, dtype=str), np.array(members, dtype=str))
@@ -152,6 +167,7 @@ def join(parts: Sequence[ErrorBars]) -> ErrorBars:
     return ErrorBars(
         method=parts[0].method,
         landmarks=names,
+        items=tuple(item for part in parts for item in part.items),
         sequences=tuple(sequence for part in parts for sequence in part.sequences),
         level=np.concatenate([arranged(part, part.level) for part in parts]),
         width={

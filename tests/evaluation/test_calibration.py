@@ -88,7 +88,9 @@ def test_what_is_not_known_is_left_out(rng):
 def test_groups_and_landmarks_are_summed_up():
     level = np.array([[0.2, 0.8], [0.6, np.nan], [0.95, 0.4]])
     width = {"normalised": np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])}
-    bars = ErrorBars("posterior", ("hip", "knee"), ("13_1", "13_1", "14_1"), level, width, False)
+    bars = ErrorBars(
+        "posterior", ("hip", "knee"), tuple("abc"), ("13_1", "13_1", "14_1"), level, width, False
+    )
     whole, hip, knee, *other = cover(bars, {"13": ("13_1",), "14": ("14_1",), "15": ("15_1",)})
     assert (whole.group, whole.landmark, whole.judged) == ("13", None, 3)
     assert whole.inside == pytest.approx((1 / 3, 1.0))
@@ -101,7 +103,7 @@ def test_groups_and_landmarks_are_summed_up():
 def test_files_of_a_method_are_joined_by_landmark():
     def part(names, values):
         level = np.array([values])
-        return ErrorBars("posterior", names, ("all",), level, {"m": 2 * level}, False)
+        return ErrorBars("posterior", names, ("a",), ("all",), level, {"m": 2 * level}, False)
 
     joined = join([part(("hip", "knee"), [0.1, 0.2]), part(("knee", "toe"), [0.3, 0.4])])
     assert joined.landmarks == ("hip", "knee", "toe")

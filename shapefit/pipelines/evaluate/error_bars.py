@@ -55,7 +55,16 @@ def judge_error_bars(
         )
         spread = truth_scale(estimate, true)[:, None]
         widths = {NORMALISED: width / spread, truth.unit: width}
-    return ErrorBars(name, names, judgement.sequences, level, widths, correlation is None), ()
+    bars = ErrorBars(
+        method=name,
+        landmarks=names,
+        items=judgement.items,
+        sequences=judgement.sequences,
+        level=level,
+        width=widths,
+        parallel=correlation is None,
+    )
+    return bars, ()
 
 
 def find_correlation(file: Path, results: ResultSet, deviation: Floats) -> Floats | None:

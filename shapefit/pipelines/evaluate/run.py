@@ -13,7 +13,7 @@ import numpy as np
 from shapefit import __version__
 from shapefit.config import EvalConfig, ViewConfig
 from shapefit.errors import counted, input_error, path_text, printable
-from shapefit.evaluation.calibration import ErrorBars, cover, join
+from shapefit.evaluation.calibration import ErrorBars, cover, image_shares, join
 from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.plots import bars as plots
 from shapefit.evaluation.plots.box_plots import box_plot
@@ -87,7 +87,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         parallel=tuple(bars.method for bars in found.bars if bars.parallel),
         provenance=_provenance(config),
     )
-    writers = _tables(errors, report)
+    writers = _tables([*errors, *map(image_shares, found.bars)], report)
     if draws:
         writers |= _plots(errors, grouping)
         if coverage:

@@ -48,6 +48,9 @@ def test_the_tables_hold_what_the_error_bars_are_worth(desk, reported, sure, tru
     assert float(row["width"]) == pytest.approx(width[:5].mean())
     foot = desk.row("calibration.csv", group="Subject 14", landmark="foot", unit="normalised")
     assert float(foot["inside_90"]) == pytest.approx((level[5:, 3] <= 0.9).mean())
+    shares = desk.errors(method="posterior", metric="inside_90")
+    assert shares == pytest.approx((level <= 0.9).mean(axis=1))
+    assert not len(desk.errors(method="convex", metric="inside_90"))
     document = json.loads((desk.config.output / "report.json").read_text(encoding="utf-8"))
     assert document["calibration"][0]["judged"] == 25
     assert {entry["method"] for entry in document["trusted"]} == {"posterior"}
