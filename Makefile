@@ -52,6 +52,9 @@ mocap-table: $(RUNS)
 	$(SHAPEFIT) project -c configs/mocap/project.yaml $(SET_DATA)
 	$(SHAPEFIT) fit -c configs/mocap/fit.yaml $(SET_DATA)
 	$(SHAPEFIT) fit -c configs/mocap/fit-global.yaml $(SET_DATA)
+	$(SHAPEFIT) learn-dict -c configs/people/learn-dict.yaml $(SET_DATA)
+	$(SHAPEFIT) fit -c configs/people/fit.yaml
+	$(SHAPEFIT) fit -c configs/people/sequences.yaml
 	$(SHAPEFIT) eval -c configs/mocap/eval.yaml $(SET_DATA)
 	$(BIN)/python -m benchmarks.published mocap results/mocap/report
 	@echo "The report with tables and plots is in results/mocap/report."
@@ -70,6 +73,9 @@ paper: $(RUNS)
 	$(SHAPEFIT) project -c configs/mocap/project.yaml $(SET_DATA)
 	for fit in $(PAPER_FITS); do \
 	    $(SHAPEFIT) fit -c configs/paper/fit-$$fit.yaml || [ $$? -eq 1 ] || exit; done
+	$(SHAPEFIT) learn-dict -c configs/people/learn-dict.yaml $(SET_DATA)
+	$(SHAPEFIT) fit -c configs/people/fit.yaml
+	$(SHAPEFIT) fit -c configs/people/sequences.yaml
 	$(SHAPEFIT) eval -c configs/paper/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
 	$(BIN)/python -m benchmarks.published mocap results/paper/mocap
 	$(SHAPEFIT) simulate -c configs/recovery.yaml -o results/paper/recovery || [ $$? -eq 1 ]

@@ -94,6 +94,18 @@ class EvalConfig(CommandConfig):
         description="Minimum number of observed landmarks for an image to be evaluated; other "
         "images are left out and counted in a warning.",
     )
+    truth_frame: Annotated[Literal["object", "camera", "line-of-sight"], OF_THE_DATA] = Field(
+        default="object",
+        description="Frame of the true shapes: `object`, which the dataset `true_rotation` of the "
+        "result turns into that of the camera; `camera` (x and y as in the image); or "
+        "`line-of-sight`: that of the camera, which is then turned to look straight at each shape, "
+        "as weak perspective has it.",
+    )
+    calibration: bool = Field(
+        default=True,
+        description="Also judge error bars and plausibilities, where results have them: the share "
+        "of the truth inside, and the error without the least plausible images.",
+    )
     floors: FloorsConfig | None = Field(
         default=None,
         description="Smallest similarity errors that the dictionary allows.",

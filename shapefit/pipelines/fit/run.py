@@ -247,10 +247,14 @@ def find_warnings(
             )
         )
     if images.confidence is not None and (images.confidence > 1).any():
-        found.append(
-            "confidences above 1: they are weights, and larger ones count more against `lambda`; "
-            "divide them by their largest value if that is not intended"
+        what = (
+            "they make a landmark more precise than the model otherwise believes, whose standard "
+            "deviations they divide"
+            if METHODS[config.method].precisions
+            else "they are weights, and larger ones count more against `lambda`"
         )
+        fix = "divide them by their largest value if that is not intended"
+        found.append(f"confidences above 1: {what}; {fix}")
     plausibility = lifting.estimate.further.get("plausibility")
     if plausibility is not None:
         doubtful = int((plausibility < config.posterior.implausible).sum())
