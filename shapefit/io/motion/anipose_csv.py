@@ -34,7 +34,8 @@ def record(paths: tuple[Path, ...]) -> Recording:
     def blocks() -> Iterator[Instances]:
         done = 0
         for first, texts in read_blocks(path, 1):
-            lines, rows, labels = [], [], []
+            lines, rows = [], []
+            labels: list[str] = []
             for line, text in enumerate(texts, first):
                 if not text.strip(" ,"):
                     continue
