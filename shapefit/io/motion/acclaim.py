@@ -122,6 +122,9 @@ def read_motion(
             yield labels[:whole], _values(path, skeleton, degrees, rows[: whole * size], whole)
             labels, rows = labels[whole:], rows[whole * size :]
     if labels and rows:
+        if size and len(rows) != size * len(labels):
+            fix = "give a whole file; every frame must list the same bones"
+            raise input_error(f"{path}:{rows[-1][0]}", "the last frame lacks bones", fix)
         yield labels, _values(path, skeleton, degrees, rows, len(labels))
 
 

@@ -90,7 +90,7 @@ def read_header(path: Path) -> Header:
     side_by_side = len(given) == markers and cells[: len(given)] == given and markers > 1
     labels = given if side_by_side else cells[::3][:markers]
     labels += [""] * (min(markers, max(len(cells), axes)) - len(labels))
-    if not labels:
+    if not labels or not (given or axes):
         raise input_error(f"{path}:{place + 1}", "there are no markers", "give a TRC with markers")
     return Header(separator, values, labels, place + 1)
 
