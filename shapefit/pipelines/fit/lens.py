@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.config.commands.fit_camera import CAMERA_MATRIX, ViewingConfig
+from shapefit.config.fit.camera import CAMERA_MATRIX, ViewingConfig
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
 from shapefit.io.extras import Extras
