@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, mo
 
 from shapefit.config.expectation import Expected
 from shapefit.config.model import ConfigModel, FromLists
-from shapefit.config.paths import OF_THE_DATA, InputPath
+from shapefit.config.paths import OF_THE_DATA, OptionalInputPath
 from shapefit.lifting.options import PerspectiveOptions
 
 CAMERA_MATRIX = "camera_matrix"
@@ -45,7 +45,7 @@ class ViewingConfig(ConfigModel):
         description="Where the optical axis meets the image, in the unit of the landmarks; by "
         "default that of the camera matrices, or 0, 0.",
     )
-    calibration: Annotated[InputPath | None, OF_THE_DATA] = Field(
+    calibration: Annotated[OptionalInputPath, OF_THE_DATA] = Field(
         default=None,
         description="Calibration of the cameras (TOML of anipose, Pose2Sim, caliscope or "
         "FreeMoCap), which gives focal length, principal point, lens distortion and place; instead "

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error
+from shapefit.geometry.rotations import turns
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.motion.kinematics import turns
 from shapefit.io.motion.text import read_blocks
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.foreign.recording import Instances, Recording
-from shapefit.io.motion.columns import find_landmarks, split_columns
+from shapefit.io.motion.recognition import find_landmarks, split_columns
 from shapefit.io.motion.text import read_blocks, read_head, read_table
 
 FRAME = "fnum"

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import InputError, input_error
+from shapefit.geometry.rotations import turns
 from shapefit.io.foreign.recording import Instances, Recording
-from shapefit.io.motion.kinematics import turns
 from shapefit.io.motion.labels import unique_names
 from shapefit.io.motion.text import read_blocks, read_table
 
@@ -206,7 +206,7 @@ def _no_numbers(words: list[str], count: int, place: str) -> InputError:
 
 
 def _rate(frame_time: float) -> float | None:
-    """Return frames a second: whole, where the time was rounded (0.033333 s is 30 Hz)."""
+    """Return the frame rate in Hz: whole, where the time was rounded (0.033333 s is 30 Hz)."""
     if frame_time <= 0:
         return None
     rate = 1.0 / frame_time

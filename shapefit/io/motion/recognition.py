@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from pathlib import Path
-
-from shapefit.io.motion.columns import find_landmarks, split_columns
 
 BOM = b"\xef\xbb\xbf"
 
@@ -56,4 +55,21 @@ def is_mesh(path: Path, head: bytes) -> bool:
         return True
     return path.suffix.lower() == ".obj" and any(
         line.startswith((b"v ", b"#", b"o ", b"mtllib ", b"g ")) for line in head.split(b"\n")
+    )
+
+
+def split_columns(line: str) -> list[str]:
+    """Return the names of the columns in a header."""
+    return [cell.strip().strip('"') for cell in line.split(",")]
+
+
+def find_landmarks(columns: Sequence[str]) -> tuple[str, ...]:
+    """Return the landmarks that have x, y, z and what anipose says of them, in order."""
+    known = set(columns)
+    names = [column[:-2] for column in columns if column.endswith("_x") and len(column) > 2]
+    return tuple(
+        name
+        for name in dict.fromkeys(names)
+        if {f"{name}_y", f"{name}_z"} <= known
+        and known & {f"{name}_ncams", f"{name}_error", f"{name}_score"}
     )
