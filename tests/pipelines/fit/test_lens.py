@@ -14,6 +14,8 @@ from shapefit.io import landmark_writer, open_landmarks, read_results, write_dic
 from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.fit.lens import doubts, straightened
 from shapefit.pipelines.fit.run import run
+from shapefit.pipelines.verify import Request
+from shapefit.pipelines.verify import run as run_verify
 
 MATRIX = np.array([[800.0, 0, 640], [0, 820, 360], [0, 0, 1]])
 LENS = np.array([-0.25, 0.08, 0.002, -0.001, 0.0])
@@ -93,6 +95,21 @@ def test_the_result_says_so_and_nothing_removes_it_twice(views, fit):
     once = straightened(bent, None)
     assert straightened(once, None).landmarks is not None
     np.testing.assert_array_equal(straightened(once, None).landmarks, once.landmarks)
+
+
+def test_verify_knows_what_was_removed(views, fit, tmp_path):
+    _, bent = views
+    fit(bent)
+
+    def verify(name):
+        request = Request(tmp_path / "result.h5", tmp_path / "cars.h5", (tmp_path / name,))
+        return [failure.item for outcome in run_verify(request) for failure in outcome.failures]
+
+    assert verify("landmarks.h5") == []
+    shifted = bent.landmarks + 1e-3 * (np.arange(4) == 2)[:, None, None]
+    with landmark_writer(tmp_path / "shifted.h5") as writer:
+        writer.append(replace(bent, landmarks=shifted))
+    assert "c" in verify("shifted.h5")
 
 
 def test_a_calibration_gives_camera_lens_and_place(views, fit, tmp_path):
