@@ -154,7 +154,7 @@ def _values(
                 found = f"{there} for the {len(bone.motion)} degrees of freedom of {name}"
                 raise input_error(f"{path}:{line}", found, "give the ASF file of this motion")
         if bone.motion:
-            numbers = read_table([words[1:] for words in cells], lines, path)
+            numbers = read_table([words[1:] for words in cells], lines, path, finite=True)
             angles = [is_rotation and degrees for is_rotation, _ in bone.motion]
             values[index[name]] = np.where(angles, np.radians(numbers), numbers)
     if rest:

@@ -147,7 +147,7 @@ def read_motion(path: Path, tree: Hierarchy) -> Iterator[Floats]:
             rows.append(row)
             lines.append(line)
         if rows:
-            yield read_table(rows, lines, path)
+            yield read_table(rows, lines, path, finite=True)
 
 
 def find_places(tree: Hierarchy, values: Floats) -> Floats:

@@ -34,15 +34,17 @@ def read_head(path: Path, count: int) -> list[str]:
 
 
 def read_table(
-    rows: Sequence[Sequence[str]], lines: Sequence[int], place: object
+    rows: Sequence[Sequence[str]], lines: Sequence[int], place: object, *, finite: bool = False
 ) -> NDArray[np.float64]:
     """Return rows of as many cells each as numbers, NaN where a cell is empty.
 
-    Raises InputError that names the line of the first cell that is no number.
+    Raises InputError that names the line of the first cell that is no number; where they are to
+    be `finite`, nan and inf are none.
     """
     numbers = read_numbers([cell for row in rows for cell in row])
-    if numbers.strange.any():
-        row, column = divmod(int(numbers.strange.argmax()), len(rows[0]))
+    wrong = numbers.strange | ~np.isfinite(numbers.values) if finite else numbers.strange
+    if wrong.any():
+        row, column = divmod(int(wrong.argmax()), len(rows[0]))
         cell = rows[row][column]
         raise input_error(f"{place}:{lines[row]}", f"{cell[:40]!r} is no number", "correct it")
     return numbers.values.reshape(len(rows), -1)

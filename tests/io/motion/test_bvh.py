@@ -79,6 +79,7 @@ def test_fewer_frames_than_announced(tmp_path):
     [
         (TREE + FRAMES.replace("90 90 0", "90 90"), ["walk.bvh:20", "8 numbers for 9 channels"]),
         (TREE + FRAMES.replace("90 90 0", "90 x 0"), ["walk.bvh:20", "'x'"]),
+        (TREE + FRAMES.replace("90 90 0", "90 inf 0"), ["walk.bvh:20", "'inf'"]),
         (TREE.partition("MOTION")[0], ["walk.bvh", "no motion"]),
         (TREE.partition("    End")[0], ["walk.bvh", "no motion"]),
         (TREE.replace("  }\n}\n", "") + FRAMES, ["walk.bvh:16", "not complete"]),
