@@ -36,6 +36,7 @@ from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.joints import as_joints, find_joints
+from shapefit.pipelines.fit.lens import find_calibrated, find_doubts, straightened
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.searched import Ambiguous
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
@@ -52,6 +53,7 @@ READ_AHEAD = 4096
 def run(config: FitConfig) -> Iterator[Outcome]:
     """Lift every image of the landmark files; yields an Outcome per chunk."""
     check_holds_all(config)
+    calibrated = find_calibrated(config.camera)
     dictionary = read_dictionary(config.dictionary)
     chain = choose_chain(config, dictionary)
     unknown = None
@@ -95,6 +97,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         + find_renamed(source, config)
         + names
         + rate_warnings(source.frame_rate, config)
+        + find_doubts(source.head.extras, calibrated)
         + left_in
         + ambiguous.warnings
         + exports.warnings,
@@ -119,8 +122,10 @@ def fit_chunks(
     names, place = dictionary.landmark_names, source_names(config)
     joints = find_joints(source.landmark_names, names)
     strange = find_strange(joints.rename(source.landmark_names), names)
+    calibrated = find_calibrated(config.camera)
     for chunk in find_chunks(source, config):
-        images = as_joints(chunk, joints, place).arrange(names, place, leave_out=bool(strange))
+        straight = as_joints(straightened(chunk, calibrated), joints, place)
+        images = straight.arrange(names, place, leave_out=bool(strange))
         began = time.perf_counter()
         lifting = fit_images(images, dictionary, chain)
         seconds = time.perf_counter() - began

@@ -18,7 +18,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.pca_bases import principal_components
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import ShapeSet, check_output, digests, read_shapes, write_dictionary
+from shapefit.io import ShapeSet, check_output, digests, open_shapes, write_dictionary
 from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
@@ -39,10 +39,11 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     cannot be read or written, and as `make_dictionary` does.
     """
     check_output(config.output)
-    making = make_dictionary(
-        read_shapes(config.shapes, input_options(config.input)), config, digests(config.shapes)
-    )
+    with open_shapes(config.shapes, input_options(config.input)) as source:
+        (given,) = source.chunks(max(source.count, 1))
+    making = make_dictionary(given, config, digests(config.shapes))
     outcome = next(making)
+    outcome = replace(outcome, warnings=source.notes + outcome.warnings)
     while True:
         try:
             following = next(making)
