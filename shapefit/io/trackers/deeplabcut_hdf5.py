@@ -53,7 +53,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         labels = None if kind == TABLE else _fixed_labels(file, key, frames)
         if kind == TABLE and _is_text(file, key):
             index = file.rows(f"{key}/table")["index"]
-            labels = image_labels([text(value) for value in index])
+            labels = list(image_labels([text(value) for value in index]))
         names = [column for block in blocks for column in block.columns]
         layout = arrange(file.place(key), names)
     return Recording(
@@ -133,7 +133,7 @@ def _fixed_blocks(file: TrackerFile, key: str) -> list[_Block]:
 
 def _levels(file: TrackerFile, start: str) -> list[tuple[str, ...]]:
     """Return the names that levels and codes stand for, one tuple each."""
-    levels = []
+    levels: list[list[str]] = []
     while file.is_dataset(f"{start}_level{len(levels)}"):
         number = len(levels)
         level = f"{start}_level{number}"

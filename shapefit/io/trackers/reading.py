@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import prod
 from pathlib import Path
@@ -69,10 +69,11 @@ class TrackerFile:
                 raise input_error(place, found, fix) from error
             raise input_error(place, f"cannot be read ({reason})", DAMAGED) from error
 
-    def names(self, group: str = "/") -> tuple[str, ...]:
-        """Return the names of what a group holds."""
+    def groups(self, group: str) -> tuple[str, ...]:
+        """Return the names of the groups in a group."""
         with self.damage(group):
-            return tuple(name for name in self._file[group] if isinstance(name, str))
+            node = self._file[group]
+            return tuple(name for name in node if isinstance(node.get(name), h5py.Group))
 
     def has(self, name: str) -> bool:
         """Whether there is such a dataset or group."""
@@ -184,12 +185,6 @@ class TrackerFile:
                 raise input_error(self.place(name), "holds no text", DAMAGED)
             found = np.ravel(dataset[()])
         return tuple(text(value) for value in found)
-
-    def attributes(self, node: str) -> Mapping[str, Any]:
-        """Return all attributes of a dataset or group that can be read."""
-        with self.damage(node):
-            names = list(self._file[node].attrs)
-        return {name: self.attribute(name, node) for name in names}
 
     def _require(self, name: str) -> None:
         if not self.is_dataset(name):

@@ -149,6 +149,8 @@ def _check(file: TrackerFile, found: dict[str, Integers], metadata: Metadata) ->
 def _replaced(found: dict[str, Integers]) -> NDArray[np.bool_]:
     """Whether each instance is a predicted one for which a user placed another."""
     user = found["instance_type"] == USER
+    if not user.any():
+        return user
     origins = found["from_predicted"][user & (found["from_predicted"] >= 0)]
     tracked = found["track"] != ANYBODY
     keys = np.stack([found["videos"], found["frames"], found["track"]], axis=1)
