@@ -267,4 +267,4 @@ def _split_lines(section: Section, name: str, count: int) -> Iterator[list[str]]
             if reader.line_num >= count:
                 return
     except csv.Error as error:
-        raise bad_line(f"{name}:1", error) from error
+        raise bad_line(f"{name}:{reader.line_num}", error) from error

@@ -155,7 +155,8 @@ def _series(file: TrackerFile, group: str, name: str) -> Series:
         file.check_shape(f"{group}/confidence", shape[:1])
     start = rate = None
     if file.is_dataset(f"{group}/starting_time"):
-        start = float(file.numbers(f"{group}/starting_time").ravel()[0])
+        file.check_shape(f"{group}/starting_time", ())
+        start = float(file.numbers(f"{group}/starting_time"))
         rate = _number(file.attribute("rate", f"{group}/starting_time"))
     elif not file.is_dataset(f"{group}/timestamps"):
         found = "has neither timestamps nor starting_time"

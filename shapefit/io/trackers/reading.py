@@ -29,7 +29,8 @@ MOST_TEXTS = 1_000_000
 """Names that a dataset of names can hold."""
 
 DAMAGED = "the file may be cut off or damaged: copy or make it again"
-FILTERS = ("can't open plugin", "required filter", "can't find plugin", "filter is not available")
+FILTERS = ("plugin", "filter")
+"""Words of HDF5 about a compression that it does not have."""
 
 
 class TrackerFile:
@@ -141,7 +142,9 @@ class TrackerFile:
             kind = self._file[name].dtype.kind
         if kind not in "biuf":
             raise input_error(self.place(name), "holds no numbers", DAMAGED)
-        return np.asarray(self.rows(name, rows), np.float64)
+        values = self.rows(name, rows)
+        with self.damage(name):
+            return np.asarray(values, np.float64)
 
     def is_text(self, name: str) -> bool:
         """Whether a dataset holds text."""
@@ -153,7 +156,9 @@ class TrackerFile:
         self._require(name)
         with self.damage(name):
             scales = [dict(axis) for axis in self._file[name].dims]
-            names = [found[0].name.strip("/") for found in map(list, map(dict.values, scales))]
+            names = [
+                (found[0].name or "").strip("/") for found in map(list, map(dict.values, scales))
+            ]
         return tuple(names)
 
     def ranges(self, name: str, axis: int) -> Iterator[slice]:

@@ -142,7 +142,7 @@ def _check(file: TrackerFile, found: dict[str, Integers], metadata: Metadata) ->
         raise input_error(place, "has another number of points than its skeleton", DAMAGED)
     for kind, table in TABLES.items():
         own = found["instance_type"] == kind
-        if own.any() and end[own].max() > file.shape(table)[0]:
+        if own.any() and end[own].max() > file.shape(table, "points")[0]:
             raise input_error(file.place(table), "ends before the points of instances", DAMAGED)
 
 
