@@ -154,12 +154,10 @@ class TrackerFile:
     def scales(self, name: str) -> tuple[str, ...]:
         """Return the names of the dimension scales of a dataset; InputError without them."""
         self._require(name)
-        with self.damage(name):
-            scales = [dict(axis) for axis in self._file[name].dims]
-            names = [
-                (found[0].name or "").strip("/") for found in map(list, map(dict.values, scales))
-            ]
-        return tuple(names)
+        with self.damage(name):  # h5py's own `dims` can abort the process on damaged files
+            scales = self._file[name].attrs["DIMENSION_LIST"]
+            names = [text(h5py.h5r.get_name(own[0], self._file.id) or b"") for own in scales]
+        return tuple(name.strip("/") for name in names)
 
     def ranges(self, name: str, axis: int) -> Iterator[slice]:
         """Divide an axis of a dataset into blocks, each of whole chunks where they are not large.

@@ -108,18 +108,6 @@ def test_every_attribute_is_strange_once(write, name):
             read_or_refuse(path)
 
 
-@pytest.mark.parametrize("name", HDF5)
-def test_bytes_that_are_wrong(write, rng, name):
-    path = write(name)
-    data = path.read_bytes()
-    for _ in range(40):
-        spoilt = bytearray(data)
-        for place in rng.integers(8, len(data), 4):
-            spoilt[place] = rng.integers(256)
-        path.write_bytes(bytes(spoilt))
-        read_or_refuse(path)
-
-
 def test_pickles_that_are_not_lists_of_names_are_refused(write, problem, tmp_path):
     path = write("table.h5")
     witness = tmp_path / "executed"
