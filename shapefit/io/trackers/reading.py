@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error, printable
 from shapefit.io.hdf5.pieces import read_rows
 from shapefit.io.hdf5.sizes import Stored, size_in_memory
-from shapefit.io.memory import check_fits
+from shapefit.io.memory import ALWAYS_FITS, check_fits
 
 BLOCK_FRAMES = 4096
 """Of a video that are read at a time."""
@@ -24,6 +24,9 @@ BLOCK_FRAMES = 4096
 BLOCK_BYTES = 1 << 24
 """Of a dataset that are read at a time; MOST_BYTES where its chunks are larger."""
 MOST_BYTES = 1 << 27
+
+MOST_COMPRESSED = 2000
+"""No filter of HDF5 makes data smaller by more: beyond that they were never written."""
 
 MOST_TEXTS = 1_000_000
 """Names that a dataset of names can hold."""
@@ -131,6 +134,7 @@ class TrackerFile:
             stored = Stored.of(dataset)
             whole = rows if isinstance(rows, slice) or rows == () else ()
             check_fits(self.place(name), size_in_memory(stored, whole))
+            self._check_written(name)
             if whole is not rows:
                 return dataset[rows]
             return read_rows(stored, rows)
@@ -166,6 +170,7 @@ class TrackerFile:
         """
         self._require(name)
         with self.damage(name):
+            self._check_written(name)
             dataset = self._file[name]
             count, chunks = dataset.shape[axis], dataset.chunks
             entry = dataset.nbytes // max(count, 1)
@@ -188,6 +193,13 @@ class TrackerFile:
                 raise input_error(self.place(name), "holds no text", DAMAGED)
             found = np.ravel(dataset[()])
         return tuple(text(value) for value in found)
+
+    def _check_written(self, name: str) -> None:
+        """Raise InputError for a large dataset that takes next to no place in the file."""
+        dataset = self._file[name]
+        if dataset.nbytes > max(ALWAYS_FITS, MOST_COMPRESSED * dataset.id.get_storage_size()):
+            found = f"has the shape {dataset.shape}, and next to nothing of it was written"
+            raise input_error(self.place(name), found, DAMAGED)
 
     def _require(self, name: str) -> None:
         if not self.is_dataset(name):

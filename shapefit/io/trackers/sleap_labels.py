@@ -142,7 +142,12 @@ def _check(file: TrackerFile, found: dict[str, Integers], metadata: Metadata) ->
         raise input_error(place, "has another number of points than its skeleton", DAMAGED)
     for kind, table in TABLES.items():
         own = found["instance_type"] == kind
-        if own.any() and end[own].max() > file.shape(table, "points")[0]:
+        if not own.any():
+            continue
+        wanted = {"x", "y", "visible", *(("score",) if kind == PREDICTED else ())}
+        if lost := sorted(wanted - set(file.fields(table))):
+            raise input_error(file.place(table), f"has no column {lost[0]}", DAMAGED)
+        if end[own].max() > file.shape(table, "points")[0]:
             raise input_error(file.place(table), "ends before the points of instances", DAMAGED)
 
 
