@@ -140,17 +140,22 @@ def find_lister(path: Path) -> Callable[[Path], Any] | None:
     return None if lister is None else _load(lister)
 
 
-def find_target_format(path: Path) -> FileFormat:
-    """Return the format that an output path asks for: CSV for `-`, else by its name, else HDF5."""
+def find_target_format(path: Path, name: str = "auto") -> FileFormat:
+    """Return the format that an output path asks for: CSV for `-`, else by its name, else HDF5.
+
+    With another `name` than auto it is that format.
+    """
+    if name != "auto":
+        return _named(name)
     if is_stream(path):
         return CSV
     named = (known for known in FORMATS.values() if known.writer and known.has_suffix(path))
     return next(named, HDF5)
 
 
-def find_writer(path: Path, kind: str) -> Callable[..., Any]:
+def find_writer(path: Path, kind: str, name: str = "auto") -> Callable[..., Any]:
     """Return what writes records of a kind. Raises InputError where the format cannot hold them."""
-    known = find_target_format(path)
+    known = find_target_format(path, name)
     if known.writer is None or kind not in known.writes:
         name = known.title.split()[1]
         raise input_error(path, f"a {kind} cannot be {name}", "give it a name in .h5")

@@ -11,6 +11,11 @@ from shapefit.io.skeletons import SKELETONS
 KEY = "keypoints"
 
 
+def fitting_skeletons(count: int) -> list[str]:
+    """Return the known skeletons of so many landmarks."""
+    return [name for name, one in SKELETONS.items() if len(one.landmark_names) == count]
+
+
 def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ...]:
     """Return the names of the landmarks of a recording.
 
@@ -29,7 +34,7 @@ def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ..
     count = recording.landmark_count
     chosen = wanted or recording.default_keypoints
     if chosen is None:
-        fitting = [name for name, one in SKELETONS.items() if len(one.landmark_names) == count]
+        fitting = fitting_skeletons(count)
         if len(fitting) > 1:
             found = f"{count} landmarks without names, as {listed(fitting, 'and')} have"
             fix = f"say which: {' or '.join(f'`--set {KEY}={name}`' for name in fitting)}"
@@ -37,7 +42,7 @@ def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ..
         return tuple(map(str, range(count)))
     names = SKELETONS[chosen].landmark_names
     if len(names) != count:
-        fitting = [name for name, one in SKELETONS.items() if len(one.landmark_names) == count]
+        fitting = fitting_skeletons(count)
         known = f"; {listed(fitting)} have as many" if fitting else ""
         found = f"{count} landmarks, and {chosen} has {len(names)}"
         raise input_error(recording.name, found, f"set another `{KEY}`{known}")

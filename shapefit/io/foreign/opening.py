@@ -27,6 +27,15 @@ def group_inputs(
     return [(known, tuple(own)) for known, own in groups.values()]
 
 
+def open_either(known: FileFormat, paths: tuple[Path, ...]) -> Recording:
+    """Return the recording in these files, be it of landmarks or of shapes."""
+    if known.recorder is None:
+        raise ValueError(f"{known.title} is not a recording")
+    module, _, function = known.recorder.partition(":")
+    recording: Recording = getattr(import_module(module), function)(paths)
+    return recording
+
+
 def open_recording(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Recording:
     """Return the recording in these files. Raises InputError where it is not of this kind."""
     wanted = 2 if kind == "landmarks" else 3
@@ -37,8 +46,7 @@ def open_recording(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Rec
         )
         fix = f"give {'2D landmarks' if wanted == 2 else '3D shapes'}: {titles}"
         raise input_error(name, f"is {known.title}, which holds no {kind}", fix)
-    module, _, function = known.recorder.partition(":")
-    recording: Recording = getattr(import_module(module), function)(paths)
+    recording = open_either(known, paths)
     if recording.dimensions != wanted:
         found = f"{known.title} of {recording.dimensions}D points"
         fix = "give 3D shapes" if wanted == 3 else "give 2D landmarks; 3D shapes are for learn-dict"
