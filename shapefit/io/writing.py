@@ -40,7 +40,7 @@ def result_writer(target: Path) -> AbstractContextManager[RecordWriter[ResultSet
 def record_writer(
     target: Path, form: Format, to: str = "auto"
 ) -> AbstractContextManager[RecordWriter[Any]]:
-    """Write records of one layout, in the format `to`, or that which the name of the target asks for.
+    """Write records of one layout, in the format `to`; auto is that which the target's name says.
 
     Raises InputError where that format cannot hold them.
     """
