@@ -33,7 +33,8 @@ def is_video(path: Path, head: bytes) -> bool:
 def is_image(path: Path, head: bytes) -> bool:
     """Whether a file, or the first files of a folder, are a list of instances of one image."""
     if head:
-        return _is_list_of_instances(outline(head).kind, outline(head).keys)
+        nobody = head.strip() == b"[]"
+        return nobody or _is_list_of_instances(outline(head).kind, outline(head).keys)
     return any(_is_list_of_instances(own.kind, own.keys) for own in first_outline(path))
 
 

@@ -6,6 +6,7 @@ dictionary's, those that a known skeleton takes for its joints get their names.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 from shapefit.errors import InputError, abbreviate, counted, input_error
@@ -15,6 +16,9 @@ from shapefit.io.skeletons import SKELETONS, people_joints
 
 FEWEST_LANDMARKS = 3
 """Of a file that the dictionary must know, so that it can do without the others."""
+
+
+_SIDE = re.compile(r"(?:^|[^a-z])(?:(l)(?:eft)?|(r)(?:ight)?)(?:$|[^a-z])|^(?:(l)|(r))")
 
 
 def meet_dictionary(
@@ -101,6 +105,16 @@ def _unmatched(own: Sequence[str], known: Sequence[str], place: str) -> InputErr
 
 def _likely_pairs(strange: Sequence[str], known: Sequence[str]) -> str:
     """Return a `rename` of the names that look most alike; "" where none do."""
-    near = {name: nearest_names(name, known)[:1] for name in strange}
+    near = {
+        name: [each for each in nearest_names(name, known) if not _opposite(name, each)]
+        for name in strange
+    }
     pairs = [f"{name}: {close[0]}" for name, close in near.items() if close]
     return f"`rename: {{{', '.join(pairs[:5])}}}`" if pairs else ""
+
+
+def _opposite(name: str, other: str) -> bool:
+    """Whether one name is of a left landmark, and the other of a right one."""
+    found = [_SIDE.search(each.lower()) for each in (name, other)]
+    sides = {match[match.lastindex or 0] for match in found if match}
+    return sides == {"l", "r"}
