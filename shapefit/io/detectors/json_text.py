@@ -18,7 +18,7 @@ from shapefit.io.memory import check_fits, in_words
 LARGEST_BYTES = 1 << 30
 """Of a JSON file that is read."""
 
-MEMORY_FACTOR = 6
+MEMORY_FACTOR = 10
 """Memory that parsed JSON takes, as a multiple of the file (numbers of some ten digits)."""
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"

@@ -91,7 +91,7 @@ def _unmatched(own: Sequence[str], known: Sequence[str], place: str) -> InputErr
     matching = [name for name in own if name in set(known)]
     if {name.strip() for name in own} & set(known) - set(matching):
         try:
-            match_landmarks(known, own, place)  # which tells of spaces around names
+            match_landmarks(known, own, place)  # which names spaces around names
         except InputError as error:
             return error
     found = (
