@@ -25,6 +25,7 @@ Table = NDArray[np.float64]
 CAMERAS = ("port", "cam_id")
 NEEDED = ("frame_index", "point_id", "img_loc_x", "img_loc_y")
 BLOCK = 4096
+LAST_FRAME = 2.0**40
 
 
 def is_caliscope(path: Path, head: bytes) -> bool:
@@ -37,7 +38,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     """Return the points of all cameras of a file, which is read whole, 40 bytes a point."""
     path = paths[0]
     camera, frame, point, x, y = _read(path).T
-    whole = np.isfinite([camera, frame, point]).all(axis=0)
+    whole = np.isfinite([camera, frame, point]).all(axis=0) & (np.abs(frame) < LAST_FRAME)
     placed = whole & np.isfinite(x) & np.isfinite(y)
     notes: tuple[str, ...] = ()
     if not whole.all():
@@ -143,4 +144,4 @@ def _first_rows(camera: Table, frame: Table) -> tuple[Table, Table]:
 
 def _key(camera: Table, frame: Table, cameras: Table) -> Table:
     """Return numbers that sort as pairs of camera and frame do, exact for whole frames."""
-    return np.searchsorted(cameras, camera) * 2.0**40 + frame
+    return np.searchsorted(cameras, camera) * 2 * LAST_FRAME + frame

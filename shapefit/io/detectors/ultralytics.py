@@ -109,7 +109,8 @@ def _begins_with_pose(head: bytes) -> bool:
         box = numbers[1:BOX]
         return (
             len(numbers) >= BOX + 2
-            and numbers[0] == int(numbers[0]) >= 0
+            and numbers[0].is_integer()
+            and numbers[0] >= 0
             and all(0 <= value <= 1 for value in box)
             and all(-1 <= value <= 2 for value in numbers[BOX : BOX + 2])
         )

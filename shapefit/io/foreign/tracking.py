@@ -37,6 +37,9 @@ STEADY = 3
 FORGETTING = 0.3
 """Share of a frame's motion in the steady motion of a track."""
 
+LARGEST = 1e100
+"""Coordinates beyond this are as good as this, and their squares do not overflow."""
+
 Flags = NDArray[np.bool_]
 Pairs = list[tuple[int, int]]
 
@@ -85,12 +88,13 @@ def joined(blocks: Iterable[Instances], first: int) -> Iterator[Instances]:
         weights = found.astype(float)
         if block.confidence is not None:
             weights *= np.clip(np.nan_to_num(block.confidence, nan=1.0), 0.01, 1)
-        boxes, size = _boxes(block.points)
+        points = np.clip(block.points, -LARGEST, LARGEST)
+        boxes, size = _boxes(points)
         for row in np.flatnonzero(nobody).tolist():
             rows_of[videos[row], frames[row]].append(row)
         for (video, frame), rows in rows_of.items():
             seen = _Tracks(
-                points=block.points[rows],
+                points=points[rows],
                 motion=np.zeros((len(rows), 2)),
                 boxes=boxes[rows],
                 size=size[rows],
