@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -89,6 +91,19 @@ class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
         """Names of the datasets that the format does not know."""
         return tuple(self._head.extras)
 
+    def renamed(
+        self, rename: Mapping[str, str], factors: Mapping[str, float] | None = None
+    ) -> LandmarkSource:
+        """Return the same images with landmarks (old -> new name) renamed in every file.
+
+        factors (old name -> factor) multiply the confidence.
+        """
+        source = copy(self)
+        files = [_changed(file, partial(weighed, factors=factors or {})) for file in self._files]
+        source._files = [_renamed(file, rename) for file in files]
+        source._head = _common_head([file for file in source._files if file.count] or source._files)
+        return source
+
     def _conform(self, part: LandmarkSet, place: str) -> LandmarkSet:
         """Give a part of one file the landmarks and fields of the whole source."""
         changes: dict[str, Any] = {
@@ -128,15 +143,27 @@ def _stated_unit(head: LandmarkSet) -> str | None:
 
 def _renamed(file: _File, rename: Mapping[str, str]) -> _File:
     """Return a file that gives its landmarks out under their new names."""
+    return _changed(file, partial(renamed, rename=rename, place=file.name)) if rename else file
+
+
+def _changed(file: _File, change: Callable[[LandmarkSet], LandmarkSet]) -> _File:
+    """Return a file that gives out its images changed."""
 
     @contextmanager
     def opened() -> Iterator[Read]:
         with file.open() as read:
-            yield lambda rows: renamed(read(rows), rename, file.name)
+            yield lambda rows: change(read(rows))
 
-    return (
-        replace(file, head=renamed(file.head, rename, file.name), open=opened) if rename else file
-    )
+    return replace(file, head=change(file.head), open=opened)
+
+
+def weighed(images: LandmarkSet, factors: Mapping[str, float]) -> LandmarkSet:
+    """Return the images with the confidence of some landmarks multiplied."""
+    own = np.array([factors.get(name, 1.0) for name in images.landmark_names])
+    if (own == 1.0).all():
+        return images
+    given = 1.0 if images.confidence is None else images.confidence
+    return replace(images, confidence=given * own * np.ones((len(images), 1)))
 
 
 def hiding(file: _File, least: float) -> _File:
@@ -153,12 +180,7 @@ def hiding(file: _File, least: float) -> _File:
             confidence=np.where(doubtful, 0.0, images.confidence),
         )
 
-    @contextmanager
-    def opened() -> Iterator[Read]:
-        with file.open() as read:
-            yield lambda rows: hidden(read(rows))
-
-    return replace(file, open=opened)
+    return _changed(file, hidden)
 
 
 def _open(known: FileFormat, paths: tuple[Path, ...], options: InputOptions) -> _File:
