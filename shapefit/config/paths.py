@@ -169,6 +169,19 @@ OptionalInputPath = Annotated[
 
 OutputPath = Annotated[Path, PathWords("a path"), BeforeValidator(absolute_path)]
 
+MANIFEST = "manifest.json"
+
+
+def _output_or_folder(value: Any) -> Path:
+    """Return the path of an output; that of its manifest where it is to be a folder."""
+    path = absolute_path(value)
+    is_folder = isinstance(value, str) and value.endswith("/")
+    return path / MANIFEST if is_folder else path
+
+
+OutputOrFolder = Annotated[Path, PathWords("a path"), BeforeValidator(_output_or_folder)]
+"""A file to write; `FOLDER/` stands for the manifest of results in it."""
+
 InputPath = Annotated[Path, PathWords("a path"), BeforeValidator(_one_file)]
 
 # Each item becomes the tuple of the files that it names (so that a wrong item is reported at its
