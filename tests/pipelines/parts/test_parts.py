@@ -203,3 +203,48 @@ def test_a_killed_run_goes_on(folder, monkeypatch):
     assert len(manifest()["parts"]) == 3
     assert done(fit("out/", "partition=100")) == 116
     same_as_one_run()
+
+
+class TestTheFolderIsOneResult:
+    @pytest.fixture(autouse=True)
+    def fitted(self, folder):
+        fit("out/", "partition=100")
+        fit("whole.h5")
+
+    def command(self, *arguments: str) -> int:
+        from shapefit_cli.main import run as shapefit
+
+        return shapefit([*arguments, "-q"])
+
+    def test_verified(self):
+        assert self.command("verify", "out", "-d", "dict.h5") == 0
+        with h5py.File("out/part-00003.h5", "a") as file:
+            file["objective"][2] *= 0.9
+        assert self.command("verify", "out/", "-d", "dict.h5") == 1
+
+    def test_converted(self):
+        assert self.command("convert", "out/", "-o", "joined.csv") == 0
+        assert self.command("convert", "whole.h5", "-o", "whole.csv") == 0
+        assert Path("joined.csv").read_text() == Path("whole.csv").read_text()
+
+    def test_judged_under_the_name_of_the_folder(self, rng):
+        from shapefit.io import write_shapes
+        from shapefit.io.records import ShapeSet
+
+        items = tuple(f"i{n}" for n in range(500))
+        truth = ShapeSet(rng.normal(size=(500, 3, 8)), NAMES, items)
+        write_shapes(Path("truth.h5"), truth)
+        assert self.command("eval", "out/", "whole.h5", "--truth", "truth.h5", "-o", "report") == 0
+        rows = json.loads(Path("report/report.json").read_text())
+        text = json.dumps(rows)
+        assert '"out"' in text
+        assert '"whole"' in text
+        lines = Path("report/per_image.csv").read_text().splitlines()
+        own = [line.split(",", 1)[1] for line in lines if line.startswith("out,")]
+        other = [line.split(",", 1)[1] for line in lines if line.startswith("whole,")]
+        assert own == other
+        assert len(own) >= 500
+
+    def test_shown(self):
+        assert self.command("view", "out/", "-o", "page.html") == 0
+        assert Path("page.html").stat().st_size > 10_000
