@@ -6,8 +6,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -46,8 +45,8 @@ READ_AHEAD = 4096
 """Images that are read before the first whole sequences of them are lifted."""
 
 
-def run(config: FitConfig) -> Iterator[Outcome]:
-    """Lift every image of the landmark files; yields an Outcome per chunk."""
+def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
+    """Lift every image of the landmark files, or these rows of the one; an Outcome per chunk."""
     check_holds_all(config)
     calibrated = find_calibrated(config.camera)
     dictionary = read_dictionary(config.dictionary)
@@ -60,7 +59,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     ambiguous = Ambiguous(config.search.modes)
     options = input_options(config.input, default_track(config))
     solve_seconds, done = 0.0, 0
-    opened = open_landmarks(config.landmarks, options)
+    opened = open_landmarks(config.landmarks, options, rows)
     names, place = dictionary.landmark_names, source_names(config)
     met, joints = meet_dictionary(opened, names, options.rename, place)
     with (
@@ -83,7 +82,9 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 warnings=find_warnings(images, lifting, config),
             )
         left_in = unknown.warnings if unknown else ()
-        inputs = (*config.landmarks, config.dictionary)
+        # A part of a file is known by the manifest: nobody reads the whole file for each part.
+        read = config.landmarks if rows is None else ()
+        inputs = digests((*read, config.dictionary))
         writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
         # Taken back where the result cannot be completed, which happens on leaving this block.
         exports.publish()
@@ -137,15 +138,15 @@ def default_track(config: FitConfig) -> Track:
 
 
 def attributes_of(
-    config: FitConfig, inputs: Sequence[Path], seconds: float, images: int
+    config: FitConfig, inputs: Mapping[str, str], seconds: float, images: int
 ) -> dict[str, str | float | int]:
-    """Return what is stored of a fit beside its images, `inputs` by their digests."""
+    """Return what is stored of a fit beside its images; `inputs` are the digests of its files."""
     return {
         "method": config.method,
         "version": __version__,
         "config": config.as_json(),
         "config_digest": hashlib.sha256(config.as_json().encode()).hexdigest(),
-        "inputs": json.dumps(digests(inputs)),
+        "inputs": json.dumps(inputs),
         "solve_seconds": seconds,
         "images_per_second": images / seconds if seconds > 0 else 0.0,
     }
