@@ -208,7 +208,8 @@ class Writer:
 '''
 
 POINTS_ENTRY = """
-from shapefit.io.formats import FORMATS, FileFormat
+from shapefit.io.foreign.file_format import FileFormat
+from shapefit.io.formats import FORMATS
 FORMATS["points"] = FileFormat(
     title="a points file", suffixes=(".points",), recogniser="toy:is_points",
     readers={"landmarks": "toy:read_points"}, writer="toy:write_points", writes=("landmarks",),

@@ -14,8 +14,9 @@ from shapefit.io.agreement import agreed, agreed_rate, check_same_extras
 from shapefit.io.chunked import ChunkedSource, SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
+from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.foreign.opening import group_inputs, open_recording
-from shapefit.io.formats import FileFormat, find_reader
+from shapefit.io.formats import find_reader
 from shapefit.io.layout import LANDMARKS, UNKNOWN_UNIT
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.records import LandmarkSet

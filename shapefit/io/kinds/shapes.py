@@ -15,9 +15,10 @@ from shapefit.io.agreement import agreed, agreed_rate, check_same_array, check_s
 from shapefit.io.chunked import ChunkedSource, SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Array, Extras
+from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.foreign.gaps import without_gaps
 from shapefit.io.foreign.opening import group_inputs, open_recording
-from shapefit.io.formats import FileFormat, find_reader
+from shapefit.io.formats import find_reader
 from shapefit.io.layout import SHAPES, UNKNOWN_UNIT
 from shapefit.io.magnitudes import Axis, check_magnitudes
 from shapefit.io.options import AS_THEY_ARE, InputOptions
