@@ -126,7 +126,15 @@ class FitConfig(CommandConfig):
         default_factory=InputConfig.model_construct, description="How the files are read."
     )
     output: OutputPath = Field(
-        description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
+        description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout), "
+        "or TRC, C3D or JSON by its ending (docs/export.md)."
+    )
+    height: float | None = Field(
+        default=None,
+        gt=0,
+        le=1000,
+        description="Height of the body or object in metres, for outputs in metres (TRC, C3D); by "
+        "default it is as large as the training shapes of the dictionary.",
     )
     method: MethodName = Field(default="convex", description=f"How to lift: {summarise()}.")
     loss: Literal["squared", "exact"] = Field(

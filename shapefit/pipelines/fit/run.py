@@ -29,6 +29,7 @@ from shapefit.io import (
 )
 from shapefit.io.formats import find_target_format
 from shapefit.io.options import Track
+from shapefit.io.output import OutputOptions
 from shapefit.io.records import nearest_names
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
@@ -64,7 +65,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     with (
         open_landmarks(config.landmarks, options) as source,
         open_exports(config, dictionary, source.count) as exports,
-        result_writer(config.output) as writer,
+        result_writer(config.output, OutputOptions(height=config.height)) as writer,
     ):
         for images, lifting, record, seconds in fit_chunks(source, config, dictionary, chain):
             if unknown:
@@ -97,9 +98,10 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         + rate_warnings(source.frame_rate, config)
         + left_in
         + ambiguous.warnings
-        + exports.warnings,
-        note=exports.note,
-        written=(config.output, *exports.folders, *exports.sheets),
+        + exports.warnings
+        + writer.summary.warnings,
+        note="; ".join(filter(None, (exports.note, writer.summary.note))),
+        written=(*(writer.summary.written or (config.output,)), *exports.folders, *exports.sheets),
     )
 
 
