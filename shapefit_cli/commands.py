@@ -188,7 +188,7 @@ lists them. The format of the output follows from its name, or --to.""",
         pipeline="info",
         unit="file",
         summary="Tell what files hold, and how to go on.",
-        text="""Tell what files hold: format, images, landmarks, sequences; and the command to go on with.
+        text="""Tell what files hold, and the command to go on with.
 
 FILEs are of any format that can be read, or folders with one file per frame.""",
         examples="""\

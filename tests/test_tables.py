@@ -261,4 +261,4 @@ class TestAFormatIsAFileAndAnEntry:
         assert "result.points: a result cannot be points; give it a name in .h5" in done.stderr
         done = toy.run("fit", "views.h5", "-d", "views.points", "-o", "result.h5")
         assert done.returncode == 2
-        assert "views.points: is not an HDF5 file; give a shapefit-dictionary file" in done.stderr
+        assert "views.points: is a points file, not an HDF5 file; give a" in done.stderr

@@ -59,7 +59,7 @@ def anchored(value: Any, folder: Path) -> Any:
         return [anchored(item, folder) for item in value]
     if isinstance(value, dict):
         return {key: anchored(item, folder) for key, item in value.items()}
-    if not isinstance(value, str) or value == "-" or value.startswith(DATA):
+    if not isinstance(value, str) or value in ("", "-") or value.startswith(DATA):
         return value
     return str(folder / os.path.expanduser(value))
 

@@ -95,7 +95,7 @@ def find_format(path: Path, name: str = "auto") -> FileFormat:
     if HDF5.has_suffix(path):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
-    if b"\0" in head:
+    if b"\0" in head and not CSV.has_suffix(path):
         raise _unknown(path, head)
     return CSV
 

@@ -9,7 +9,15 @@ from typing import Any
 
 from shapefit.config import ConvertConfig
 from shapefit.errors import input_error
-from shapefit.io import LandmarkSet, ResultSet, ShapeSet, open_landmarks, open_shapes
+from shapefit.io import (
+    LandmarkSet,
+    LandmarkSource,
+    ResultSet,
+    ShapeSet,
+    ShapeSource,
+    open_landmarks,
+    open_shapes,
+)
 from shapefit.io.duplicates import ItemList, check_unique_items
 from shapefit.io.formats import find_target_format
 from shapefit.io.kinds.kind import Kind, find_kind
@@ -41,9 +49,11 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
         if kind == "result":
             yield from _results(config, writer)
         else:
-            opened = open_landmarks(config.files, options)
-            if kind == "shapes":
-                opened = open_shapes(config.files, options, gaps=True)  # type: ignore[assignment]
+            opened: LandmarkSource | ShapeSource = (
+                open_landmarks(config.files, options)
+                if kind == "landmarks"
+                else open_shapes(config.files, options, gaps=True)
+            )
             with opened as source:
                 for chunk in source.chunks(config.chunk):
                     writer.append(_with_rate(chunk, config))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.config import InfoConfig
-from shapefit.errors import abbreviate, counted, input_error, listed
+from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, open_shapes, read_dictionary
 from shapefit.io.extras import Extras
 from shapefit.io.foreign.names import fitting_skeletons
@@ -20,7 +20,7 @@ from shapefit.io.kinds.results import read_results
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import is_stream, source_name
-from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.reading import input_options
 
 BLOCK = 16384
@@ -33,16 +33,33 @@ Line = tuple[str, str]
 
 
 def run(config: InfoConfig) -> Iterator[Outcome]:
-    """Describe every input; yields one Outcome with the text as its note."""
+    """Describe every input; yields one Outcome with the text as its note.
+
+    Raises InputError where none can be read.
+    """
     options = input_options(config.input)
     for path in config.files:
         if is_stream(path):
             found = "standard input can be read only once"
             raise input_error("-", found, "save it to a file and name that")
-    told = [_told(known, paths, options) for known, paths in group_inputs(config.files, options)]
-    notes = tuple(note for _, found in told for note in found)
-    text = "\n\n".join(_as_text(lines) for lines, _ in told)
-    yield Outcome(done=len(told), warnings=notes, note=text)
+    texts: list[str] = []
+    notes: tuple[str, ...] = ()
+    failures: list[Failure] = []
+    problems: list[str] = []
+    for path in config.files:
+        try:
+            (group,) = group_inputs([path], options)
+            lines, warnings = _told(*group, options)
+        except InputError as error:
+            problems += error.problems
+            failures.append(Failure(source_name(path), "; ".join(error.problems)))
+        else:
+            texts.append(_as_text(lines))
+            notes += warnings
+    if not texts:
+        raise InputError(problems)
+    note = "\n\n".join(texts)
+    yield Outcome(done=len(config.files), failures=tuple(failures), warnings=notes, note=note)
 
 
 def _as_text(lines: Sequence[Line]) -> str:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
 
-from shapefit.config.commands.fit_camera import ViewingConfig
-from shapefit.config.commands.fit_export import ExportConfig, PicturesConfig
-from shapefit.config.commands.fit_outliers import OutliersConfig
-from shapefit.config.commands.fit_posterior import PosteriorConfig
-from shapefit.config.commands.fit_sequences import SequencesConfig
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.expectation import Expected
+from shapefit.config.fit.camera import ViewingConfig
+from shapefit.config.fit.export import ExportConfig, PicturesConfig
+from shapefit.config.fit.outliers import OutliersConfig
+from shapefit.config.fit.posterior import PosteriorConfig
+from shapefit.config.fit.sequences import SequencesConfig
 from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel
 from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
 from shapefit.errors import listed

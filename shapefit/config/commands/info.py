@@ -10,7 +10,10 @@ from shapefit.config.paths import InputPaths
 
 
 class InfoConfig(CommandConfig):
-    """Tell what files hold, and how to go on with them."""
+    """Tell what files hold, and how to go on with them.
+
+    What is wrong with one file does not keep the others from being described.
+    """
 
     files: InputPaths = Field(description="Files of any kind and format; folders of frames, too.")
     input: InputConfig = Field(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -81,3 +82,14 @@ class Recording:
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     default_keypoints: str | None = None
+
+
+ENDINGS = (".analysis", ".predictions", ".pkg", ".pose")
+"""Which the names of files have before their suffix, and their videos have not."""
+
+
+def video_name(path: Path) -> str:
+    """Return the name of a file without its endings, which is what its items begin with."""
+    name = path.stem
+    ending = next((ending for ending in ENDINGS if name.lower().endswith(ending)), "")
+    return name[: len(name) - len(ending)] or path.name

@@ -1,4 +1,4 @@
-"""Which kind of records a file holds: landmarks, shapes, a result or a dictionary."""
+"""The kind of a file: landmarks, shapes, result or dictionary."""
 
 from __future__ import annotations
 
