@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeVar
 from shapefit.errors import input_error
 from shapefit.io.formats import find_target_format, find_writer
 from shapefit.io.layout import LANDMARKS, RESULTS, Format
-from shapefit.io.output import AS_KNOWN, OutputOptions, Summary
+from shapefit.io.options import AS_KNOWN, OutputOptions, Summary
 from shapefit.io.records import LandmarkSet, ResultSet
 
 R_contra = TypeVar("R_contra", contravariant=True)

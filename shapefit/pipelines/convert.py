@@ -23,8 +23,7 @@ from shapefit.io.formats import find_target_format
 from shapefit.io.kinds.kind import Kind, find_kind
 from shapefit.io.kinds.results import read_results
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
-from shapefit.io.options import InputOptions
-from shapefit.io.output import OutputOptions
+from shapefit.io.options import InputOptions, OutputOptions
 from shapefit.io.records import concatenate
 from shapefit.io.sources import is_stream
 from shapefit.io.writing import record_writer

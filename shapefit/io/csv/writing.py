@@ -14,7 +14,7 @@ import orjson
 
 from shapefit.errors import input_error
 from shapefit.io.layout import DEVIATIONS, NOTHING_APPENDED, Format
-from shapefit.io.output import Summary
+from shapefit.io.options import Summary
 from shapefit.io.records import Floats, LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_file, storage_errors, write_all

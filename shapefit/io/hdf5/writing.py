@@ -22,7 +22,7 @@ from shapefit.io.layout import (
     Format,
     stored_name,
 )
-from shapefit.io.output import Summary
+from shapefit.io.options import Summary
 from shapefit.io.whole.atomic import atomic_file
 
 CHUNK_BYTES = 1 << 18

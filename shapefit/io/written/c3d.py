@@ -13,7 +13,7 @@ import numpy as np
 
 from shapefit.errors import input_error
 from shapefit.io.layout import Format
-from shapefit.io.output import OutputOptions
+from shapefit.io.options import OutputOptions
 from shapefit.io.written.motion import Motion
 from shapefit.io.written.outputs import MotionWriter, by_individual, motion_output
 
@@ -77,5 +77,5 @@ def write_c3d(path: Path, motions: Sequence[Motion]) -> None:
     file["data"]["points"] = points
     file["data"]["meta_points"]["residuals"] = np.where(seen, 0.0, MISSING)[None]
     file.write(str(path))
-    if path.stat().st_size < POINT_BYTES * p * f:  # the library does not tell of a full disk
+    if path.stat().st_size < POINT_BYTES * p * f:  # of a full disk the library says nothing
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -16,7 +16,7 @@ from shapefit.errors import input_error
 from shapefit.io.extras import METRES_PER_UNIT, Extras
 from shapefit.io.foreign.sources import FRAME
 from shapefit.io.layout import NOTHING_APPENDED, Format
-from shapefit.io.output import Summary
+from shapefit.io.options import Summary
 from shapefit.io.records import Floats, LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_file, write_all

@@ -12,7 +12,7 @@ import numpy as np
 import orjson
 
 from shapefit.io.layout import Format
-from shapefit.io.output import OutputOptions
+from shapefit.io.options import OutputOptions
 from shapefit.io.written.motion import Motion
 from shapefit.io.written.outputs import MotionWriter, motion_output
 
@@ -29,12 +29,10 @@ def table_output(
 
 
 def by_video(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
-    """Put the individuals of one video in one file."""
+    """Put the individuals of one video in one file; sequences are `video/individual`, or a video."""
     groups: dict[str, list[Motion]] = {}
     for motion in motions:
-        groups.setdefault(motion.name.rpartition("/")[0], []).append(motion)
-    if len(groups) > 1 and "" in groups:  # sequences that name no individual are videos
-        return {motion.name: [motion] for motion in motions}
+        groups.setdefault(motion.name.rpartition("/")[0] or motion.name, []).append(motion)
     return groups
 
 

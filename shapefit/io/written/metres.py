@@ -12,7 +12,7 @@ from shapefit.geometry.length_units import metres_in
 from shapefit.geometry.upright import IMAGE_UP, TO_Y_UP, nearest_axis_up
 from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.output import OutputOptions
+from shapefit.io.options import OutputOptions
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.written.stature import find_extent, find_stature
 from shapefit.io.written.tracks import (
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Placed:
-    """points (n, 3, p) in metres; `axes` and `size` say in words where they come from."""
+    """points (n, 3, p) in metres, and where their `axes` and their `size` come from, in words."""
 
     points: Floats
     axes: str
@@ -158,7 +158,8 @@ def _in_the_image(upright: Floats, factor: Floats) -> Floats:
 
 def _in_the_world(records: ResultSet, factor: Floats, turn: Floats, place: str) -> Floats:
     """X = factor (shape - its origin in the image + scale t), in the world where that is known."""
-    assert records.translation is not None and records.scale is not None
+    assert records.translation is not None
+    assert records.scale is not None
     t = _per_item(records, CAMERA_TRANSLATION, (3,), place)
     assert t is not None
     shapes = records.shapes.copy()

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import counted, input_error
-from shapefit.io.output import OutputOptions
+from shapefit.io.options import OutputOptions
 from shapefit.io.records import Floats, Names
 from shapefit.io.written.metres import in_metres
 from shapefit.io.written.tracks import Track
 
 MOST_GAPS = 100
-"""Frames without an item, for each with one: more are no sequence."""
+"""Frames without an item, for each with one; with more it is no sequence."""
 
 NO_RATE = (
-    "the frame rate is unknown: times count frames, one a second; set `frame_rate` "
+    "the frame rate is unknown, so times are numbers of frames; set `frame_rate` "
     "(`sequences.frame_rate` of `fit`)"
 )
 

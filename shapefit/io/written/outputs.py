@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 
 from shapefit.errors import input_error
 from shapefit.io.layout import NOTHING_APPENDED
-from shapefit.io.output import OutputOptions, Summary
+from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_path, check_output, storage_errors
 from shapefit.io.whole.folder import staged_files

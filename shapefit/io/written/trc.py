@@ -11,7 +11,7 @@ import orjson
 
 from shapefit.errors import printable
 from shapefit.io.layout import Format
-from shapefit.io.output import OutputOptions
+from shapefit.io.options import OutputOptions
 from shapefit.io.written.motion import Motion
 from shapefit.io.written.outputs import MotionWriter, by_individual, motion_output
 
@@ -50,10 +50,9 @@ def _header(motion: Motion, path: Path) -> Iterator[str]:
     yield f"PathFileType\t4\t(X/Y/Z)\t{name}.trc\t{about}"
     yield COLUMNS.replace(" ", "\t")
     yield f"{rate}\t{rate}\t{count}\t{p}\tm\t{rate}\t{motion.first}\t{count}"
-    yield "Frame#\tTime\t" + "".join(f"{printable(name)}\t\t\t" for name in motion.landmark_names)
-    axes = (f"{axis}{number}" for number in range(1, p + 1) for axis in "XYZ")
-    yield "\t\t" + "".join(f"{axis}\t" for axis in axes)
-    yield ""
+    names = "\t\t\t".join(printable(name) for name in motion.landmark_names)
+    yield f"Frame#\tTime\t{names}\t\t"
+    yield "\t\t" + "\t".join(f"{axis}{number}" for number in range(1, p + 1) for axis in "XYZ")
 
 
 def _lines(motion: Motion, rows: slice) -> bytes:

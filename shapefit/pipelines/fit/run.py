@@ -28,8 +28,7 @@ from shapefit.io import (
     result_writer,
 )
 from shapefit.io.formats import find_target_format
-from shapefit.io.options import Track
-from shapefit.io.output import OutputOptions
+from shapefit.io.options import OutputOptions, Track
 from shapefit.io.records import nearest_names
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
