@@ -29,7 +29,7 @@ def table_output(
 
 
 def by_video(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
-    """Put the individuals of one video in one file; sequences are `video/individual`, or a video."""
+    """Put the individuals of a video in one file; a sequence is `video/individual`, or a video."""
     groups: dict[str, list[Motion]] = {}
     for motion in motions:
         groups.setdefault(motion.name.rpartition("/")[0] or motion.name, []).append(motion)
