@@ -178,7 +178,7 @@ def _plane(landmarks: Floats) -> Iterator[tuple[str, Sequence[Any]]]:
     seen: NDArray[np.bool_] = np.asarray(np.isfinite(landmarks).all(axis=2))
     points = np.where(seen[..., None], landmarks, 0.0)
     keypoints = np.concatenate([points, np.where(seen, SEEN, UNSEEN)[..., None]], axis=2)
-    yield "keypoints", list(keypoints.reshape(len(landmarks), -1))
+    yield "keypoints", list(_rows(keypoints))
     yield "num_keypoints", seen.sum(axis=1).tolist()
     least = np.where(seen[..., None], landmarks, np.inf).min(axis=1, initial=np.inf)
     most = np.where(seen[..., None], landmarks, -np.inf).max(axis=1, initial=-np.inf)
@@ -190,7 +190,13 @@ def _plane(landmarks: Floats) -> Iterator[tuple[str, Sequence[Any]]]:
 
 def _flat(points: Floats) -> list[Floats]:
     """Return points (n, 3, p) as x, y, z of one landmark after the other, for each item."""
-    return list(np.ascontiguousarray(points.swapaxes(1, 2)).reshape(len(points), -1))
+    return list(_rows(points.swapaxes(1, 2)))
+
+
+def _rows(values: Floats) -> Floats:
+    """Return the numbers (n, p, m) of each item in one row (n, p m)."""
+    n, p, m = values.shape
+    return np.ascontiguousarray(values).reshape(n, p * m)
 
 
 def _category(first: Record) -> Object:

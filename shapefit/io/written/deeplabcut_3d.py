@@ -70,7 +70,7 @@ def _lines(motions: Sequence[Motion], start: int, stop: int) -> bytes:
         own = slice(max(start - motion.first, 0), max(stop - motion.first, 0))
         points = motion.points[own]
         at = max(motion.first - start, 0)
-        cells[at : at + len(points)] = points.swapaxes(1, 2).reshape(len(points), -1)
+        cells[at : at + len(points)] = points.swapaxes(1, 2).reshape(len(points), cells.shape[1])
         parts.append(cells)
     table = np.ascontiguousarray(np.hstack(parts))
     return b"".join(_texts(table, start))

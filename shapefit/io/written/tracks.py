@@ -65,7 +65,7 @@ def find_tracks(parts: list[Solid], place: str) -> list[Track]:
     names = np.array(records.sequences or ("",) * len(records), dtype=object)
     frames = _frames(records)
     tracks = []
-    for name in dict.fromkeys(names.tolist()):
+    for name in dict.fromkeys(names.tolist()) or ("",):
         rows = np.flatnonzero(names == name)
         own = np.arange(len(rows)) if frames is None else frames[rows]
         order = np.argsort(own, kind="stable")

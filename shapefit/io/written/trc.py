@@ -58,7 +58,7 @@ def _header(motion: Motion, path: Path) -> Iterator[str]:
 def _lines(motion: Motion, rows: slice) -> bytes:
     points = motion.points[rows]
     numbers = motion.frames[rows]
-    cells = np.ascontiguousarray(points.swapaxes(1, 2).reshape(len(points), -1))
+    cells = np.ascontiguousarray(points.swapaxes(1, 2).reshape(len(points), points[0].size))
     table = np.column_stack([numbers / motion.rate, cells])
     text = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2].replace(b"null", b"")
     lines = [line.replace(b",", b"\t") for line in text.split(b"],[")]

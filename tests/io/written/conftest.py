@@ -12,23 +12,23 @@ from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT, Extras
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.skeletons import PEOPLE
 
-HEIGHTS = dict(
-    pelvis=(0, 1.0),
-    rhip=(-0.1, 0.95),
-    rknee=(-0.1, 0.5),
-    rankle=(-0.1, 0.08),
-    lhip=(0.1, 0.95),
-    lknee=(0.1, 0.5),
-    lankle=(0.1, 0.08),
-    neck=(0, 1.4),
-    head=(0, 1.65),
-    rshoulder=(-0.18, 1.42),
-    relbow=(-0.3, 1.15),
-    rwrist=(-0.35, 0.9),
-    lshoulder=(0.18, 1.42),
-    lelbow=(0.3, 1.15),
-    lwrist=(0.35, 0.9),
-)
+HEIGHTS = {
+    "pelvis": (0, 1.0),
+    "rhip": (-0.1, 0.95),
+    "rknee": (-0.1, 0.5),
+    "rankle": (-0.1, 0.08),
+    "lhip": (0.1, 0.95),
+    "lknee": (0.1, 0.5),
+    "lankle": (0.1, 0.08),
+    "neck": (0, 1.4),
+    "head": (0, 1.65),
+    "rshoulder": (-0.18, 1.42),
+    "relbow": (-0.3, 1.15),
+    "rwrist": (-0.35, 0.9),
+    "lshoulder": (0.18, 1.42),
+    "lelbow": (0.3, 1.15),
+    "lwrist": (0.35, 0.9),
+}
 """x and height of the joints, in metres."""
 
 STRAIGHT = ("hip", "knee", "ankle", "shoulder")
