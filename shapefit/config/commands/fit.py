@@ -135,8 +135,16 @@ class FitConfig(CommandConfig):
         default_factory=InputConfig.model_construct, description="How the files are read."
     )
     output: OutputOrFolder = Field(
-        description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout). "
-        "A name that ends in / is a folder: of one result file per part, and manifest.json."
+        description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout), "
+        "or TRC, C3D or JSON by its ending (docs/export.md). A name that ends in / is a folder: of "
+        "one result file per part, and manifest.json."
+    )
+    height: float | None = Field(
+        default=None,
+        gt=0,
+        le=1000,
+        description="Height of the body or object in metres, for outputs in metres (TRC, C3D); by "
+        "default it is as large as the training shapes of the dictionary.",
     )
     partition: int = Field(
         default=100_000,

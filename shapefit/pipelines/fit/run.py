@@ -27,7 +27,7 @@ from shapefit.io import (
     result_writer,
 )
 from shapefit.io.formats import find_target_format
-from shapefit.io.options import Track
+from shapefit.io.options import OutputOptions, Track
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports
@@ -65,7 +65,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     with (
         met as source,
         open_exports(config, dictionary, source.count) as exports,
-        result_writer(config.output) as writer,
+        result_writer(config.output, OutputOptions(height=config.height)) as writer,
     ):
         for images, lifting, record, seconds in fit_chunks(source, config, dictionary, chain):
             if unknown:
@@ -99,9 +99,10 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
         + find_doubts(source.head.extras, calibrated)
         + left_in
         + ambiguous.warnings
-        + exports.warnings,
-        note=exports.note,
-        written=(config.output, *exports.folders, *exports.sheets),
+        + exports.warnings
+        + writer.summary.warnings,
+        note="; ".join(filter(None, (exports.note, writer.summary.note))),
+        written=(*(writer.summary.written or (config.output,)), *exports.folders, *exports.sheets),
     )
 
 
