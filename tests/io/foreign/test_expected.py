@@ -50,6 +50,8 @@ def test_no_entry_is_left_out(real_data):
 
 @pytest.fixture(params=READ, ids=lambda entry: entry["path"])
 def entry(request, real_data) -> dict[str, Any]:
+    if tool(request.param) == "c3d":
+        pytest.importorskip("ezc3d")
     return request.param
 
 
@@ -131,9 +133,10 @@ def test_items_and_sums(entry, records, recording):
 
 
 def test_names_and_frames(entry, records, recording):
-    assert coordinates(records).shape[2] == entry["landmarks"]
+    counts = {wanted.get("landmarks", entry["landmarks"]) for wanted in readings(entry)}
+    assert coordinates(records).shape[2] in counts
     if entry["landmark_names"] is not None:
-        assert list(records.landmark_names) == entry["landmark_names"]
+        assert list(records.landmark_names[: entry["landmarks"]]) == entry["landmark_names"]
     if entry.get("individual_names") is not None:
         assert list(recording.individuals) == entry["individual_names"]
     frames = recording.frames
