@@ -274,3 +274,33 @@ def test_individuals_with_other_landmarks(tmp_path, read):
     assert found.landmarks[:, 0].tolist()[0][0] == 1
     assert np.isnan(found.landmarks[0, :, 1]).all()
     assert found.landmarks[1, :, 1].tolist() == [3, 4]
+
+
+def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
+    """Ensembles add variances; newer versions write -1 for what they did not find."""
+    (tmp_path / "t.csv").write_text(
+        "scorer,n,n,n,n,n\nbodyparts,a,a,a,a,a\ncoords,x,y,likelihood,x_ens_var,y_ens_var\n"
+        "0,1,2,0.5,9,9\n1,-1,-1,-1,9,9\n2,3,4,1,9,9\n"
+    )
+    with open_landmarks([tmp_path / "t.csv"]) as source:
+        (found,) = source.chunks(10)
+        notes = "\n".join(source.notes)
+    assert found.items == ("t/0", "t/2")
+    assert found.landmarks[:, :, 0].tolist() == [[1, 2], [3, 4]]
+    assert "columns left out: x_ens_var, y_ens_var" in notes
+    assert "1 individuals without a landmark left out" in notes
+
+
+def test_a_column_of_text_beside_the_coordinates(tmp_path, read):
+    (tmp_path / "t.csv").write_text(
+        "scorer,n,n,set\nbodyparts,a,a,\ncoords,x,y,\nv/img1.png,1,2,train\nv/img2.png,3,4,test\n"
+    )
+    assert read(tmp_path / "t.csv").items == ("t/img1", "t/img2")
+
+
+def test_a_header_that_is_longer_than_what_is_looked_at(tmp_path, rng, read):
+    for many in (2, 8, 16, 40):
+        points = rng.integers(0, 99, (2, many, 9, 2)).astype(float)
+        made.write_deeplabcut_csv(tmp_path / "t.csv", points, np.ones((2, many, 9)))
+        found = read(tmp_path / "t.csv")
+        assert (len(found), len(found.landmark_names)) == (2 * many, 9)
