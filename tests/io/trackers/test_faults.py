@@ -170,6 +170,14 @@ def test_more_than_memory_holds(tmp_path, write, problem):
     assert "tracks" in problem(path)
 
 
+def test_a_list_that_was_never_written(write, problem):
+    path = write("tracks.analysis.h5")
+    with h5py.File(path, "a") as file:
+        del file["edge_inds"]
+        file.create_dataset("edge_inds", (10**7, 2), "i8", chunks=(1, 2))
+    assert "next to nothing of it was written" in problem(path)
+
+
 HEADER = "scorer,n,n,n,n\nbodyparts,a,a,b,b\ncoords,x,y,x,y\n"
 
 

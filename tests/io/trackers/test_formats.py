@@ -11,6 +11,7 @@ from benchmarks.tracker_files import WRITERS, individual_names, landmark_names
 from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.formats import find_format
 from shapefit.io.options import InputOptions
+from shapefit.io.trackers.recognition import is_deeplabcut_csv
 
 FORMAT = {
     "table.csv": "a DeepLabCut or Lightning Pose CSV",
@@ -304,3 +305,22 @@ def test_a_header_that_is_longer_than_what_is_looked_at(tmp_path, rng, read):
         made.write_deeplabcut_csv(tmp_path / "t.csv", points, np.ones((2, many, 9)))
         found = read(tmp_path / "t.csv")
         assert (len(found), len(found.landmark_names)) == (2 * many, 9)
+
+
+def test_stated_axes_win(tmp_path, rng, read):
+    """Two of everything: without their names the axes would be taken for those of SLEAP."""
+    points, path = rng.normal(size=(2, 2, 2, 2)), tmp_path / "p.analysis.h5"
+    made.write_sleap_analysis(path, points, np.ones((2, 2, 2)))
+    want = read(path)
+    with h5py.File(path, "a") as file:
+        del file["tracks"]
+        file["tracks"] = points
+        file["tracks"].attrs["dims"] = '["frame", "track", "node", "xy"]'
+        file["point_scores"].attrs["dims"] = '["track", "node", "frame"]'
+    np.testing.assert_array_equal(read(path).landmarks, want.landmarks)
+
+
+def test_a_line_of_which_only_the_beginning_is_seen_decides_nothing(tmp_path):
+    assert is_deeplabcut_csv(tmp_path, b"scorer,a,a\nindividuals,b,b\nbodyp")
+    assert is_deeplabcut_csv(tmp_path, b"scorer,a")
+    assert not is_deeplabcut_csv(tmp_path, b"scorer,points\nme,3\nyou,4\n")
