@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -89,13 +88,6 @@ class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
     def further_datasets(self) -> tuple[str, ...]:
         """Names of the datasets that the format does not know."""
         return tuple(self._head.extras)
-
-    def renamed(self, rename: Mapping[str, str]) -> LandmarkSource:
-        """Return the same images with landmarks (old -> new name) renamed in every file."""
-        source = copy(self)
-        source._files = [_renamed(file, rename) for file in self._files]
-        source._head = _common_head([file for file in source._files if file.count] or source._files)
-        return source
 
     def _conform(self, part: LandmarkSet, place: str) -> LandmarkSet:
         """Give a part of one file the landmarks and fields of the whole source."""

@@ -34,7 +34,9 @@ from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
-from shapefit.pipelines.fit.joints import find_strange, meet_dictionary
+from shapefit.pipelines.fit.joints import as_joints, find_joints
+from shapefit.pipelines.fit.landmark_names import check_enough, find_strange, name_warnings
+from shapefit.pipelines.fit.lens import find_calibrated, find_doubts, straightened
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.searched import Ambiguous
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
@@ -48,6 +50,7 @@ READ_AHEAD = 4096
 def run(config: FitConfig) -> Iterator[Outcome]:
     """Lift every image of the landmark files; yields an Outcome per chunk."""
     check_holds_all(config)
+    calibrated = find_calibrated(config.camera)
     dictionary = read_dictionary(config.dictionary)
     chain = choose_chain(config, dictionary)
     unknown = None
@@ -58,11 +61,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     ambiguous = Ambiguous(config.search.modes)
     options = input_options(config.input, default_track(config))
     solve_seconds, done = 0.0, 0
-    opened = open_landmarks(config.landmarks, options)
-    names, place = dictionary.landmark_names, source_names(config)
-    met, joints = meet_dictionary(opened, names, options.rename, place)
     with (
-        met as source,
+        open_landmarks(config.landmarks, options) as source,
         open_exports(config, dictionary, source.count) as exports,
         result_writer(config.output) as writer,
     ):
@@ -80,6 +80,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 failures=find_failures(images, lifting, config),
                 warnings=find_warnings(images, lifting, config),
             )
+        names = name_warnings(source.landmark_names, dictionary.landmark_names)
         left_in = unknown.warnings if unknown else ()
         inputs = (*config.landmarks, config.dictionary)
         writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
@@ -91,8 +92,9 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         + source.notes
         + mismatch(config, dictionary)
         + find_renamed(source, config)
-        + joints
+        + names
         + rate_warnings(source.frame_rate, config)
+        + find_doubts(source.head.extras, calibrated)
         + left_in
         + ambiguous.warnings
         + exports.warnings,
@@ -114,10 +116,15 @@ def fit_chunks(
     source: LandmarkSource, config: FitConfig, dictionary: Dictionary, chain: Chain
 ) -> Iterator[Fitted]:
     """From landmarks to the records of a result, chunk by chunk."""
-    names = dictionary.landmark_names
-    strange = find_strange(source.landmark_names, names)
+    names, place = dictionary.landmark_names, source_names(config)
+    joints = find_joints(source.landmark_names, names)
+    met = joints.rename(source.landmark_names)
+    check_enough(met, names, place)
+    strange = find_strange(met, names)
+    calibrated = find_calibrated(config.camera)
     for chunk in find_chunks(source, config):
-        images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
+        straight = as_joints(straightened(chunk, calibrated), joints, place)
+        images = straight.arrange(names, place, leave_out=bool(strange))
         began = time.perf_counter()
         lifting = fit_images(images, dictionary, chain)
         seconds = time.perf_counter() - began
@@ -220,10 +227,14 @@ def find_warnings(
             )
         )
     if images.confidence is not None and (images.confidence > 1).any():
-        found.append(
-            "confidences above 1: they are weights, and larger ones count more against `lambda`; "
-            "divide them by their largest value if that is not intended"
+        what = (
+            "they make a landmark more precise than the model otherwise believes, whose standard "
+            "deviations they divide"
+            if METHODS[config.method].precisions
+            else "they are weights, and larger ones count more against `lambda`"
         )
+        fix = "divide them by their largest value if that is not intended"
+        found.append(f"confidences above 1: {what}; {fix}")
     plausibility = lifting.estimate.further.get("plausibility")
     if plausibility is not None:
         doubtful = int((plausibility < config.posterior.implausible).sum())
