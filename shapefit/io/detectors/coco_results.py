@@ -1,9 +1,9 @@
 """COCO results: a bare list of detections without names, as MMDet and AlphaPose write it.
 
 {image_id, category_id, keypoints [x, y, confidence, ...], score}. Confidences are taken as they
-are, and a landmark of confidence 0 is missing. AlphaPose, whose image_id is the name of a file,
-states a scale of 0 to 6 for models of COCO, and newer models of it give 0 to 1: where one in such
-a file is above 2, all are divided by 6.
+are; a landmark of 0, 0, 0 is missing, others of confidence 0 have no weight. AlphaPose, whose
+image_id is the name of a file, states a scale of 0 to 6 for models of COCO, and newer models of it
+give 0 to 1: where one in such a file is above 2, all are divided by 6.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     return as_recording(
         detections,
         values,
-        ~(values[..., 2] > 0),
+        np.asarray(~values.any(axis=2) | np.isnan(values).any(axis=2)),
         confidence=confidence,
         name=str(path),
         video=path.name.partition(".")[0],

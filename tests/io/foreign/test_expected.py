@@ -152,6 +152,9 @@ def rows_of(spot: Mapping[str, Any], entry: Mapping[str, Any], records: Any) -> 
     if tool(entry) == "sleap" and isinstance(spot["frame_label"], list):
         number = str(spot["frame_label"][1])
         rows = np.array([number in names[1:] for names in parts])
+    elif isinstance(spot["frame_label"], dict) and "port" in spot["frame_label"]:
+        end = "/port {port}/{frame_index}".format(**spot["frame_label"])
+        rows = np.array([item.endswith(end) for item in records.items])
     else:
         rows = np.asarray(records.extras[FRAME]) == spot["frame"]
     if isinstance(spot["individual"], str) and entry.get("individual_names"):
