@@ -21,7 +21,7 @@ from shapefit.io.detectors.detections import (
     image_key,
     numbered,
 )
-from shapefit.io.detectors.json_text import outline, read_json
+from shapefit.io.detectors.json_text import outline, read_json, without_collection
 from shapefit.io.foreign.recording import Floats, Recording
 
 ALPHAPOSE_LARGEST = 6.0
@@ -34,6 +34,7 @@ def is_coco_results(path: Path, head: bytes) -> bool:
     return own.kind == "[" and {"image_id", "keypoints"} <= own.keys
 
 
+@without_collection
 def record(paths: tuple[Path, ...]) -> Recording:
     """Return the detections of a file, images in the order of their first appearance."""
     path = paths[0]

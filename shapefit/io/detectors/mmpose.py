@@ -16,7 +16,7 @@ import numpy as np
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording
 from shapefit.io.detectors.frame_files import frame_files
-from shapefit.io.detectors.json_text import first_outline, outline, read_json
+from shapefit.io.detectors.json_text import first_outline, outline, read_json, without_collection
 from shapefit.io.foreign.recording import Recording
 
 FIX = "give the predictions of MMPose's inferencer"
@@ -38,6 +38,7 @@ def is_image(path: Path, head: bytes) -> bool:
     return any(_is_list_of_instances(own.kind, own.keys) for own in first_outline(path))
 
 
+@without_collection
 def record_video(paths: tuple[Path, ...]) -> Recording:
     """Return the frames of one file."""
     path = paths[0]
