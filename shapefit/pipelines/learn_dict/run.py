@@ -90,6 +90,7 @@ def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[st
         "version": __version__,
         "config": config.as_json(),
         "inputs": json.dumps(inputs),
+        **{key: text for key, text in config.origin if text is not None},
     }
     return replace(made, prior=prior, provenance=provenance)
 
@@ -197,6 +198,7 @@ def _dictionary(training: TrainingShapes, atoms: Floats) -> Dictionary:
         landmark_names=training.original.landmark_names,
         mean_shape=normalise(training.alignment.mean).points,
         edges=training.original.edges,
+        mirror_index=training.partners,
         unit=training.original.unit,
         acceleration=training.acceleration,
         edge_give=training.give,
