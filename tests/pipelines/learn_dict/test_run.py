@@ -294,7 +294,7 @@ class TestFailures:
         points = shapes.shapes.copy()
         points[4, 0, 0], points[7, 1, 2] = np.nan, np.inf
         spoiled = replace(shapes, shapes=points)
-        monkeypatch.setattr(learn_dict, "read_shapes", lambda *_: spoiled)
+        monkeypatch.setattr(learn_dict, "read_given", lambda *_: (spoiled, ()))
         outcomes, dictionary = learned(config())
         assert failures(outcomes) == dict.fromkeys(("item4", "item7"), "a coordinate is not finite")
         assert np.isfinite(dictionary.atoms).all()
