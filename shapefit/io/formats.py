@@ -97,6 +97,8 @@ def find_format(path: Path, name: str = "auto") -> FileFormat:
         raise input_error(path, "is not an HDF5 file", fix)
     if b"\0" in head and not CSV.has_suffix(path):
         raise _unknown(path, head)
+    if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"["):
+        raise _load("shapefit.io.detectors.json_text:unknown_json")(path, head)
     return CSV
 
 
