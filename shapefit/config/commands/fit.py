@@ -136,8 +136,8 @@ class FitConfig(CommandConfig):
     )
     output: OutputOrFolder = Field(
         description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout), "
-        "or TRC, C3D or JSON by its ending (docs/export.md). "
-        "A name that ends in / is a folder: of one result file per part, and manifest.json."
+        "or TRC, C3D or JSON by its ending (docs/export.md). A name that ends in / is a folder: of "
+        "one result file per part, and manifest.json."
     )
     height: float | None = Field(
         default=None,

@@ -41,7 +41,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     """
     check_output(config.output)
     with open_shapes(config.shapes, input_options(config.input)) as source:
-        (given,) = source.chunks(max(source.count, 1))
+        given = source.whole()
     making = make_dictionary(given, config, digests(config.shapes))
     outcome = next(making)
     outcome = replace(outcome, warnings=source.notes + outcome.warnings)
