@@ -125,8 +125,8 @@ def fit_chunks(
     strange = find_strange(met, names)
     calibrated = find_calibrated(config.camera)
     for chunk in find_chunks(source, config):
-        straight = straightened(chunk, calibrated)
-        images = straight.arrange(names, source_names(config), leave_out=bool(strange))
+        straight = as_joints(straightened(chunk, calibrated), joints, place)
+        images = straight.arrange(names, place, leave_out=bool(strange))
         began = time.perf_counter()
         lifting = fit_images(images, dictionary, chain)
         seconds = time.perf_counter() - began
