@@ -33,7 +33,7 @@ from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
-from shapefit.pipelines.fit.joints import find_joints
+from shapefit.pipelines.fit.joints import as_joints, find_joints
 from shapefit.pipelines.fit.landmark_names import check_enough, find_strange, name_warnings
 from shapefit.pipelines.fit.lens import find_calibrated, find_doubts, straightened
 from shapefit.pipelines.fit.record import as_result, find_renamed
