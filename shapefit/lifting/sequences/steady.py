@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from shapefit.lifting.sequences.banded import DIFFERENCE
-
 Floats = NDArray[np.float64]
+
+DIFFERENCE = (1.0, -2.0, 1.0)
 
 
 def steady(means: Floats, deviations: Floats, acceleration: Floats) -> Floats:
