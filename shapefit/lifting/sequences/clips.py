@@ -109,13 +109,9 @@ def refine_clip(
     sd = clips.deviation[clip][there] / unit
     model = Model(motion.bones, acceleration**-2, motion.give, motion.known)
     sigma = find_noise(seen, model)
-    smoothed = None if sigma is None else smooth(seen, model, sigma, deviations=True)
-    if (
-        sigma is None
-        or smoothed is None
-        or smoothed.deviation is None
-        or contradicts(seen.start[there], smoothed.points[there], sd)
-    ):
+    smoothed = smooth(seen, model, sigma, deviations=True)
+    assert smoothed.deviation is not None
+    if contradicts(seen.start[there], smoothed.points[there], sd):
         spread = np.full_like(seen.start, np.inf)
         spread[there] = sd
         found.points[rows] = unit * steady(seen.start, spread, acceleration)[there]
