@@ -26,6 +26,9 @@ SHARED = 20.0
 """How much larger a landmark's constant error may be than what is left of it in the residuals: most
 of it bends the body instead."""
 
+ROUNDS = 6
+"""Steps at each level: the next one goes on from there."""
+
 WINDOW = 120
 """Frames in the middle of a sequence from which the noise is found."""
 
@@ -50,12 +53,12 @@ def find_noise(seen: Observations, model: Model) -> float:
     first = max(0, (len(seen) - WINDOW) // 2)
     part = seen.take(slice(first, first + WINDOW))
     best = min(FIRST, len(levels) - 1)
-    first_level, at = best, smooth(part, model, levels[best])
+    first_level, at = best, smooth(part, model, levels[best], rounds=ROUNDS)
     for step in (-1, 1):
         tried = best + step
         found: Smoothed = at
         while 0 <= tried < len(levels):
-            found = smooth(part, model, levels[tried], found)
+            found = smooth(part, model, levels[tried], found, rounds=ROUNDS)
             if found.log_evidence <= at.log_evidence:
                 break
             best, at, tried = tried, found, tried + step

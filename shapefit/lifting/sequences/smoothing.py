@@ -29,7 +29,7 @@ from shapefit.lifting.sequences.observations import Observations
 Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-STILL = 1e-5
+STILL = 1e-2
 """Rounds end when one lowers the objective by a smaller share of the number of frames."""
 
 
@@ -69,7 +69,7 @@ def smooth(
     model: Model,
     noise: float,
     start: Smoothed | None = None,
-    rounds: int = 12,
+    rounds: int = 8,
     deviations: bool = False,
 ) -> Smoothed:
     """Minimise the objective above for landmarks of the given noise, from a start or the images."""
