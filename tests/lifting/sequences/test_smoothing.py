@@ -220,7 +220,7 @@ def test_single_images_cost_next_to_nothing(rng):
     motion = clips_of.Motion(np.array([[0, 1]]), np.ones(p), np.ones(1))
     names = tuple(map(str, range(n)))
     began = time.process_time()
-    found, deviation, noise = clips_of.refine_clips(clips, names, motion, threads=1)
+    found, deviation, _, noise = clips_of.refine_clips(clips, names, motion, threads=1)
     assert time.process_time() - began < 20e-6 * n
     np.testing.assert_array_equal(found, points)
     assert np.isnan(deviation).all()
