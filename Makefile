@@ -15,6 +15,8 @@
 #   make bench        speed relative to the previous release and other solvers; fails below a floor
 #                     (DATA=FOLDER motion capture, CARS=FOLDER cars, BENCH_OPTIONS='--only CASE --quick')
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
+#   make people       the dictionary of the package, learned anew from motion capture (DATA=FOLDER)
+#   make bodies       how that dictionary does on each of its bodies when it is left out
 #   make detected     landmarks that networks detected, against their 3D truth (DATA=FOLDER as above)
 #   make cars         real cars: report, meshes, pictures, outliers (DATA=FOLDER as above)
 
@@ -32,7 +34,7 @@ CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper detected cars bench clean
+.PHONY: demo test fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper people bodies detected cars bench clean
 
 demo: $(RUNS)
 	$(call chain,demo)
@@ -82,6 +84,13 @@ paper: $(RUNS)
 	for sweep in $(PAPER_SWEEPS); do \
 	    $(SHAPEFIT) sweep -c configs/paper/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(BIN)/python -m benchmarks.paper_index results/paper
+
+people: $(RUNS)
+	$(SHAPEFIT) learn-dict -c configs/people/learn-box.yaml $(SET_DATA)
+	$(BIN)/python building/ship_dictionary.py results/people/box.h5 shapefit/dictionaries/people.h5
+
+bodies: $(RUNS)
+	$(BIN)/python -m benchmarks.bodies $(if $(DATA),--data '$(DATA)')
 
 detected: $(RUNS)
 	$(BIN)/python -m benchmarks.detected $(if $(DATA),--data '$(DATA)')

@@ -129,8 +129,11 @@ def of_landmarks(shapes: ShapeSet, columns: np.ndarray[tuple[int], np.dtype[np.i
     )
 
 
-def measure(case: Case, data: Path, methods: Sequence[str]) -> Path:
-    """Fit one case by the methods and judge them; the report as JSON."""
+def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") -> Path:
+    """Fit one case by the methods and judge them; the report as JSON.
+
+    `people` is the dictionary of people with a prior, by default the one of subject 86.
+    """
     folder = FOLDER / case.name.replace(", ", "-").replace(" ", "-")
     folder.mkdir(parents=True, exist_ok=True)
     if case.learn is None:
@@ -140,6 +143,8 @@ def measure(case: Case, data: Path, methods: Sequence[str]) -> Path:
     else:
         plain, prior = (learn(config, data) for config in case.learn)
         landmarks, truth = (data / f"{name}.h5" for name in (case.landmarks, case.truth))
+        if people and case.learn is PEOPLE:
+            prior = Path(people)
     known = names_of(landmarks)
     rename = {old: new for old, new in case.rename.items() if old in known}
     renamed = ["--set", f"rename={json.dumps(rename)}"] if rename else []
@@ -196,12 +201,13 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=Path("../shared/data/detected"))
     parser.add_argument("--only", nargs="*", default=[], help="beginnings of the names of cases")
     parser.add_argument("--methods", nargs="*", default=METHODS, choices=METHODS)
+    parser.add_argument("--people", default="", help="dictionary in place of subject 86's: people")
     given = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
     rows, regions = [], []
     for case in CASES:
         if not given.only or case.name.startswith(tuple(given.only)):
-            report = measure(case, given.data, given.methods)
+            report = measure(case, given.data, given.methods, given.people)
             rows.append([case.name, *cells(report, given.methods)])
             regions.append([case.name, *coverage(report)])
             print(" | ".join(rows[-1]), flush=True)

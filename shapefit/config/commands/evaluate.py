@@ -9,10 +9,11 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
+from shapefit.config.dictionaries import DictionaryPath
 from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots
 from shapefit.config.named_files import NamedFiles
-from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
+from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath
 from shapefit.errors import listed
 from shapefit.evaluation.metric_table import METRICS, of_fits, of_labels
 
@@ -47,7 +48,7 @@ def _number_or_names(value: Any) -> int | tuple[str, ...]:
 class FloorsConfig(ConfigModel):
     """What a dictionary can reach at all: similarity errors of the truth, without any fit."""
 
-    dictionary: InputPath = Field(
+    dictionary: DictionaryPath = Field(
         description="Dictionary whose mean shape, nearest atom and best non-negative "
         "combination get their own rows, each aligned with the truth as well as "
         "possible; without `floors` there are no such rows."
