@@ -16,6 +16,7 @@ from shapefit.dictionary.coding import duality_gaps, objectives
 from shapefit.dictionary.learning import Learned, learn
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.pca_bases import principal_components
+from shapefit.dictionary.size import find_edge_length
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import ShapeSet, check_output, digests, open_shapes, write_dictionary
@@ -187,14 +188,16 @@ def _dead_atoms(learned: Learned) -> Iterator[str]:
 
 def _dictionary(training: TrainingShapes, atoms: Floats) -> Dictionary:
     """Return what the dictionaries of all methods have."""
+    edges = training.original.edges
     return Dictionary(
         atoms=atoms,
         landmark_names=training.original.landmark_names,
         mean_shape=normalise(training.alignment.mean).points,
-        edges=training.original.edges,
+        edges=edges,
         mirror_index=training.partners,
         unit=training.original.unit,
         acceleration=training.acceleration,
         edge_give=training.give,
+        edge_length=None if edges is None else find_edge_length(training.original.shapes, edges),
         frame_rate=None if training.acceleration is None else training.original.frame_rate,
     )
