@@ -85,8 +85,9 @@ def refine_clips(
 
     All but correlations in the unit of the landmarks. nan in deviations, correlations and noise
     where the inference is that of the images: one is alone or nearly so in its sequence, or the
-    sequence adds nothing (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but steadied. Sequences are
-    refined on `threads` threads, 0 means one per core; the results do not depend on them.
+    sequence adds nothing (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but
+    steadied. Sequences are refined on `threads` threads, 0 means one per core; the results do not
+    depend on them.
     """
     unknown = np.full_like(clips.points, np.nan)
     noise = np.full(len(clips.points), np.nan)
