@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.core.stretches import on_threads
 from shapefit.lifting.posterior.posterior import Modes
 from shapefit.lifting.sequences.noise import find_haste, find_noise
 from shapefit.lifting.sequences.observations import Observations, observe
 from shapefit.lifting.sequences.smoothing import Model, smooth
 from shapefit.lifting.sequences.steady import steady
-from shapefit.lifting.sequences.uncertainty import deviations
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -48,6 +49,15 @@ class Motion:
     known: Floats | None = None
 
 
+class Refined(NamedTuple):
+    """Points, deviations, correlations (n, 3, p) and noise (n,): each sequence writes its own."""
+
+    points: Floats
+    deviation: Floats
+    correlation: Floats
+    noise: Floats
+
+
 @dataclass(frozen=True)
 class Clips:
     """n images, sequence after sequence, in the unit of the landmarks.
@@ -69,46 +79,50 @@ class Clips:
 
 
 def refine_clips(
-    clips: Clips, sequences: Sequence[str], motion: Motion
+    clips: Clips, sequences: Sequence[str], motion: Motion, threads: int = 0
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Points (n, 3, p), their deviations and correlations, and the noise (n,) of their sequence.
 
     All but correlations in the unit of the landmarks. nan in deviations, correlations and noise
     where the inference is that of the images: one is alone or nearly so in its sequence, or the
     sequence adds nothing (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but
-    steadied.
+    steadied. Sequences are refined on `threads` threads, 0 means one per core; the results do not
+    depend on them.
     """
-    points = clips.points.copy()
-    deviation, correlation = np.full_like(points, np.nan), np.full_like(points, np.nan)
-    noise = np.full(len(points), np.nan)
+    unknown = np.full_like(clips.points, np.nan)
+    noise = np.full(len(clips.points), np.nan)
+    found = Refined(clips.points.copy(), unknown, unknown.copy(), noise)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
     fewest = FEWEST if motion.known is None else 1
-    for clip in parts(sequences):
-        if known[clip].sum() < fewest:
-            continue
-        there = known[clip]
-        unit = float(np.median(clips.scale[clip][there]))
-        seen = in_unit(clips, clip, unit)
-        acceleration = motion.acceleration * find_haste(seen, motion.acceleration)
-        rows = np.arange(clip.start, clip.stop)[there]
-        sd = clips.deviation[clip][there] / unit
-        model = Model(motion.bones, acceleration**-2, motion.give, motion.known)
-        sigma = find_noise(seen, model)
-        found = None if sigma is None else smooth(seen, model, sigma)
-        if (
-            sigma is None
-            or found is None
-            or contradicts(seen.start[there], found.points[there], sd)
-        ):
-            spread = np.full_like(seen.start, np.inf)
-            spread[there] = sd
-            points[rows] = unit * steady(seen.start, spread, acceleration)[there]
-            continue
-        points[rows] = unit * found.points[there]
-        spread, mixed = deviations(seen, model, sigma, found)
-        deviation[rows], correlation[rows] = unit * spread[there], mixed[there]
-        noise[rows] = unit * sigma
-    return points, deviation, correlation, noise
+    there = np.concatenate([[0], np.cumsum(known)])
+    long = [clip for clip in parts(sequences) if there[clip.stop] - there[clip.start] >= fewest]
+    on_threads(long, lambda clip: refine_clip(clips, clip, known[clip], motion, found), threads)
+    return found.points, found.deviation, found.correlation, found.noise
+
+
+def refine_clip(
+    clips: Clips, clip: slice, there: NDArray[np.bool_], motion: Motion, found: Refined
+) -> None:
+    """Refine the images of one sequence, of which some are `there` (t,), and write them down."""
+    unit = float(np.median(clips.scale[clip][there]))
+    seen = in_unit(clips, clip, unit)
+    acceleration = motion.acceleration * find_haste(seen, motion.acceleration)
+    rows = np.arange(clip.start, clip.stop)[there]
+    sd = clips.deviation[clip][there] / unit
+    model = Model(motion.bones, acceleration**-2, motion.give, motion.known)
+    sigma = find_noise(seen, model)
+    smoothed = smooth(seen, model, sigma, deviations=True)
+    assert smoothed.deviation is not None
+    assert smoothed.correlation is not None
+    if contradicts(seen.start[there], smoothed.points[there], sd):
+        spread = np.full_like(seen.start, np.inf)
+        spread[there] = sd
+        found.points[rows] = unit * steady(seen.start, spread, acceleration)[there]
+        return
+    found.points[rows] = unit * smoothed.points[there]
+    found.deviation[rows] = unit * smoothed.deviation[there]
+    found.correlation[rows] = smoothed.correlation[there]
+    found.noise[rows] = unit * sigma
 
 
 def contradicts(images: Floats, sequence: Floats, sd: Floats) -> bool:
