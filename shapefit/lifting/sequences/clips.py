@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -29,6 +29,10 @@ FARTHEST = 0.6
 Where images and sequence agree it is below 0.5 on subject 86, whatever the noise; where it is
 larger, bones are not rigid, landmarks are grossly wrong, or the prior is too sure.
 """
+
+WIDEST = 3.0
+"""Standard deviation of a coordinate, in the size of the landmarks, beyond which an image says
+nothing: its posterior then has next to no scale. The frames beside it place it."""
 
 MOST = 4096
 """Frames that are refined together; longer sequences are cut into parts of about one length."""
@@ -92,22 +96,37 @@ def refine_clips(
     unknown = np.full_like(clips.points, np.nan)
     noise = np.full(len(clips.points), np.nan)
     found = Refined(clips.points.copy(), unknown, unknown.copy(), noise)
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
+    known = finite & (np.sqrt((clips.deviation**2).mean(axis=(1, 2))) < WIDEST * clips.scale)
+    clips = replace(
+        clips,
+        scale=np.where(known, clips.scale, np.nan),
+        points=np.where(known[:, None, None], clips.points, np.nan),
+    )
     fewest = FEWEST if motion.known is None else 1
     there = np.concatenate([[0], np.cumsum(known)])
     long = [clip for clip in parts(sequences) if there[clip.stop] - there[clip.start] >= fewest]
-    on_threads(long, lambda clip: refine_clip(clips, clip, known[clip], motion, found), threads)
+
+    def refine(clip: slice) -> None:
+        refine_clip(clips, clip, known[clip], finite[clip], motion, found)
+
+    on_threads(long, refine, threads)
     return found.points, found.deviation, found.correlation, found.noise
 
 
 def refine_clip(
-    clips: Clips, clip: slice, there: NDArray[np.bool_], motion: Motion, found: Refined
+    clips: Clips,
+    clip: slice,
+    there: NDArray[np.bool_],
+    finite: NDArray[np.bool_],
+    motion: Motion,
+    found: Refined,
 ) -> None:
-    """Refine the images of one sequence, of which some are `there` (t,), and write them down."""
+    """Refine one sequence from the images that are `there` (t,); write down the finite ones."""
     unit = float(np.median(clips.scale[clip][there]))
     seen = in_unit(clips, clip, unit)
     acceleration = motion.acceleration * find_haste(seen, motion.acceleration)
-    rows = np.arange(clip.start, clip.stop)[there]
+    rows = np.arange(clip.start, clip.stop)[finite]
     sd = clips.deviation[clip][there] / unit
     model = Model(motion.bones, acceleration**-2, motion.give, motion.known)
     sigma = find_noise(seen, model)
@@ -117,11 +136,11 @@ def refine_clip(
     if contradicts(seen.start[there], smoothed.points[there], sd):
         spread = np.full_like(seen.start, np.inf)
         spread[there] = sd
-        found.points[rows] = unit * steady(seen.start, spread, acceleration)[there]
+        found.points[rows] = unit * steady(seen.start, spread, acceleration)[finite]
         return
-    found.points[rows] = unit * smoothed.points[there]
-    found.deviation[rows] = unit * smoothed.deviation[there]
-    found.correlation[rows] = smoothed.correlation[there]
+    found.points[rows] = unit * smoothed.points[finite]
+    found.deviation[rows] = unit * smoothed.deviation[finite]
+    found.correlation[rows] = smoothed.correlation[finite]
     found.noise[rows] = unit * sigma
 
 
