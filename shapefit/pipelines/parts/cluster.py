@@ -96,7 +96,7 @@ def on_cluster(client: Any, jobs: Iterable[Job]) -> Iterator[Done]:
     A worker that dies has its part done by another one. A part that fails again and again is
     reported with its error. Raises InputError where the scheduler is lost.
     """
-    from distributed import as_completed
+    from distributed import CancelledError, as_completed
 
     waiting = iter(jobs)
     parts: dict[str, Job] = {}
@@ -113,11 +113,16 @@ def on_cluster(client: Any, jobs: Iterable[Job]) -> Iterator[Done]:
     ended = as_completed(submitted(AHEAD * max(1, sum(client.nthreads().values()))))
     for future in ended:
         job = parts.pop(future.key)
-        if future.cancelled():  # all that it holds for a client is cancelled with its connection
-            found = "the scheduler is gone; what is done stays"
-            fix = "start it and its workers again, and run the same command again"
-            raise input_error(place, found, fix)
-        yield future.result() if future.status == "finished" else failed(job, future.exception())
+        if future.status == "error":
+            yield failed(job, future.exception())
+        else:
+            try:
+                done = future.result()
+            except (OSError, CancelledError):  # all that is asked for ends with the connection
+                found = "the scheduler is gone; what is done stays"
+                fix = "start it and its workers again, and run the same command again"
+                raise input_error(place, found, fix) from None
+            yield done
         ended.update(submitted(1))
 
 

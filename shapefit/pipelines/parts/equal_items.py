@@ -46,13 +46,13 @@ def find_equal(parts: Sequence[Path]) -> Equal:
     """Return the items that are in two or more of these results."""
     count = 0
     examples: list[tuple[str, Path, Path]] = []
-    if len(parts) < 2:  # noqa: PLR2004
+    if len(parts) < 2:
         return Equal(0, ())
     for hashes in _met_twice(parts):
         where: dict[str, tuple[Path, Path | None]] = {}
         for part in parts:
             for names in _items(part):
-                for row in np.flatnonzero(np.isin(_hashed(names), hashes)):
+                for row in np.flatnonzero(np.isin(_hashed(names), hashes)).tolist():
                     name = names[row]
                     first, second = where.setdefault(name, (part, None))
                     if first != part and second is None:
@@ -66,9 +66,7 @@ def find_equal(parts: Sequence[Path]) -> Equal:
 def _met_twice(parts: Sequence[Path]) -> Iterator[np.ndarray]:
     """Yield the hashes that are there twice, a limited number at a time."""
     with ExitStack() as files:
-        buckets = [
-            files.enter_context(TemporaryFile(dir=parts[0].parent)) for _ in range(BUCKETS)
-        ]
+        buckets = [files.enter_context(TemporaryFile(dir=parts[0].parent)) for _ in range(BUCKETS)]
         for part in parts:
             for names in _items(part):
                 _sort_out(_hashed(names), buckets)

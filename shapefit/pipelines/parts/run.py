@@ -25,7 +25,6 @@ from shapefit.pipelines.parts.cluster import (
     on_cluster,
     wants_cluster,
 )
-from shapefit.pipelines.parts.equal_items import find_equal
 from shapefit.pipelines.parts.manifest import (
     Manifest,
     describe,
@@ -170,6 +169,8 @@ def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Ite
 
 def _warn_of_equal(results: Sequence[Path]) -> tuple[Counted, ...]:
     """Warn of items that are in two parts."""
+    from shapefit.pipelines.parts.equal_items import find_equal
+
     equal = find_equal(results)
     if not equal.count:
         return ()

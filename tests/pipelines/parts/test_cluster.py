@@ -166,9 +166,9 @@ def test_processes_of_this_machine(data):
     assert done.returncode == 0, done.stderr
     same_bits(data, "local/")
     lines = done.stderr.splitlines()
-    assert len(lines) == 2, done.stderr
     assert lines[0].startswith("Dask: 2 workers; dashboard: http://127.0.0.1:")
-    assert f"{PARTS} of {PARTS} parts done" in lines[1]
+    assert f"{PARTS} of {PARTS} parts done" in lines[-1]
+    assert all(line.startswith("fit: ") for line in lines[1:]), done.stderr  # none of Dask's own
     assert done.stdout == ""
 
 
@@ -230,7 +230,7 @@ def test_a_killed_scheduler(data):
         lines = told.decode().splitlines()
         assert process.returncode == 2, told
         assert lines[-1].startswith(f"Error: {own.address}: the scheduler is gone"), told
-        assert len(lines) == 2, told
+        assert not any("distributed" in line for line in lines), told
     before = listed(data / "scheduler")
     assert 1 <= len(before) < PARTS
     done = fit(data, "scheduler/")
