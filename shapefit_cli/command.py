@@ -114,10 +114,10 @@ def follow(outcomes: Iterable[Outcome], report: Report, *, shows_notes: bool) ->
     with Progress(report) as progress, closing(outcomes) as each:  # type: ignore[type-var]
         for outcome in each:
             report.add(outcome)
-            for line in outcome.listing:
-                click.echo(printable(line))
-            if outcome.told:
-                progress.tell(outcome.told)
+            for row in outcome.listing:
+                click.echo(printable(row))
+            if outcome.line:
+                progress.show(outcome.line)
             progress.advance(outcome.done, outcome.total, outcome.note if shows_notes else "")
 
 

@@ -52,7 +52,7 @@ class Progress:
             self._last = time.monotonic()
             tell(self._line(total, note))
 
-    def tell(self, line: str) -> None:
+    def show(self, line: str) -> None:
         """Show a line of its own, above the bar."""
         if self._report.quiet:
             return

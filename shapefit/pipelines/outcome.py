@@ -45,7 +45,7 @@ class Outcome:
 
     `done` items of `total` (None where it is not known) were finished by this part, `failures`
     of them without a result; `unit` is what the items are, where that depends on the config;
-    `note` is a short state of the work for a progress bar, `told` a line to be shown at once,
+    `note` is a short state of the work for a progress bar, `line` is to be shown at once,
     `listing` the lines that the command was asked for, `written` the files that now stand complete.
     """
 
@@ -55,7 +55,7 @@ class Outcome:
     warnings: tuple[str | Counted, ...] = ()
     unit: str = ""
     note: str = ""
-    told: str = ""
+    line: str = ""
     listing: tuple[str, ...] = ()
     written: tuple[Path, ...] = ()
 

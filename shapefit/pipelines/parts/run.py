@@ -137,7 +137,7 @@ def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Ite
     try:
         for done in _do(config, [Job(part, config, folder) for part in todo]):
             if isinstance(done, str):
-                yield Outcome(told=done)
+                yield Outcome(line=done)
                 continue
             if done.error is not None:
                 lost.append(Failure(done.part.file, f"{_words(done.part)}: {done.error}"))
