@@ -1,4 +1,4 @@
-"""`fit` into a folder, two processes, beside plain `fit`: images a second and core, cost of a part.
+"""`fit` into a folder, two processes, beside plain `fit`: rates per core, and the cost of a part.
 
 Both sides run in turns on tiled sample data, as whole commands, in time of the processor of the
 command and of all processes that it started; `threads` is 1.
