@@ -175,7 +175,8 @@ class Method:
     one_rotation   all atoms share one rotation
     mixes_atoms    shapes are R sum_i c_i B_i (or sum_i c_i R_i B_i), so that whatever belongs to
                    the atoms, as their meshes, can be mixed alike
-    perspective    may be refined under a perspective camera
+    perspective    "refined": under a perspective camera it is followed by a refinement; "own": it
+                   looks through the camera itself; "none"
     sequences      lifts whole sequences: its images are followed by the stage of sequences
     tolerance      the default of `solver.tolerance`
     """
@@ -191,7 +192,7 @@ class Method:
     proves: Literal["optimum", "bound", "global", "nothing"] = "nothing"
     one_rotation: bool = True
     mixes_atoms: bool = True
-    perspective: bool = True
+    perspective: Literal["refined", "own", "none"] = "refined"
     sequences: bool = False
     tolerance: float = 1e-6
 
@@ -257,7 +258,7 @@ METHODS: dict[str, Method] = {
         ),
         yields=frozenset({"coefficients", "active_atoms"}),
         mixes_atoms=False,
-        perspective=False,
+        perspective="none",
     ),
     "mean-shape": Method(
         run="shapefit.lifting.shared_rotation.methods:pose_mean_shape",
@@ -276,7 +277,7 @@ METHODS: dict[str, Method] = {
         further=("log_evidence", "plausibility", "belief"),
         proves="bound",
         mixes_atoms=False,
-        perspective=False,
+        perspective="own",
     ),
     "sequences": Method(
         run="shapefit.lifting.sequences.method:lift_frames",
@@ -294,7 +295,7 @@ METHODS: dict[str, Method] = {
         further=("log_evidence", "plausibility", "belief", "sequence_noise"),
         proves="bound",
         mixes_atoms=False,
-        perspective=False,
+        perspective="none",
         sequences=True,
     ),
 }

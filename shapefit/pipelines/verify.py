@@ -152,7 +152,7 @@ def explain(terms: Terms) -> list[str]:
     said = []
     if terms.is_program:
         said.append("The optimum of the convex program is proved to the gap stated.")
-    elif terms.has_program and terms.perspective:
+    elif terms.has_program and terms.perspective and terms.method not in STARTED:
         said.append(
             "The optimum of the convex program from which the refinement under perspective starts "
             "is proved; no bound is known for the result of the refinement."

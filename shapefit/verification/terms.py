@@ -69,7 +69,8 @@ class Terms:
     @property
     def has_one_rotation(self) -> bool:
         """Whether the shapes are R sum_i c_i B_i with the rotation and coefficients stored."""
-        return self.perspective or self.method in (*REFINED, *LOCAL, GLOBAL)
+        refined = self.perspective and self.method not in STARTED
+        return refined or self.method in (*REFINED, *LOCAL, GLOBAL)
 
     @property
     def bound(self) -> float:

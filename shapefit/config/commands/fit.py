@@ -27,6 +27,7 @@ from shapefit.lifting.methods import (
     summarise,
     those,
 )
+from shapefit.lifting.options import PerspectiveOptions
 
 if TYPE_CHECKING:
     MethodName = str
@@ -271,7 +272,14 @@ class FitConfig(CommandConfig):
                 f"`rotations: {self.rotations}` belongs to the method {free} and weak perspective; "
                 "the others have one rotation per image: leave it out"
             )
-        if not (weak or method.perspective):
+        if not weak and method.perspective == "own":
+            for key in ("ridge", "softness"):
+                if getattr(self.camera, key) != getattr(PerspectiveOptions, key):
+                    raise ValueError(
+                        f"`camera: {{{key}: ...}}` belongs to the refinement under perspective, "
+                        f"which the method {self.method} does without; leave it out"
+                    )
+        if not weak and method.perspective == "none":
             raise ValueError(
                 f"`camera: {{model: perspective}}` does not work with the method {self.method}; "
                 "take another"

@@ -2,8 +2,8 @@
 
 w_j = s (P_j R x_j + t) + e_j,  x ~ sum_k pi_k N(mu_k, C_k),  e_j ~ N(0, s^2 v_j I + V_j)
 
-P_j takes the first two rows under weak perspective, and follows the ray of landmark j where a camera
-is known.
+P_j takes the first two rows under weak perspective; where a camera is known it follows the ray of
+landmark j.
 """
 
 from __future__ import annotations

@@ -30,6 +30,7 @@ from shapefit.lifting.options import PerspectiveOptions
 from shapefit.pipelines.fit.dictionary_kind import check_needs
 
 if TYPE_CHECKING:
+    from shapefit.geometry.pinhole import Camera
     from shapefit.lifting.methods import Solve
     from shapefit.pipelines.fit.outlier_search import Agreement
 
@@ -53,6 +54,7 @@ class Chain:
     search: Search | None
     program: Program
     method: Callable[[Dictionary], Estimator]
+    camera: Callable[[LandmarkSet], Camera] | None
     view: View | None
     sequences: Refinement | None
 
@@ -85,6 +87,7 @@ def lift_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Li
         chain.program,
         chain.method(dictionary),
         find_covariance(images),
+        None if chain.camera is None else chain.camera(images),
     )
     if agreed is not None:
         lifting = agreed.label(lifting)
@@ -106,6 +109,7 @@ def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
         program=choose_program(config),
         search=choose_search(config, solve),
         method=lambda part: choose_method(config.method, choose_settings(config, part, solve)),
+        camera=choose_camera(config),
         view=choose_view(config),
         leave_out=choose_groups(config, dictionary),
     )
@@ -136,13 +140,22 @@ def choose_search(config: FitConfig, solve: Solve) -> Search | None:
 
 def choose_view(config: FitConfig) -> View | None:
     """Return what follows weak perspective: nothing, or refinement under the full projection."""
-    if config.camera.model == "weak-perspective":
+    if config.camera.model == "weak-perspective" or METHODS[config.method].perspective != "refined":
         return None
     from shapefit.pipelines.fit.intrinsics import refine_through_camera
 
     options = choose_options(config)
     views = AlternationOptions(views=config.alternation.views).number_of_views
     return partial(refine_through_camera, config=config.camera, options=options, views=views)
+
+
+def choose_camera(config: FitConfig) -> Callable[[LandmarkSet], Camera] | None:
+    """Return what finds the cameras of images for a method that looks through them itself."""
+    if config.camera.model == "weak-perspective" or METHODS[config.method].perspective != "own":
+        return None
+    from shapefit.pipelines.fit.intrinsics import find_camera
+
+    return partial(find_camera, config=config.camera)
 
 
 def choose_options(config: FitConfig) -> PerspectiveOptions:
