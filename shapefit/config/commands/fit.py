@@ -181,8 +181,8 @@ class FitConfig(CommandConfig):
         default=None,
         min_length=1,
         description="Dataset of the landmarks that names, for each image, the training shape "
-        "whose atoms its fit must not use (dictionaries of exemplars); `item` if "
-        "images are named after training shapes.",
+        "whose atoms its fit must not use (dictionaries of exemplars; methods without a "
+        "prior); `item` if images are named after training shapes.",
     )
     outliers: OutliersConfig = Field(
         default_factory=OutliersConfig.model_construct,
@@ -259,6 +259,12 @@ class FitConfig(CommandConfig):
             raise ValueError(
                 f"`loss: {self.loss}` and `outliers: {{method: {self.outliers.method}}}` are both "
                 "data terms; leave out one of them"
+            )
+        if self.leave_out is not None and any(need.name == "prior" for need in method.needs):
+            raise ValueError(
+                f"`leave_out` leaves out atoms, but the prior of the method {self.method} was "
+                "learned from all shapes; use another method, or a dictionary learned without the "
+                "shapes"
             )
         weak = self.camera.model == "weak-perspective"
         if self.search.modes and not weak:
