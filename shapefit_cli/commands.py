@@ -164,6 +164,41 @@ it.""",
         prints_note=True,
     ),
     Spec(
+        "convert",
+        pipeline="convert",
+        unit="item",
+        summary="Write landmarks, shapes or results in another format.",
+        text="""Write landmarks, shapes or results in another format.
+
+INPUTs are files of any format that can be read, or folders with one file per frame; docs/formats.md
+lists them. The format of the output follows from its name, or --to.""",
+        examples="""\
+  shapefit convert mouseDLC.csv -o mouse.h5
+  shapefit convert cam01_json/ -o man.h5 --set keypoints=body_25b --set track=nearest
+  shapefit convert labels.slp -o - --set individual=mouse1 > mouse1.csv
+  shapefit convert walk.c3d -o walk.h5""",
+        parameters=(
+            _files("files", "INPUT..."),
+            _output("OUTPUT", "File to write; - is stdout (CSV)."),
+            click.Option(["--to"], metavar="FORMAT", help="Format to write, such as hdf5 or csv."),
+        ),
+    ),
+    Spec(
+        "info",
+        pipeline="info",
+        unit="file",
+        summary="Tell what files hold, and how to go on.",
+        text="""Tell what files hold, and the command to go on with.
+
+FILEs are of any format that can be read, or folders with one file per frame.""",
+        examples="""\
+  shapefit info mouseDLC.h5
+  shapefit info cam01_json/ result.h5
+  shapefit info people""",
+        parameters=(_files("files", "FILE..."),),
+        prints_note=True,
+    ),
+    Spec(
         "view",
         pipeline="view.run",
         unit="frame",

@@ -208,7 +208,8 @@ class Writer:
 '''
 
 POINTS_ENTRY = """
-from shapefit.io.formats import FORMATS, FileFormat
+from shapefit.io.foreign.file_format import FileFormat
+from shapefit.io.formats import FORMATS
 FORMATS["points"] = FileFormat(
     title="a points file", suffixes=(".points",), recogniser="toy:is_points",
     readers={"landmarks": "toy:read_points"}, writer="toy:write_points", writes=("landmarks",),
@@ -260,4 +261,4 @@ class TestAFormatIsAFileAndAnEntry:
         assert "result.points: a result cannot be points; give it a name in .h5" in done.stderr
         done = toy.run("fit", "views.h5", "-d", "views.points", "-o", "result.h5")
         assert done.returncode == 2
-        assert "views.points: is not an HDF5 file; give a shapefit-dictionary file" in done.stderr
+        assert "views.points: is a points file, not an HDF5 file; give a" in done.stderr

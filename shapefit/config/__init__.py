@@ -7,8 +7,10 @@ from shapefit.config.model import CommandConfig
 from shapefit.config.presets import find_config
 
 if TYPE_CHECKING:
+    from shapefit.config.commands.convert import ConvertConfig
     from shapefit.config.commands.evaluate import EvalConfig
     from shapefit.config.commands.fit import FitConfig
+    from shapefit.config.commands.info import InfoConfig
     from shapefit.config.commands.learn_dict import LearnDictConfig
     from shapefit.config.commands.project import ProjectConfig
     from shapefit.config.commands.simulate import SimulateConfig
@@ -18,8 +20,10 @@ if TYPE_CHECKING:
 __all__ = [
     "CONFIGS",
     "CommandConfig",
+    "ConvertConfig",
     "EvalConfig",
     "FitConfig",
+    "InfoConfig",
     "LearnDictConfig",
     "ProjectConfig",
     "SimulateConfig",

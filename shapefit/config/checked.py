@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -10,10 +10,14 @@ from pydantic import BaseModel, ValidationError
 from shapefit.config.expectation import field_keys, submodel
 from shapefit.config.model import ConfigModel
 from shapefit.config.paths import OfTheData, PathKeys, PathWords
+from shapefit.config.places import Location
 from shapefit.config.presets import ConfigFile
 from shapefit.config.problems import schema_problems
 from shapefit.config.settings import Settings
 from shapefit.errors import InputError
+
+SHORT = ("input", ("keypoints", "individual", "track", "likelihood_below", "rename"))
+"""A section, and its keys that may be given beside it, in short."""
 
 Config = TypeVar("Config", bound=ConfigModel)
 
@@ -48,6 +52,8 @@ def load_model(
 def check(model: type[Config], settings: Settings) -> Config:
     """Return the config that the settings make; raises InputError with every problem at once."""
     problems = settings.problems
+    for at in _short_places(model):
+        settings.fold(at, *SHORT)
     if not settings.readable:  # what the schema misses may well be there
         raise InputError(problems)
     try:
@@ -57,6 +63,17 @@ def check(model: type[Config], settings: Settings) -> Config:
     if problems:
         raise InputError(problems)
     return config
+
+
+def _short_places(model: type[BaseModel]) -> Iterator[Location]:
+    """Yield where, in a config of this model, keys may stand that are short for a section's."""
+    fields = field_keys(model)
+    if SHORT[0] in fields:
+        yield ()
+    for key, field in fields.items():
+        inner = submodel(field)
+        if inner is not None and SHORT[0] in field_keys(inner):
+            yield (key,)
 
 
 def path_keys(model: type[BaseModel]) -> PathKeys:

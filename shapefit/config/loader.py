@@ -41,6 +41,8 @@ CONFIGS = Schemas(
         "project": "shapefit.config.commands.project.ProjectConfig",
         "simulate": "shapefit.config.commands.simulate.SimulateConfig",
         "sweep": "shapefit.config.commands.sweep.SweepConfig",
+        "convert": "shapefit.config.commands.convert.ConvertConfig",
+        "info": "shapefit.config.commands.info.InfoConfig",
         "view": "shapefit.config.commands.view.ViewConfig",
     }
 )

@@ -59,7 +59,7 @@ def anchored(value: Any, folder: Path) -> Any:
         return [anchored(item, folder) for item in value]
     if isinstance(value, dict):
         return {key: anchored(item, folder) for key, item in value.items()}
-    if not isinstance(value, str) or value == "-" or value.startswith(DATA):
+    if not isinstance(value, str) or value in ("", "-") or value.startswith(DATA):
         return value
     return str(folder / os.path.expanduser(value))
 
@@ -96,14 +96,13 @@ def absolute_path(value: Any) -> Path:
 def expand_path(value: Any) -> tuple[Path, ...]:
     """Return the files that a path or glob names, sorted, at least one. Raises ValueError.
 
-    Pipes that have a name are files too (`<(...)` in a shell makes them), but not for a glob.
+    Pipes that have a name are files too (`<(...)` in a shell makes them), and so are folders, whose
+    files may be one recording; but not for a glob.
     """
     path = absolute_path(value)
     kind = None if path == STANDARD_STREAM else _kind(path)
-    if path == STANDARD_STREAM or kind in _READ_AS_FILES:
+    if path == STANDARD_STREAM or kind in _READ_AS_FILES or kind == stat.S_IFDIR:
         return (path,)
-    if kind == stat.S_IFDIR:
-        raise ValueError(f"{path} is a folder; name its files, such as {path / '*.h5'}")
     if kind is not None:
         raise ValueError(f"{path} is neither a file nor a pipe; name one, or use - for stdin")
     if not glob.has_magic(str(path)):
@@ -134,6 +133,8 @@ def _one_file(value: Any) -> Path:
     files = expand_path(value)
     if len(files) > 1:
         raise ValueError(f"{value} matches {len(files)} files; name one")
+    if files[0] != STANDARD_STREAM and files[0].is_dir():
+        raise ValueError(f"{files[0]} is a folder; name a file in it")
     return files[0]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
@@ -126,6 +126,20 @@ class Settings:
         for location in [known for known in self._places if known[: len(keys)] == keys]:
             del self._places[location]
         self._places[keys] = Place(place, place)
+
+    def fold(self, at: Location, section: str, keys: Sequence[str]) -> None:
+        """Move these keys of the mapping at `at` into a section of it, for which they are short."""
+        mapping: Any = self.values
+        for key in at:
+            mapping = mapping.get(key) if isinstance(mapping, dict) else None
+        if not isinstance(mapping, dict) or not isinstance(mapping.get(section, {}), dict):
+            return
+        for key in [key for key in keys if key in mapping]:
+            mapping[section] = {**mapping.get(section, {}), key: mapping.pop(key)}
+            self._places.setdefault((*at, section), self._places[(*at, key)])
+            short, whole = (*at, key), (*at, section, key)
+            for known in [known for known in self._places if known[: len(short)] == short]:
+                self._places[whole + known[len(short) :]] = self._places.pop(known)
 
     def with_data(self) -> dict[str, Any]:
         """Return the values with `{data}` filled in, where the key `data` holds a path."""

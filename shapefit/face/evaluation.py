@@ -71,7 +71,7 @@ def evaluate(
         fix = "use `groups`, `least_visible` or `rename`, or the command line"
         raise input_error(f"evaluate.{min(beyond)}", "is a key of reports only", fix)
     names = result.landmark_names if isinstance(result, Fit | Shapes) else None
-    true = given_shapes(shape_set(truth, names), "truth", config.rename, gaps=True)
+    true = given_shapes(shape_set(truth, names), "truth", config.input.rename, gaps=True)
     record = result_set(result, true.landmark_names)
     if not isinstance(truth, Shapes) or truth.items is None:
         if len(true) != len(record):

@@ -82,7 +82,7 @@ def fit(
     failures: dict[str, str] = {}
     messages: dict[str, str | Counted] = {text: text for text in mismatch(config, atoms)}
     unknown = UnknownItems(config.leave_out, atoms) if config.leave_out else None
-    with given_landmarks(images, "landmarks", config.rename) as source:
+    with given_landmarks(images, "landmarks", config.input.rename) as source:
         names = atoms.landmark_names
         strange = find_strange(source.landmark_names, names)
         for arranged, lifting, record, spent in fit_chunks(source, config, atoms, chain):

@@ -37,7 +37,7 @@ def learn(
     # Those of another method do not know these keys: their defaults count as not given.
     given = {key: value for key, value in own.items() if value != default(LearnDictConfig, key)}
     config = config_of(LearnDictConfig, "learn", given, options, FILES)
-    training = given_shapes(shape_set(shapes), "shapes", config.rename)
+    training = given_shapes(shape_set(shapes), "shapes", config.input.rename)
     making = make_dictionary(training, config, {})
     failures: list[Failure] = []
     messages: list[str] = []

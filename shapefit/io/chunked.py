@@ -17,13 +17,17 @@ Record = TypeVar("Record", ShapeSet, LandmarkSet)
 
 @dataclass(frozen=True)
 class SourceFile(Generic[Record]):
-    """One file of a source: `head` has all but the items, `open` gives a reader of rows."""
+    """One file of a source: `head` has all but the items, `open` gives a reader of rows.
+
+    notes are warnings about what was left out of it.
+    """
 
     name: str
     head: Record
     count: int
     items: ItemList
     open: Callable[[], AbstractContextManager[Callable[[slice], Record]]]
+    notes: tuple[str, ...] = ()
 
 
 File = TypeVar("File", bound=SourceFile[Any])
@@ -51,6 +55,11 @@ class ChunkedSource(ABC, Generic[Record, File]):
     def count(self) -> int:
         """Number of items."""
         return sum(file.count for file in self._files)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Warnings about what was left out of the files."""
+        return tuple(note for file in self._files for note in file.notes)
 
     def chunks(self, size: int) -> Iterator[Record]:
         """Give out the items in order, `size` at a time (fewer in the last chunk).

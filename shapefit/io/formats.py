@@ -1,55 +1,26 @@
 """The table of file formats: how each is recognised, what it can hold, what reads and writes it.
 
 It is light: readers and writers are imported when a file of theirs is met. A format of others has
-one file with its functions, and one entry here.
+one file with its functions, and one entry in the table of its room.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from shapefit.errors import input_error, listed
+from shapefit.errors import InputError, input_error, listed
+from shapefit.io.detectors import table as detectors
+from shapefit.io.foreign.file_format import FileFormat
+from shapefit.io.motion import table as motion
 from shapefit.io.sources import HDF5_SIGNATURE, is_stream, require_file, source_name
+from shapefit.io.trackers import table as trackers
 
 HEAD_BYTES = 4096
 """Of a file that a recogniser sees."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class FileFormat:
-    """A format of files. Functions are named as "module:function".
-
-    title        what a file of it is called, with its article
-    suffixes     endings of its names; it is looked for in files of these names first, and an
-                 output of such a name is written in it
-    recogniser   takes a path and the first HEAD_BYTES of the file; whether it is in this format
-    readers      by kind (landmarks, shapes, result, dictionary): takes a path, returns the record,
-                 or a SourceFile that gives out parts of it. A reader of shapes takes `gaps`, too:
-                 whether landmarks may be unknown
-    lister       takes a path, returns a Listing; without one the whole file is read
-    writer       takes a path and the layout of the records, gives a RecordWriter in a `with`
-    writes       the kinds that it can write
-    points_only  it has no place for what is not a point: attributes, further datasets
-    states_y_axis  its files say, or it is known of all of them, whether y points up or down
-    """
-
-    title: str
-    suffixes: tuple[str, ...]
-    recogniser: str
-    readers: Mapping[str, str] = field(default_factory=dict)
-    lister: str | None = None
-    writer: str | None = None
-    writes: tuple[str, ...] = ()
-    points_only: bool = True
-    states_y_axis: bool = True
-
-    def has_suffix(self, path: Path) -> bool:
-        """Whether the path is named like a file of this format."""
-        return path.name.lower().endswith(self.suffixes)
 
 
 HDF5 = FileFormat(
@@ -83,18 +54,29 @@ CSV = FileFormat(
     states_y_axis=False,
 )
 
-FORMATS: dict[str, FileFormat] = {"hdf5": HDF5, "csv": CSV}
+FORMATS: dict[str, FileFormat] = {
+    "hdf5": HDF5,
+    "csv": CSV,
+    **trackers.FORMATS,
+    **detectors.FORMATS,
+    **motion.FORMATS,
+}
 """Those of the package come first; the recognisers of others are asked before theirs."""
 
 
-def find_format(path: Path) -> FileFormat:
+def find_format(path: Path, name: str = "auto") -> FileFormat:
     """Return the format of a file, by its content; what nothing recognises is read as CSV.
 
-    Standard input and pipes are CSV. Raises InputError as `require_file` does, and where the name
-    promises HDF5 but the content is something else.
+    Standard input and pipes are CSV. With another `name` than auto it is that format. Raises
+    InputError as `require_file` does, for unknown names, and for binary files that nothing
+    recognises.
     """
     if is_stream(path):
         return CSV
+    if name != "auto":
+        return _named(name)
+    if path.is_dir():
+        return _find_folder_format(path)
     require_file(path)
     if not path.is_file():
         return CSV
@@ -106,7 +88,40 @@ def find_format(path: Path) -> FileFormat:
     if HDF5.has_suffix(path):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
+    if b"\0" in head and not CSV.has_suffix(path):
+        raise _unknown(path, head)
     return CSV
+
+
+def _named(name: str) -> FileFormat:
+    if name not in FORMATS:
+        near = get_close_matches(name, FORMATS, n=1, cutoff=0.4)
+        fix = f"did you mean {near[0]}?" if near else f"use auto, {listed(FORMATS)}"
+        raise input_error("format", f"there is no format {name!r}", fix)
+    return FORMATS[name]
+
+
+def _find_folder_format(path: Path) -> FileFormat:
+    """Return the format of a folder whose files are one recording."""
+    folders = [known for known in FORMATS.values() if known.folders]
+    for known in folders:
+        if _load(known.recogniser)(path, b""):
+            return known
+    looked = f", and it holds no {listed(known.title for known in folders)}" if folders else ""
+    raise input_error(path, f"it is a folder{looked}", f"name the files in it, e.g. '{path}/*.h5'")
+
+
+def _unknown(path: Path, head: bytes) -> InputError:
+    """Return the error for a binary file that is in no known format."""
+    if head[4:8] in (b"ftyp", b"moov", b"mdat") or head[:4] in (b"RIFF", b"\x1aE\xdf\xa3"):
+        found = "is a video, or a part of one"
+        return input_error(path, found, "give the file of landmarks that a detector made of it")
+    if head.startswith((b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"BM")):
+        return input_error(path, "is an image", "give the file of landmarks found in it")
+    near = next((known for known in FORMATS.values() if known.has_suffix(path)), None)
+    fix = f"it is named like {near.title}, but does not begin like one; " if near else ""
+    known = listed(each.title for each in FORMATS.values() if each.readers or each.recorder)
+    return input_error(path, "is of no known format", f"{fix}known are {known}")
 
 
 def find_reader(path: Path, kind: str) -> Callable[..., Any]:
@@ -114,7 +129,7 @@ def find_reader(path: Path, kind: str) -> Callable[..., Any]:
     known = find_format(path)
     if kind not in known.readers:
         titles = listed(each.title for each in FORMATS.values() if kind in each.readers)
-        found = f"is not {titles}" if path.is_file() else "is not a file on a disk"
+        found = f"is {known.title}, not {titles}" if path.is_file() else "is not a file on a disk"
         raise input_error(source_name(path), found, f"give a shapefit-{kind} file")
     return _load(known.readers[kind])
 
@@ -125,17 +140,22 @@ def find_lister(path: Path) -> Callable[[Path], Any] | None:
     return None if lister is None else _load(lister)
 
 
-def find_target_format(path: Path) -> FileFormat:
-    """Return the format that an output path asks for: CSV for `-`, else by its name, else HDF5."""
+def find_target_format(path: Path, name: str = "auto") -> FileFormat:
+    """Return the format that an output path asks for: CSV for `-`, else by its name, else HDF5.
+
+    With another `name` than auto it is that format.
+    """
+    if name != "auto":
+        return _named(name)
     if is_stream(path):
         return CSV
     named = (known for known in FORMATS.values() if known.writer and known.has_suffix(path))
     return next(named, HDF5)
 
 
-def find_writer(path: Path, kind: str) -> Callable[..., Any]:
+def find_writer(path: Path, kind: str, name: str = "auto") -> Callable[..., Any]:
     """Return what writes records of a kind. Raises InputError where the format cannot hold them."""
-    known = find_target_format(path)
+    known = find_target_format(path, name)
     if known.writer is None or kind not in known.writes:
         name = known.title.split()[1]
         raise input_error(path, f"a {kind} cannot be {name}", "give it a name in .h5")

@@ -37,10 +37,14 @@ def result_writer(target: Path) -> AbstractContextManager[RecordWriter[ResultSet
     return record_writer(target, RESULTS)
 
 
-def record_writer(target: Path, form: Format) -> AbstractContextManager[RecordWriter[Any]]:
-    """Write records of one layout, in the format that the name of the target asks for.
+def record_writer(
+    target: Path, form: Format, to: str = "auto"
+) -> AbstractContextManager[RecordWriter[Any]]:
+    """Write records of one layout, in the format `to`; auto is that which the target's name says.
 
     Raises InputError where that format cannot hold them.
     """
-    writer: AbstractContextManager[RecordWriter[Any]] = find_writer(target, form.kind)(target, form)
+    writer: AbstractContextManager[RecordWriter[Any]] = find_writer(target, form.kind, to)(
+        target, form
+    )
     return writer

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
+from shapefit.config.commands.input import InputConfig
 from shapefit.config.expectation import Expected
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, Renaming
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
 from shapefit.errors import listed
@@ -67,9 +68,8 @@ class EvalConfig(CommandConfig):
         "are named after the file, without folder and suffix."
     )
     truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
-    rename: Renaming = Field(
-        default_factory=dict,
-        description="Landmarks to rename: name in the truth -> name in the results.",
+    input: InputConfig = Field(
+        default_factory=InputConfig.model_construct, description="How the files are read."
     )
     output: OutputPath = Field(description="Folder to write the report to.")
     match: Annotated[str, OF_THE_DATA] = Field(

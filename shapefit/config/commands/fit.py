@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
 
-from shapefit.config.commands.fit_camera import ViewingConfig
-from shapefit.config.commands.fit_export import ExportConfig, PicturesConfig
-from shapefit.config.commands.fit_outliers import OutliersConfig
-from shapefit.config.commands.fit_posterior import PosteriorConfig
-from shapefit.config.commands.fit_sequences import SequencesConfig
+from shapefit.config.commands.input import InputConfig
 from shapefit.config.expectation import Expected
-from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, Renaming
+from shapefit.config.fit.camera import ViewingConfig
+from shapefit.config.fit.export import ExportConfig, PicturesConfig
+from shapefit.config.fit.outliers import OutliersConfig
+from shapefit.config.fit.posterior import PosteriorConfig
+from shapefit.config.fit.sequences import SequencesConfig
+from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel
 from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
 from shapefit.errors import listed
 from shapefit.lifting.methods import (
@@ -122,9 +123,8 @@ class FitConfig(CommandConfig):
 
     landmarks: InputPaths = Field(description="Files of 2D landmarks (HDF5 or CSV; - is stdin).")
     dictionary: InputPath = Field(description="Dictionary file that learn-dict wrote.")
-    rename: Renaming = Field(
-        default_factory=dict,
-        description="Landmarks to rename: name in the files -> name in the dictionary.",
+    input: InputConfig = Field(
+        default_factory=InputConfig.model_construct, description="How the files are read."
     )
     output: OutputPath = Field(
         description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."

@@ -7,9 +7,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
+from shapefit.config.commands.input import InputConfig
 from shapefit.config.commands.learn_dict_prior import PriorConfig
 from shapefit.config.expectation import Expected
-from shapefit.config.model import MOST_STEPS, CommandConfig, Renaming
+from shapefit.config.model import MOST_STEPS, CommandConfig
 from shapefit.config.paths import InputPaths, OutputPath
 
 _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
@@ -39,9 +40,8 @@ class LearnDictConfig(CommandConfig):
     """Learn a dictionary of rotatable basis shapes from 3D shapes."""
 
     shapes: InputPaths = Field(description="Files of 3D training shapes (HDF5 or CSV).")
-    rename: Renaming = Field(
-        default_factory=dict,
-        description="Landmarks to rename: name in the files -> name in the dictionary.",
+    input: InputConfig = Field(
+        default_factory=InputConfig.model_construct, description="How the files are read."
     )
     output: OutputPath = Field(description="Dictionary file to write (HDF5).")
     method: Literal["sparse-coding", "exemplars", "pca-bases"] = Field(

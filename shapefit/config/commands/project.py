@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainValidator
 from pydantic_core import PydanticCustomError
 
+from shapefit.config.commands.input import InputConfig
 from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists
 from shapefit.config.paths import InputPaths, OutputPath
@@ -80,6 +81,9 @@ class ProjectConfig(CommandConfig):
     """Project 3D shapes to synthetic 2D landmarks."""
 
     shapes: InputPaths = Field(description="Files of 3D shapes (HDF5 or CSV; - is stdin).")
+    input: InputConfig = Field(
+        default_factory=InputConfig.model_construct, description="How the files are read."
+    )
     output: OutputPath = Field(
         description="Landmark file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
     )

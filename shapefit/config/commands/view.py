@@ -7,7 +7,8 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from shapefit.config.model import CommandConfig, FromLists, Renaming
+from shapefit.config.commands.input import InputConfig
+from shapefit.config.model import CommandConfig, FromLists
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import (
     OF_THE_DATA,
@@ -38,9 +39,8 @@ class ViewConfig(CommandConfig):
         description="What identifies the true shape of an image: `item`, or the name of a "
         "dataset of the result that holds items of the truth.",
     )
-    rename: Renaming = Field(
-        default_factory=dict,
-        description="Landmarks to rename: name in the truth -> name in the files to show.",
+    input: InputConfig = Field(
+        default_factory=InputConfig.model_construct, description="How the files are read."
     )
     dictionary: OptionalInputPath = Field(
         default=None,

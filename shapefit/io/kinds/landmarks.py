@@ -14,8 +14,11 @@ from shapefit.io.agreement import agreed, agreed_rate, check_same_extras
 from shapefit.io.chunked import ChunkedSource, SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
-from shapefit.io.formats import find_format, find_reader
+from shapefit.io.foreign.file_format import FileFormat
+from shapefit.io.foreign.opening import group_inputs, open_recording
+from shapefit.io.formats import find_reader
 from shapefit.io.layout import LANDMARKS, UNKNOWN_UNIT
+from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.records import LandmarkSet
 from shapefit.io.renaming import check_known, renamed
 from shapefit.io.sources import source_name
@@ -31,20 +34,18 @@ class _File(SourceFile[LandmarkSet]):
     y_axis: Direction | None = None
 
 
-def open_landmarks(
-    paths: Sequence[Path], rename: Mapping[str, str] | None = None
-) -> LandmarkSource:
-    """Open HDF5 and CSV files of landmarks (`-` is standard input) as one source.
+def open_landmarks(paths: Sequence[Path], options: InputOptions = AS_THEY_ARE) -> LandmarkSource:
+    """Open files of landmarks in any format (`-` is standard input) as one source.
 
     Everything is checked before the first image is given out. Raises InputError for what is
     wrong with a file, for items that occur twice, and for files that do not go together (other
-    units, directions of y, frame rates, or further datasets). HDF5 is read a chunk at a time, CSV
-    whole. `rename` maps names of landmarks as files have them to those they are given out under;
-    a name that no file has is an error.
+    units, directions of y, frame rates, or further datasets), and for names of landmarks to rename
+    that no file has. HDF5 is read a chunk at a time, CSV whole.
     """
-    files = [_open(path) for path in paths]
-    check_known(rename or {}, [(file.name, file.head.landmark_names) for file in files])
-    return LandmarkSource([_renamed(file, rename or {}) for file in files])
+    files = [_open(known, own, options) for known, own in group_inputs(paths, options)]
+    rename = options.rename
+    check_known(rename, [(file.name, file.head.landmark_names) for file in files])
+    return LandmarkSource([_renamed(file, rename) for file in files])
 
 
 class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
@@ -138,15 +139,44 @@ def _renamed(file: _File, rename: Mapping[str, str]) -> _File:
     )
 
 
-def _open(path: Path) -> _File:
+def hiding(file: _File, least: float) -> _File:
+    """Return a file that hides landmarks whose confidence is below `least`."""
+    if not least or file.head.confidence is None:
+        return file
+
+    def hidden(images: LandmarkSet) -> LandmarkSet:
+        assert images.confidence is not None
+        doubtful = images.confidence < least
+        return replace(
+            images,
+            landmarks=np.where(doubtful[:, None], np.nan, images.landmarks),
+            confidence=np.where(doubtful, 0.0, images.confidence),
+        )
+
+    @contextmanager
+    def opened() -> Iterator[Read]:
+        with file.open() as read:
+            yield lambda rows: hidden(read(rows))
+
+    return replace(file, open=opened)
+
+
+def _open(known: FileFormat, paths: tuple[Path, ...], options: InputOptions) -> _File:
     """Open a file of any format; one that is read whole gives out parts of what was read."""
-    table = find_reader(path, "landmarks")(path)
-    if isinstance(table, _File):
-        return table
-    name = source_name(path)
-    items = ItemList(lambda: [table.items], lambda _: name)
-    stated = table.y_axis if find_format(path).states_y_axis else None
-    return one_file(name, table, items, lambda: nullcontext(table.take), stated)
+    path = paths[0]
+    if known.recorder is not None:
+        from shapefit.io.foreign.sources import landmark_file
+
+        recording = open_recording(known, paths, "landmarks")
+        found = landmark_file(recording, options)
+        return _File(**vars(found), y_axis=recording.y_axis)
+    file = read = find_reader(path, "landmarks")(path)
+    if not isinstance(read, _File):
+        name = source_name(path)
+        items = ItemList(lambda: [read.items], lambda _: name)
+        stated = read.y_axis if known.states_y_axis else None
+        file = one_file(name, read, items, lambda: nullcontext(read.take), stated)
+    return hiding(file, options.likelihood_below)
 
 
 def one_file(
@@ -157,7 +187,8 @@ def one_file(
     y_axis: Direction | None = None,
 ) -> _File:
     """Return landmarks in memory as a file of a source; `y_axis` where it is stated."""
-    return _File(name, landmarks.take(slice(0)), len(landmarks), items, opened, y_axis)
+    head = landmarks.take(slice(0))
+    return _File(name, head, len(landmarks), items, opened, y_axis=y_axis)
 
 
 def open_hdf5(path: Path) -> _File:
@@ -181,7 +212,7 @@ def open_hdf5(path: Path) -> _File:
             hdf5_checks.check_confidence(reader, reader.read_blocks("confidence"))
         head = _read_rows(reader, slice(0))
         item_list = ItemList(items, lambda row: f"{path}:/item[{row}]")
-        return _File(str(path), head, reader.count, item_list, opened, head.y_axis)
+        return _File(str(path), head, reader.count, item_list, opened, y_axis=head.y_axis)
 
 
 def _read_rows(reader: Any, rows: slice) -> LandmarkSet:

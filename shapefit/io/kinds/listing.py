@@ -3,32 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from shapefit.errors import input_error
 from shapefit.io.formats import find_format, find_lister
+from shapefit.io.kinds.kind import find_kind, has_depth, hdf5_form
 from shapefit.io.kinds.landmarks import open_landmarks
 from shapefit.io.kinds.results import read_results
 from shapefit.io.kinds.shapes import read_shapes
-from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Format
+from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
+from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
 
 ListedKind = Literal["result", "shapes", "landmarks"]
 Records = ResultSet | ShapeSet | LandmarkSet
-
-LAYOUTS: Mapping[str, tuple[ListedKind, Format]] = {
-    RESULTS.name: ("result", RESULTS),
-    SHAPES.name: ("shapes", SHAPES),
-    LANDMARKS.name: ("landmarks", LANDMARKS),
-}
-
-LONGEST_HEADER = 1 << 16
-"""Characters of a first line that are looked at: a device may never end it."""
 
 BLOCK = 16384
 """Items that are read at a time."""
@@ -52,9 +43,10 @@ class Listing:
     frame_rate: float | None = None
     attributes: Mapping[str, Any] = field(default_factory=dict)
     datasets: frozenset[str] = frozenset()
+    options: InputOptions = AS_THEY_ARE
 
 
-def list_file(path: Path) -> Listing:
+def list_file(path: Path, options: InputOptions = AS_THEY_ARE) -> Listing:
     """Tell what a file holds, by its content.
 
     A CSV file with the column z is taken for a result: shapes in the frame of a camera. Raises
@@ -63,24 +55,27 @@ def list_file(path: Path) -> Listing:
     if is_stream(path):
         found = "standard input can be read only once"
         raise input_error("-", found, "save it to a file and name that")
+    if find_format(path, options.format).recorder is not None:
+        return list_records(path, find_kind(path, options), options)
     lister = find_lister(path)
     if lister is None:
-        return list_records(path)
+        return list_records(path, next(iter(find_format(path).readers)))
     listing: Listing = lister(path)
     return listing
 
 
-def list_records(path: Path) -> Listing:
-    """List a file by reading it, as the first kind that its format can hold."""
-    kind = next(iter(find_format(path).readers))
+def list_records(path: Path, kind: str, options: InputOptions = AS_THEY_ARE) -> Listing:
+    """List a file by reading it."""
     if kind == "landmarks":
-        with open_landmarks([path]) as source:
+        with open_landmarks([path], options) as source:
             (records,) = source.chunks(max(source.count, 1))
-            return _listing(path, "landmarks", records, source.y_axis)
-    if kind == "shapes":
-        return _listing(path, "shapes", read_shapes([path]), None)
-    results = read_results(path)
-    return _listing(path, "result", results, results.y_axis)
+            listing = _listing(path, "landmarks", records, source.y_axis)
+    elif kind == "shapes":
+        listing = _listing(path, "shapes", read_shapes([path], options, gaps=True), None)
+    else:
+        results = read_results(path)
+        listing = _listing(path, "result", results, results.y_axis)
+    return replace(listing, options=options)
 
 
 def _listing(
@@ -102,7 +97,10 @@ def list_hdf5(path: Path) -> Listing:
     """List an HDF5 file of results, shapes or landmarks."""
     from shapefit.io.hdf5.reading import Hdf5Reader
 
-    kind, form = _kind_of(path)
+    form = hdf5_form(path)
+    kind: Any = form.kind
+    if kind == "dictionary":
+        raise input_error(path, f"is a {form.name} file", "give results, shapes or landmarks")
     with Hdf5Reader(path, form) as reader:
         return Listing(
             path=path,
@@ -124,10 +122,10 @@ def read_chunks(listing: Listing, of_results: Collection[str]) -> Iterator[Recor
     Of the datasets that results may have beside their shapes, only those `of_results` are read.
     """
     if listing.kind == "landmarks":
-        with open_landmarks([listing.path]) as source:
+        with open_landmarks([listing.path], listing.options) as source:
             yield from source.chunks(BLOCK)
     elif listing.kind == "shapes":
-        yield read_shapes([listing.path])
+        yield read_shapes([listing.path], listing.options, gaps=listing.options != AS_THEY_ARE)
     elif listing.datasets:
         yield from _result_chunks(listing.path, of_results)
     else:
@@ -157,24 +155,6 @@ def _result_chunks(path: Path, wanted: Collection[str]) -> Iterator[ResultSet]:
             )
 
 
-def _kind_of(path: Path) -> tuple[ListedKind, Format]:
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            stated = file.attrs.get("format")
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
-        found = f"cannot be read ({str(error).partition(chr(10))[0]})"
-        fix = "the file may be cut off or damaged: copy or make it again"
-        raise input_error(path, found, fix) from error
-    name = stated.decode("utf-8", "replace") if isinstance(stated, bytes | np.bytes_) else stated
-    if not isinstance(name, str) or name not in LAYOUTS:
-        named = f"is a {name} file" if isinstance(name, str) else "has a format that is no text"
-        found = "has no root attribute format" if name is None else named
-        raise input_error(path, found, f"give one of {', '.join(LAYOUTS)}")
-    return LAYOUTS[name]
-
-
 def _datasets(path: Path) -> frozenset[str]:
     import h5py
 
@@ -186,9 +166,7 @@ def list_table(path: Path) -> Listing:
     """List a CSV table."""
     from shapefit.io.csv.tables import read_landmark_table, read_result_table
 
-    with path.open(encoding="utf-8", errors="replace") as file:
-        columns = file.readline(LONGEST_HEADER).lstrip("\ufeff").strip().split(",")
-    solid = "z" in {column.strip(' "') for column in columns}
+    solid = has_depth(path)
     table = read_result_table(path) if solid else read_landmark_table(path)
     return Listing(
         path=path,

@@ -15,9 +15,13 @@ from shapefit.io.agreement import agreed, agreed_rate, check_same_array, check_s
 from shapefit.io.chunked import ChunkedSource, SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Array, Extras
+from shapefit.io.foreign.file_format import FileFormat
+from shapefit.io.foreign.gaps import without_gaps
+from shapefit.io.foreign.opening import group_inputs, open_recording
 from shapefit.io.formats import find_reader
 from shapefit.io.layout import SHAPES, UNKNOWN_UNIT
 from shapefit.io.magnitudes import Axis, check_magnitudes
+from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.records import ShapeSet, match_landmarks
 from shapefit.io.renaming import check_known, renamed
 from shapefit.io.sources import source_name
@@ -28,22 +32,22 @@ from shapefit.io.writing import record_writer
 class _File(SourceFile[ShapeSet]):
     """One file of a source; `sequences` reads those of all its shapes, if it has any."""
 
-    sequences: Callable[[], Iterable[Sequence[str]]]
+    sequences: Callable[[], Iterable[Sequence[str]]] = tuple
 
 
 def read_shapes(
-    paths: Sequence[Path], rename: Mapping[str, str] | None = None, *, gaps: bool = False
+    paths: Sequence[Path], options: InputOptions = AS_THEY_ARE, *, gaps: bool = False
 ) -> ShapeSet:
-    """Read shapes from HDF5 and CSV files as one set, as `open_shapes` opens them."""
-    with open_shapes(paths, rename, gaps=gaps) as source:
+    """Read shapes from files of any format as one set, as `open_shapes` opens them."""
+    with open_shapes(paths, options, gaps=gaps) as source:
         (shapes,) = source.chunks(max(source.count, 1))
         return shapes
 
 
 def open_shapes(
-    paths: Sequence[Path], rename: Mapping[str, str] | None = None, *, gaps: bool = False
+    paths: Sequence[Path], options: InputOptions = AS_THEY_ARE, *, gaps: bool = False
 ) -> ShapeSource:
-    """Open HDF5 and CSV files of shapes (`-` is standard input) as one source.
+    """Open files of shapes in any format (`-` is standard input) as one source.
 
     Landmarks are matched by name and stand in the order of the first file, items in the order of
     the files; where only some files have sequences, those of the others are empty texts.
@@ -54,9 +58,10 @@ def open_shapes(
     With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where it is in
     one, and may lack its row in CSV. Without, that is wrong. `rename` as in `open_landmarks`.
     """
-    files = [_open(path, gaps) for path in paths]
-    check_known(rename or {}, [(file.name, file.head.landmark_names) for file in files])
-    return ShapeSource([_renamed(file, rename or {}) for file in files])
+    files = [_open(known, own, options, gaps) for known, own in group_inputs(paths, options)]
+    rename = options.rename
+    check_known(rename, [(file.name, file.head.landmark_names) for file in files])
+    return ShapeSource([_renamed(file, rename) for file in files])
 
 
 class ShapeSource(ChunkedSource[ShapeSet, _File]):
@@ -116,9 +121,18 @@ def _renamed(file: _File, rename: Mapping[str, str]) -> _File:
     )
 
 
-def _open(path: Path, gaps: bool) -> _File:
+def _open(known: FileFormat, paths: tuple[Path, ...], options: InputOptions, gaps: bool) -> _File:
     """Open a file of any format; one that is read whole gives out parts of what was read."""
-    table = find_reader(path, "shapes")(path, gaps=gaps)
+    path = paths[0]
+    notes: tuple[str, ...] = ()
+    if known.recorder is not None:
+        from shapefit.io.foreign.sources import shape_file
+
+        table, notes = shape_file(open_recording(known, paths, "shapes"), options)
+        if not gaps:
+            table, notes = without_gaps(table, notes, source_name(path))
+    else:
+        table = find_reader(path, "shapes")(path, gaps=gaps)
     if isinstance(table, _File):
         return table
     name, landmarks = source_name(path), Axis("landmark", table.landmark_names)
@@ -130,6 +144,7 @@ def _open(path: Path, gaps: bool) -> _File:
         len(table),
         items,
         lambda: nullcontext(table.take),
+        notes,
         lambda: [table.sequences or ()],
     )
 
@@ -162,6 +177,7 @@ def open_hdf5(path: Path, *, gaps: bool) -> _File:
             reader.count,
             ItemList(lambda: texts("item"), lambda row: f"{path}:/item[{row}]"),
             opened,
+            (),
             lambda: texts("sequence"),
         )
 

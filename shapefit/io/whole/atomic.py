@@ -209,9 +209,16 @@ def digests(paths: Iterable[Path]) -> dict[str, str]:
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of the file in hexadecimal; `stream` for what cannot be read twice (`-`, a pipe)."""
+    """SHA-256 of the file in hexadecimal; `stream` for what cannot be read twice (`-`, a pipe).
+
+    That of a folder is the digest of the names and digests of its files, in their order.
+    """
     if is_stream(path):
         return "stream"
+    if path.is_dir():
+        files = sorted(file for file in path.iterdir() if file.is_file())
+        text = "".join(f"{path_text(file.name)} {digest(file)}\n" for file in files)
+        return hashlib.sha256(text.encode()).hexdigest()
     require_file(path)
     if not path.is_file():
         return "stream"

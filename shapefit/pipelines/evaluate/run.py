@@ -31,6 +31,7 @@ from shapefit.pipelines.evaluate.judgement import Judgement, judge
 from shapefit.pipelines.evaluate.report_pages import contact_sheets, report_pages
 from shapefit.pipelines.evaluate.visible_enough import visible_enough
 from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.reading import input_options
 
 MOST_FAILURES = 200
 """Failed items a method that the report lists; its JSON lists them all."""
@@ -50,7 +51,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     examples = config.examples if config.plots else 0
     if examples:
         check_can_draw("examples")
-    truth = read_shapes(config.truth, config.rename, gaps=True)
+    truth = read_shapes(config.truth, input_options(config.input), gaps=True)
     check_examples(examples, truth, config.truth)
     found = _Found(warnings=count_gaps(truth))
     if found.warnings:
@@ -96,7 +97,7 @@ def view_of(config: EvalConfig) -> ViewConfig | None:
     if not config.view or not all(file.is_file() for file in files):
         return None
     return ViewConfig(
-        files=config.results, truth=config.truth, match=config.match, rename=config.rename
+        files=config.results, truth=config.truth, match=config.match, input=config.input
     )
 
 

@@ -28,6 +28,7 @@ from shapefit.io import (
     result_writer,
 )
 from shapefit.io.formats import find_target_format
+from shapefit.io.options import Track
 from shapefit.io.records import nearest_names
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
@@ -38,6 +39,7 @@ from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.searched import Ambiguous
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, nothing_in
+from shapefit.pipelines.reading import input_options
 
 FEWEST_LANDMARKS = 3
 """Of a file that the dictionary must know, so that it can do without the others."""
@@ -57,9 +59,10 @@ def run(config: FitConfig) -> Iterator[Outcome]:
 
         unknown = UnknownItems(config.leave_out, dictionary)
     ambiguous = Ambiguous(config.search.modes)
+    options = input_options(config.input, default_track(config))
     solve_seconds, done = 0.0, 0
     with (
-        open_landmarks(config.landmarks, config.rename) as source,
+        open_landmarks(config.landmarks, options) as source,
         open_exports(config, dictionary, source.count) as exports,
         result_writer(config.output) as writer,
     ):
@@ -87,6 +90,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     yield Outcome(
         total=source.count,
         warnings=nothing_in(source.count, "images")
+        + source.notes
         + mismatch(config, dictionary)
         + find_renamed(source, config)
         + left_out_landmarks(strange, names)
@@ -121,6 +125,12 @@ def fit_chunks(
         seconds = time.perf_counter() - began
         record = as_result(images, lifting, config, dictionary)
         yield Fitted(images, lifting, record, seconds)
+
+
+def default_track(config: FitConfig) -> Track:
+    """Return how detections without identity are joined: as sequences where those are needed."""
+    by_sequence = find_target_format(config.output).by_sequence
+    return "nearest" if by_sequence or METHODS[config.method].sequences else "none"
 
 
 def attributes_of(

@@ -23,6 +23,7 @@ from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
 from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.reading import input_options
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     """
     check_output(config.output)
     making = make_dictionary(
-        read_shapes(config.shapes, config.rename), config, digests(config.shapes)
+        read_shapes(config.shapes, input_options(config.input)), config, digests(config.shapes)
     )
     outcome = next(making)
     while True:

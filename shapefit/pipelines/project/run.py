@@ -30,6 +30,7 @@ from shapefit.pipelines.project.imperfections import (
     stream,
 )
 from shapefit.pipelines.project.turntable import Turntable, sequence_lengths
+from shapefit.pipelines.reading import input_options
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +50,10 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
     written.
     """
     check_output(config.output)
-    with open_shapes(config.shapes) as source, landmark_writer(config.output) as writer:
+    with (
+        open_shapes(config.shapes, input_options(config.input)) as source,
+        landmark_writer(config.output) as writer,
+    ):
         turntable = Turntable(sequence_lengths(source))
         for block, part in enumerate(source.chunks(BLOCK)):
             rotations = _rotations(config, turntable.turns(_sequences(part)), block)

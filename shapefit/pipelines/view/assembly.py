@@ -15,6 +15,7 @@ from shapefit.io import digest, read_dictionary
 from shapefit.io.agreement import agreed
 from shapefit.io.formats import find_format
 from shapefit.io.kinds.listing import Listing, list_file
+from shapefit.pipelines.reading import input_options
 from shapefit.pipelines.view.frames import Frames
 from shapefit.pipelines.view.gathering import Gathered, gather
 from shapefit.pipelines.view.layers import (
@@ -237,7 +238,12 @@ def _note_what_lacks(
 def _frame_rate(config: ViewConfig, found: Sequence[Gathered], frames: Frames) -> float | None:
     """Frames a second of the page: those of the config or the files, by the step."""
     files = [listing for each in found for listing in each.listings]
-    files += [list_file(path) for path in config.truth if not find_format(path).points_only]
+    options = input_options(config.input)
+    files += [
+        list_file(path, options)
+        for path in config.truth
+        if not find_format(path, options.format).points_only
+    ]
     stated = [config.frame_rate, *(file.frame_rate for file in files)]
     rate = next((r for r in stated if r is not None and r < 1e6), None)
     return None if rate is None else rate / frames.step

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from shapefit.io.kinds.listing import Listing, list_file
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_path, check_output
 from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.reading import input_options
 from shapefit.pipelines.view.assembly import assemble
 from shapefit.pipelines.view.frames import Frames, choose_frames, thin
 from shapefit.viewer.page import viewer_page
@@ -72,7 +73,11 @@ class Page:
 @np.errstate(over="ignore", invalid="ignore")  # beyond 32-bit floats a value is not finite: missing
 def make_page(config: ViewConfig, kept: Collection[str] = ()) -> Page:
     """Return the page; the items `kept` are never left out."""
-    listings = {name: tuple(map(list_file, files)) for name, files in config.files.items()}
+    options = replace(input_options(config.input), rename={})  # which is for the truth
+    listings = {
+        name: tuple(list_file(file, options) for file in files)
+        for name, files in config.files.items()
+    }
     every = [listing for own in listings.values() for listing in own]
     whole = choose_frames(every, config.items)
     most = config.megabytes * MEGABYTE

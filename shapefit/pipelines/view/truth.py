@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapefit.config import ViewConfig
 from shapefit.errors import input_error
 from shapefit.io import ShapeSet, read_shapes
+from shapefit.pipelines.reading import input_options
 from shapefit.pipelines.view.frames import Frames
 from shapefit.pipelines.view.gathering import Gathered
 
@@ -30,7 +31,7 @@ def read_truth(
     config: ViewConfig, results: Sequence[Gathered], frames: Frames, landmarks: Sequence[str]
 ) -> Truth:
     """Read the truth of the frames. Raises InputError where there is none of any."""
-    shapes = read_shapes(config.truth, config.rename, gaps=True)
+    shapes = read_shapes(config.truth, input_options(config.input), gaps=True)
     keys = _keys(config.match, results, frames)
     index = {item: row for row, item in enumerate(shapes.items)}
     rows = np.array([index.get(key, -1) for key in keys], dtype=np.intp)

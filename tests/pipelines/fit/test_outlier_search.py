@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import FitConfig
-from shapefit.config.commands.fit_outliers import OutliersConfig
+from shapefit.config.fit.outliers import OutliersConfig
 from shapefit.convex.newton import solve_newton
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import landmark_writer, open_landmarks, read_results, write_dictionary

@@ -1,0 +1,43 @@
+"""The section `input`: how files of landmarks and of shapes are read, the same in every command."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from shapefit.config.model import ConfigModel, Renaming
+
+
+class InputConfig(ConfigModel):
+    """How files are read. `--set keypoints=NAME` is short for `--set input.keypoints=NAME`."""
+
+    format: str = Field(
+        default="auto",
+        min_length=1,
+        description="Format of the files (docs/formats.md); auto: by their content.",
+    )
+    keypoints: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Skeleton that names the landmarks of files without names, such as body_25b "
+        "or coco_17 (docs/formats.md).",
+    )
+    individual: str | None = Field(
+        default=None, min_length=1, description="Read only this individual; by default, all."
+    )
+    track: Literal["nearest", "none"] | None = Field(
+        default=None,
+        description="Detections without identity: nearest joins them over frames, none makes each "
+        "an item of its own. By default nearest where sequences are asked for.",
+    )
+    likelihood_below: float = Field(
+        default=0,
+        ge=0,
+        description="Hide landmarks whose confidence is below this.",
+    )
+    rename: Renaming = Field(
+        default_factory=dict,
+        description="Landmarks to rename: name in the files that are read -> name in the "
+        "dictionary or the results.",
+    )

@@ -1,0 +1,54 @@
+"""From paths to recordings: which files are one recording, and what reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+
+from shapefit.errors import input_error, listed
+from shapefit.io.foreign.file_format import FileFormat
+from shapefit.io.foreign.recording import Recording
+from shapefit.io.formats import FORMATS, find_format
+from shapefit.io.options import InputOptions
+from shapefit.io.sources import source_name
+
+
+def group_inputs(
+    paths: Sequence[Path], options: InputOptions
+) -> list[tuple[FileFormat, tuple[Path, ...]]]:
+    """Return the inputs in order, each with its format; files that are one recording together."""
+    groups: dict[tuple[str, str], tuple[FileFormat, list[Path]]] = {}
+    for path in paths:
+        known = find_format(path, options.format)
+        shared = known.together and not path.is_dir()
+        key = (known.title, str(path.parent)) if shared else ("", str(path))
+        groups.setdefault(key, (known, []))[1].append(path)
+    return [(known, tuple(own)) for known, own in groups.values()]
+
+
+def open_either(known: FileFormat, paths: tuple[Path, ...]) -> Recording:
+    """Return the recording in these files, be it of landmarks or of shapes."""
+    if known.recorder is None:
+        raise ValueError(f"{known.title} is not a recording")
+    module, _, function = known.recorder.partition(":")
+    recording: Recording = getattr(import_module(module), function)(paths)
+    return recording
+
+
+def open_recording(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Recording:
+    """Return the recording in these files. Raises InputError where it is not of this kind."""
+    wanted = 2 if kind == "landmarks" else 3
+    name = source_name(paths[0])
+    if known.recorder is None or kind not in known.records:
+        titles = listed(
+            each.title for each in FORMATS.values() if kind in each.readers or kind in each.records
+        )
+        fix = f"give {'2D landmarks' if wanted == 2 else '3D shapes'}: {titles}"
+        raise input_error(name, f"is {known.title}, which holds no {kind}", fix)
+    recording = open_either(known, paths)
+    if recording.dimensions != wanted:
+        found = f"{known.title} of {recording.dimensions}D points"
+        fix = "give 3D shapes" if wanted == 3 else "give 2D landmarks; 3D shapes are for learn-dict"
+        raise input_error(name, found, fix)
+    return recording

@@ -1,0 +1,150 @@
+"""From the instances of a recording to those that are asked for, each with the name of its item."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import abbreviate, input_error
+from shapefit.io.foreign.recording import ANYBODY, Floats, Instances, Integers, Recording
+from shapefit.io.options import InputOptions
+
+NOBODY = "individuals without a landmark left out"
+DOUBTFUL = "landmarks hidden, whose confidence is below `likelihood_below`"
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Instances with the names of their items and sequences ("" for none), as in `Instances`."""
+
+    points: Floats
+    confidence: Floats | None
+    frames: Integers
+    items: tuple[str, ...]
+    sequences: tuple[str, ...]
+    extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def take(self, rows: NDArray[np.intp] | slice) -> Chosen:
+        """Return the instances of these rows."""
+        numbers = np.arange(len(self))[rows]
+        return Chosen(
+            self.points[rows],
+            None if self.confidence is None else self.confidence[rows],
+            self.frames[rows],
+            tuple(self.items[number] for number in numbers),
+            tuple(self.sequences[number] for number in numbers),
+            {name: values[rows] for name, values in self.extras.items()},
+        )
+
+
+def stacked(parts: Sequence[Chosen]) -> Chosen:
+    """Return instances one after the other; those without a confidence among others have 1."""
+    if len(parts) == 1:
+        return parts[0]
+    confidence = None
+    if any(part.confidence is not None for part in parts):
+        confidence = np.concatenate(
+            [
+                np.ones(part.points.shape[:2]) if part.confidence is None else part.confidence
+                for part in parts
+            ]
+        )
+    return Chosen(
+        np.concatenate([part.points for part in parts]),
+        confidence,
+        np.concatenate([part.frames for part in parts]),
+        tuple(item for part in parts for item in part.items),
+        tuple(name for part in parts for name in part.sequences),
+        {name: np.concatenate([part.extras[name] for part in parts]) for name in parts[0].extras},
+    )
+
+
+def choose(recording: Recording, options: InputOptions) -> Callable[[], Iterator[Chosen]]:
+    """Return what reads anew the instances that the options ask for.
+
+    Instances without a landmark are left out. Raises InputError for an individual that the
+    recording does not have.
+    """
+    names = recording.individuals
+    tracks = options.track == "nearest"
+    if options.individual is not None and not tracks and options.individual not in names:
+        raise _unknown_individual(recording, options.individual)
+
+    def read() -> Iterator[Chosen]:
+        blocks: Iterable[Instances] = recording.blocks()
+        if tracks:
+            from shapefit.io.foreign.tracking import joined
+
+            blocks = joined(blocks, first_track(recording.individuals))
+        numbers: Counter[tuple[str, str]] = Counter()
+        for block in blocks:
+            yield _chosen(block, recording, options, numbers)
+
+    return read
+
+
+def _chosen(
+    block: Instances, recording: Recording, options: InputOptions, numbers: Counter[tuple[str, str]]
+) -> Chosen:
+    """Name and thin out a block; `numbers` counts the anonymous instances of each frame."""
+    counts = Counter(block.counts)
+    points, confidence = block.points, block.confidence
+    placed: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=2))
+    if options.likelihood_below and confidence is not None:
+        doubtful = placed & (confidence < options.likelihood_below)
+        counts[DOUBTFUL] += int(doubtful.sum())
+        placed &= ~doubtful
+    points = np.where(placed[..., None], points, np.nan)
+    if confidence is not None:
+        confidence = np.where(placed, np.nan_to_num(confidence, nan=1.0), 0.0)
+    rows = placed.any(axis=1)
+    counts[NOBODY] += int((~rows).sum())
+    who = [_name(recording, number) for number in block.individuals.tolist()]
+    if options.individual is not None:
+        rows &= np.array([name == options.individual for name in who], dtype=bool)
+    videos = block.videos or [recording.video] * len(block)
+    items, sequences = [], []
+    for video, name, number, label in zip(
+        videos, who, block.individuals.tolist(), block.labels, strict=True
+    ):
+        if number == ANYBODY:
+            frame = (video, label)
+            items.append(f"{video}/{label}/{numbers[frame]}")
+            sequences.append("")
+            numbers[frame] += 1
+        else:
+            sequence = f"{video}/{name}" if name else video
+            items.append(f"{sequence}/{label}")
+            sequences.append(sequence)
+    every = Chosen(points, confidence, block.frames, tuple(items), tuple(sequences), block.extras)
+    return replace(every.take(np.flatnonzero(rows)), counts={n: c for n, c in counts.items() if c})
+
+
+def _name(recording: Recording, number: int) -> str:
+    """Return the name of an individual; "" for the only one of a recording that names none."""
+    if number == ANYBODY or number < first_track(recording.individuals):
+        return recording.individuals[number] if recording.individuals and number >= 0 else ""
+    return f"person {number - first_track(recording.individuals) + 1}"
+
+
+def first_track(individuals: Sequence[str]) -> int:
+    """Return the number that the first individual gets who was joined over frames."""
+    return max(1, len(individuals))
+
+
+def _unknown_individual(recording: Recording, name: str) -> Exception:
+    names: Sequence[str] = recording.individuals
+    if names:
+        fix = f"name one of {abbreviate(names)}"
+    else:
+        fix = "its format names none; leave out `individual`, or join people with `track: nearest`"
+    return input_error(recording.name, f"has no individual {name!r}", fix)

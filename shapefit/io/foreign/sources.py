@@ -1,0 +1,192 @@
+"""Recordings of other tools as files of landmarks and of shapes, as sources join them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.io.chunked import SourceFile
+from shapefit.io.duplicates import ItemList
+from shapefit.io.extras import Extras
+from shapefit.io.foreign.names import landmark_names
+from shapefit.io.foreign.recording import Recording
+from shapefit.io.foreign.selection import Chosen, choose, stacked
+from shapefit.io.options import InputOptions
+from shapefit.io.records import LandmarkSet, ShapeSet
+
+HELD_BYTES = 256 << 20
+"""Of a recording that is kept in memory; larger ones are read anew, sequence by sequence."""
+
+FRAME = "frame"
+"""Dataset (n,): the place of each item in its video, from 0."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What one pass over a recording found.
+
+    items and sequences as they are given out; counts as in `Instances`; held is everything, sorted
+    by sequence, None where that is too much.
+    """
+
+    items: tuple[str, ...]
+    sequences: tuple[str, ...]
+    has_confidence: bool
+    extras: Mapping[str, NDArray[Any]]
+    counts: Mapping[str, int]
+    held: Chosen | None
+
+
+def landmark_file(recording: Recording, options: InputOptions) -> SourceFile[LandmarkSet]:
+    """Return a recording of 2D landmarks as a file of a source; its head has `notes`."""
+    names = landmark_names(recording, options)
+    read = choose(recording, options)
+    survey = _survey(recording, read)
+    whole = dict(recording.extras)
+
+    def record(chosen: Chosen) -> LandmarkSet:
+        confidence = chosen.confidence
+        if confidence is None and survey.has_confidence:
+            confidence = np.ones(chosen.points.shape[:2])
+        return LandmarkSet(
+            landmarks=np.ascontiguousarray(chosen.points.transpose(0, 2, 1)),
+            confidence=confidence,
+            landmark_names=names,
+            items=chosen.items,
+            sequences=chosen.sequences if any(survey.sequences) else None,
+            unit=recording.unit,
+            y_axis=recording.y_axis,
+            frame_rate=recording.frame_rate,
+            extras=Extras({FRAME: chosen.frames, **chosen.extras}, whole),
+        )
+
+    return SourceFile(
+        recording.name,
+        record(_nothing(recording, survey.has_confidence, survey.extras)),
+        len(survey.items),
+        ItemList(lambda: [survey.items], lambda _: recording.name),
+        _opener(survey, read, record),
+        notes=_notes(recording, survey),
+    )
+
+
+def shape_file(recording: Recording, options: InputOptions) -> tuple[ShapeSet, tuple[str, ...]]:
+    """Return a recording of 3D points as shapes, NaN where a landmark is unknown; and its notes."""
+    names = landmark_names(recording, options)
+    read = choose(recording, options)
+    survey = _survey(recording, read, limit=None)
+    chosen = survey.held
+    assert chosen is not None
+    extras = {FRAME: chosen.frames, **chosen.extras}
+    if chosen.confidence is not None:
+        extras["confidence"] = chosen.confidence
+    shapes = ShapeSet(
+        shapes=np.ascontiguousarray(chosen.points.transpose(0, 2, 1)),
+        landmark_names=names,
+        items=chosen.items,
+        sequences=chosen.sequences if any(chosen.sequences) else None,
+        edges=np.array(recording.edges, dtype=np.int64) if recording.edges else None,
+        unit=recording.unit,
+        frame_rate=recording.frame_rate,
+        extras=Extras(extras, dict(recording.extras)),
+    )
+    return shapes, _notes(recording, survey)
+
+
+def _survey(
+    recording: Recording,
+    read: Callable[[], Iterable[Chosen]],
+    limit: int | None = HELD_BYTES,
+) -> Survey:
+    """Read a recording once; keep it if it is small."""
+    counts: Counter[str] = Counter()
+    kept: list[Chosen] = []
+    items: list[str] = []
+    sequences: list[str] = []
+    extras: Mapping[str, NDArray[Any]] = {}
+    held, has_confidence = 0, False
+    for block in read():
+        counts.update(block.counts)
+        items += block.items
+        sequences += block.sequences
+        has_confidence |= block.confidence is not None
+        extras = extras or {name: values[:0] for name, values in block.extras.items()}
+        held += block.points.nbytes + (0 if block.confidence is None else block.confidence.nbytes)
+        if limit is None or held <= limit:
+            kept.append(block)
+        else:
+            kept.clear()
+    order = _by_sequence(sequences)
+    whole = None
+    if limit is None or held <= limit:
+        whole = stacked(kept or [_nothing(recording, has_confidence, extras)]).take(order)
+    return Survey(
+        tuple(items[row] for row in order),
+        tuple(sequences[row] for row in order),
+        has_confidence,
+        extras,
+        {text: number for text, number in counts.items() if number},
+        whole,
+    )
+
+
+def _by_sequence(sequences: list[str]) -> NDArray[np.intp]:
+    """Return the order in which sequences follow one another, each in the order of the file."""
+    first = {name: number for number, name in enumerate(dict.fromkeys(sequences))}
+    return np.argsort([first[name] for name in sequences], kind="stable").astype(np.intp)
+
+
+def _nothing(
+    recording: Recording, has_confidence: bool, extras: Mapping[str, NDArray[Any]]
+) -> Chosen:
+    """Return no instances, with the datasets of all."""
+    p, d = recording.landmark_count, recording.dimensions
+    confidence = np.empty((0, p)) if has_confidence else None
+    return Chosen(np.empty((0, p, d)), confidence, np.empty(0, np.int64), (), (), extras)
+
+
+def _opener(
+    survey: Survey,
+    read: Callable[[], Iterable[Chosen]],
+    record: Callable[[Chosen], LandmarkSet],
+) -> Callable[[], Any]:
+    """Return what opens the file: a reader of rows, which are asked for in order."""
+    held = survey.held
+    names = tuple(dict.fromkeys(survey.sequences))
+
+    def again() -> Iterator[Chosen]:
+        for name in names:
+            for block in read():
+                yield block.take(np.flatnonzero([own == name for own in block.sequences]))
+
+    @contextmanager
+    def opened() -> Iterator[Callable[[slice], LandmarkSet]]:
+        if held is not None:
+            yield lambda rows: record(held.take(rows))
+            return
+        rest = again()
+        parts: list[Chosen] = []
+
+        def following(rows: slice) -> LandmarkSet:
+            wanted = rows.stop - rows.start
+            while sum(map(len, parts)) < wanted:
+                parts.append(next(rest))
+            every = stacked(parts)
+            parts[:] = [every.take(slice(wanted, None))]
+            return record(every.take(slice(0, wanted)))
+
+        yield following
+
+    return opened
+
+
+def _notes(recording: Recording, survey: Survey) -> tuple[str, ...]:
+    """Say what was left out of a recording."""
+    found = tuple(f"{recording.name}: {number} {text}" for text, number in survey.counts.items())
+    return tuple(f"{recording.name}: {note}" for note in recording.notes) + found

@@ -1,0 +1,69 @@
+"""The kind of a file: landmarks, shapes, result or dictionary."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from shapefit.errors import input_error
+from shapefit.io.foreign.opening import open_either
+from shapefit.io.formats import CSV, HDF5, find_format
+from shapefit.io.layout import DICTIONARY, LANDMARKS, RESULTS, SHAPES, Format
+from shapefit.io.options import AS_THEY_ARE, InputOptions
+from shapefit.io.sources import is_stream
+
+Kind = Literal["landmarks", "shapes", "result", "dictionary"]
+
+FORMS: dict[str, Format] = {form.name: form for form in (LANDMARKS, SHAPES, RESULTS, DICTIONARY)}
+
+LONGEST_HEADER = 1 << 16
+"""Characters of a first line that are looked at: a device may never end it."""
+
+
+def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
+    """Return what a file holds. A table with the column z holds shapes.
+
+    Raises InputError for what is wrong with the file, and for standard input, which could not be
+    read again.
+    """
+    if is_stream(path):
+        found = "standard input can be read only once"
+        raise input_error("-", found, "save it to a file and name that")
+    known = find_format(path, options.format)
+    if known.recorder is not None:
+        recording = open_either(known, (path,))
+        return "landmarks" if recording.dimensions == 2 else "shapes"
+    if known is HDF5:
+        return hdf5_form(path).kind  # type: ignore[return-value]
+    if known is CSV:
+        return "shapes" if has_depth(path) else "landmarks"
+    kinds: tuple[Kind, ...] = get_args(Kind)
+    return next(kind for kind in kinds if kind in known.readers)
+
+
+def has_depth(path: Path) -> bool:
+    """Whether a table has the column z."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        columns = file.readline(LONGEST_HEADER).lstrip("\ufeff").strip().split(",")
+    return "z" in {column.strip(' "') for column in columns}
+
+
+def hdf5_form(path: Path) -> Format:
+    """Return the layout that an HDF5 file says it has. Raises InputError where it is not ours."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            stated = file.attrs.get("format")
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
+        found = f"cannot be read ({str(error).partition(chr(10))[0]})"
+        fix = "the file may be cut off or damaged: copy or make it again"
+        raise input_error(path, found, fix) from error
+    name = stated.decode("utf-8", "replace") if isinstance(stated, bytes | np.bytes_) else stated
+    if not isinstance(name, str) or name not in FORMS:
+        named = f"is a {name} file" if isinstance(name, str) else "has a format that is no text"
+        found = "has no root attribute format" if name is None else named
+        raise input_error(path, found, f"give one of {', '.join(FORMS)}")
+    return FORMS[name]

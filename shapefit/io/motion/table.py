@@ -1,0 +1,7 @@
+"""Formats of 3D points and motion."""
+
+from __future__ import annotations
+
+from shapefit.io.foreign.file_format import FileFormat
+
+FORMATS: dict[str, FileFormat] = {}

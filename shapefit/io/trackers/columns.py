@@ -1,0 +1,102 @@
+"""The columns of a DeepLabCut table: which individual, landmark and coordinate each one holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import abbreviate, input_error, printable
+from shapefit.io.foreign.recording import Floats, Instances
+
+COORDINATES = ("x", "y", "z", "likelihood")
+
+SAVE = "save the table again with DeepLabCut"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the numbers of a row stand.
+
+    individuals and landmarks are names; points (i, p, d) and likelihood (i, p) are columns of a
+    row that has a NaN appended, which is what is missing points at.
+    """
+
+    individuals: tuple[str, ...]
+    landmarks: tuple[str, ...]
+    points: NDArray[np.intp]
+    likelihood: NDArray[np.intp] | None
+
+    @property
+    def dimensions(self) -> Literal[2, 3]:
+        """2, or 3 where there is a column z."""
+        return 3 if self.points.shape[2] == 3 else 2
+
+    def instances(self, values: Floats, start: int, labels: Sequence[str]) -> Instances:
+        """Return the rows (n, columns) of frames `start` and on, each individual an instance."""
+        n, many = len(values), len(self.points)
+        padded = np.column_stack([values, np.full(n, np.nan)])
+        points = padded[:, self.points].reshape(n * many, *self.points.shape[1:])
+        confidence = None
+        if self.likelihood is not None:
+            confidence = padded[:, self.likelihood].reshape(n * many, -1)
+        return Instances(
+            points=points,
+            confidence=confidence,
+            frames=np.repeat(np.arange(start, start + n), many),
+            labels=[label for label in labels for _ in range(many)],
+            individuals=np.tile(np.arange(many), n),
+        )
+
+
+def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
+    """Sort columns, named (scorer, [individual,] body part, coordinate), each after `place`.
+
+    Individuals and landmarks stand in order of appearance; a column that is there for some of
+    them only is missing for the others. Raises InputError for other names, for columns that are
+    there twice, and for coordinates without the others.
+    """
+    if not columns:
+        raise input_error(place, "has no columns of coordinates", SAVE)
+    depth = len(columns[0])
+    if depth not in (3, 4) or any(len(column) != depth for column in columns):
+        found = f"its columns have {depth} names each"
+        raise input_error(place, found, f"{SAVE}: scorer, (individual,) body part, coordinate")
+    number: dict[tuple[str, str, str], int] = {}
+    for place_in_row, column in enumerate(columns):
+        key = (column[1] if depth == 4 else "", column[-2], column[-1])
+        if key[2] not in COORDINATES:
+            found = f"the coordinate of {printable(key[1])} is {printable(key[2])!r}"
+            raise input_error(place, found, "name it x, y, z or likelihood")
+        if key in number:
+            scorers = abbreviate(sorted({printable(other[0]) for other in columns}))
+            found = f"{key[2]} of {printable(' '.join(key[:2]).strip())} is there twice"
+            raise input_error(place, found, f"keep the columns of one scorer (here {scorers})")
+        number[key] = place_in_row
+    individuals = tuple(dict.fromkeys(key[0] for key in number))
+    landmarks = tuple(dict.fromkeys(key[1] for key in number))
+    present = {key[2] for key in number}
+    axes = [axis for axis in COORDINATES[:3] if axis in present]
+    if axes[:2] != ["x", "y"]:
+        raise input_error(place, "has no columns x and y", SAVE)
+    for who, landmark in {key[:2] for key in number}:
+        if lost := [axis for axis in axes if (who, landmark, axis) not in number]:
+            found = f"{printable(landmark)} has no column {lost[0]}"
+            raise input_error(place, found, "add it, or remove the landmark")
+    missing = len(columns)
+
+    def find(axis: str) -> NDArray[np.intp]:
+        return np.array(
+            [[number.get((who, name, axis), missing) for name in landmarks] for who in individuals],
+            dtype=np.intp,
+        )
+
+    return Layout(
+        individuals if depth == 4 else (),
+        landmarks,
+        np.stack([find(axis) for axis in axes], axis=-1),
+        find("likelihood") if "likelihood" in present else None,
+    )

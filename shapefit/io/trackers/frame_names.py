@@ -1,0 +1,44 @@
+"""What frames are called in items: numbers, times, and the names of images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import PurePosixPath, PureWindowsPath
+
+IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+
+
+def image_labels(paths: Sequence[str]) -> tuple[str, ...]:
+    """Return names of images: without folder and suffix where that tells them apart."""
+    stems = [_without_suffix(name_of(path)) for path in paths]
+    if len(set(stems)) == len(stems):
+        return tuple(stems)
+    return tuple(_without_suffix(path) for path in paths)
+
+
+def number_label(value: float) -> str:
+    """Return a frame's number or time in seconds as text, to the microsecond."""
+    return str(int(value)) if value == int(value) else f"{value:.6f}".rstrip("0")
+
+
+def name_of(path: str) -> str:
+    """Return the last part of a path, whichever system wrote it."""
+    return PureWindowsPath(path).name if "\\" in path else PurePosixPath(path).name
+
+
+def apart(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names, those that repeat an earlier one with a number after them."""
+    taken: set[str] = set()
+    found = []
+    for name in names:
+        free, number = name, 2
+        while free in taken:
+            free, number = f"{name} ({number})", number + 1
+        taken.add(free)
+        found.append(free)
+    return tuple(found)
+
+
+def _without_suffix(path: str) -> str:
+    ending = next((ending for ending in IMAGES if path.lower().endswith(ending)), "")
+    return path[: len(path) - len(ending)]

@@ -1,0 +1,231 @@
+"""HDF5 files of trackers: opened once, with every damage named by file and dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from math import prod
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import input_error, printable
+from shapefit.io.hdf5.pieces import read_rows
+from shapefit.io.hdf5.sizes import Stored, size_in_memory
+from shapefit.io.memory import check_fits
+
+BLOCK_FRAMES = 4096
+"""Of a video that are read at a time."""
+
+BLOCK_BYTES = 1 << 24
+"""Of a dataset that are read at a time; MOST_BYTES where its chunks are larger."""
+MOST_BYTES = 1 << 27
+
+MOST_TEXTS = 1_000_000
+"""Names that a dataset of names can hold."""
+
+DAMAGED = "the file may be cut off or damaged: copy or make it again"
+FILTERS = ("can't open plugin", "required filter", "can't find plugin", "filter is not available")
+
+
+class TrackerFile:
+    """An open HDF5 file of another tool; a context manager. Whatever is wrong is an InputError."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with self.damage():
+            self._file = h5py.File(path, "r")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.close()
+
+    def place(self, name: str) -> str:
+        """Name a dataset or group in messages."""
+        return f"{self.path}:/{printable(name.strip('/'))}"
+
+    @contextmanager
+    def damage(self, name: str = "") -> Iterator[None]:
+        """Turn what h5py raises for damaged files, and for filters it lacks, into an InputError."""
+        try:
+            yield
+        except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
+            place = self.place(name) if name else str(self.path)
+            reason = printable(str(error).partition("\n")[0])
+            if any(words in reason.lower() for words in FILTERS):
+                found = f"is compressed in a way that is not built in here ({reason})"
+                fix = "write it again with gzip or without compression"
+                raise input_error(place, found, fix) from error
+            raise input_error(place, f"cannot be read ({reason})", DAMAGED) from error
+
+    def names(self, group: str = "/") -> tuple[str, ...]:
+        """Return the names of what a group holds."""
+        with self.damage(group):
+            return tuple(name for name in self._file[group] if isinstance(name, str))
+
+    def has(self, name: str) -> bool:
+        """Whether there is such a dataset or group."""
+        with self.damage(name):
+            return self._file.get(name) is not None
+
+    def is_dataset(self, name: str) -> bool:
+        """Whether there is such a dataset."""
+        with self.damage(name):
+            return isinstance(self._file.get(name), h5py.Dataset)
+
+    def attribute(self, name: str, node: str = "/") -> Any:
+        """Return an attribute as Python's own str, bytes, number or list; None without it."""
+        with self.damage(node):
+            attributes = self._file[node].attrs
+            value = attributes[name] if name in attributes else None  # noqa: SIM401
+        if value is None or isinstance(value, h5py.Empty):
+            return None
+        if isinstance(value, np.ndarray):
+            value = value.flat[0] if value.size == 1 else value.tolist()
+        return value.item() if isinstance(value, np.generic) else value
+
+    def shape(self, name: str, axes: str = "") -> tuple[int, ...]:
+        """Return the shape of a dataset; InputError unless it has as many axes as are listed."""
+        self._require(name)
+        with self.damage(name):
+            shape = tuple(self._file[name].shape or ())
+        if axes and len(shape) != len(axes.split(", ")):
+            found = f"has the shape {shape}"
+            raise input_error(self.place(name), found, f"its axes should be ({axes})")
+        return shape
+
+    def check_shape(self, name: str, wanted: Sequence[int]) -> None:
+        """Raise InputError unless a dataset has this shape."""
+        shape = self.shape(name)
+        if shape != tuple(wanted):
+            found = f"has the shape {shape}, and other datasets want {tuple(wanted)}"
+            raise input_error(self.place(name), found, DAMAGED)
+
+    def fields(self, name: str) -> tuple[str, ...]:
+        """Return the names of the columns of a table; InputError where it is none."""
+        self._require(name)
+        with self.damage(name):
+            found = self._file[name].dtype.names
+        if not found:
+            raise input_error(self.place(name), "is not a table of named columns", DAMAGED)
+        return tuple(found)
+
+    def rows(self, name: str, rows: slice | tuple[Any, ...] = ()) -> Any:
+        """Return rows of a dataset as they stand in the file; `()` is all of it."""
+        self._require(name)
+        with self.damage(name):
+            dataset = self._file[name]
+            stored = Stored.of(dataset)
+            whole = rows if isinstance(rows, slice) or rows == () else ()
+            check_fits(self.place(name), size_in_memory(stored, whole))
+            if whole is not rows:
+                return dataset[rows]
+            return read_rows(stored, rows)
+
+    def numbers(self, name: str, rows: slice | tuple[Any, ...] = ()) -> NDArray[np.float64]:
+        """Return rows of a dataset as numbers. Raises InputError where they are none."""
+        with self.damage(name):
+            self._require(name)
+            kind = self._file[name].dtype.kind
+        if kind not in "biuf":
+            raise input_error(self.place(name), "holds no numbers", DAMAGED)
+        return np.asarray(self.rows(name, rows), np.float64)
+
+    def is_text(self, name: str) -> bool:
+        """Whether a dataset holds text."""
+        with self.damage(name):
+            return h5py.check_string_dtype(self._file[name].dtype) is not None
+
+    def scales(self, name: str) -> tuple[str, ...]:
+        """Return the names of the dimension scales of a dataset; InputError without them."""
+        self._require(name)
+        with self.damage(name):
+            scales = [dict(axis) for axis in self._file[name].dims]
+            names = [found[0].name.strip("/") for found in map(list, map(dict.values, scales))]
+        return tuple(names)
+
+    def ranges(self, name: str, axis: int) -> Iterator[slice]:
+        """Divide an axis of a dataset into blocks, each of whole chunks where they are not large.
+
+        A chunk that two blocks share is decompressed for each of them.
+        """
+        self._require(name)
+        with self.damage(name):
+            dataset = self._file[name]
+            count, chunks = dataset.shape[axis], dataset.chunks
+            entry = dataset.nbytes // max(count, 1)
+        step = max(min(BLOCK_FRAMES, BLOCK_BYTES // max(entry, 1)), 1)
+        if chunks is not None:
+            whole = -(-step // chunks[axis]) * chunks[axis]
+            step = whole if whole * entry <= MOST_BYTES else step
+        return frame_ranges(count, step)
+
+    def texts(self, name: str) -> tuple[str, ...]:
+        """Return a dataset of names. Raises InputError where they are none, or too many."""
+        self._require(name)
+        with self.damage(name):
+            dataset = self._file[name]
+            if prod(dataset.shape or ()) > MOST_TEXTS:
+                raise input_error(self.place(name), f"holds {dataset.shape} names", DAMAGED)
+            if h5py.check_string_dtype(dataset.dtype) is None:
+                if dataset.size == 0:
+                    return ()  # SLEAP writes lists without entries as numbers
+                raise input_error(self.place(name), "holds no text", DAMAGED)
+            found = np.ravel(dataset[()])
+        return tuple(text(value) for value in found)
+
+    def attributes(self, node: str) -> Mapping[str, Any]:
+        """Return all attributes of a dataset or group that can be read."""
+        with self.damage(node):
+            names = list(self._file[node].attrs)
+        return {name: self.attribute(name, node) for name in names}
+
+    def _require(self, name: str) -> None:
+        if not self.is_dataset(name):
+            raise input_error(self.place(name), "there is no such dataset", DAMAGED)
+
+
+def text(value: Any) -> str:
+    """Return bytes of a file as text; what is not UTF-8 as escapes."""
+    return value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else str(value)
+
+
+def check_unique(place: str, names: Sequence[str], what: str) -> None:
+    """Raise InputError for names that are empty or repeat."""
+    known: set[str] = set()
+    for name in names:
+        if not name:
+            raise input_error(place, f"a {what} has no name", "name each of them")
+        if name in known:
+            found = f"the {what} {name!r} is there twice"
+            raise input_error(place, found, "give each a name of its own")
+        known.add(name)
+
+
+def frame_ranges(count: int, at_once: int = BLOCK_FRAMES) -> Iterator[slice]:
+    """Divide frames into blocks."""
+    return (slice(start, min(start + at_once, count)) for start in range(0, count, at_once))
+
+
+def read_edges(file: TrackerFile, name: str, count: int) -> tuple[tuple[int, int], ...]:
+    """Return the pairs of landmarks in a dataset (e, 2); none where it is absent or empty."""
+    if not file.is_dataset(name) or 0 in file.shape(name):
+        return ()
+    shape = file.shape(name)
+    if len(shape) != 2 or shape[1] != 2:
+        raise input_error(file.place(name), f"has the shape {shape}, not (edges, 2)", DAMAGED)
+    pairs = file.numbers(name)
+    if not ((pairs >= 0) & (pairs < count)).all():
+        raise input_error(file.place(name), "points at landmarks that are not there", DAMAGED)
+    return tuple((int(a), int(b)) for a, b in pairs)

@@ -1,0 +1,128 @@
+"""What files of trackers begin with; HDF5 files are opened once for all their formats."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from shapefit.io.sources import HDF5_SIGNATURE
+
+OWN_FORMAT = "shapefit-"
+"""What the root attribute `format` of our own HDF5 files begins with."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the root of an HDF5 file holds.
+
+    entries     names of its groups and datasets
+    attributes  names of the attributes of the root
+    pandas      groups of the root that pandas wrote
+    points      whether a group `poseest` has points
+    processing  whether a group `processing` is not empty
+    slp         whether `metadata` has the version of a SLEAP file
+    """
+
+    entries: frozenset[str] = frozenset()
+    attributes: frozenset[str] = frozenset()
+    pandas: tuple[str, ...] = ()
+    points: bool = False
+    processing: bool = False
+    slp: bool = False
+
+
+NOTHING = Look()
+
+
+def look(path: Path, head: bytes) -> Look:
+    """Return what an HDF5 file of others holds; nothing for all other files, and damaged ones."""
+    if not head.startswith(HDF5_SIGNATURE):
+        return NOTHING
+    with suppress(OSError):
+        state = path.stat()
+        return _look(str(path), state.st_mtime_ns, state.st_size)
+    return NOTHING
+
+
+@lru_cache(maxsize=1)
+def _look(path: str, _time: int, _size: int) -> Look:
+    """Open a file; the same state of it is not opened again for the next recogniser."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return _describe(file)
+    except Exception:  # h5py has many kinds of error for damaged files; their reader names them
+        return NOTHING
+
+
+def _describe(file: Any) -> Look:
+    root = file.attrs
+    stated = root.get("format", "")
+    if isinstance(stated, bytes):
+        stated = stated.decode("utf-8", "replace")
+    if isinstance(stated, str) and stated.startswith(OWN_FORMAT):
+        return NOTHING
+    entries = frozenset(file)
+    return Look(
+        entries=entries,
+        attributes=frozenset(root),
+        pandas=tuple(name for name in file if _is_pandas(file, name)),
+        points="poseest" in entries and "points" in file["poseest"],
+        processing="processing" in entries and len(file["processing"]) > 0,
+        slp="metadata" in entries and "format_id" in file["metadata"].attrs,
+    )
+
+
+def _is_pandas(file: Any, name: str) -> bool:
+    """Whether a link of the root leads to a group that pandas wrote."""
+    found = file.get(name)
+    return found is not None and "pandas_type" in found.attrs
+
+
+def is_deeplabcut_hdf5(path: Path, head: bytes) -> bool:
+    """Whether pandas wrote a table into the file."""
+    return bool(look(path, head).pandas)
+
+
+def is_jabs(path: Path, head: bytes) -> bool:
+    """Whether the file has poseest/points."""
+    return look(path, head).points
+
+
+def is_movement(path: Path, head: bytes) -> bool:
+    """Whether the file says which kind of movement's data sets it is."""
+    return "ds_type" in look(path, head).attributes
+
+
+def is_nwb(path: Path, head: bytes) -> bool:
+    """Whether the file says which version of NWB it is."""
+    found = look(path, head)
+    return "nwb_version" in found.attributes or found.processing
+
+
+def is_sleap_analysis(path: Path, head: bytes) -> bool:
+    """Whether the file has tracks, and names of the nodes of a skeleton."""
+    return {"tracks", "node_names"} <= look(path, head).entries
+
+
+def is_slp(path: Path, head: bytes) -> bool:
+    """Whether the file has metadata with the version of SLEAP's format, and frames."""
+    found = look(path, head)
+    return found.slp and {"frames", "instances"} <= found.entries
+
+
+def is_deeplabcut_csv(_path: Path, head: bytes) -> bool:
+    """Whether the first cell of the file is `scorer`, and one of the next lines begins `bodyparts`.
+
+    A first line can be longer than what is seen of the file; then the first cell decides.
+    """
+    text = head.removeprefix(b"\xef\xbb\xbf")
+    lines = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+    firsts = [line.split(b",", 1)[0].strip(b' "') for line in lines]
+    if firsts[0] == b"scorer" and b"," in lines[0]:
+        return len(firsts) < 3 or b"bodyparts" in firsts[1:3]
+    return firsts[0] in (b"bodyparts", b"individuals") and b"coords" in firsts[1:3]

@@ -1,0 +1,210 @@
+"""SLEAP .slp: tables of labelled frames, of their instances, and of the points of those.
+
+An instance that a user placed takes the place of the predicted one from which it was made, or
+which has its track in the same frame. Before version 1.1 of the format the middle of the first
+pixel was at 0.5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import input_error
+from shapefit.io.foreign.recording import (
+    ANYBODY,
+    Instances,
+    Integers,
+    Recording,
+    video_name,
+)
+from shapefit.io.trackers.reading import BLOCK_FRAMES, DAMAGED, TrackerFile, frame_ranges
+from shapefit.io.trackers.sleap_metadata import Metadata, read_metadata
+
+USER, PREDICTED = 0, 1
+
+TABLES = {USER: "points", PREDICTED: "pred_points"}
+
+REPLACED = "predicted instances replaced by those that a user placed"
+
+PIXEL_MIDDLES = 1.1
+"""The version from which on the middle of the first pixel is at 0."""
+
+
+@dataclass(frozen=True)
+class _Index:
+    """Instances in the order of their frames: kind, track, skeleton, and where points begin.
+
+    frames are numbers in the video, videos places in the list of videos; replaced counts the
+    predicted instances that are not among them.
+    """
+
+    kind: Integers
+    track: Integers
+    skeleton: Integers
+    start: Integers
+    frames: Integers
+    videos: Integers
+    replaced: int
+    labelled: int
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+
+def record(paths: tuple[Path, ...]) -> Recording:
+    """Open a file; its points are read when its blocks are."""
+    path = paths[0]
+    with TrackerFile(path) as file:
+        metadata = read_metadata(file)
+        index = _read_index(file, metadata)
+    names = metadata.landmarks
+    return Recording(
+        name=str(path),
+        video=video_name(path),
+        dimensions=2,
+        landmark_count=len(names),
+        landmark_names=names,
+        blocks=lambda: _read(path, metadata, index),
+        individuals=metadata.tracks,
+        frames=index.labelled,
+        unit="px",
+        edges=metadata.edges,
+    )
+
+
+def _read_index(file: TrackerFile, metadata: Metadata) -> _Index:
+    """Return all instances that count, sorted by video and frame."""
+    frames = _columns(file, "frames", "video frame_idx instance_id_start instance_id_end")
+    wanted = "instance_id instance_type skeleton track from_predicted point_id_start point_id_end"
+    table = _columns(file, "instances", wanted)
+    start, end = frames["instance_id_start"], frames["instance_id_end"]
+    if ((start < 0) | (end < start) | (end > len(table["track"]))).any():
+        raise input_error(file.place("frames"), "points at instances that are not there", DAMAGED)
+    order = np.lexsort((frames["frame_idx"], frames["video"]))
+    rows, owner = _spread(start[order], end[order])
+    found = {name: values[rows] for name, values in table.items()}
+    found["frames"], found["videos"] = (
+        frames[name][order][owner] for name in ("frame_idx", "video")
+    )
+    _check(file, found, metadata)
+    kept = ~_replaced(found)
+    return _Index(
+        found["instance_type"][kept],
+        found["track"][kept],
+        found["skeleton"][kept],
+        found["point_id_start"][kept],
+        found["frames"][kept],
+        found["videos"][kept],
+        int((~kept).sum()),
+        len(start),
+    )
+
+
+def _columns(file: TrackerFile, name: str, wanted: str) -> dict[str, Integers]:
+    """Return columns of a table as integers."""
+    known = file.fields(name)
+    if lost := [column for column in wanted.split() if column not in known]:
+        raise input_error(file.place(name), f"has no column {lost[0]}", DAMAGED)
+    table = file.rows(name)
+    return {column: table[column].astype(np.int64) for column in wanted.split()}
+
+
+def _spread(start: Integers, end: Integers) -> tuple[Integers, Integers]:
+    """Return the rows of the ranges, one after the other, and the range of each."""
+    counts = end - start
+    owner = np.repeat(np.arange(len(start)), counts)
+    rows = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return rows + start[owner], owner
+
+
+def _check(file: TrackerFile, found: dict[str, Integers], metadata: Metadata) -> None:
+    """Raise InputError for instances of tracks, skeletons, videos or points that are not there."""
+    place = file.place("instances")
+    for column, count, lowest in (
+        ("instance_type", 2, 0),
+        ("track", len(metadata.tracks), -1),
+        ("skeleton", len(metadata.skeletons), 0),
+        ("videos", max(len(metadata.videos), 1), 0),
+    ):
+        wrong = (found[column] < lowest) | (found[column] >= count)
+        if wrong.any():
+            value = int(found[column][np.argmax(wrong)])
+            raise input_error(place, f"has the {column} {value} of {count}", DAMAGED)
+    sizes = np.array([len(skeleton) for skeleton in metadata.skeletons])[found["skeleton"]]
+    start, end = found["point_id_start"], found["point_id_end"]
+    if (end - start != sizes).any() or (start < 0).any():
+        raise input_error(place, "has another number of points than its skeleton", DAMAGED)
+    for kind, table in TABLES.items():
+        own = found["instance_type"] == kind
+        if own.any() and end[own].max() > file.shape(table)[0]:
+            raise input_error(file.place(table), "ends before the points of instances", DAMAGED)
+
+
+def _replaced(found: dict[str, Integers]) -> NDArray[np.bool_]:
+    """Whether each instance is a predicted one for which a user placed another."""
+    user = found["instance_type"] == USER
+    origins = found["from_predicted"][user & (found["from_predicted"] >= 0)]
+    tracked = found["track"] != ANYBODY
+    keys = np.stack([found["videos"], found["frames"], found["track"]], axis=1)
+    _, key = np.unique(keys, axis=0, return_inverse=True)
+    key = key.ravel()
+    same_track = tracked & np.isin(key, key[user & tracked])
+    return ~user & (same_track | np.isin(found["instance_id"], origins))
+
+
+def _read(path: Path, metadata: Metadata, index: _Index) -> Iterator[Instances]:
+    """Read the points, some thousand instances at a time."""
+    columns = metadata.columns()
+    shift = 0.0 if metadata.version >= PIXEL_MIDDLES else 0.5
+    several = len(metadata.videos) > 1
+    with TrackerFile(path) as file:
+        ordered = {
+            kind: bool((np.diff(index.start[index.kind == kind]) >= 0).all()) for kind in TABLES
+        }
+        whole = {
+            kind: file.rows(table)
+            for kind, table in TABLES.items()
+            if not ordered[kind] and (index.kind == kind).any()
+        }
+        for rows in frame_ranges(len(index), BLOCK_FRAMES):
+            n, p = len(index.kind[rows]), len(metadata.landmarks)
+            points = np.full((n, p, 2), np.nan)
+            confidence = np.full((n, p), np.nan)
+            for kind in TABLES:
+                for number, places in enumerate(columns):
+                    own = (index.kind[rows] == kind) & (index.skeleton[rows] == number)
+                    if not own.any() or not len(places):
+                        continue
+                    found = _points(file, kind, index.start[rows][own], len(places), whole)
+                    seen = found["visible"].astype(bool)
+                    xy = np.stack([found["x"], found["y"]], axis=-1).astype(np.float64) - shift
+                    points[np.ix_(own, places)] = np.where(seen[..., None], xy, np.nan)
+                    if kind == PREDICTED:
+                        confidence[np.ix_(own, places)] = found["score"]
+            videos = index.videos[rows].tolist()
+            yield Instances(
+                points=points,
+                confidence=None if np.isnan(confidence).all() else confidence,
+                frames=index.frames[rows],
+                labels=list(map(str, index.frames[rows].tolist())),
+                individuals=index.track[rows],
+                videos=[metadata.videos[video] for video in videos] if several else None,
+                counts={REPLACED: index.replaced} if rows.start == 0 and index.replaced else {},
+            )
+
+
+def _points(
+    file: TrackerFile, kind: int, start: Integers, count: int, whole: dict[int, Any]
+) -> Any:
+    """Return the points (n, count) of instances, whose points begin at `start`."""
+    rows = start[:, None] + np.arange(count)
+    if kind in whole:
+        return whole[kind][rows]
+    first = int(rows.min())
+    return file.rows(TABLES[kind], slice(first, int(rows.max()) + 1))[rows - first]

@@ -1,0 +1,193 @@
+"""`info`: what files hold, and the command to go on with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from shapefit.config import InfoConfig
+from shapefit.errors import InputError, abbreviate, counted, input_error, listed
+from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, open_shapes, read_dictionary
+from shapefit.io.extras import Extras
+from shapefit.io.foreign.names import fitting_skeletons
+from shapefit.io.foreign.opening import group_inputs, open_either
+from shapefit.io.formats import FileFormat
+from shapefit.io.kinds.kind import find_kind
+from shapefit.io.kinds.results import read_results
+from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.options import InputOptions
+from shapefit.io.sources import is_stream, source_name
+from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.reading import input_options
+
+BLOCK = 16384
+"""Items that are read at a time."""
+
+CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
+"""Datasets that say how the camera saw the landmarks."""
+
+Line = tuple[str, str]
+
+
+def run(config: InfoConfig) -> Iterator[Outcome]:
+    """Describe every input; yields one Outcome with the text as its note.
+
+    Raises InputError where none can be read.
+    """
+    options = input_options(config.input)
+    for path in config.files:
+        if is_stream(path):
+            found = "standard input can be read only once"
+            raise input_error("-", found, "save it to a file and name that")
+    texts: list[str] = []
+    notes: tuple[str, ...] = ()
+    failures: list[Failure] = []
+    problems: list[str] = []
+    for path in config.files:
+        try:
+            (group,) = group_inputs([path], options)
+            lines, warnings = _told(*group, options)
+        except InputError as error:
+            problems += error.problems
+            failures.append(Failure(source_name(path), "; ".join(error.problems)))
+        else:
+            texts.append(_as_text(lines))
+            notes += warnings
+    if not texts:
+        raise InputError(problems)
+    note = "\n\n".join(texts)
+    yield Outcome(done=len(config.files), failures=tuple(failures), warnings=notes, note=note)
+
+
+def _as_text(lines: Sequence[Line]) -> str:
+    (_, title), *others = lines
+    return "\n".join([title, *(f"  {name + ':':<14}{text}" for name, text in others)])
+
+
+def _told(
+    known: FileFormat, paths: tuple[Path, ...], options: InputOptions
+) -> tuple[list[Line], tuple[str, ...]]:
+    """Return what is said of one input, and warnings about it."""
+    path = paths[0]
+    kind = find_kind(path, options)
+    title = [("", source_name(path)), ("format", known.title)]
+    if kind == "dictionary":
+        return title + _of_dictionary(path), ()
+    if kind == "result":
+        return title + _of_result(path), ()
+    if known.recorder is not None:
+        recording = open_either(known, paths)
+        title += [("frames", f"{recording.frames:,}")] if recording.frames is not None else []
+        count = recording.landmark_count
+        fitting = fitting_skeletons(count)
+        nameless = recording.landmark_names is None and not recording.default_keypoints
+        if nameless and options.keypoints is None and len(fitting) > 1:
+            hint = " or ".join(f"`--set keypoints={name}`" for name in fitting)
+            title.append(("landmarks", f"{count} without names: say which with {hint}"))
+            return title, recording.notes
+    opened = open_landmarks(paths, options) if kind == "landmarks" else None
+    with opened or open_shapes(paths, options, gaps=True) as source:
+        found = _Found()
+        for chunk in source.chunks(BLOCK):
+            found.add(chunk)
+        lines = title + _of_records(source.head, found, source.count, kind)
+        lines.append(("go on with", _following(kind, path, options, found)))
+        return lines, source.notes
+
+
+@dataclass
+class _Found:
+    """What was counted over all chunks."""
+
+    placed: int = 0
+    places: int = 0
+    sequences: dict[str, None] | None = None
+    most: float = 0.0
+    least: float = np.inf
+
+    def add(self, chunk: LandmarkSet | ShapeSet) -> None:
+        """Count a chunk."""
+        points = chunk.landmarks if isinstance(chunk, LandmarkSet) else chunk.shapes
+        known = np.isfinite(points).all(axis=1)
+        self.placed += int(known.sum())
+        self.places += known.size
+        if chunk.sequences is not None:
+            self.sequences = {**(self.sequences or {}), **dict.fromkeys(chunk.sequences)}
+        confidence = chunk.confidence if isinstance(chunk, LandmarkSet) else None
+        if confidence is not None and known.any():
+            self.most = max(self.most, float(confidence[known].max()))
+            self.least = min(self.least, float(confidence[known].min()))
+
+
+def _of_records(head: LandmarkSet | ShapeSet, found: _Found, count: int, kind: str) -> list[Line]:
+    noun = "image" if kind == "landmarks" else "shape"
+    names = head.landmark_names
+    lines = [(f"{noun}s", f"{count:,}"), ("landmarks", f"{len(names)}: {abbreviate(names)}")]
+    sequences = [name for name in found.sequences or () if name]
+    if sequences:
+        lines.append(("sequences", f"{len(sequences)}: {abbreviate(sequences)}"))
+    rate = head.frame_rate
+    if sequences:
+        lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
+    missing = 1 - found.placed / max(found.places, 1)
+    lines.append(("missing", f"{missing:.1%} of the landmarks"))
+    if np.isfinite(found.least):
+        lines.append(("confidence", f"{found.least:.3g} to {found.most:.3g}"))
+    lines.append(("unit", head.unit if head.unit != UNKNOWN_UNIT else "not said"))
+    if isinstance(head, LandmarkSet):
+        lines.append(("y axis", head.y_axis))
+    camera = [name for name in CAMERA if name in Extras.of(head.extras, 0)]
+    if camera:
+        lines.append(("camera", listed(camera, "and")))
+    return lines
+
+
+def _of_result(path: Path) -> list[Line]:
+    result = read_results(path)
+    names = result.landmark_names
+    failed = int((~np.isfinite(result.shapes).all(axis=(1, 2))).sum())
+    lines = [
+        ("kind", f"result of {result.attributes.get('method', 'fit')}"),
+        ("images", f"{len(result):,}" + (f", {failed} without a shape" if failed else "")),
+        ("landmarks", f"{len(names)}: {abbreviate(names)}"),
+    ]
+    sequences = [name for name in dict.fromkeys(result.sequences or ()) if name]
+    if sequences:
+        lines.append(("sequences", f"{len(sequences)}: {abbreviate(sequences)}"))
+        rate = result.frame_rate
+        lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
+    lines.append(("unit", result.unit if result.unit != UNKNOWN_UNIT else "not said"))
+    lines.append(("go on with", f"shapefit view {path}"))
+    return lines
+
+
+def _of_dictionary(path: Path) -> list[Line]:
+    dictionary = read_dictionary(path)
+    names = dictionary.landmark_names
+    prior = dictionary.prior
+    has = "none" if prior is None else counted(len(prior.weights), "component")
+    lines = [
+        ("kind", f"dictionary of {counted(dictionary.k, 'atom')}"),
+        ("landmarks", f"{len(names)}: {abbreviate(names)}"),
+        ("prior", has),
+        ("unit", dictionary.unit if dictionary.unit != UNKNOWN_UNIT else "not said"),
+    ]
+    for key in ("source", "licence", "acknowledgement"):
+        if key in dictionary.provenance:
+            lines.append((key, dictionary.provenance[key]))
+    lines.append(("go on with", f"shapefit fit LANDMARKS -d {path} -o result.h5"))
+    return lines
+
+
+def _following(kind: str, path: Path, options: InputOptions, found: _Found) -> str:
+    """Return the command to go on with."""
+    short = replace(options, rename={})
+    given = [f"--set keypoints={short.keypoints}"] if short.keypoints else []
+    given += [f"--set individual='{short.individual}'"] if short.individual else []
+    more = "".join(f" {each}" for each in given)
+    if kind == "landmarks":
+        return f"shapefit fit {path} -d DICT.h5 -o result.h5{more}"
+    return f"shapefit learn-dict {path} -o dict.h5{more}"

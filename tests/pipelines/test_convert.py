@@ -1,0 +1,136 @@
+"""`convert`: what can be read is written in another format, nothing lost on the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shapefit.config import load_config
+from shapefit.errors import InputError
+from shapefit.io import landmark_writer, open_landmarks, read_results, read_shapes, write_shapes
+from shapefit.io.extras import Extras
+from shapefit.io.kinds.kind import find_kind
+from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.pipelines.convert import run
+
+NAMES = ("a", "b", "c", "d")
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
+
+
+def convert(*files: Path, output: Path, **more: object) -> list[str | object]:
+    """Convert with a config of the command; return its warnings."""
+    overrides = [f"{key}={value}" for key, value in more.items()]
+    config = load_config("convert", None, overrides, {"files": files, "output": output})
+    return [warning for outcome in run(config) for warning in outcome.warnings]
+
+
+@pytest.fixture
+def landmarks(tmp_path, rng) -> LandmarkSet:
+    points = rng.normal(size=(9000, 2, 4))
+    points[3, :, 1] = np.nan
+    images = LandmarkSet(
+        landmarks=points,
+        confidence=rng.uniform(size=(9000, 4)),
+        landmark_names=NAMES,
+        items=tuple(f"i{n}" for n in range(9000)),
+        sequences=tuple(f"s{n // 3000}" for n in range(9000)),
+        unit="px",
+        y_axis="down",
+        frame_rate=50.0,
+        extras=Extras({"age": np.arange(9000)}),
+    )
+    with landmark_writer(tmp_path / "views.h5") as writer:
+        writer.append(images)
+    return images
+
+
+def test_landmarks_keep_everything_in_hdf5(tmp_path, landmarks):
+    assert convert(tmp_path / "views.h5", output=tmp_path / "same.h5") == []
+    with open_landmarks([tmp_path / "same.h5"]) as source:
+        (same,) = source.chunks(source.count)
+    np.testing.assert_array_equal(same.landmarks, landmarks.landmarks)
+    np.testing.assert_array_equal(same.confidence, landmarks.confidence)
+    np.testing.assert_array_equal(same.extras["age"], landmarks.extras["age"])
+    kept = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate")
+    assert all(getattr(same, name) == getattr(landmarks, name) for name in kept)
+
+
+def test_landmarks_to_csv_and_back(tmp_path, landmarks):
+    convert(tmp_path / "views.h5", output=tmp_path / "views.csv")
+    convert(tmp_path / "views.csv", output=tmp_path / "back.h5")
+    with open_landmarks([tmp_path / "back.h5"]) as source:
+        (same,) = source.chunks(source.count)
+    np.testing.assert_array_equal(same.landmarks, landmarks.landmarks)
+    assert same.sequences == landmarks.sequences
+
+
+def test_a_frame_rate_of_the_config_is_stored(tmp_path, landmarks):
+    convert(tmp_path / "views.h5", output=tmp_path / "slow.h5", frame_rate=12.5)
+    with open_landmarks([tmp_path / "slow.h5"]) as source:
+        assert source.frame_rate == 12.5
+
+
+def test_doubtful_landmarks_are_hidden(tmp_path, landmarks):
+    convert(tmp_path / "views.h5", output=tmp_path / "sure.h5", likelihood_below=0.5)
+    with open_landmarks([tmp_path / "sure.h5"]) as source:
+        (sure,) = source.chunks(source.count)
+    doubtful = landmarks.confidence < 0.5
+    assert np.isnan(sure.landmarks[:, 0][doubtful]).all()
+    np.testing.assert_array_equal(
+        np.isnan(sure.landmarks[:, 0]).sum(), doubtful.sum() + 1 - (doubtful[3, 1])
+    )
+
+
+def test_shapes_with_gaps(tmp_path, rng):
+    points = rng.normal(size=(3, 3, 4))
+    points[1, :, 2] = np.nan
+    write_shapes(tmp_path / "walk.h5", ShapeSet(points, NAMES, ("x", "y", "z"), unit="m"))
+    convert(tmp_path / "walk.h5", output=tmp_path / "walk.csv")
+    assert find_kind(tmp_path / "walk.csv") == "shapes"
+    same = read_shapes([tmp_path / "walk.csv"], gaps=True)
+    np.testing.assert_array_equal(same.shapes, points)
+
+
+def test_a_result_keeps_its_proof(tmp_path):
+    from shapefit_cli.main import run as shapefit
+
+    train, views = SAMPLES / "people_train.h5", tmp_path / "views.h5"
+    dictionary, result = tmp_path / "dict.h5", tmp_path / "result.h5"
+    learn = ["learn-dict", train, "-o", dictionary, "--set", "k=8", "--set", "iterations=1"]
+    project = ["project", SAMPLES / "people_test.h5", "-o", views]
+    fit = ["fit", views, "-d", dictionary, "-o", result]
+    for command in (learn, project, fit):
+        assert shapefit([*map(str, command), "-q"]) == 0
+    convert(result, output=tmp_path / "again.h5")
+    assert shapefit(["verify", str(tmp_path / "again.h5"), "-d", str(dictionary)]) == 0
+    convert(result, output=tmp_path / "result.csv")
+    np.testing.assert_array_equal(
+        read_results(tmp_path / "result.csv").shapes, read_results(result).shapes
+    )
+
+
+def test_different_kinds_are_refused(tmp_path, landmarks):
+    with pytest.raises(InputError, match=r"holds shapes, and .*views.h5 holds landmarks"):
+        convert(tmp_path / "views.h5", SAMPLES / "people_test.h5", output=tmp_path / "x.h5")
+    assert not (tmp_path / "x.h5").exists()
+
+
+def test_an_unknown_format_is_named(tmp_path, landmarks):
+    with pytest.raises(InputError, match="there is no format 'hdf'; did you mean hdf5"):
+        convert(tmp_path / "views.h5", output=tmp_path / "x.h5", to="hdf")
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"\0\0\0\x20ftypisom\0\0", "is a video"),
+        (b"\x89PNG\r\n\x1a\n\0\0", "is an image"),
+        (b"\0\1\2\3", "is of no known format"),
+    ],
+)
+def test_a_file_that_is_something_else(tmp_path, content, found):
+    (tmp_path / "clip.mp4").write_bytes(content)
+    with pytest.raises(InputError, match=found):
+        convert(tmp_path / "clip.mp4", output=tmp_path / "x.h5")

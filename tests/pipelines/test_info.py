@@ -1,0 +1,58 @@
+"""`info`: what files hold, in words that are true."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from shapefit.config import load_config
+from shapefit.errors import InputError
+from shapefit.pipelines.info import run
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
+
+
+def info(*files: Path):
+    """Return the outcome of the command."""
+    (outcome,) = run(load_config("info", None, (), {"files": files}))
+    return outcome
+
+
+def lines(text: str) -> dict[str, str]:
+    """Return what is said under each word."""
+    rows = (line.split(":", 1) for line in text.splitlines() if line.startswith("  "))
+    return {name.strip(): value.strip() for name, value in rows}
+
+
+def test_shapes():
+    told = lines(info(SAMPLES / "people_test.h5").note)
+    assert told["shapes"] == "640"
+    assert told["sequences"].startswith("8: ")
+    assert told["frame rate"] == "24 Hz"
+    assert told["unit"] == "m"
+    assert told["missing"] == "0.0% of the landmarks"
+    assert told["go on with"].startswith("shapefit learn-dict ")
+
+
+def test_landmarks():
+    told = lines(info(SAMPLES / "cars_views.h5").note)
+    assert told["images"] == "108"
+    assert told["landmarks"].startswith("72: ")
+    assert told["camera"] == "camera_matrix"
+    assert told["go on with"].startswith("shapefit fit ")
+    assert 0 < float(told["missing"].split("%")[0]) < 100
+
+
+def test_one_bad_file_does_not_stop_the_others(tmp_path):
+    (tmp_path / "bad.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    outcome = info(tmp_path / "bad.h5", SAMPLES / "people_test.h5")
+    assert "people_test.h5" in outcome.note
+    (failure,) = outcome.failures
+    assert failure.item == str(tmp_path / "bad.h5")
+
+
+def test_only_bad_files_are_an_error(tmp_path):
+    (tmp_path / "bad.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    with pytest.raises(InputError, match=r"bad\.h5"):
+        info(tmp_path / "bad.h5")
