@@ -295,7 +295,7 @@ METHODS: dict[str, Method] = {
         further=("log_evidence", "plausibility", "belief", "sequence_noise"),
         proves="bound",
         mixes_atoms=False,
-        perspective="none",
+        perspective="own",
         sequences=True,
     ),
 }

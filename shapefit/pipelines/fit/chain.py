@@ -172,20 +172,26 @@ def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement |
     if not METHODS[config.method].sequences:
         return None
     from shapefit.lifting.sequences.method import refine_lifting
+    from shapefit.lifting.sequences.through_camera import refine_through_camera
     from shapefit.pipelines.fit.motion import find_lengths, find_motion
 
     lengths = find_lengths(config, dictionary)
 
     def refine(lifting: Lifting, images: LandmarkSet) -> Lifting:
         rate = config.sequences.frame_rate or images.frame_rate
-        return refine_lifting(
-            lifting,
-            images.landmarks,
-            images.sequences or (),
-            find_motion(dictionary, rate, lengths),
-            config.posterior.misfit,
-            config.posterior.widening,
-        )
+        motion = find_motion(dictionary, rate, lengths)
+
+        def refine_weak(lifting: Lifting, landmarks: Floats) -> Lifting:
+            return refine_lifting(
+                lifting,
+                landmarks,
+                images.sequences or (),
+                motion,
+                config.posterior.misfit,
+                config.posterior.widening,
+            )
+
+        return refine_through_camera(lifting, images.landmarks, refine_weak)
 
     return refine
 
