@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .options import DictionaryPath
 from .streams import tell
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def _output(metavar: str, text: str) -> click.Option:
 
 
 def _dictionary(text: str) -> click.Option:
-    return click.Option(["-d", "--dictionary"], metavar="DICT.h5", help=text)
+    return click.Option(["-d", "--dictionary"], metavar="DICT.h5", type=DictionaryPath(), help=text)
 
 
 def _truth() -> click.Option:
@@ -112,7 +113,9 @@ LANDMARKS are files of 2D landmarks, HDF5 or CSV; globs work, - is stdin (CSV)."
         parameters=(
             _files("landmarks"),
             _output("RESULT", "Result file to write; - is stdout (CSV)."),
-            _dictionary("Dictionary that learn-dict wrote."),
+            _dictionary(
+                "Dictionary that learn-dict wrote, or the name of an installed one, such as people."
+            ),
         ),
     ),
     Spec(

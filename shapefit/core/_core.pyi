@@ -237,6 +237,7 @@ def find_posterior(
     max_rounds: int,
     mean: Floats,
     deviation: Floats,
+    correlation: Floats,
     covariance: Floats | None,
     belief: Floats,
     rotation: Floats,

@@ -6,6 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from shapefit import io
+from shapefit.config.dictionaries import find_dictionaries
 from shapefit.face.records import (
     Dictionary,
     Fit,
@@ -36,8 +37,11 @@ def read_landmarks(*paths: File) -> Landmarks:
 
 
 def read_dictionary(path: File) -> Dictionary:
-    """Read a dictionary."""
-    return rows_of(io.read_dictionary(Path(path)), Dictionary, DICTIONARY)
+    """Read a dictionary: a file, or the installed one of that name, such as "people"."""
+    found = Path(path)
+    if not found.exists():
+        found = find_dictionaries().get(str(path), found)
+    return rows_of(io.read_dictionary(found), Dictionary, DICTIONARY)
 
 
 def read_results(path: File) -> Fit:

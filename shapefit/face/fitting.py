@@ -31,10 +31,9 @@ from shapefit.pipelines.fit.left_out import UnknownItems
 from shapefit.pipelines.fit.run import (
     attributes_of,
     find_failures,
-    find_strange,
     find_warnings,
     fit_chunks,
-    left_out_landmarks,
+    name_warnings,
 )
 from shapefit.pipelines.outcome import Counted, add_up
 
@@ -83,8 +82,7 @@ def fit(
     messages: dict[str, str | Counted] = {text: text for text in mismatch(config, atoms)}
     unknown = UnknownItems(config.leave_out, atoms) if config.leave_out else None
     with given_landmarks(images, "landmarks", config.input.rename) as source:
-        names = atoms.landmark_names
-        strange = find_strange(source.landmark_names, names)
+        names = name_warnings(source.landmark_names, atoms.landmark_names)
         for arranged, lifting, record, spent in fit_chunks(source, config, atoms, chain):
             if unknown:
                 unknown.add(arranged)
@@ -94,7 +92,7 @@ def fit(
             for warning in find_warnings(arranged, lifting, config):
                 add_up(messages, warning)
     left_in = unknown.warnings if unknown else ()
-    for message in (*messages.values(), *left_out_landmarks(strange, names), *left_in):
+    for message in (*messages.values(), *names, *left_in):
         warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
     attributes = attributes_of(config, (), seconds, len(whole))

@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 # Datasets that belong to the file when they have so many axes, however many items there are.
-OF_THE_FILE = {"camera_matrix": 2, "mirror_index": 1}
+OF_THE_FILE = {
+    "camera_matrix": 2,
+    "distortion": 1,
+    "extrinsic_rotation": 2,
+    "extrinsic_translation": 1,
+    "image_size": 1,
+    "mirror_index": 1,
+    "removed_distortion": 1,
+}
 
 OUTLIERS, CORRUPTED = "outliers", "corrupted"
 """Datasets (n, p) of the landmarks that a fit judged wrong, and of those that were made wrong."""

@@ -215,6 +215,7 @@ DICTIONARY = Format(
         Dataset("atoms", ("k", "p", 3), required=True, points=True),
         Dataset("mean_shape", ("p", 3), required=True, points=True),
         _EDGES,
+        Dataset("mirror_index", ("p",), "index"),
         Dataset("mesh_vertices", ("k", "q", 3), points=True),
         _MESH_FACES,
         Dataset("atom_scale", ("k",)),

@@ -178,6 +178,8 @@ class Method:
     perspective    "refined": under a perspective camera it is followed by a refinement; "own": it
                    looks through the camera itself; "none"
     sequences      lifts whole sequences: its images are followed by the stage of sequences
+    precisions     weighs landmarks by their precision: `landmark_covariance` counts, and
+                   confidences divide standard deviations
     tolerance      the default of `solver.tolerance`
     """
 
@@ -194,6 +196,7 @@ class Method:
     mixes_atoms: bool = True
     perspective: Literal["refined", "own", "none"] = "refined"
     sequences: bool = False
+    precisions: bool = False
     tolerance: float = 1e-6
 
     def load(self) -> Run:
@@ -274,9 +277,10 @@ METHODS: dict[str, Method] = {
         section=POSTERIOR,
         needs=(PRIOR,),
         yields=frozenset({"convex_proof", "deviation"}),
-        further=("log_evidence", "plausibility", "belief"),
+        further=("log_evidence", "plausibility", "belief", "shape_correlation"),
         proves="bound",
         mixes_atoms=False,
+        precisions=True,
         perspective="own",
     ),
     "sequences": Method(
@@ -292,9 +296,10 @@ METHODS: dict[str, Method] = {
             ),
         ),
         yields=frozenset({"convex_proof", "deviation", "posterior_modes"}),
-        further=("log_evidence", "plausibility", "belief", "sequence_noise"),
+        further=("log_evidence", "plausibility", "belief", "shape_correlation", "sequence_noise"),
         proves="bound",
         mixes_atoms=False,
+        precisions=True,
         perspective="own",
         sequences=True,
     ),

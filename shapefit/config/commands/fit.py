@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
+from shapefit.config.dictionaries import DictionaryPath
 from shapefit.config.expectation import Expected
 from shapefit.config.fit.camera import ViewingConfig
 from shapefit.config.fit.export import ExportConfig, PicturesConfig
@@ -16,7 +17,7 @@ from shapefit.config.fit.outliers import OutliersConfig
 from shapefit.config.fit.posterior import PosteriorConfig
 from shapefit.config.fit.sequences import SequencesConfig
 from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel
-from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
+from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath
 from shapefit.errors import listed
 from shapefit.lifting.methods import (
     ALTERNATION,
@@ -122,7 +123,10 @@ class FitConfig(CommandConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
     landmarks: InputPaths = Field(description="Files of 2D landmarks (HDF5 or CSV; - is stdin).")
-    dictionary: InputPath = Field(description="Dictionary file that learn-dict wrote.")
+    dictionary: DictionaryPath = Field(
+        description="Dictionary file that learn-dict wrote, or the name of an installed one, such "
+        "as people."
+    )
     input: InputConfig = Field(
         default_factory=InputConfig.model_construct, description="How the files are read."
     )

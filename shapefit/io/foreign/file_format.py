@@ -17,7 +17,8 @@ class FileFormat:
     recogniser   takes a path and the first HEAD_BYTES of the file; whether it is in this format
     recorder     of a format of others: takes the paths that are one recording, returns it
     records      the kinds that a recording can be of; its content decides
-    together     files of one folder are one recording: a frame each, or parts that need each other
+    together     files of one folder are one recording: a frame each, or parts that need each other;
+                 its readers take all their paths and return a record and notes
     folders      a folder is an input, too; the recogniser is given it with no bytes
     readers      by kind (landmarks, shapes, result, dictionary): takes a path, returns the record,
                  or a SourceFile that gives out parts of it. A reader of shapes takes `gaps`, too:

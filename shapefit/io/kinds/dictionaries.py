@@ -89,7 +89,19 @@ def check_dictionary(reader: Datasets) -> None:
     checks.check_positive(reader, "atom_scale")
     checks.check_named(reader, [reader.read("atom_item") or ()], "atom_item", "k")
     checks.check_indices(reader, "edges", "p")
+    _check_mirror(reader)
     checks.check_indices(reader, "mesh_faces", "q")
+
+
+def _check_mirror(reader: Datasets) -> None:
+    """Raise InputError for a `mirror_index` that is not its own inverse."""
+    index = reader.read("mirror_index")
+    if index is None:
+        return
+    points = np.arange(len(index))
+    if ((index < 0) | (index >= len(index))).any() or (index[index] != points).any():
+        fix = "make the dictionary again"
+        raise input_error(reader.place("mirror_index"), "does not pair the landmarks", fix)
 
 
 def write_dictionary(path: Path, dictionary: Dictionary) -> None:

@@ -131,6 +131,8 @@ def _open(known: FileFormat, paths: tuple[Path, ...], options: InputOptions, gap
         table, notes = shape_file(open_recording(known, paths, "shapes"), options)
         if not gaps:
             table, notes = without_gaps(table, notes, source_name(path))
+    elif known.together:
+        table, notes = find_reader(path, "shapes")(paths, gaps=gaps)
     else:
         table = find_reader(path, "shapes")(path, gaps=gaps)
     if isinstance(table, _File):

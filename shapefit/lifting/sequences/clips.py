@@ -70,15 +70,16 @@ class Clips:
 
 def refine_clips(
     clips: Clips, sequences: Sequence[str], motion: Motion
-) -> tuple[Floats, Floats, Floats]:
-    """Points (n, 3, p), their standard deviations, and the noise (n,) found in their sequence.
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Points (n, 3, p), their deviations and correlations, and the noise (n,) of their sequence.
 
-    All in the unit of the landmarks. nan in deviations and noise where the inference is that of the
-    images: one is alone or nearly so in its sequence, or the sequence adds nothing
-    (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but steadied.
+    All but correlations in the unit of the landmarks. nan in deviations, correlations and noise
+    where the inference is that of the images: one is alone or nearly so in its sequence, or the
+    sequence adds nothing (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but
+    steadied.
     """
     points = clips.points.copy()
-    deviation = np.full_like(points, np.nan)
+    deviation, correlation = np.full_like(points, np.nan), np.full_like(points, np.nan)
     noise = np.full(len(points), np.nan)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
     fewest = FEWEST if motion.known is None else 1
@@ -104,9 +105,10 @@ def refine_clips(
             points[rows] = unit * steady(seen.start, spread, acceleration)[there]
             continue
         points[rows] = unit * found.points[there]
-        deviation[rows] = unit * deviations(seen, model, sigma, found)[there]
+        spread, mixed = deviations(seen, model, sigma, found)
+        deviation[rows], correlation[rows] = unit * spread[there], mixed[there]
         noise[rows] = unit * sigma
-    return points, deviation, noise
+    return points, deviation, correlation, noise
 
 
 def contradicts(images: Floats, sequence: Floats, sd: Floats) -> bool:

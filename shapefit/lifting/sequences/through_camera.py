@@ -4,8 +4,8 @@ Seen in the direction u, the landmark of a point at the depth f + z lies at
 
     w = f u (1 + z / f)
 
-where weak perspective would have it, in the unit of an image of a body whose middle is at the depth f.
-The depths z are those of the images at first, then those of the sequence.
+where weak perspective would have it, in the unit of the image of a body whose middle is at the
+depth f. The depths z are those of the images at first, then those of the sequence.
 """
 
 from __future__ import annotations

@@ -12,8 +12,16 @@ from shapefit.lifting.sequences.smoothing import Model, Smoothed, normal_blocks
 Floats = NDArray[np.float64]
 
 
-def deviations(seen: Observations, model: Model, noise: float, found: Smoothed) -> Floats:
-    """Standard deviations (t, 3, p) of the points, the lengths of the bones held.
+MIXED = ((0, 1), (0, 2), (1, 2))
+"""Pairs of coordinates of a landmark, in the order of the correlations."""
+
+
+def deviations(
+    seen: Observations, model: Model, noise: float, found: Smoothed
+) -> tuple[Floats, Floats]:
+    """Standard deviations (t, 3, p) of the points, the lengths of the bones held, and correlations.
+
+    The correlations (t, 3, p) are those of x with y, x with z, and y with z of each landmark.
 
     Pairs of frames are one state, tied to the next pair only. With blocks A_k of the pairs and
     B_k between pair k and k + 1
@@ -33,16 +41,22 @@ def deviations(seen: Observations, model: Model, noise: float, found: Smoothed) 
         if k:
             D = D - beside[k - 1].T @ inverse[-1] @ beside[k - 1]
         inverse.append(np.linalg.inv(D))
-    variance = np.empty((count, 2 * d))
+    variance, mixed = np.empty((count, 2 * d)), np.empty((count, 2 * d))
+    every = np.arange(d).reshape(3, -1)
+    one, other = (
+        np.concatenate([half + every[[pair[i] for pair in MIXED]].ravel() for half in (0, d)])
+        for i in (0, 1)
+    )
     V = inverse[-1]
-    variance[-1] = np.diag(V)
-    for k in range(count - 2, -1, -1):
-        G = inverse[k] @ beside[k]
-        V = inverse[k] + G @ V @ G.T
-        variance[k] = np.diag(V)
-    by_frame = variance.reshape(2 * count, d)[:t]
-    spread: Floats = np.sqrt(np.maximum(by_frame, 0.0)).reshape(t, 3, d // 3)
-    return spread
+    for k in range(count - 1, -1, -1):
+        if k < count - 1:
+            G = inverse[k] @ beside[k]
+            V = inverse[k] + G @ V @ G.T
+        variance[k], mixed[k] = np.diag(V), V[one, other]
+    spread = np.sqrt(np.maximum(variance, 0.0)).reshape(2 * count, 3, d // 3)[:t]
+    covariance = mixed.reshape(2 * count, 3, d // 3)[:t]
+    first, second = (spread[:, [pair[i] for pair in MIXED]] for i in (0, 1))
+    return spread, covariance / np.maximum(first * second, 1e-300)
 
 
 def in_pairs(blocks: Floats, stiffness: Floats) -> tuple[Floats, Floats]:

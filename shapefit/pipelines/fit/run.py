@@ -35,6 +35,8 @@ from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
+from shapefit.pipelines.fit.joints import as_joints, find_joints
+from shapefit.pipelines.fit.lens import find_calibrated, find_doubts, straightened
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.searched import Ambiguous
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
@@ -51,6 +53,7 @@ READ_AHEAD = 4096
 def run(config: FitConfig) -> Iterator[Outcome]:
     """Lift every image of the landmark files; yields an Outcome per chunk."""
     check_holds_all(config)
+    calibrated = find_calibrated(config.camera)
     dictionary = read_dictionary(config.dictionary)
     chain = choose_chain(config, dictionary)
     unknown = None
@@ -80,8 +83,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 failures=find_failures(images, lifting, config),
                 warnings=find_warnings(images, lifting, config),
             )
-        names = dictionary.landmark_names
-        strange = find_strange(source.landmark_names, names)
+        names = name_warnings(source.landmark_names, dictionary.landmark_names)
         left_in = unknown.warnings if unknown else ()
         inputs = (*config.landmarks, config.dictionary)
         writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
@@ -93,8 +95,9 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         + source.notes
         + mismatch(config, dictionary)
         + find_renamed(source, config)
-        + left_out_landmarks(strange, names)
+        + names
         + rate_warnings(source.frame_rate, config)
+        + find_doubts(source.head.extras, calibrated)
         + left_in
         + ambiguous.warnings
         + exports.warnings,
@@ -116,10 +119,13 @@ def fit_chunks(
     source: LandmarkSource, config: FitConfig, dictionary: Dictionary, chain: Chain
 ) -> Iterator[Fitted]:
     """From landmarks to the records of a result, chunk by chunk."""
-    names = dictionary.landmark_names
-    strange = find_strange(source.landmark_names, names)
+    names, place = dictionary.landmark_names, source_names(config)
+    joints = find_joints(source.landmark_names, names)
+    strange = find_strange(joints.rename(source.landmark_names), names)
+    calibrated = find_calibrated(config.camera)
     for chunk in find_chunks(source, config):
-        images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
+        straight = as_joints(straightened(chunk, calibrated), joints, place)
+        images = straight.arrange(names, place, leave_out=bool(strange))
         began = time.perf_counter()
         lifting = fit_images(images, dictionary, chain)
         seconds = time.perf_counter() - began
@@ -195,6 +201,13 @@ def find_strange(own: Sequence[str], known: Sequence[str]) -> list[str]:
     return strange if len(own) - len(strange) >= FEWEST_LANDMARKS else []
 
 
+def name_warnings(own: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """Say which landmarks stand for joints of the dictionary, and which are left out."""
+    joints = find_joints(own, known)
+    strange = find_strange(joints.rename(own), known)
+    return joints.notes + left_out_landmarks(strange, () if joints.names else known)
+
+
 def left_out_landmarks(strange: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
     """Warn of landmarks that the dictionary lacks, with the names that they may mean."""
     if not strange:
@@ -239,10 +252,14 @@ def find_warnings(
             )
         )
     if images.confidence is not None and (images.confidence > 1).any():
-        found.append(
-            "confidences above 1: they are weights, and larger ones count more against `lambda`; "
-            "divide them by their largest value if that is not intended"
+        what = (
+            "they make a landmark more precise than the model otherwise believes, whose standard "
+            "deviations they divide"
+            if METHODS[config.method].precisions
+            else "they are weights, and larger ones count more against `lambda`"
         )
+        fix = "divide them by their largest value if that is not intended"
+        found.append(f"confidences above 1: {what}; {fix}")
     plausibility = lifting.estimate.further.get("plausibility")
     if plausibility is not None:
         doubtful = int((plausibility < config.posterior.implausible).sum())

@@ -18,7 +18,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.pca_bases import principal_components
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import ShapeSet, check_output, digests, read_shapes, write_dictionary
+from shapefit.io import ShapeSet, check_output, digests, open_shapes, write_dictionary
 from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
@@ -39,10 +39,11 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     cannot be read or written, and as `make_dictionary` does.
     """
     check_output(config.output)
-    making = make_dictionary(
-        read_shapes(config.shapes, input_options(config.input)), config, digests(config.shapes)
-    )
+    with open_shapes(config.shapes, input_options(config.input)) as source:
+        (given,) = source.chunks(max(source.count, 1))
+    making = make_dictionary(given, config, digests(config.shapes))
     outcome = next(making)
+    outcome = replace(outcome, warnings=source.notes + outcome.warnings)
     while True:
         try:
             following = next(making)
@@ -83,6 +84,7 @@ def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[st
         "version": __version__,
         "config": config.as_json(),
         "inputs": json.dumps(inputs),
+        **{key: text for key, text in config.origin if text is not None},
     }
     return replace(made, prior=prior, provenance=provenance)
 
@@ -190,6 +192,7 @@ def _dictionary(training: TrainingShapes, atoms: Floats) -> Dictionary:
         landmark_names=training.original.landmark_names,
         mean_shape=normalise(training.alignment.mean).points,
         edges=training.original.edges,
+        mirror_index=training.partners,
         unit=training.original.unit,
         acceleration=training.acceleration,
         edge_give=training.give,

@@ -118,9 +118,14 @@ def test_deviations_are_those_of_the_dense_inverse(images, body, model):
         problem = _Problem(seen, model, 0.03, found.lengths)
         y = found.points.reshape(frames, -1)
         blocks = problem.equations(y, problem.look(y, found.lengths))[0]
-        expected = np.sqrt(np.diag(np.linalg.inv(dense(blocks, problem.stiffness))))
-        got = deviations(seen, model, 0.03, found)
+        covariance = np.linalg.inv(dense(blocks, problem.stiffness))
+        expected = np.sqrt(np.diag(covariance))
+        got, mixed = deviations(seen, model, 0.03, found)
         np.testing.assert_allclose(got.reshape(-1), expected, rtol=1e-6)
+        correlation = (covariance / np.outer(expected, expected)).reshape(2 * (frames, 3, 5))
+        for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
+            own = np.einsum("tjtj->tj", correlation[:, a][:, :, :, b])
+            np.testing.assert_allclose(mixed[:, row], own, atol=1e-9)
 
 
 def test_the_noise_is_found_in_the_sequence(images, body, model):

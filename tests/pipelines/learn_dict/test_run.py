@@ -12,6 +12,7 @@ import pytest
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.learning import learn
+from shapefit.dictionary.origin import origin_of
 from shapefit.dictionary.pca_bases import principal_components
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import centroid, normalise, spread
@@ -102,6 +103,13 @@ class TestDictionary:
         source = tmp_path / "train.h5"
         assert json.loads(dictionary.provenance["inputs"]) == {str(source): digest(source)}
 
+    def test_says_whose_shapes_they_are(self, config):
+        _, dictionary = learned(config())
+        assert origin_of(dictionary) == (None, None, None)
+        said = {"source": "a zoo", "licence": "CC0", "acknowledgement": "thank the zoo"}
+        _, dictionary = learned(config(origin=said))
+        assert origin_of(dictionary)._asdict() == said
+
     def test_beta_of_the_config_is_used(self, config, shapes):
         _, dictionary = learned(config(beta=1.0))
         aligned = generalised_procrustes(normalise(shapes.shapes).points).shapes
@@ -149,6 +157,12 @@ class TestEvery:
 
     def test_one_keeps_all(self):
         assert every_nth(("a", "b", "a"), 1) == [0, 1, 2]
+
+    def test_the_first_glob_that_fits_a_sequence_counts(self):
+        sequences = ("a_1",) * 4 + ("b_1",) * 3 + ("a_1",) * 3 + ("c",) * 2
+        globs = {"a_*": 3, "*_1": 2}
+        assert every_nth(sequences, globs) == [0, 3, 4, 6, 9, 10, 11]
+        assert every_nth(sequences, {"*": 3}) == every_nth(sequences, 3)
 
     def test_the_rest_is_not_learned_from(self, config, shapes, tmp_path):
         _, thinned = learned(config(every=3))
