@@ -114,11 +114,11 @@ def lift(
     )
     size = np.where(fine, norm.scale, 1.0)
     noise = find_noise(program, covariance, size, weights.shape)
-    near = None
     if camera is not None:
         middle = np.where(fine[:, None], norm.centroid, 0.0)
         near = camera.normalised_as(replace(norm, centroid=middle, scale=size))
-    found = estimator(replace(problem, noise=noise, camera=near))
+        problem = replace(problem, camera=near)
+    found = estimator(replace(problem, noise=noise))
     for image, status in enumerate(found.status):
         if status in REASONS and fine[image]:
             failures[image] = REASONS[status]

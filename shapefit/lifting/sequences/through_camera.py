@@ -34,8 +34,10 @@ def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -
     it is: bodies are taken to stay about as far away, as they are without a camera.
     """
     view, near = lifting.perspective, lifting.problem.camera
-    if view is None or near is None:
+    if view is None:
         return refine(lifting, landmarks)
+    if near is None:
+        raise ValueError("the method did not look through the camera itself")
     rays = find_rays(landmarks, view.camera)
     size = np.where(
         np.isfinite(lifting.scale), rays.focal / find_rays(landmarks, near).focal, np.nan

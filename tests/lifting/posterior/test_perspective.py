@@ -5,42 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shapefit.convex.newton import solve_newton
 from shapefit.geometry.pinhole import Camera, project
-from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.methods import PosteriorOptions, Settings, choose_method
 from shapefit.lifting.posterior.posterior import find_posterior
 from shapefit.lifting.posterior.rays import face, find_rays, place
-
-MISFIT, P = 0.003, 12
-
-
-class Scene:
-    """Shapes of a mixture before cameras, off the optical axis, with noise in their own unit."""
-
-    def __init__(self, prior, n: int, distance: float, sign: float) -> None:
-        rng = np.random.default_rng(1)
-        k = rng.choice(len(prior), size=n, p=prior.weights)
-        roots = np.linalg.cholesky(prior.covariances)[k]
-        z = rng.normal(size=(n, 3 * P))
-        x = prior.means[k] + np.einsum("nij,nj->ni", roots, z).reshape(n, 3, P)
-        self.rotation = random_rotations(n, rng)
-        self.shapes = self.rotation @ x
-        self.translation = distance * rng.normal(size=(n, 3)) * [0.2, 0.15, 0.0]
-        self.translation[:, 2] = sign * distance
-        self.camera = Camera(
-            np.tile([1000.0, 1100.0], (n, 1)), np.tile([640.0, 360.0], (n, 1)), sign
-        )
-        noisy = self.shapes + self.translation[..., None]
-        noisy[:, :2] += np.sqrt(MISFIT) * rng.normal(size=(n, 2, P))
-        self.landmarks = project(self.camera, noisy)
-        self.seen = np.ones((n, P), dtype=bool)
-
-    def starts(self):
-        """Rotations near the true ones, as seen along the rays to the middles."""
-        towards = face(np.eye(3)[None, None], self.landmarks, self.seen, self.camera)
-        return towards.swapaxes(2, 3) @ self.rotation[:, None]
+from tests.lifting.posterior.pinhole import MISFIT, P, Scene
 
 
 def posterior(prior, landmarks, starts, slopes=None):
@@ -127,20 +95,7 @@ def test_a_lifting_through_the_camera_tells_one_story(draw_mixture, sign):
     scene = Scene(prior, 30, 6.0, sign)
     weights = np.ones((30, P))
     weights[3, 2] = 0.0
-    settings = Settings(
-        solve=solve_newton,
-        mean_shape=prior.means[0],
-        needs={"prior": prior},
-        options=PosteriorOptions(covariance=True, views=6),
-    )
-    found = lift(
-        scene.landmarks,
-        weights,
-        prior.means,
-        Program(lam=0.3),
-        choose_method("posterior", settings),
-        camera=scene.camera,
-    )
+    found = scene.lift(prior, weights)
     t = found.perspective.translation
     depth = sign * t[:, 2]
     assert found.scale == pytest.approx(np.sqrt(1000 * 1100) / depth)
@@ -155,4 +110,4 @@ def test_a_lifting_through_the_camera_tells_one_story(draw_mixture, sign):
     assert found.estimate.deviation**2 == pytest.approx(variance)
     assert np.median(np.abs(depth / 6 - 1)) < 0.1
     off = np.linalg.norm(found.landmarks_fitted - scene.landmarks, axis=1)
-    assert np.median(off) < 40
+    assert np.median(off) < 20
