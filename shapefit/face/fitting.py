@@ -27,13 +27,13 @@ from shapefit.io.kinds.given import check_given_dictionary, given_landmarks
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.pipelines.fit.chain import choose_chain
 from shapefit.pipelines.fit.dictionary_kind import mismatch
+from shapefit.pipelines.fit.landmark_names import name_warnings
 from shapefit.pipelines.fit.left_out import UnknownItems
 from shapefit.pipelines.fit.run import (
     attributes_of,
     find_failures,
     find_warnings,
     fit_chunks,
-    name_warnings,
 )
 from shapefit.pipelines.outcome import Counted, add_up
 
@@ -95,7 +95,7 @@ def fit(
     for message in (*messages.values(), *names, *left_in):
         warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
-    attributes = attributes_of(config, (), seconds, len(whole))
+    attributes = attributes_of(config, {}, seconds, len(whole))
     return fit_of(replace(whole, attributes=attributes), failures)
 
 
