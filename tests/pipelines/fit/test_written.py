@@ -62,7 +62,7 @@ def test_a_fit_is_written_in_metres_at_once_or_later(tmp_path, films, measured):
     given = {"landmarks": [films], "dictionary": measured}
     written, note = run(fit, "fit", tmp_path / "now.trc", **given)
     assert written == ["now_a.trc", "now_b.trc"]
-    assert "metres by size of the training shapes, y up as in the image" in note
+    assert "in m by the size of the training shapes, y up as in the image" in note
     run(fit, "fit", tmp_path / "result.h5", **given)
     written, _ = run(convert, "convert", tmp_path / "later.trc", files=[tmp_path / "result.h5"])
     assert written == ["later_a.trc", "later_b.trc"]
@@ -86,7 +86,7 @@ def test_without_a_size_height_is_asked_for(tmp_path, films, dictionary):
         run(fit, "fit", tmp_path / "man.trc", **given)
     assert not list(tmp_path.glob("man*"))
     _, note = run(fit, "fit", tmp_path / "man.trc", "height=0.5", **given)
-    assert "metres by height 0.5 m" in note
+    assert "in m by height 0.5 m" in note
     assert np.ptp(points(tmp_path / "man_a.trc")[..., 1], axis=1).max() == pytest.approx(0.5, 0.2)
 
 
