@@ -40,11 +40,10 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     cannot be read or written, and as `make_dictionary` does.
     """
     check_output(config.output)
-    with open_shapes(config.shapes, input_options(config.input)) as source:
-        given = source.whole()
+    given, notes = read_given(config)
     making = make_dictionary(given, config, digests(config.shapes))
     outcome = next(making)
-    outcome = replace(outcome, warnings=source.notes + outcome.warnings)
+    outcome = replace(outcome, warnings=notes + outcome.warnings)
     while True:
         try:
             following = next(making)
@@ -55,6 +54,12 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
         outcome = following
     write_dictionary(config.output, dictionary)
     yield replace(outcome, written=(config.output,))
+
+
+def read_given(config: LearnDictConfig) -> tuple[ShapeSet, tuple[str, ...]]:
+    """Read the shapes to learn from, and warnings of what was left out of their files."""
+    with open_shapes(config.shapes, input_options(config.input)) as source:
+        return source.whole(), source.notes
 
 
 def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[str, str]) -> Making:

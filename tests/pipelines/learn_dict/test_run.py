@@ -2,11 +2,9 @@
 
 import json
 import re
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -310,8 +308,7 @@ class TestFailures:
         points = shapes.shapes.copy()
         points[4, 0, 0], points[7, 1, 2] = np.nan, np.inf
         spoiled = replace(shapes, shapes=points)
-        source = SimpleNamespace(whole=lambda: spoiled, notes=())
-        monkeypatch.setattr(learn_dict, "open_shapes", lambda *_: nullcontext(source))
+        monkeypatch.setattr(learn_dict, "read_given", lambda *_: (spoiled, ()))
         outcomes, dictionary = learned(config())
         assert failures(outcomes) == dict.fromkeys(("item4", "item7"), "a coordinate is not finite")
         assert np.isfinite(dictionary.atoms).all()
