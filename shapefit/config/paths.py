@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import json
 import os
 import stat
 from collections.abc import Callable, Iterable, Mapping
@@ -15,6 +16,9 @@ from shapefit.config.expectation import Expected
 
 STANDARD_STREAM = Path("-")
 DATA = "{data}"
+
+MANIFEST = "manifest.json"
+"""In a folder of results, the list of them."""
 
 _READ_AS_FILES = frozenset({stat.S_IFREG, stat.S_IFIFO, stat.S_IFCHR})
 
@@ -114,7 +118,9 @@ def expand_path(value: Any) -> tuple[Path, ...]:
     """
     path = absolute_path(value)
     kind = None if path == STANDARD_STREAM else _kind(path)
-    if path == STANDARD_STREAM or kind in _READ_AS_FILES or kind == stat.S_IFDIR:
+    if kind == stat.S_IFDIR:
+        return result_parts(path) or (path,)
+    if path == STANDARD_STREAM or kind in _READ_AS_FILES:
         return (path,)
     if kind is not None:
         raise ValueError(f"{path} is neither a file nor a pipe; name one, or use - for stdin")
@@ -125,6 +131,21 @@ def expand_path(value: Any) -> tuple[Path, ...]:
     if not files:
         raise ValueError(f"no file matches {path}; check the pattern")
     return files
+
+
+def result_parts(folder: Path) -> tuple[Path, ...]:
+    """Return the results in a folder that `fit` wrote part by part; none for any other folder.
+
+    Raises ValueError where the manifest does not say which they are.
+    """
+    manifest = folder / MANIFEST
+    if not manifest.is_file():
+        return ()
+    try:
+        parts = json.loads(manifest.read_text(encoding="utf-8"))["parts"]
+        return tuple(folder / name for name in sorted(part["file"] for part in parts))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{manifest} is not a manifest of results ({error}); fit again") from None
 
 
 def _kind(path: Path) -> int | None:
@@ -184,6 +205,17 @@ OptionalInputPath = Annotated[
 ]
 
 OutputPath = Annotated[Path, PathWords("a path"), BeforeValidator(absolute_path)]
+
+
+def _output_or_folder(value: Any) -> Path:
+    """Return the path of an output; that of its manifest where it is to be a folder."""
+    path = absolute_path(value)
+    is_folder = isinstance(value, str) and value.endswith("/")
+    return path / MANIFEST if is_folder else path
+
+
+OutputOrFolder = Annotated[Path, PathWords("a path"), BeforeValidator(_output_or_folder)]
+"""A file to write; `FOLDER/` stands for the manifest of results in it."""
 
 InputPath = Annotated[Path, PathWords("a path"), BeforeValidator(expand_one)]
 

@@ -22,8 +22,8 @@ class Dictionary:
     had a mesh; atom_scale (k,): atom i measures atom_scale[i] * B_i in `unit`; atom_items (k,):
     the training shape that each atom is, where the atoms are exemplars; prior is that over shapes;
     acceleration (p,): how much the training shapes move, see `find_acceleration`, and their
-    frame_rate in Hz; edge_give (e,), how far edges are from rigid, see `find_give`; each where it
-    is known;
+    frame_rate in Hz; edge_give (e,), how far edges are from rigid, see `find_give`; edge_length
+    (e,), the mean lengths of the edges in `unit`; each where it is known;
     objective_trace is the
     training objective after every half-step; provenance holds text (version, resolved config,
     input digests).
@@ -42,6 +42,7 @@ class Dictionary:
     prior: Mixture | None = None
     acceleration: NDArray[np.float64] | None = None
     edge_give: NDArray[np.float64] | None = None
+    edge_length: NDArray[np.float64] | None = None
     frame_rate: float | None = None
     objective_trace: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     provenance: Mapping[str, str] = field(default_factory=dict)

@@ -32,7 +32,7 @@ def read_shapes(*paths: File) -> Shapes:
 def read_landmarks(*paths: File) -> Landmarks:
     """Read files of 2D landmarks, in any format of `fit`, as one set."""
     with io.open_landmarks(_paths(paths)) as source:
-        (landmarks,) = source.chunks(max(source.count, 1))
+        landmarks = source.whole()
     return rows_of(landmarks, Landmarks, LANDMARKS)
 
 

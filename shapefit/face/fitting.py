@@ -95,7 +95,7 @@ def fit(
     for message in (*messages.values(), *names, *left_in):
         warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
-    attributes = attributes_of(config, (), seconds, len(whole))
+    attributes = attributes_of(config, {}, seconds, len(whole))
     return fit_of(replace(whole, attributes=attributes), failures)
 
 

@@ -28,6 +28,12 @@ LABELS = (OUTLIERS, CORRUPTED)
 LANDMARK_COVARIANCE = "landmark_covariance"
 """Covariance (n, p, 2, 2) of each landmark, in the unit of the landmarks squared."""
 
+METRES_PER_UNIT = "metres_per_unit"
+"""Dataset (n,) of results: metres in one unit of the shape of each image."""
+
+METRES_FROM = "metres_from"
+"""Attribute of results that have it: by what the size was found, edges or spread."""
+
 
 def is_per_item(name: str, shape: tuple[int, ...], count: int) -> bool:
     """Whether a dataset of this shape has a row for each of `count` items."""

@@ -223,6 +223,7 @@ DICTIONARY = Format(
         Dataset("objective_trace", ("t",)),
         Dataset("acceleration", ("p",)),
         Dataset("edge_give", ("e",)),
+        Dataset("edge_length", ("e",)),
         Dataset("prior_weights", ("c",)),
         Dataset("prior_means", ("c", "p", 3), points=True),
         Dataset("prior_covariances", ("c", "p", 3, "p", 3)),

@@ -14,9 +14,9 @@ from shapefit.dictionary.origin import origin_of
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, open_shapes, read_dictionary
 from shapefit.io.extras import Extras
+from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.foreign.names import fitting_skeletons
 from shapefit.io.foreign.opening import group_inputs, open_either
-from shapefit.io.formats import FileFormat
 from shapefit.io.kinds.kind import find_kind
 from shapefit.io.kinds.results import read_results
 from shapefit.io.layout import UNKNOWN_UNIT

@@ -33,10 +33,11 @@ def read_hdf5(path: Path) -> Dictionary:
     with Hdf5Reader(path, DICTIONARY) as reader:
         check_dictionary(reader)
         fields = reader.fields()
-        give = fields["edge_give"]
-        if give is not None and not (np.isfinite(give).all() and (give >= 0).all()):
-            fix = "make the dictionary again"
-            raise input_error(reader.place("edge_give"), "holds what is no deviation", fix)
+        for name, kind in (("edge_give", "deviation"), ("edge_length", "length")):
+            values = fields[name]
+            if values is not None and not (np.isfinite(values).all() and (values >= 0).all()):
+                fix = "make the dictionary again"
+                raise input_error(reader.place(name), f"holds what is no {kind}", fix)
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
         fields["prior"] = _read_prior(reader, fields)

@@ -40,8 +40,7 @@ def read_shapes(
 ) -> ShapeSet:
     """Read shapes from files of any format as one set, as `open_shapes` opens them."""
     with open_shapes(paths, options, gaps=gaps) as source:
-        (shapes,) = source.chunks(max(source.count, 1))
-        return shapes
+        return source.whole()
 
 
 def open_shapes(

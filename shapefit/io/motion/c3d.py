@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterator, Mapping
 from importlib import import_module
@@ -117,20 +118,60 @@ def check_whole(path: Path) -> None:
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(BLOCK)
+        points, analog, first, last = struct.unpack("<HHHH", head[2:10])
+        scale, start = struct.unpack("<fH", head[12:18])
         file.seek(BLOCK * (head[0] - 1))
-        section = file.read(4)
+        section = file.read(max(BLOCK * (start - head[0]), 4))
     if len(section) < 4:
         raise input_error(path, "is cut off before its parameters", "give a whole C3D file")
     if section[3] != INTEL:
         return
-    points, analog, first, last = struct.unpack("<HHHH", head[2:10])
-    scale, start = struct.unpack("<fH", head[12:18])
     number_bytes = 4 if scale < 0 else 2
     frames = max(last - first + 1, 0)
     needed = BLOCK * max(start - 1, 0) + frames * (4 * points + analog) * number_bytes
     if size < needed:
         found = f"has {size} bytes, and its header announces {needed}"
         raise input_error(path, found, "give a whole C3D file")
+    if not sound(section):
+        raise input_error(path, "its parameters are damaged", "give a whole C3D file")
+
+
+def sound(section: bytes) -> bool:
+    """Whether every record of the section of parameters lies within it and leads to the next.
+
+    Groups have numbers of their own, every parameter has a group, and text an axis at least. A
+    record is the length of its name, a number of its group, the name, and the distance to the
+    next record, 0 for the last; a parameter goes on with its type, its dimensions and its data.
+    """
+    place = 4
+    groups: list[int] = []
+    owners: set[int] = set()
+    while place + 2 <= len(section):
+        length, group = struct.unpack("bb", section[place : place + 2])
+        if length == 0:
+            break
+        name = section[place + 2 : place + 2 + abs(length)]
+        at = place + 2 + abs(length)
+        if not (name.isascii() and name.decode("ascii").isprintable()) or at + 4 > len(section):
+            return False
+        (step,) = struct.unpack("<H", section[at : at + 2])
+        if group <= 0:
+            groups.append(-group)
+        else:
+            owners.add(group)
+            kind, axes = struct.unpack("bB", section[at + 2 : at + 4])
+            sizes = section[at + 4 : at + 4 + axes]
+            end = at + 4 + axes + abs(kind) * math.prod(sizes)
+            fits = end <= len(section) and (step == 0 or at + step >= end)
+            if kind not in (-1, 1, 2, 4) or axes > 7 or (kind == -1 and not axes) or not fits:
+                return False
+        if step == 0:
+            break
+        place = at + step
+    else:
+        return False
+    unique = len(set(groups)) == len(groups)
+    return unique and owners <= set(groups) and max(groups, default=128) < 128
 
 
 def _read(path: Path) -> Any:

@@ -98,6 +98,7 @@ class _Table:
             landmark_names=layout.landmarks,
             blocks=self._blocks,
             individuals=layout.individuals,
+            notes=layout.notes,
             unit="px" if layout.dimensions == 2 else "unknown",
         )
 

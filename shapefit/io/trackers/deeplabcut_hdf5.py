@@ -64,6 +64,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         landmark_names=layout.landmarks,
         blocks=lambda: _read(path, key, blocks, layout, labels),
         individuals=layout.individuals,
+        notes=layout.notes,
         frames=frames,
         unit="px" if layout.dimensions == 2 else "unknown",
     )

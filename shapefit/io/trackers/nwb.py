@@ -72,7 +72,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
 
 
 def _by_module(found: list[Animal]) -> list[tuple[str, tuple[Animal, ...]]]:
-    """Return the animals of each video; those of all modules together where names tell them."""
+    """Return the animals of each video; all together where their names differ."""
     if len({animal.name for animal in found}) == len(found):
         return [("", tuple(found))]
     modules = dict.fromkeys(animal.module for animal in found)

@@ -39,7 +39,8 @@ def judge_error_bars(
         return None, ()
     rotation = judgement.true_rotation
     if rotation is None:
-        return None, (f"{file}: no calibration without the dataset `{TRUE_ROTATION.name}`",)
+        lacking = f"without the dataset `{TRUE_ROTATION.name}` or a `truth_frame`"
+        return None, (f"{file}: the error bars are not judged, {lacking}",)
     correlation = find_correlation(file, results, deviation)
     names = common_landmarks(file, results.landmark_names, truth.landmark_names)
     own = match_landmarks(results.landmark_names, names)

@@ -6,8 +6,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -28,13 +27,13 @@ from shapefit.io import (
     result_writer,
 )
 from shapefit.io.formats import find_target_format
-from shapefit.io.options import Track
+from shapefit.io.options import OutputOptions, Track
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
-from shapefit.pipelines.fit.joints import as_joints, find_joints
+from shapefit.pipelines.fit.joints import find_joints
 from shapefit.pipelines.fit.landmark_names import check_enough, find_strange, name_warnings
 from shapefit.pipelines.fit.lens import find_calibrated, find_doubts, straightened
 from shapefit.pipelines.fit.record import as_result, find_renamed
@@ -47,8 +46,8 @@ READ_AHEAD = 4096
 """Images that are read before the first whole sequences of them are lifted."""
 
 
-def run(config: FitConfig) -> Iterator[Outcome]:
-    """Lift every image of the landmark files; yields an Outcome per chunk."""
+def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
+    """Lift every image of the landmark files, or these rows of the one; an Outcome per chunk."""
     check_holds_all(config)
     calibrated = find_calibrated(config.camera)
     dictionary = read_dictionary(config.dictionary)
@@ -62,9 +61,9 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     options = input_options(config.input, default_track(config))
     solve_seconds, done = 0.0, 0
     with (
-        open_landmarks(config.landmarks, options) as source,
+        open_landmarks(config.landmarks, options, rows) as source,
         open_exports(config, dictionary, source.count) as exports,
-        result_writer(config.output) as writer,
+        result_writer(config.output, OutputOptions(height=config.height)) as writer,
     ):
         for images, lifting, record, seconds in fit_chunks(source, config, dictionary, chain):
             if unknown:
@@ -82,7 +81,9 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             )
         names = name_warnings(source.landmark_names, dictionary.landmark_names)
         left_in = unknown.warnings if unknown else ()
-        inputs = (*config.landmarks, config.dictionary)
+        # A part of a file is known by the manifest: nobody reads the whole file for each part.
+        read = config.landmarks if rows is None else ()
+        inputs = digests((*read, config.dictionary))
         writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
         # Taken back where the result cannot be completed, which happens on leaving this block.
         exports.publish()
@@ -97,9 +98,10 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         + find_doubts(source.head.extras, calibrated)
         + left_in
         + ambiguous.warnings
-        + exports.warnings,
-        note=exports.note,
-        written=(config.output, *exports.folders, *exports.sheets),
+        + exports.warnings
+        + writer.summary.warnings,
+        note="; ".join(filter(None, (exports.note, writer.summary.note))),
+        written=(*(writer.summary.written or (config.output,)), *exports.folders, *exports.sheets),
     )
 
 
@@ -123,8 +125,8 @@ def fit_chunks(
     strange = find_strange(met, names)
     calibrated = find_calibrated(config.camera)
     for chunk in find_chunks(source, config):
-        straight = as_joints(straightened(chunk, calibrated), joints, place)
-        images = straight.arrange(names, place, leave_out=bool(strange))
+        straight = straightened(chunk, calibrated)
+        images = straight.arrange(names, source_names(config), leave_out=bool(strange))
         began = time.perf_counter()
         lifting = fit_images(images, dictionary, chain)
         seconds = time.perf_counter() - began
@@ -139,15 +141,15 @@ def default_track(config: FitConfig) -> Track:
 
 
 def attributes_of(
-    config: FitConfig, inputs: Sequence[Path], seconds: float, images: int
+    config: FitConfig, inputs: Mapping[str, str], seconds: float, images: int
 ) -> dict[str, str | float | int]:
-    """Return what is stored of a fit beside its images, `inputs` by their digests."""
+    """Return what is stored of a fit beside its images; `inputs` are the digests of its files."""
     return {
         "method": config.method,
         "version": __version__,
         "config": config.as_json(),
         "config_digest": hashlib.sha256(config.as_json().encode()).hexdigest(),
-        "inputs": json.dumps(digests(inputs)),
+        "inputs": json.dumps(inputs),
         "solve_seconds": seconds,
         "images_per_second": images / seconds if seconds > 0 else 0.0,
     }

@@ -16,6 +16,7 @@ from shapefit.dictionary.coding import duality_gaps, objectives
 from shapefit.dictionary.learning import Learned, learn
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.pca_bases import principal_components
+from shapefit.dictionary.size import find_edge_length
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import ShapeSet, check_output, digests, open_shapes, write_dictionary
@@ -39,11 +40,10 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     cannot be read or written, and as `make_dictionary` does.
     """
     check_output(config.output)
-    with open_shapes(config.shapes, input_options(config.input)) as source:
-        (given,) = source.chunks(max(source.count, 1))
+    given, notes = read_given(config)
     making = make_dictionary(given, config, digests(config.shapes))
     outcome = next(making)
-    outcome = replace(outcome, warnings=source.notes + outcome.warnings)
+    outcome = replace(outcome, warnings=notes + outcome.warnings)
     while True:
         try:
             following = next(making)
@@ -54,6 +54,13 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
         outcome = following
     write_dictionary(config.output, dictionary)
     yield replace(outcome, written=(config.output,))
+
+
+def read_given(config: LearnDictConfig) -> tuple[ShapeSet, tuple[str, ...]]:
+    """Read the shapes to learn from, and warnings of what was left out of their files."""
+    with open_shapes(config.shapes, input_options(config.input)) as source:
+        (given,) = source.chunks(max(source.count, 1))
+        return given, source.notes
 
 
 def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[str, str]) -> Making:
@@ -187,14 +194,16 @@ def _dead_atoms(learned: Learned) -> Iterator[str]:
 
 def _dictionary(training: TrainingShapes, atoms: Floats) -> Dictionary:
     """Return what the dictionaries of all methods have."""
+    edges = training.original.edges
     return Dictionary(
         atoms=atoms,
         landmark_names=training.original.landmark_names,
         mean_shape=normalise(training.alignment.mean).points,
-        edges=training.original.edges,
+        edges=edges,
         mirror_index=training.partners,
         unit=training.original.unit,
         acceleration=training.acceleration,
         edge_give=training.give,
+        edge_length=None if edges is None else find_edge_length(training.original.shapes, edges),
         frame_rate=None if training.acceleration is None else training.original.frame_rate,
     )

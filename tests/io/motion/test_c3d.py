@@ -86,3 +86,14 @@ def test_a_cut_off_file_is_refused_before_ezc3d_sees_it(c3d):
         path.write_bytes(whole[:end])
         with pytest.raises(InputError, match=r"walk\.c3d"):
             read(path)
+
+
+def test_damaged_parameters_are_refused_before_ezc3d_sees_them(c3d):
+    """A record whose name is too long sends ezc3d anywhere, and the process may die."""
+    path, _ = c3d()
+    whole = path.read_bytes()
+    place = whole.index(b"POINT") - 2
+    for wrong in (127, 130):
+        path.write_bytes(whole[:place] + bytes([wrong]) + whole[place + 1 :])
+        with pytest.raises(InputError, match="parameters are damaged"):
+            read(path)

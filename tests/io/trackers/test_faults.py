@@ -170,6 +170,14 @@ def test_more_than_memory_holds(tmp_path, write, problem):
     assert "tracks" in problem(path)
 
 
+def test_a_list_that_was_never_written(write, problem):
+    path = write("tracks.analysis.h5")
+    with h5py.File(path, "a") as file:
+        del file["edge_inds"]
+        file.create_dataset("edge_inds", (10**7, 2), "i8", chunks=(1, 2))
+    assert "next to nothing of it was written" in problem(path)
+
+
 HEADER = "scorer,n,n,n,n\nbodyparts,a,a,b,b\ncoords,x,y,x,y\n"
 
 
@@ -182,7 +190,11 @@ HEADER = "scorer,n,n,n,n\nbodyparts,a,a,b,b\ncoords,x,y,x,y\n"
         (HEADER + "0,1,2,3,4\none,1,2,3,4\n", ":5: the frame is 'one'"),
         (HEADER + '0,1,2,3,"4\n', ":4: a bad cell"),
         (HEADER.replace("b,b", "a,a") + "0,1,2,3,4\n", "x of a is there twice"),
-        (HEADER.replace("x,y\n", "x,w\n") + "0,1,2,3,4\n", "the coordinate of b is 'w'"),
+        (HEADER.replace("x,y\n", "x,w\n") + "0,1,2,3,4\n", "b has no column y"),
+        (
+            HEADER.replace("x,y,x,y", "length,angle,length,angle"),
+            "no columns x and y (length, angle)",
+        ),
         (HEADER.replace("x,y\n", "x,likelihood\n") + "0,1,2,3,4\n", "b has no column y"),
         (HEADER.replace("coords", "scorer"), "there is no line 'coords'"),
         ("scorer,n\n", "there is no line 'bodyparts'"),

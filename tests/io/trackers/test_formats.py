@@ -11,6 +11,7 @@ from benchmarks.tracker_files import WRITERS, individual_names, landmark_names
 from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.formats import find_format
 from shapefit.io.options import InputOptions
+from shapefit.io.trackers.recognition import is_deeplabcut_csv
 
 FORMAT = {
     "table.csv": "a DeepLabCut or Lightning Pose CSV",
@@ -274,3 +275,52 @@ def test_individuals_with_other_landmarks(tmp_path, read):
     assert found.landmarks[:, 0].tolist()[0][0] == 1
     assert np.isnan(found.landmarks[0, :, 1]).all()
     assert found.landmarks[1, :, 1].tolist() == [3, 4]
+
+
+def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
+    """Ensembles add variances; newer versions write -1 for what they did not find."""
+    (tmp_path / "t.csv").write_text(
+        "scorer,n,n,n,n,n\nbodyparts,a,a,a,a,a\ncoords,x,y,likelihood,x_ens_var,y_ens_var\n"
+        "0,1,2,0.5,9,9\n1,-1,-1,-1,9,9\n2,3,4,1,9,9\n"
+    )
+    with open_landmarks([tmp_path / "t.csv"]) as source:
+        (found,) = source.chunks(10)
+        notes = "\n".join(source.notes)
+    assert found.items == ("t/0", "t/2")
+    assert found.landmarks[:, :, 0].tolist() == [[1, 2], [3, 4]]
+    assert "columns left out: x_ens_var, y_ens_var" in notes
+    assert "1 individuals without a landmark left out" in notes
+
+
+def test_a_column_of_text_beside_the_coordinates(tmp_path, read):
+    (tmp_path / "t.csv").write_text(
+        "scorer,n,n,set\nbodyparts,a,a,\ncoords,x,y,\nv/img1.png,1,2,train\nv/img2.png,3,4,test\n"
+    )
+    assert read(tmp_path / "t.csv").items == ("t/img1", "t/img2")
+
+
+def test_a_header_that_is_longer_than_what_is_looked_at(tmp_path, rng, read):
+    for many in (2, 8, 16, 40):
+        points = rng.integers(0, 99, (2, many, 9, 2)).astype(float)
+        made.write_deeplabcut_csv(tmp_path / "t.csv", points, np.ones((2, many, 9)))
+        found = read(tmp_path / "t.csv")
+        assert (len(found), len(found.landmark_names)) == (2 * many, 9)
+
+
+def test_stated_axes_win(tmp_path, rng, read):
+    """Two of everything: without their names the axes would be taken for those of SLEAP."""
+    points, path = rng.normal(size=(2, 2, 2, 2)), tmp_path / "p.analysis.h5"
+    made.write_sleap_analysis(path, points, np.ones((2, 2, 2)))
+    want = read(path)
+    with h5py.File(path, "a") as file:
+        del file["tracks"]
+        file["tracks"] = points
+        file["tracks"].attrs["dims"] = '["frame", "track", "node", "xy"]'
+        file["point_scores"].attrs["dims"] = '["track", "node", "frame"]'
+    np.testing.assert_array_equal(read(path).landmarks, want.landmarks)
+
+
+def test_a_line_of_which_only_the_beginning_is_seen_decides_nothing(tmp_path):
+    assert is_deeplabcut_csv(tmp_path, b"scorer,a,a\nindividuals,b,b\nbodyp")
+    assert is_deeplabcut_csv(tmp_path, b"scorer,a")
+    assert not is_deeplabcut_csv(tmp_path, b"scorer,points\nme,3\nyou,4\n")

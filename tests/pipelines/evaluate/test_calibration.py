@@ -86,7 +86,7 @@ def test_the_whole_covariance_serves_as_well(desk, reported, sure):
 def test_without_a_rotation_there_is_no_calibration(desk, reported, sure):
     own = {k: v for k, v in sure.extras.items() if k != "true_rotation"}
     page, warnings = reported(replace(sure, extras=own), metrics=["similarity"])
-    assert any("no calibration without the dataset `true_rotation`" in w for w in warnings)
+    assert any("without the dataset `true_rotation` or a `truth_frame`" in w for w in warnings)
     assert "Error bars" not in page
     assert "Least plausible images" in page
     assert not (desk.config.output / "calibration.csv").exists()

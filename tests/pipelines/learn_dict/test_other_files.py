@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import LearnDictConfig
+from shapefit.errors import InputError
 from shapefit.io import read_dictionary, read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.learn_dict.run import run
@@ -42,6 +43,15 @@ def test_gaps_are_left_out_with_warnings(tmp_path, rng):
     assert dictionary.unit == "m"
     assert any("1 landmark left out" in text and "m5" in text for text in warnings)
     assert any("1 shape left out" in text for text in warnings)
+
+
+def test_files_without_a_landmark_that_is_mostly_known(tmp_path, rng):
+    points = rng.normal(size=(10, 4, 3))
+    points[:5, :2], points[5:, 2:] = np.nan, np.nan
+    with pytest.raises(InputError, match=r"no landmark is known in 90% of its 10 shapes"):
+        learn(trc(tmp_path / "walk.trc", points), tmp_path / "d.h5")
+    with pytest.raises(InputError, match="0 shapes to learn from"):
+        learn(trc(tmp_path / "walk.trc", points[:0]), tmp_path / "d.h5")
 
 
 def test_the_dictionary_is_that_of_the_same_shapes_in_our_format(tmp_path, rng):
