@@ -33,7 +33,7 @@ from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
-from shapefit.pipelines.fit.joints import find_joints
+from shapefit.pipelines.fit.joints import as_joints, find_joints
 from shapefit.pipelines.fit.landmark_names import check_enough, find_strange, name_warnings
 from shapefit.pipelines.fit.lens import find_calibrated, find_doubts, straightened
 from shapefit.pipelines.fit.record import as_result, find_renamed
@@ -125,8 +125,8 @@ def fit_chunks(
     strange = find_strange(met, names)
     calibrated = find_calibrated(config.camera)
     for chunk in find_chunks(source, config):
-        straight = straightened(chunk, calibrated)
-        images = straight.arrange(names, source_names(config), leave_out=bool(strange))
+        straight = as_joints(straightened(chunk, calibrated), joints, place)
+        images = straight.arrange(names, place, leave_out=bool(strange))
         began = time.perf_counter()
         lifting = fit_images(images, dictionary, chain)
         seconds = time.perf_counter() - began
