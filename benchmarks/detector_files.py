@@ -110,4 +110,4 @@ WRITERS: Mapping[str, Callable[[Path, Floats, Floats], None]] = {
     "xy.csv": write_caliscope,
     "yolo": write_yolo,
 }
-"""By the name of a file or folder that tells of the format."""
+"""By the name of the file or folder that is written."""
