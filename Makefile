@@ -15,6 +15,8 @@
 #   make bench        speed relative to the previous release and other solvers; fails below a floor
 #                     (DATA=FOLDER motion capture, CARS=FOLDER cars, BENCH_OPTIONS='--only CASE --quick')
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
+#   make people       the dictionary of the package, learned anew from motion capture (DATA=FOLDER)
+#   make bodies       how that dictionary does on each of its bodies when it is left out
 #   make detected     landmarks that networks detected, against their 3D truth (DATA=FOLDER as above)
 #   make cars         real cars: report, meshes, pictures, outliers (DATA=FOLDER as above)
 
@@ -32,7 +34,7 @@ CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper detected cars bench clean
+.PHONY: demo test fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper people bodies detected cars bench clean
 
 demo: $(RUNS)
 	$(call chain,demo)
@@ -50,6 +52,9 @@ mocap-table: $(RUNS)
 	$(SHAPEFIT) project -c configs/mocap/project.yaml $(SET_DATA)
 	$(SHAPEFIT) fit -c configs/mocap/fit.yaml $(SET_DATA)
 	$(SHAPEFIT) fit -c configs/mocap/fit-global.yaml $(SET_DATA)
+	$(SHAPEFIT) learn-dict -c configs/people/learn-dict.yaml $(SET_DATA)
+	$(SHAPEFIT) fit -c configs/people/fit.yaml
+	$(SHAPEFIT) fit -c configs/people/sequences.yaml
 	$(SHAPEFIT) eval -c configs/mocap/eval.yaml $(SET_DATA)
 	$(BIN)/python -m benchmarks.published mocap results/mocap/report
 	@echo "The report with tables and plots is in results/mocap/report."
@@ -68,6 +73,9 @@ paper: $(RUNS)
 	$(SHAPEFIT) project -c configs/mocap/project.yaml $(SET_DATA)
 	for fit in $(PAPER_FITS); do \
 	    $(SHAPEFIT) fit -c configs/paper/fit-$$fit.yaml || [ $$? -eq 1 ] || exit; done
+	$(SHAPEFIT) learn-dict -c configs/people/learn-dict.yaml $(SET_DATA)
+	$(SHAPEFIT) fit -c configs/people/fit.yaml
+	$(SHAPEFIT) fit -c configs/people/sequences.yaml
 	$(SHAPEFIT) eval -c configs/paper/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
 	$(BIN)/python -m benchmarks.published mocap results/paper/mocap
 	$(SHAPEFIT) simulate -c configs/recovery.yaml -o results/paper/recovery || [ $$? -eq 1 ]
@@ -76,6 +84,13 @@ paper: $(RUNS)
 	for sweep in $(PAPER_SWEEPS); do \
 	    $(SHAPEFIT) sweep -c configs/paper/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(BIN)/python -m benchmarks.paper_index results/paper
+
+people: $(RUNS)
+	$(SHAPEFIT) learn-dict -c configs/people/learn-box.yaml $(SET_DATA)
+	$(BIN)/python building/ship_dictionary.py results/people/box.h5 shapefit/dictionaries/people.h5
+
+bodies: $(RUNS)
+	$(BIN)/python -m benchmarks.bodies $(if $(DATA),--data '$(DATA)')
 
 detected: $(RUNS)
 	$(BIN)/python -m benchmarks.detected $(if $(DATA),--data '$(DATA)')

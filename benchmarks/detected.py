@@ -26,6 +26,7 @@ from shapefit.io.whole.atomic import atomic_path
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 FOLDER = Path("results/detected")
 METHODS = ("convex", "alternate", "posterior", "sequences")
+WITH_BARS = ("posterior", "sequences")
 JUDGED = 0.4
 KNOWN = 0.9
 """Share of the training frames in which a landmark must be known to be learned."""
@@ -128,8 +129,11 @@ def of_landmarks(shapes: ShapeSet, columns: np.ndarray[tuple[int], np.dtype[np.i
     )
 
 
-def measure(case: Case, data: Path, methods: Sequence[str]) -> list[str]:
-    """Fit one case by the methods; the cells of its row, errors and those of the unit of truth."""
+def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") -> Path:
+    """Fit one case by the methods and judge them; the report as JSON.
+
+    `people` is the dictionary of people with a prior, by default the one of subject 86.
+    """
     folder = FOLDER / case.name.replace(", ", "-").replace(" ", "-")
     folder.mkdir(parents=True, exist_ok=True)
     if case.learn is None:
@@ -139,6 +143,8 @@ def measure(case: Case, data: Path, methods: Sequence[str]) -> list[str]:
     else:
         plain, prior = (learn(config, data) for config in case.learn)
         landmarks, truth = (data / f"{name}.h5" for name in (case.landmarks, case.truth))
+        if people and case.learn is PEOPLE:
+            prior = Path(people)
     known = names_of(landmarks)
     rename = {old: new for old, new in case.rename.items() if old in known}
     renamed = ["--set", f"rename={json.dumps(rename)}"] if rename else []
@@ -156,7 +162,7 @@ def measure(case: Case, data: Path, methods: Sequence[str]) -> list[str]:
         results.append(result)
     run("eval", "-c", CONFIGS / "detected/eval.yaml", *results, "--truth", truth,
         "-o", folder / "report", *renamed, failures=True)  # fmt: skip
-    return cells(folder / "report/report.json", methods)
+    return folder / "report/report.json"
 
 
 def names_of(landmarks: Path) -> frozenset[str]:
@@ -179,21 +185,39 @@ def cells(report: Path, methods: Sequence[str]) -> list[str]:
     return texts
 
 
+def coverage(report: Path) -> list[str]:
+    """Shares inside the 50% and 90% ellipsoids, and the normalised width, of methods with bars."""
+    texts = {}
+    for row in json.loads(report.read_text(encoding="utf-8"))["calibration"]:
+        if row["landmark"] is None:
+            half, most = (f"{100 * share:.0f}%" for share in row["inside"])
+            texts[row["method"]] = f"{half} / {most} / {row['width']['normalised']:.2f}"
+    return [texts.get(method, "") for method in WITH_BARS]
+
+
 def main() -> None:
     """Measure all cases and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data/detected"))
     parser.add_argument("--only", nargs="*", default=[], help="beginnings of the names of cases")
     parser.add_argument("--methods", nargs="*", default=METHODS, choices=METHODS)
+    parser.add_argument("--people", default="", help="dictionary in place of subject 86's: people")
     given = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
-    rows = []
+    rows, regions = [], []
     for case in CASES:
         if not given.only or case.name.startswith(tuple(given.only)):
-            rows.append([case.name, *measure(case, given.data, given.methods)])
+            report = measure(case, given.data, given.methods, given.people)
+            rows.append([case.name, *cells(report, given.methods)])
+            regions.append([case.name, *coverage(report)])
             print(" | ".join(rows[-1]), flush=True)
     table = markdown_table(["set", *given.methods], rows)
-    text = f"# Detected landmarks\n\nMean similarity error, normalised.\n\n{table}\n"
+    bars = markdown_table(["set", *WITH_BARS], regions)
+    text = (
+        f"# Detected landmarks\n\nMean similarity error, normalised.\n\n{table}\n\nShare of the "
+        "truth inside the 50% and the 90% ellipsoids of the error bars, and the mean width of the "
+        f"latter, normalised.\n\n{bars}\n"
+    )
     with atomic_path(FOLDER / "index.md") as path:
         path.write_text(text, encoding="utf-8")
     print(text)

@@ -16,17 +16,20 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
+from shapefit.evaluation.calibration import Coverage
 from shapefit.evaluation.experiments.recovery_grid import Place, shares_table
 from shapefit.evaluation.report import Method, Report
 from shapefit.evaluation.solving import Solving
 from shapefit.evaluation.summary import Summary
 from shapefit.evaluation.tables.csv_json import report_json
 from shapefit.evaluation.tables.errors_document import markdown
+from shapefit.evaluation.trust import Kept
 from shapefit.io.whole.report_folder import Writer, write_folder
 
 QUOTED = Path(__file__).with_name("published.yaml")
 
 OF_A_REPORT = {"methods", "summaries", "published", "caveats", "warnings"}
+OF_ERROR_BARS = {"calibration", "trusted", "without_error_bars", "parallel_error_bars"}
 
 
 def beside_errors(name: str, folder: Path) -> str:
@@ -48,7 +51,13 @@ def beside_errors(name: str, folder: Path) -> str:
         published=quoted["rows"],
         caveats=tuple(quoted["caveats"]),
         warnings=tuple(known["warnings"]),
-        provenance={key: value for key, value in known.items() if key not in OF_A_REPORT},
+        coverage=tuple(_coverage(each) for each in known["calibration"]),
+        kept=tuple(Kept(**each) for each in known["trusted"]),
+        without_bars=tuple(known["without_error_bars"]),
+        parallel=tuple(known["parallel_error_bars"]),
+        provenance={
+            key: value for key, value in known.items() if key not in OF_A_REPORT | OF_ERROR_BARS
+        },
     )
     page = markdown(report)
     plots = (folder / "report.md").read_text(encoding="utf-8").partition("\n## Plots\n")
@@ -118,6 +127,14 @@ def _quoted(name: str) -> Any:
 
 def _read(path: Path) -> Any:
     return json.loads(path.read_text(encoding="utf-8"))
+
+
+def _coverage(stored: Mapping[str, Any]) -> Coverage:
+    """Return the coverage of a landmark, with nan for what JSON has as null."""
+    nan = float("nan")
+    inside = tuple(nan if share is None else share for share in stored["inside"])
+    width = {unit: nan if value is None else value for unit, value in stored["width"].items()}
+    return Coverage(**{**stored, "inside": inside, "width": width})
 
 
 def _with_nan(summary: Mapping[str, Any]) -> dict[str, Any]:

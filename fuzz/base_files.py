@@ -11,6 +11,8 @@ from shapefit.io import read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit_cli.main import run
 
+from .tracker_cases import write_tracker_files
+
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data" / "people_test.h5"
 
 ITEMS = 8
@@ -45,6 +47,7 @@ def make_base_files(folder: Path) -> None:
     )
     write_shapes(Path("shapes.h5"), meshed)
     write_shapes(Path("shapes.csv"), few)
+    write_tracker_files(folder)
     learn = ("learn-dict", "shapes.h5", "--set", "iterations=2", "--set", "k=4")
     exemplars = ("learn-dict", "shapes.h5", "--set", "method=exemplars")
     camera = ("--set", "camera.view=random", "--set", "hidden=0.1")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from . import config_cases, csv_cases, hdf5_cases
+from . import config_cases, csv_cases, hdf5_cases, motion_cases, tracker_cases
 from .case import Make
 
 KINDS: Mapping[str, Make] = {
     "csv": csv_cases.make,
     "hdf5": hdf5_cases.make,
+    "motion": motion_cases.make,
+    "trackers": tracker_cases.make,
     "yaml": config_cases.make_yaml,
     "set": config_cases.make_options,
 }

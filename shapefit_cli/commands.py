@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .options import DictionaryPath
 from .streams import tell
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def _output(metavar: str, text: str) -> click.Option:
 
 
 def _dictionary(text: str) -> click.Option:
-    return click.Option(["-d", "--dictionary"], metavar="DICT.h5", help=text)
+    return click.Option(["-d", "--dictionary"], metavar="DICT.h5", type=DictionaryPath(), help=text)
 
 
 def _truth() -> click.Option:
@@ -98,7 +99,7 @@ SHAPES are files of 3D shapes, HDF5 or CSV; globs work, - is stdin (CSV).""",
     ),
     Spec(
         "fit",
-        pipeline="fit.run",
+        pipeline="parts.run",
         unit="image",
         summary="Lift 2D landmarks to 3D shapes.",
         text="""Lift 2D landmarks in single images to 3D shapes.
@@ -111,8 +112,24 @@ LANDMARKS are files of 2D landmarks, HDF5 or CSV; globs work, - is stdin (CSV)."
   shapefit fit -d dict.h5 -o - - < landmarks.csv > shapes.csv""",
         parameters=(
             _files("landmarks"),
-            _output("RESULT", "Result file to write; - is stdout (CSV)."),
-            _dictionary("Dictionary that learn-dict wrote."),
+            _output("RESULT", "Result file; - is stdout (CSV), FOLDER/ a file per part."),
+            _dictionary(
+                "Dictionary that learn-dict wrote, or the name of an installed one, such as people."
+            ),
+            click.Option(
+                ["--workers"], type=int, metavar="N", help="Do the parts with N processes (Dask)."
+            ),
+            click.Option(
+                ["--scheduler"], metavar="ADDRESS", help="Do the parts on a running Dask cluster."
+            ),
+            click.Option(
+                ["--scheduler-file"],
+                metavar="FILE",
+                help="The same, by the file of the scheduler.",
+            ),
+            click.Option(
+                ["--dry-run"], is_flag=True, default=None, help="Only list the parts to do."
+            ),
         ),
     ),
     Spec(

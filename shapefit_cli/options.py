@@ -45,6 +45,22 @@ class _ConfigPath(click.Path):
         return [CompletionItem(name, help="installed config") for name in names] or files
 
 
+class DictionaryPath(click.types.StringParamType):
+    """A file, or the name of an installed dictionary."""
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Offer the names of installed dictionaries, and files."""
+        from click.shell_completion import CompletionItem
+
+        from shapefit.config.dictionaries import find_dictionaries
+
+        names = [name for name in find_dictionaries() if name.startswith(incomplete)]
+        files = click.Path().shell_complete(ctx, param, incomplete)
+        return [CompletionItem(name, help="installed dictionary") for name in names] or files
+
+
 class _Setting(click.types.StringParamType):
     """`key=value` for a key of the config of a command."""
 

@@ -8,24 +8,34 @@ from pathlib import Path
 import click
 
 from .command import follow
-from .options import reporting_options
+from .options import DictionaryPath, reporting_options
 from .report import Report
 from .streams import tell
 
 
 def _verify(
-    result: Path, dictionary: Path, landmarks: tuple[Path, ...], quiet: bool, verbose: bool
+    result: Path, dictionary: str, landmarks: tuple[Path, ...], quiet: bool, verbose: bool
 ) -> int:
     # Chunks are checked side by side: threads within a product would stand in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from shapefit.pipelines.verify import Request, run
 
     report = Report("verify", "image", quiet=quiet, verbose=verbose)
-    follow(run(Request(result, dictionary, landmarks)), report, shows_notes=False)
+    follow(run(Request(result, _find(dictionary), landmarks)), report, shows_notes=False)
     click.echo(report.note)
     for line in report.lines(with_note=False):
         tell(line)
     return report.exit_code
+
+
+def _find(dictionary: str) -> Path:
+    """Return the file at a path, or the installed dictionary of that name."""
+    path = Path(dictionary)
+    if path.is_file():
+        return path
+    from shapefit.config.dictionaries import find_dictionaries
+
+    return find_dictionaries().get(dictionary, path)
 
 
 verify = click.Command(
@@ -37,8 +47,8 @@ verify = click.Command(
             ["-d", "--dictionary"],
             metavar="DICT.h5",
             required=True,
-            type=click.Path(path_type=Path),
-            help="Dictionary of the fit.",
+            type=DictionaryPath(),
+            help="Dictionary of the fit, or the name of an installed one.",
         ),
         click.Option(
             ["--landmarks"],

@@ -6,6 +6,7 @@ A page rounds, which adds half of its last digit.
 from __future__ import annotations
 
 import csv
+import json
 import re
 import shutil
 import subprocess
@@ -13,7 +14,11 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from ruamel.yaml import YAML
+
+from shapefit.io import landmark_writer, open_landmarks
 
 BAND = 0.02
 COMMAND = str(Path(sys.executable).with_name("shapefit"))
@@ -32,7 +37,7 @@ def runner(project: Path, folder: Path, *settings: str) -> Run:
     (folder / "sample_data").symlink_to(project / "sample_data")
 
     def run(command: str, config: str, *more: str) -> None:
-        for name in ("demo/cars", "mocap/best", "paper", "cars"):
+        for name in ("demo/cars", "mocap/best", "paper", "people", "cars"):
             (folder / "results" / name).mkdir(parents=True, exist_ok=True)
         line = [COMMAND, command, "-c", f"configs/{config}.yaml", *more]
         if command != "fit" or "data:" in (folder / f"configs/{config}.yaml").read_text("utf-8"):
@@ -126,7 +131,10 @@ def test_the_paper_s_table_on_motion_capture(project, mocap):
     folder, run = mocap
     for name in ("convex", "global", "refine", "alternate", "alternate-plus", "pmp", "mean-shape"):
         run("fit", f"paper/fit-{name}")
-    run("eval", "paper/eval", "--set", "examples=0")
+    # Without the rows of posterior and sequences, which take minutes; a part of them is below.
+    config = YAML(typ="safe").load(folder / "configs/paper/eval.yaml")
+    own = {n: f.removeprefix("../../") for n, f in config["results"].items() if "/paper/" in f}
+    run("eval", "paper/eval", "--set", "examples=0", "--set", f"results={json.dumps(own)}")
     found = report(folder / "results/paper/mocap/report.csv")
     page = (project / "docs/experiments.md").read_text(encoding="utf-8")
     (header,) = re.findall(r"^\| +\| (Convex \| .*Mean shape) \|", page, re.MULTILINE)
@@ -136,6 +144,50 @@ def test_the_paper_s_table_on_motion_capture(project, mocap):
         for method, stated in zip([name.strip() for name in methods], rows[group], strict=False):
             mean, _ = found[method, "similarity", "normalised", group]
             assert within(mean, stated), (method, group, mean, stated)
+
+
+WHOLE_SEQUENCES = ("13_07", "13_09", "14_04", "14_05")
+ON_THEM = {
+    ("posterior", "Subject 13"): "0.2859",
+    ("posterior", "Subject 14"): "0.1466",
+    ("sequences", "Subject 13"): "0.2053",
+    ("sequences", "Subject 14"): "0.0565",
+}
+"""Mean similarity errors, normalised, of two short sequences of each subject: 830 images."""
+
+INSIDE = {("posterior", "Subject 13"): "0.964", ("sequences", "Subject 13"): "0.429"}
+"""Share of their landmarks inside the 90% ellipsoids."""
+
+
+@pytest.mark.real_data
+def test_the_posterior_and_sequences_on_motion_capture(project, real_data, tmp_path):
+    run = runner(project, tmp_path, f"data={real_data / 'mocap'}")
+    run("learn-dict", "people/learn-dict")
+    run("project", "mocap/project")
+    views = tmp_path / "results/mocap/landmarks.h5"
+    with open_landmarks([views]) as source:
+        (images,) = source.chunks(source.count)
+    few = np.flatnonzero(np.isin(np.array(images.sequences, dtype=str), WHOLE_SEQUENCES))
+    assert len(few) == 830
+    with landmark_writer(views) as writer:
+        writer.append(images.take(few))
+    results = {"posterior": "result.h5", "sequences": "sequences.h5"}
+    run("fit", "people/fit")
+    run("fit", "people/sequences")
+    results = {name: f"results/people/{file}" for name, file in results.items()}
+    run("eval", "people/eval", "--set", f"results={json.dumps(results)}")
+    found = report(tmp_path / "results/people/report/report.csv")
+    for (method, group), stated in ON_THEM.items():
+        mean, _ = found[method, "similarity", "normalised", group]
+        assert within(mean, stated), (method, group, mean, stated)
+    with (tmp_path / "results/people/report/calibration.csv").open(newline="") as file:
+        shares = {
+            (row["method"], row["group"]): float(row["inside_90"])
+            for row in csv.DictReader(file)
+            if not row["landmark"]
+        }
+    for column, stated in INSIDE.items():
+        assert within(shares[column], stated), (column, shares[column])
 
 
 @pytest.mark.real_data

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from shapefit.io import open_landmarks, read_shapes
+from shapefit.io.options import InputOptions
 
 MADE = {
     "make_people": (
@@ -238,3 +239,28 @@ def test_the_table_of_views_holds_the_same_pictures(folder):
     assert stored.items == table.items
     assert stored.landmark_names == table.landmark_names
     np.testing.assert_allclose(stored.landmarks, table.landmarks, atol=1e-4)
+
+
+def test_two_people_walk_past_each_other(project, folder, tmp_path):
+    """Made again they are the same; joined over frames, each is one person who walks one way."""
+    command = [sys.executable, "-m", "sample_data.make_openpose", str(tmp_path)]
+    subprocess.run(command, cwd=project, check=True)
+    files = sorted((folder / "openpose").iterdir())
+    assert [path.name for path in files] == sorted(
+        p.name for p in (tmp_path / "openpose").iterdir()
+    )
+    for path in files:
+        assert path.read_bytes() == (tmp_path / "openpose" / path.name).read_bytes()
+    options = InputOptions(keypoints="body_25", track="nearest")
+    with open_landmarks([folder / "openpose"], options) as source:
+        (found,) = source.chunks(1000)
+    assert len(found) == 2 * len(files) == 72
+    hip = found.landmarks[:, 0, found.landmark_names.index("MidHip")]
+    for number, direction in ((1, 1), (2, -1)):
+        own = hip[[name == f"openpose/person {number}" for name in found.sequences]]
+        known = np.flatnonzero(np.isfinite(own))
+        assert len(own) == 36
+        assert len(known) > 20
+        moved = direction * np.diff(own[known]) / np.diff(known)
+        assert 5 < moved.mean() < 20
+        assert (moved > -10).all()

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-from shapefit.config.paths import InputPaths, PathWords, expand_path
+from shapefit.config.paths import InputPaths, PathWords, absolute_path, expand_path
 from shapefit.errors import path_text
 
 _EXPECTED = "a path or glob, a list of them, or a mapping name -> path(s)"
@@ -24,7 +24,7 @@ def _named(value: Any) -> Any:
     if not patterns:
         raise ValueError(f"expected {_EXPECTED}, found an empty list")
     named: dict[str, Path] = {}
-    for path in dict.fromkeys(file for pattern in patterns for file in expand_path(pattern)):
+    for path in dict.fromkeys(file for pattern in patterns for file in _results(pattern)):
         name = path_text(path.stem)
         if name in named:
             raise ValueError(
@@ -33,6 +33,13 @@ def _named(value: Any) -> Any:
             )
         named[name] = path
     return named
+
+
+def _results(pattern: Any) -> tuple[Path, ...]:
+    """Return the files that a pattern names; a folder of results stays one of them."""
+    files = expand_path(pattern)
+    folder = absolute_path(pattern)
+    return (folder,) if files != (folder,) and folder.is_dir() else files
 
 
 NamedFiles = Annotated[Mapping[str, InputPaths], PathWords(_EXPECTED), BeforeValidator(_named)]

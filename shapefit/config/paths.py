@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import json
 import os
 import stat
 from collections.abc import Callable, Iterable, Mapping
@@ -15,6 +16,9 @@ from shapefit.config.expectation import Expected
 
 STANDARD_STREAM = Path("-")
 DATA = "{data}"
+
+MANIFEST = "manifest.json"
+"""In a folder of results, the list of them."""
 
 _READ_AS_FILES = frozenset({stat.S_IFREG, stat.S_IFIFO, stat.S_IFCHR})
 
@@ -31,6 +35,19 @@ class OfTheData:
 
 
 OF_THE_DATA = OfTheData()
+
+
+class Anchored(str):
+    """A path taken relative to the folder of a config; `given` is what stands there."""
+
+    given: str
+
+    @classmethod
+    def of(cls, given: str, folder: Path) -> Anchored:
+        """Return the path `given` in the folder."""
+        path = cls(folder / os.path.expanduser(given))
+        path.given = given
+        return path
 
 
 def change_paths(
@@ -52,8 +69,8 @@ def change_paths(
 def anchored(value: Any, folder: Path) -> Any:
     """Return `value` with every path in it taken relative to `folder`.
 
-    `value` is what YAML gives: a text, or lists and mappings of texts. `-` and paths that begin
-    with `{data}` stay as they are.
+    `value` is what YAML gives: a text, or lists and mappings of texts. `-`, an empty text and
+    paths that begin with `{data}` stay as they are.
     """
     if isinstance(value, list):
         return [anchored(item, folder) for item in value]
@@ -61,7 +78,7 @@ def anchored(value: Any, folder: Path) -> Any:
         return {key: anchored(item, folder) for key, item in value.items()}
     if not isinstance(value, str) or value in ("", "-") or value.startswith(DATA):
         return value
-    return str(folder / os.path.expanduser(value))
+    return Anchored.of(value, folder)
 
 
 def with_data(value: Any, data: Path) -> Any:
@@ -101,7 +118,9 @@ def expand_path(value: Any) -> tuple[Path, ...]:
     """
     path = absolute_path(value)
     kind = None if path == STANDARD_STREAM else _kind(path)
-    if path == STANDARD_STREAM or kind in _READ_AS_FILES or kind == stat.S_IFDIR:
+    if kind == stat.S_IFDIR:
+        return result_parts(path) or (path,)
+    if path == STANDARD_STREAM or kind in _READ_AS_FILES:
         return (path,)
     if kind is not None:
         raise ValueError(f"{path} is neither a file nor a pipe; name one, or use - for stdin")
@@ -112,6 +131,21 @@ def expand_path(value: Any) -> tuple[Path, ...]:
     if not files:
         raise ValueError(f"no file matches {path}; check the pattern")
     return files
+
+
+def result_parts(folder: Path) -> tuple[Path, ...]:
+    """Return the results in a folder that `fit` wrote part by part; none for any other folder.
+
+    Raises ValueError where the manifest does not say which they are.
+    """
+    manifest = folder / MANIFEST
+    if not manifest.is_file():
+        return ()
+    try:
+        parts = json.loads(manifest.read_text(encoding="utf-8"))["parts"]
+        return tuple(folder / name for name in sorted(part["file"] for part in parts))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{manifest} is not a manifest of results ({error}); fit again") from None
 
 
 def _kind(path: Path) -> int | None:
@@ -129,7 +163,8 @@ def _kind(path: Path) -> int | None:
         raise ValueError(f"{path} cannot be read: {error.strerror}; check the path") from None
 
 
-def _one_file(value: Any) -> Path:
+def expand_one(value: Any) -> Path:
+    """Return the one file that a path or glob names. Raises ValueError."""
     files = expand_path(value)
     if len(files) > 1:
         raise ValueError(f"{value} matches {len(files)} files; name one")
@@ -138,14 +173,16 @@ def _one_file(value: Any) -> Path:
     return files[0]
 
 
-def _as_tuple(value: Any) -> tuple[Any, ...]:
+def as_tuple(value: Any) -> tuple[Any, ...]:
+    """Return a path or a list of paths as a tuple. Raises ValueError for an empty list."""
     items = tuple(value) if isinstance(value, list | tuple) else (value,)
     if not items:
         raise ValueError("expected at least one path, found an empty list")
     return items
 
 
-def _flat(expanded: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
+def flat(expanded: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
+    """Join what several paths name, each file once."""
     return tuple(dict.fromkeys(path for files in expanded for path in files))
 
 
@@ -164,25 +201,36 @@ OptionalPath = Annotated[
 OptionalInputPath = Annotated[
     Path | None,
     PathWords("a path"),
-    BeforeValidator(lambda value: None if value is None else _one_file(value)),
+    BeforeValidator(lambda value: None if value is None else expand_one(value)),
 ]
 
 OutputPath = Annotated[Path, PathWords("a path"), BeforeValidator(absolute_path)]
 
-InputPath = Annotated[Path, PathWords("a path"), BeforeValidator(_one_file)]
+
+def _output_or_folder(value: Any) -> Path:
+    """Return the path of an output; that of its manifest where it is to be a folder."""
+    path = absolute_path(value)
+    is_folder = isinstance(value, str) and value.endswith("/")
+    return path / MANIFEST if is_folder else path
+
+
+OutputOrFolder = Annotated[Path, PathWords("a path"), BeforeValidator(_output_or_folder)]
+"""A file to write; `FOLDER/` stands for the manifest of results in it."""
+
+InputPath = Annotated[Path, PathWords("a path"), BeforeValidator(expand_one)]
 
 # Each item becomes the tuple of the files that it names (so that a wrong item is reported at its
 # own place), and the tuples are joined last.
 InputPaths = Annotated[
     tuple[Annotated[Path, PlainValidator(expand_path)], ...],
     PathWords("a path or glob, or a list of them"),
-    BeforeValidator(_as_tuple),
-    AfterValidator(_flat),
+    BeforeValidator(as_tuple),
+    AfterValidator(flat),
 ]
 
 OptionalInputPaths = Annotated[
     tuple[Annotated[Path, PlainValidator(expand_path)], ...],
     PathWords("a path or glob, or a list of them"),
     BeforeValidator(lambda value: tuple(value) if isinstance(value, list | tuple) else (value,)),
-    AfterValidator(_flat),
+    AfterValidator(flat),
 ]

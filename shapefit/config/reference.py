@@ -27,6 +27,8 @@ Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no
   `configs/cars/fit.yaml`, and `-c sequences` is `configs/people/sequences.yaml`. An existing file
   of that name is preferred. The settings of an installed file are used; what applies only to its
   own data is ignored: paths, and the keys marked with \\*.
+- `-d NAME`, or `dictionary: NAME` in a file, stands for an installed dictionary, such as `people`.
+  An existing file of that name is preferred.
 - `--print-config` prints the resolved config, with every default.
 """
 

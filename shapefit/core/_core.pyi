@@ -236,6 +236,7 @@ def find_posterior(
     max_rounds: int,
     mean: Floats,
     deviation: Floats,
+    correlation: Floats,
     covariance: Floats | None,
     belief: Floats,
     rotation: Floats,
@@ -273,6 +274,7 @@ def smooth_sequence(
     points: Floats,
     lengths: Floats,
     deviation: Floats,
+    correlation: Floats,
     end: Floats,
 ) -> None: ...
 def code(

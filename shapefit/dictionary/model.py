@@ -17,12 +17,13 @@ class Dictionary:
     """k atoms B_i, each a centred (3, p) shape on the scale of normalised shapes.
 
     atoms (k, 3, p); mean_shape (3, p); edges (e, 2) pairs of landmark indices for drawing;
+    mirror_index (p,) the landmark that a reflection makes of each;
     mesh_vertices (k, 3, q) and mesh_faces (f, 3) travel with the atoms where the training shapes
     had a mesh; atom_scale (k,): atom i measures atom_scale[i] * B_i in `unit`; atom_items (k,):
     the training shape that each atom is, where the atoms are exemplars; prior is that over shapes;
     acceleration (p,): how much the training shapes move, see `find_acceleration`, and their
-    frame_rate in Hz; edge_give (e,), how far edges are from rigid, see `find_give`; each where it
-    is known;
+    frame_rate in Hz; edge_give (e,), how far edges are from rigid, see `find_give`; edge_length
+    (e,), the mean lengths of the edges in `unit`; each where it is known;
     objective_trace is the
     training objective after every half-step; provenance holds text (version, resolved config,
     input digests).
@@ -32,6 +33,7 @@ class Dictionary:
     landmark_names: tuple[str, ...]
     mean_shape: NDArray[np.float64]
     edges: NDArray[np.int64] | None = None
+    mirror_index: NDArray[np.int64] | None = None
     mesh_vertices: NDArray[np.float64] | None = None
     mesh_faces: NDArray[np.int64] | None = None
     atom_scale: NDArray[np.float64] | None = None
@@ -40,6 +42,7 @@ class Dictionary:
     prior: Mixture | None = None
     acceleration: NDArray[np.float64] | None = None
     edge_give: NDArray[np.float64] | None = None
+    edge_length: NDArray[np.float64] | None = None
     frame_rate: float | None = None
     objective_trace: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     provenance: Mapping[str, str] = field(default_factory=dict)

@@ -42,6 +42,11 @@ FITTED = Dataset("landmarks_fitted", ("p", 2), points=True)
 ROTATION = Dataset("rotation", (3, 3))
 TRUE_ROTATION = Dataset("true_rotation", (3, 3))
 BOX = Dataset("bounding_box", (4,))
+DEVIATION = Dataset("shape_sd", ("p", 3), points=True)
+CORRELATION = Dataset("shape_correlation", ("p", 3), points=True)
+PLAUSIBILITY = Dataset("plausibility")
+"""Error bars and what an image is worth, where the method knows them."""
+
 OUTLIERS = Dataset("outliers", ("p",), labels=True)
 CORRUPTED = Dataset("corrupted", ("p",), labels=True)
 

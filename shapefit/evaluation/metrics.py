@@ -39,12 +39,22 @@ def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
     """
     turned = rotation @ truth
     visible = visible_in_both(estimate, turned)
+    apart, _ = placed_apart(estimate, turned)
+    return _mean_over_visible(np.linalg.norm(apart, axis=-2), visible, fewest=FEWEST_LANDMARKS)
+
+
+def placed_apart(estimate: Floats, turned: Floats) -> tuple[Floats, Floats]:
+    """min over s >= 0, t of sum_j |s e_j + t - y_j|^2; then s e_j + t - y_j (n, 3, p), and s (n,).
+
+    estimate e and the truth y (n, 3, p), both in the camera frame; hidden landmarks are 0 apart.
+    """
+    visible = visible_in_both(estimate, turned)
     source = _filled(estimate, visible) - centroid(estimate, visible)[..., None]
     target = _filled(turned, visible) - centroid(turned, visible)[..., None]
     size = (source**2).sum(axis=(-2, -1))
     overlap = np.maximum((source * target).sum(axis=(-2, -1)), 0.0)
     scale = np.divide(overlap, size, out=np.zeros_like(size), where=size > 0)
-    return _mean_distance(scale[:, None, None] * source, target, visible)
+    return scale[:, None, None] * source - target, scale
 
 
 def reprojection(fitted: Floats, observed: Floats) -> Floats:

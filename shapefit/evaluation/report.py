@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from shapefit.evaluation.calibration import Coverage
 from shapefit.evaluation.solving import Solving
 from shapefit.evaluation.summary import Summary
+from shapefit.evaluation.trust import Kept
 
 NORMALISED = "normalised"
 """Unit of errors against the truth scaled to unit standard deviation."""
@@ -36,7 +38,9 @@ class Report:
 
     `published` maps a method to its quoted numbers, group -> error, in the metric and unit
     `PUBLISHED`; `caveats` say what to bear in mind when reading the numbers; `warnings` what the
-    evaluation had to leave out; `provenance` is what the numbers were made from and by (version,
+    evaluation had to leave out; `coverage`, `kept` and `without_bars` say how true error bars and
+    plausibilities are, and which methods have none; `parallel` are those whose ellipsoids are
+    parallel to the axes; `provenance` is what the numbers were made from and by (version,
     config, digests of the inputs), ready for JSON.
     """
 
@@ -45,4 +49,8 @@ class Report:
     published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     caveats: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    coverage: tuple[Coverage, ...] = ()
+    kept: tuple[Kept, ...] = ()
+    without_bars: tuple[str, ...] = ()
+    parallel: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)

@@ -6,6 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from shapefit import io
+from shapefit.config.dictionaries import find_dictionaries
 from shapefit.face.records import (
     Dictionary,
     Fit,
@@ -31,13 +32,16 @@ def read_shapes(*paths: File) -> Shapes:
 def read_landmarks(*paths: File) -> Landmarks:
     """Read files of 2D landmarks, in any format of `fit`, as one set."""
     with io.open_landmarks(_paths(paths)) as source:
-        (landmarks,) = source.chunks(max(source.count, 1))
+        landmarks = source.whole()
     return rows_of(landmarks, Landmarks, LANDMARKS)
 
 
 def read_dictionary(path: File) -> Dictionary:
-    """Read a dictionary."""
-    return rows_of(io.read_dictionary(Path(path)), Dictionary, DICTIONARY)
+    """Read a dictionary: a file, or the installed one of that name, such as "people"."""
+    found = Path(path)
+    if not found.exists():
+        found = find_dictionaries().get(str(path), found)
+    return rows_of(io.read_dictionary(found), Dictionary, DICTIONARY)
 
 
 def read_results(path: File) -> Fit:

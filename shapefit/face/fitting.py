@@ -27,14 +27,13 @@ from shapefit.io.kinds.given import check_given_dictionary, given_landmarks
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.pipelines.fit.chain import choose_chain
 from shapefit.pipelines.fit.dictionary_kind import mismatch
+from shapefit.pipelines.fit.landmark_names import name_warnings
 from shapefit.pipelines.fit.left_out import UnknownItems
 from shapefit.pipelines.fit.run import (
     attributes_of,
     find_failures,
-    find_strange,
     find_warnings,
     fit_chunks,
-    left_out_landmarks,
 )
 from shapefit.pipelines.outcome import Counted, add_up
 
@@ -83,8 +82,7 @@ def fit(
     messages: dict[str, str | Counted] = {text: text for text in mismatch(config, atoms)}
     unknown = UnknownItems(config.leave_out, atoms) if config.leave_out else None
     with given_landmarks(images, "landmarks", config.input.rename) as source:
-        names = atoms.landmark_names
-        strange = find_strange(source.landmark_names, names)
+        names = name_warnings(source.landmark_names, atoms.landmark_names)
         for arranged, lifting, record, spent in fit_chunks(source, config, atoms, chain):
             if unknown:
                 unknown.add(arranged)
@@ -94,10 +92,10 @@ def fit(
             for warning in find_warnings(arranged, lifting, config):
                 add_up(messages, warning)
     left_in = unknown.warnings if unknown else ()
-    for message in (*messages.values(), *left_out_landmarks(strange, names), *left_in):
+    for message in (*messages.values(), *names, *left_in):
         warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
-    attributes = attributes_of(config, (), seconds, len(whole))
+    attributes = attributes_of(config, {}, seconds, len(whole))
     return fit_of(replace(whole, attributes=attributes), failures)
 
 

@@ -81,6 +81,7 @@ class Dictionary:
     landmark_names: Names
     mean_shape: Floats
     edges: Integers | None = None
+    mirror_index: Integers | None = None
     mesh_vertices: Floats | None = None
     mesh_faces: Integers | None = None
     atom_scale: Floats | None = None

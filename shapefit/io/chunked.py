@@ -62,7 +62,10 @@ class ChunkedSource(ABC, Generic[Record, File]):
         return tuple(note for file in self._files for note in file.notes)
 
     def chunks(self, size: int) -> Iterator[Record]:
-        """Give out the items in order, `size` at a time (fewer in the last chunk).
+        """Give out the items in order, `size` at a time (fewer in the last chunk of a file).
+
+        No chunk holds items of two files, so that what is made of a file does not depend on those
+        before it.
 
         A source without items gives one empty set, so that what is made of it can be written.
         """
@@ -71,6 +74,10 @@ class ChunkedSource(ABC, Generic[Record, File]):
         chunks = self._read(size)
         self._running.append(chunks)
         return chunks
+
+    def whole(self) -> Record:
+        """Return all items as one record."""
+        return concatenate(list(self.chunks(max(self.count, 1))))
 
     def __enter__(self) -> Self:
         return self
@@ -87,18 +94,8 @@ class ChunkedSource(ABC, Generic[Record, File]):
     def _read(self, size: int) -> Generator[Record, None, None]:
         if self.count == 0:
             yield self.head
-        parts: list[Record] = []
-        room = size
         for file in self._files:
             with file.open() as read:
-                start = 0
-                while start < file.count:
-                    stop = min(start + room, file.count)
-                    parts.append(self._conform(read(slice(start, stop)), file.name))
-                    room -= stop - start
-                    start = stop
-                    if room == 0:
-                        yield concatenate(parts)
-                        parts, room = [], size
-        if parts:
-            yield concatenate(parts)
+                for start in range(0, file.count, size):
+                    rows = slice(start, min(start + size, file.count))
+                    yield self._conform(read(rows), file.name)

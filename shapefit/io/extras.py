@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 # Datasets that belong to the file when they have so many axes, however many items there are.
-OF_THE_FILE = {"camera_matrix": 2, "mirror_index": 1}
+OF_THE_FILE = {
+    "camera_matrix": 2,
+    "distortion": 1,
+    "extrinsic_rotation": 2,
+    "extrinsic_translation": 1,
+    "image_size": 1,
+    "mirror_index": 1,
+    "removed_distortion": 1,
+}
 
 OUTLIERS, CORRUPTED = "outliers", "corrupted"
 """Datasets (n, p) of the landmarks that a fit judged wrong, and of those that were made wrong."""
@@ -19,6 +27,12 @@ LABELS = (OUTLIERS, CORRUPTED)
 
 LANDMARK_COVARIANCE = "landmark_covariance"
 """Covariance (n, p, 2, 2) of each landmark, in the unit of the landmarks squared."""
+
+METRES_PER_UNIT = "metres_per_unit"
+"""Dataset (n,) of results: metres in one unit of the shape of each image."""
+
+METRES_FROM = "metres_from"
+"""Attribute of results that have it: by what the size was found, edges or spread."""
 
 
 def is_per_item(name: str, shape: tuple[int, ...], count: int) -> bool:

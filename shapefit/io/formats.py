@@ -6,7 +6,7 @@ one file with its functions, and one entry in the table of its room.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
@@ -18,6 +18,7 @@ from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.motion import table as motion
 from shapefit.io.sources import HDF5_SIGNATURE, is_stream, require_file, source_name
 from shapefit.io.trackers import table as trackers
+from shapefit.io.written import table as written
 
 HEAD_BYTES = 4096
 """Of a file that a recogniser sees."""
@@ -64,6 +65,12 @@ FORMATS: dict[str, FileFormat] = {
 """Those of the package come first; the recognisers of others are asked before theirs."""
 
 
+def targets() -> dict[str, FileFormat]:
+    """Return the formats that can be written, by their names."""
+    own = {name: known for name, known in FORMATS.items() if known.writer}
+    return own | written.FORMATS
+
+
 def find_format(path: Path, name: str = "auto") -> FileFormat:
     """Return the format of a file, by its content; what nothing recognises is read as CSV.
 
@@ -74,7 +81,7 @@ def find_format(path: Path, name: str = "auto") -> FileFormat:
     if is_stream(path):
         return CSV
     if name != "auto":
-        return _named(name)
+        return _named(name, FORMATS)
     if path.is_dir():
         return _find_folder_format(path)
     require_file(path)
@@ -90,15 +97,17 @@ def find_format(path: Path, name: str = "auto") -> FileFormat:
         raise input_error(path, "is not an HDF5 file", fix)
     if b"\0" in head and not CSV.has_suffix(path):
         raise _unknown(path, head)
+    if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"["):
+        raise _load("shapefit.io.detectors.json_text:unknown_json")(path, head)
     return CSV
 
 
-def _named(name: str) -> FileFormat:
-    if name not in FORMATS:
-        near = get_close_matches(name, FORMATS, n=1, cutoff=0.4)
-        fix = f"did you mean {near[0]}?" if near else f"use auto, {listed(FORMATS)}"
-        raise input_error("format", f"there is no format {name!r}", fix)
-    return FORMATS[name]
+def _named(name: str, known: Mapping[str, FileFormat], key: str = "format") -> FileFormat:
+    if name not in known:
+        near = get_close_matches(name, known, n=1, cutoff=0.4)
+        fix = f"did you mean {near[0]}?" if near else f"use auto, {listed(known)}"
+        raise input_error(key, f"there is no format {name!r}", fix)
+    return known[name]
 
 
 def _find_folder_format(path: Path) -> FileFormat:
@@ -146,10 +155,10 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
     With another `name` than auto it is that format.
     """
     if name != "auto":
-        return _named(name)
+        return _named(name, targets(), "to")
     if is_stream(path):
         return CSV
-    named = (known for known in FORMATS.values() if known.writer and known.has_suffix(path))
+    named = (known for known in targets().values() if known.has_suffix(path))
     return next(named, HDF5)
 
 

@@ -1,10 +1,14 @@
-"""How files of landmarks and shapes are read: what the section `input` of every command says."""
+"""How files are read, what the section `input` of every command says, and how they are written."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from shapefit.geometry.upright import Up
 
 Track = Literal["nearest", "none"]
 
@@ -31,3 +35,37 @@ class InputOptions:
 
 
 AS_THEY_ARE = InputOptions()
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions:
+    """How shapes get into files in metres.
+
+    height      of the body or the object in metres; by default results are as large as the training
+                shapes of their dictionary
+    unit        of shapes whose files do not say it
+    up          axis of the shapes, or of the world that the extrinsics know, that points up
+    world_unit  of the translation of the extrinsics; metres by default
+    """
+
+    height: float | None = None
+    unit: str | None = None
+    up: Up | None = None
+    world_unit: str | None = None
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Return the names of the options that are set."""
+        return tuple(name for name, value in vars(self).items() if value is not None)
+
+
+AS_KNOWN = OutputOptions()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Summary:
+    """What was written: the unit and axes, what to beware of, and the files if not the target."""
+
+    note: str = ""
+    warnings: tuple[str, ...] = ()
+    written: tuple[Path, ...] = ()

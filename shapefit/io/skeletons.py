@@ -30,6 +30,9 @@ PEOPLE = (
 )
 """The joints of the dictionary `people`."""
 
+ELSEWHERE = 0.3
+"""Factor of the confidence of a landmark some 60 to 100 mm away from its joint (docs/people.md)."""
+
 _LIMBS = [joint for joint in PEOPLE if joint not in ("pelvis", "neck", "head")]
 
 
@@ -45,6 +48,8 @@ class Skeleton:
     """Right and left landmarks that a reflection of the body exchanges, each pair once."""
     people: Mapping[str, str]
     """The joint of the dictionary `people` that a landmark is; those without one are not in it."""
+    weights: Mapping[str, float]
+    """Factors of the confidence of landmarks whose place differs from that of their joint."""
 
 
 def _skeleton(name: str, landmarks: str, lines: str, people: Mapping[str, str]) -> Skeleton:
@@ -55,7 +60,10 @@ def _skeleton(name: str, landmarks: str, lines: str, people: Mapping[str, str]) 
     edges = tuple(pair for chain in chains for pair in pairwise(chain))
     pairs = ((number.get(_left_of(landmark)), i) for i, landmark in enumerate(names))
     mirror = tuple((right, left) for left, right in pairs if left is not None)
-    return Skeleton(name, names, edges, mirror, MappingProxyType(dict(people)))
+    weights = {landmark: ELSEWHERE for landmark in people if landmark in ("Head", "Thorax")}
+    return Skeleton(
+        name, names, edges, mirror, MappingProxyType(dict(people)), MappingProxyType(weights)
+    )
 
 
 def _left_of(landmark: str) -> str:
@@ -81,7 +89,8 @@ def _words(joints: Iterable[str]) -> dict[str, str]:
 
 # The dictionary's `pelvis` lies some 105 mm above the middle of the hips and its `neck` some 60 mm
 # below the middle of the shoulders, so that no detector's root and only the thorax of Human3.6M,
-# from which its shoulders hang too, is one of them.
+# from which its shoulders hang too, is one of them. Its `head` is the end of a bone within the
+# head; detectors with a `Head` mark the top.
 _PRESETS = (
     _skeleton(
         "coco_17",
@@ -161,4 +170,10 @@ def people_joints(names: Iterable[str]) -> dict[str, str]:
     All presets together: no name stands for two joints.
     """
     known = {name: joint for preset in _PRESETS for name, joint in preset.people.items()}
+    return {name: known[name] for name in names if name in known}
+
+
+def people_weights(names: Iterable[str]) -> dict[str, float]:
+    """Return the factors of the confidence of those of the names that have one, as above."""
+    known = {name: weight for preset in _PRESETS for name, weight in preset.weights.items()}
     return {name: known[name] for name in names if name in known}

@@ -6,17 +6,23 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from shapefit.io.formats import find_writer
+from shapefit.errors import input_error
+from shapefit.io.formats import find_target_format, find_writer
 from shapefit.io.layout import LANDMARKS, RESULTS, Format
+from shapefit.io.options import AS_KNOWN, OutputOptions, Summary
 from shapefit.io.records import LandmarkSet, ResultSet
 
 R_contra = TypeVar("R_contra", contravariant=True)
 
 
 class RecordWriter(Protocol[R_contra]):
-    """Takes records one after another; `attributes` are stored with the file on a clean exit."""
+    """Takes records one after another; `attributes` are stored with the file on a clean exit.
+
+    After that `summary` says what was written.
+    """
 
     attributes: dict[str, str | float | int]
+    summary: Summary
 
     def append(self, record: R_contra, /) -> None:
         """Write the items of a record after those that are there."""
@@ -32,19 +38,26 @@ def landmark_writer(target: Path) -> AbstractContextManager[RecordWriter[Landmar
     return record_writer(target, LANDMARKS)
 
 
-def result_writer(target: Path) -> AbstractContextManager[RecordWriter[ResultSet]]:
+def result_writer(
+    target: Path, options: OutputOptions = AS_KNOWN
+) -> AbstractContextManager[RecordWriter[ResultSet]]:
     """Write results, as `landmark_writer` writes landmarks."""
-    return record_writer(target, RESULTS)
+    return record_writer(target, RESULTS, options=options)
 
 
 def record_writer(
-    target: Path, form: Format, to: str = "auto"
+    target: Path, form: Format, to: str = "auto", options: OutputOptions = AS_KNOWN
 ) -> AbstractContextManager[RecordWriter[Any]]:
-    """Write records of one layout, in the format `to`; auto is that which the target's name says.
+    """Write records of one layout, in the format `to`, or in that of the target's name.
 
-    Raises InputError where that format cannot hold them.
+    Raises InputError where that format cannot hold them, and for options that are for files in
+    metres where it is none.
     """
-    writer: AbstractContextManager[RecordWriter[Any]] = find_writer(target, form.kind, to)(
-        target, form
-    )
-    return writer
+    write = find_writer(target, form.kind, to)
+    known = find_target_format(target, to)
+    if known.in_metres:
+        return write(target, form, options)  # type: ignore[no-any-return]
+    if options.given:
+        found = f"{known.title} keeps the unit and the axes of what is written"
+        raise input_error(options.given[0], found, "leave it out, or write TRC or C3D")
+    return write(target, form)  # type: ignore[no-any-return]

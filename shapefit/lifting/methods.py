@@ -177,6 +177,8 @@ class Method:
                    the atoms, as their meshes, can be mixed alike
     perspective    may be refined under a perspective camera
     sequences      lifts whole sequences: its images are followed by the stage of sequences
+    precisions     weighs landmarks by their precision: `landmark_covariance` counts, and
+                   confidences divide standard deviations
     tolerance      the default of `solver.tolerance`
     """
 
@@ -193,6 +195,7 @@ class Method:
     mixes_atoms: bool = True
     perspective: bool = True
     sequences: bool = False
+    precisions: bool = False
     tolerance: float = 1e-6
 
     def load(self) -> Run:
@@ -273,9 +276,10 @@ METHODS: dict[str, Method] = {
         section=POSTERIOR,
         needs=(PRIOR,),
         yields=frozenset({"convex_proof", "deviation"}),
-        further=("log_evidence", "plausibility", "belief"),
+        further=("log_evidence", "plausibility", "belief", "shape_correlation"),
         proves="bound",
         mixes_atoms=False,
+        precisions=True,
         perspective=False,
     ),
     "sequences": Method(
@@ -291,9 +295,10 @@ METHODS: dict[str, Method] = {
             ),
         ),
         yields=frozenset({"convex_proof", "deviation", "posterior_modes"}),
-        further=("log_evidence", "plausibility", "belief", "sequence_noise"),
+        further=("log_evidence", "plausibility", "belief", "shape_correlation", "sequence_noise"),
         proves="bound",
         mixes_atoms=False,
+        precisions=True,
         perspective=False,
         sequences=True,
     ),

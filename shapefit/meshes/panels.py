@@ -6,11 +6,13 @@ axes that they are given; `frame` then sets the limits.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.meshes.ellipses import Ellipses
 from shapefit.meshes.shading import paint
 
 if TYPE_CHECKING:
@@ -23,13 +25,16 @@ Booleans = NDArray[np.bool_]
 
 # Okabe and Ito 2008: told apart with every common form of colour blindness.
 SEEN, HIDDEN, OUTLIER = "#0072B2", "#555555", "#D55E00"
+BAR = "#E69F00"
+FAINTNESS = 0.22
+"""Opacity of an error bar."""
 INK = "#333333"
 BODY = (0.68, 0.80, 0.97)
 """Colour of a mesh."""
 NEAR, FAR = (0.10, 0.22, 0.40), (0.72, 0.78, 0.86)
 """Colours of the nearest and of the furthest edge."""
-SEEN_MARK, HIDDEN_MARK, OUTLIER_MARK, RESIDUAL = (
-    "seen", "hidden, from the model", "judged outlier", "to the model",
+SEEN_MARK, HIDDEN_MARK, OUTLIER_MARK, RESIDUAL, ERROR_BAR = (
+    "seen", "hidden, from the model", "judged outlier", "to the model", "one standard deviation",
 )  # fmt: skip
 """What is explained in the legend of a figure in which it is drawn."""
 CROWD = 80
@@ -69,6 +74,27 @@ def draw_hidden(axes: Axes, fitted: Floats, landmarks: Floats, size: float) -> N
     axes.plot(
         *fitted[:, hidden], "o", color=HIDDEN, markersize=size, markerfacecolor="white",
         markeredgewidth=0.25 * size, zorder=4, label=HIDDEN_MARK,
+    )  # fmt: skip
+
+
+def draw_error_bars(axes: Axes, points: Floats, ellipses: Ellipses) -> None:
+    """Shade the ellipses of p landmarks around their points (2 or 3, p), below all else.
+
+    The limits of the axes are left to `frame`.
+    """
+    from matplotlib.collections import EllipseCollection
+
+    known = np.isfinite(points).all(axis=0) & np.isfinite(ellipses.angle)
+    if not known.any():
+        return
+    size = 2 * ellipses.semi_axes[known]
+    axes.add_collection(
+        EllipseCollection(
+            size[:, 0], size[:, 1], np.degrees(ellipses.angle[known]), units="xy",
+            offsets=points[:2, known].T, transOffset=axes.transData, facecolors=BAR,
+            edgecolors="none", alpha=FAINTNESS, zorder=0.5, label=ERROR_BAR,
+        ),
+        autolim=False,
     )  # fmt: skip
 
 
@@ -159,8 +185,8 @@ def frame(axes: Axes, shape: float, *points: Floats) -> None:
     axes.set_ylim(y - reach / shape, y + reach / shape)
 
 
-def add_legend(figure: Figure) -> None:
-    """Explain the marks that are drawn, below the panels."""
+def add_legend(figure: Figure, only: Collection[str] = ()) -> None:
+    """Explain the marks that are drawn, or some of them, below the panels."""
     from matplotlib.lines import Line2D
 
     def mark(label: str, symbol: str, colour: str, **style: Any) -> Line2D:
@@ -171,10 +197,12 @@ def add_legend(figure: Figure) -> None:
         mark(HIDDEN_MARK, "o", HIDDEN, markersize=4, markerfacecolor="white"),
         mark(OUTLIER_MARK, "X", OUTLIER, markersize=6, markeredgecolor="white"),
         Line2D([], [], color=INK, linewidth=0.9, label=RESIDUAL),
+        mark(ERROR_BAR, "o", BAR, markersize=8, markeredgewidth=0, alpha=2 * FAINTNESS),
     ]
     drawn = {artist.get_label() for axes in figure.axes for artist in axes.get_children()}
+    explained = drawn & {*only} if only else drawn
     figure.legend(
-        handles=[mark for mark in marks if mark.get_label() in drawn],
+        handles=[mark for mark in marks if mark.get_label() in explained],
         loc="lower center", ncols=len(marks), frameon=False, fontsize=8, labelcolor=INK,
     )  # fmt: skip
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.meshes import panels
+from shapefit.meshes.ellipses import seen_ellipses
 from shapefit.meshes.views import View, YAxis, level, upright
 
 if TYPE_CHECKING:
@@ -65,7 +66,8 @@ class FittedImage:
     the unit of the landmarks, nan where the fit failed; outliers (p,): the landmarks judged to be
     wrong; rotation (3, 3) from the object frame, whose y axis then stands upright in novel views.
     seen_shape (3, p) and seen_mesh (3, q): x and y where the camera sees them, and depths, if that
-    is not straight along z.
+    is not straight along z. covariance (p, 3, 3) of the landmarks of the shape in the camera frame,
+    where it is known.
     """
 
     title: str
@@ -76,6 +78,7 @@ class FittedImage:
     rotation: Floats | None = None
     seen_shape: Floats | None = None
     seen_mesh: Floats | None = None
+    covariance: Floats | None = None
 
     @property
     def as_seen(self) -> FittedImage:
@@ -92,11 +95,15 @@ class FittedImage:
 
 @dataclass(frozen=True)
 class Pose:
-    """The landmarks (2, p) of an image and shapes (3, p) in its camera frame, by name."""
+    """The landmarks (2, p) of an image and shapes (3, p) in its camera frame, by name.
+
+    covariances (p, 3, 3) of those shapes whose error bars are known.
+    """
 
     title: str
     landmarks: Floats
     shapes: Mapping[str, Floats]
+    covariances: Mapping[str, Floats] = field(default_factory=dict)
 
 
 def fit_picture(
@@ -155,9 +162,13 @@ def skeleton_picture(
         for axes, name in zip(row[1:], names, strict=True):
             turned = view.rotation() @ upright(pose.shapes[name], y_axis)
             panels.draw_edges(axes, turned, edges, 3.5)
+            if name in pose.covariances:
+                bars = seen_ellipses(pose.covariances[name], view.rotation(), y_axis)
+                panels.draw_error_bars(axes, turned, bars)
             panels.frame(axes, TALL, turned)
     _name_rows(grid, [pose.title for pose in poses])
     _name_columns(grid, ["landmarks", *names])
+    panels.add_legend(figure, only=(panels.ERROR_BAR,))
     return figure
 
 
@@ -179,6 +190,7 @@ def _draw_overlay(
         landmarks = upright(image.landmarks, model.y_axis)
         _draw_model(axes, seen, model, np.eye(3), paleness=UNDER_LANDMARKS, as_pixels=as_pixels)
         panels.draw_residuals(axes, fitted, landmarks, size)
+        _draw_error_bars(axes, image, fitted, np.eye(3), model)
         panels.draw_hidden(axes, fitted, landmarks, size)
     _draw_input(axes, image, model, size)
 
@@ -193,7 +205,16 @@ def _draw_in_3d(
     if image.rotation is not None:
         rotation = rotation @ level(upright(image.rotation, model.y_axis)[:, 1])
     drawn = _draw_model(axes, image, model, rotation, as_pixels=as_pixels)
+    _draw_error_bars(axes, image, rotation @ upright(image.shape, model.y_axis), rotation, model)
     panels.frame(axes, WIDE, drawn)
+
+
+def _draw_error_bars(
+    axes: Axes, image: FittedImage, points: Floats, rotation: Floats, model: Model
+) -> None:
+    if image.covariance is not None:
+        bars = seen_ellipses(image.covariance, rotation, model.y_axis)
+        panels.draw_error_bars(axes, points, bars)
 
 
 def _say_no_shape(axes: Axes) -> None:

@@ -23,7 +23,7 @@ from shapefit.io.formats import find_target_format
 from shapefit.io.kinds.kind import Kind, find_kind
 from shapefit.io.kinds.results import read_results
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
-from shapefit.io.options import InputOptions
+from shapefit.io.options import InputOptions, OutputOptions
 from shapefit.io.records import concatenate
 from shapefit.io.sources import is_stream
 from shapefit.io.writing import record_writer
@@ -43,7 +43,10 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
     if kind == "dictionary":
         found = "is a dictionary, which has no other format"
         raise input_error(config.files[0], found, "give landmarks, shapes or results")
-    with record_writer(config.output, FORMS[kind], config.to) as writer:
+    sized = OutputOptions(
+        height=config.height, unit=config.unit, up=config.up, world_unit=config.world_unit
+    )
+    with record_writer(config.output, FORMS[kind], config.to, sized) as writer:
         if kind == "result":
             yield from _results(config, writer)
         else:
@@ -58,7 +61,8 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
                     yield Outcome(done=len(chunk), total=source.count, unit=_unit(kind))
                 warnings = source.notes + nothing_in(source.count, _unit(kind) + "s")
                 yield Outcome(total=source.count, warnings=warnings)
-    yield Outcome(written=(config.output,))
+    said = writer.summary
+    yield Outcome(warnings=said.warnings, note=said.note, written=said.written or (config.output,))
 
 
 def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:

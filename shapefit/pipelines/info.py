@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.config import InfoConfig
+from shapefit.config.dictionaries import find_dictionaries
+from shapefit.dictionary.origin import origin_of
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, open_shapes, read_dictionary
 from shapefit.io.extras import Extras
+from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.foreign.names import fitting_skeletons
 from shapefit.io.foreign.opening import group_inputs, open_either
-from shapefit.io.formats import FileFormat
 from shapefit.io.kinds.kind import find_kind
 from shapefit.io.kinds.results import read_results
 from shapefit.io.layout import UNKNOWN_UNIT
@@ -64,7 +66,7 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
 
 def _as_text(lines: Sequence[Line]) -> str:
     (_, title), *others = lines
-    return "\n".join([title, *(f"  {name + ':':<14}{text}" for name, text in others)])
+    return "\n".join([title, *(f"  {name + ':':<13} {text}" for name, text in others)])
 
 
 def _told(
@@ -175,10 +177,10 @@ def _of_dictionary(path: Path) -> list[Line]:
         ("prior", has),
         ("unit", dictionary.unit if dictionary.unit != UNKNOWN_UNIT else "not said"),
     ]
-    for key in ("source", "licence", "acknowledgement"):
-        if key in dictionary.provenance:
-            lines.append((key, dictionary.provenance[key]))
-    lines.append(("go on with", f"shapefit fit LANDMARKS -d {path} -o result.h5"))
+    lines += [(key, text) for key, text in origin_of(dictionary)._asdict().items() if text]
+    installed = {file: name for name, file in find_dictionaries().items()}
+    given = f"-c {installed[path]} -d {installed[path]}" if path in installed else f"-d {path}"
+    lines.append(("go on with", f"shapefit fit LANDMARKS {given} -o result.h5"))
     return lines
 
 

@@ -6,13 +6,14 @@ import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from shapefit.config.paths import result_parts
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import counted, input_error
+from shapefit.errors import InputError, counted, input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
@@ -56,6 +57,32 @@ def run(request: Request) -> Generator[Outcome, None, None]:
     """
     dictionary = read_dictionary(request.dictionary)
     tally = Tally()
+    said: tuple[str, ...] = ()
+    for file in find_results(request):
+        said = yield from _verify_file(replace(request, result=file), dictionary, tally)
+    yield Outcome(note="\n".join([*tally.lines(), "", *said]))
+
+
+def find_results(request: Request) -> tuple[Path, ...]:
+    """Return the files of a result: those in the folder, where it was fitted part by part."""
+    if not request.result.is_dir():
+        return (request.result,)
+    try:
+        parts = result_parts(request.result)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    if not parts:
+        raise input_error(request.result, "is a folder without results", "name a result in it")
+    if request.landmarks:
+        found = "are compared with one result file, and this is a folder"
+        raise input_error("landmarks", found, f"verify the parts, such as {parts[0]}")
+    return parts
+
+
+def _verify_file(
+    request: Request, dictionary: Dictionary, tally: Tally
+) -> Generator[Outcome, None, tuple[str, ...]]:
+    """Verify the images of one file; return what its claims cover, in sentences."""
     with open_proofs(request.result) as results:
         terms = read_terms(results.attributes, request.result)
         atoms = arrange_atoms(results, dictionary, request)
@@ -71,7 +98,7 @@ def run(request: Request) -> Generator[Outcome, None, None]:
             yield Outcome(
                 done=len(result), total=results.count, failures=find_failures(result, checks)
             )
-    yield Outcome(note="\n".join([*tally.lines(), "", *explain(terms)]))
+    return tuple(explain(terms))
 
 
 def arrange_atoms(

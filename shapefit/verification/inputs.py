@@ -8,28 +8,41 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.io import LandmarkSet, ResultSet, digest
 from shapefit.verification.check import Check, check
+from shapefit.verification.lens import BOUND, REMOVED, bent_again, shown
 from shapefit.verification.terms import Terms
+
+Floats = NDArray[np.float64]
 
 UNKNOWN = "stream"
 """Stands for the digest of what could not be read twice."""
 
 
 def check_landmarks(result: ResultSet, images: LandmarkSet) -> list[Check]:
-    """Check that landmarks and confidence of n results are those of the images of a file."""
+    """Check that landmarks and confidence of n results are those of the images of a file.
+
+    Where the fit removed the distortion of a lens, the lens must put its landmarks onto those.
+    """
     seen = np.asarray(np.isfinite(images.landmarks).all(axis=1))
     if images.confidence is not None:
         seen = seen & (images.confidence > 0)
-    expected = np.where(seen[..., None], images.landmarks.swapaxes(1, 2), np.nan)
-    stated = np.asarray(result.extras.get("landmarks", np.full_like(expected, np.nan)))
+    given = images.landmarks.swapaxes(1, 2)
+    bound: float | Floats = 0.0
+    stated = np.asarray(result.extras.get("landmarks", np.full_like(given, np.nan)))
+    if REMOVED in result.extras:
+        seen = seen & shown(given, result.extras, result.y_axis)
+        stated = bent_again(stated, result.extras, result.y_axis)
+        bound = BOUND * np.nanmax(np.abs(given), initial=1.0)
+    expected = np.where(seen[..., None], given, np.nan)
     with np.errstate(invalid="ignore", over="ignore"):
         off = np.where(np.isnan(stated) & np.isnan(expected), 0.0, np.abs(stated - expected))
     same = np.array(result.items, dtype=object) == np.array(images.items, dtype=object)
     checks = [
         check("items are those of the file", np.where(same, 0.0, np.inf), 0.0),
-        check("landmarks are those of the file", off, 0.0),
+        check("landmarks are those of the file", off, bound),
     ]
     if images.confidence is not None:
         confidence = np.asarray(result.extras.get("confidence", np.nan))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from shapefit.meshes.ellipses import Ellipses, covariances, seen_ellipses
 from shapefit.meshes.views import View, YAxis, upright
 from shapefit.viewer.scene import Layer, Scene
 
@@ -42,9 +43,13 @@ def thumbnail(scene: Scene, frame: int, layer: Layer) -> str:
         right.append(("body", (turned @ upright(body, y_axis))[:2]))
 
     outliers = None if scene.outliers is None else scene.outliers[frame]
+    bars: list[Ellipses | None] = [None, None]
+    if layer.sd is not None:
+        C = covariances(layer.sd[frame])
+        bars = [seen_ellipses(C, view, y_axis) for view in (np.eye(3), turned)]
     parts = [
-        *_panel(dict(left), scene.edges, outliers, 0),
-        *_panel(dict(right), scene.edges, None, SIDE),
+        *_panel(dict(left), scene.edges, outliers, 0, bars[0]),
+        *_panel(dict(right), scene.edges, None, SIDE, bars[1]),
     ]
     return (
         f'<svg viewBox="0 0 {2 * SIDE} {SIDE}" role="img" aria-label="The image, and another view">'
@@ -82,6 +87,7 @@ def _panel(
     edges: NDArray[np.int64],
     outliers: NDArray[np.bool_] | None,
     left: int,
+    bars: Ellipses | None,
 ) -> list[str]:
     every = np.concatenate(list(points.values()), axis=1)
     every = every[:, np.isfinite(every).all(axis=0)]
@@ -96,6 +102,8 @@ def _panel(
         for name, values in points.items()
     }
     drawn = [_hull(placed["body"])] if "body" in placed else []
+    if bars is not None:
+        drawn.append(_bars(placed["result"], bars, zoom))
     if "truth" in placed:
         drawn += _skeleton(placed["truth"], edges, "truth")
     drawn += _skeleton(placed["result"], edges, "result")
@@ -106,6 +114,18 @@ def _panel(
         drawn.append(_dots(placed["seen"][:, ~bad], "seen"))
         drawn.append(_dots(placed["seen"][:, bad], "outlier"))
     return [part for part in drawn if part]
+
+
+def _bars(points: Floats, bars: Ellipses, zoom: float) -> str:
+    """Draw the ellipses around points (2, p) of the drawing; its y points down."""
+    drawn = []
+    for point, (a, b), angle in zip(points.T, zoom * bars.semi_axes, bars.angle, strict=True):
+        if np.isfinite([*point, a, b]).all() and a > 0:
+            along = a * np.array([np.cos(angle), -np.sin(angle)])
+            arc = f"A{a:.1f} {b:.1f} {-np.degrees(angle):.0f} 0 1"
+            start, end = _pair(point - along), _pair(point + along)
+            drawn.append(f"M{start}{arc} {end}{arc} {start}")
+    return f'<path class="bar" d="{"".join(drawn)}"/>' if drawn else ""
 
 
 def _skeleton(points: Floats, edges: NDArray[np.int64], kind: str) -> list[str]:

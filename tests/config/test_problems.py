@@ -141,7 +141,15 @@ def test_every_problem_is_told_at_once():
         ),
         ("learn-dict", "k: 0", "c.yaml:3:4: expected a whole number >= 1, found 0"),
         ("learn-dict", "k: 1e3", "c.yaml:3:4: expected a whole number >= 1, found 1000.0"),
-        ("learn-dict", "every: 0", "c.yaml:3:8: expected a whole number >= 1, found 0"),
+        *(
+            (
+                "learn-dict",
+                f"every: {value}",
+                "c.yaml:3:8: expected a whole number >= 1, or a mapping of globs on sequence names "
+                "to such numbers, found",
+            )
+            for value in ("0", "true", "1.5", "{}", "{a_*: 0}", "{a_*: two}", "[1, 2]")
+        ),
         ("learn-dict", "beta: -1", "c.yaml:3:7: expected a number >= 0, found -1"),
         (
             "learn-dict",

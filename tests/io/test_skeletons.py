@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from shapefit.io.skeletons import PEOPLE, SKELETONS, Skeleton, people_joints
+from shapefit.io.skeletons import PEOPLE, SKELETONS, Skeleton, people_joints, people_weights
 
 EVERY_SKELETON = pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=list(SKELETONS))
 
@@ -56,6 +56,7 @@ def test_no_name_stands_for_two_joints() -> None:
         for name, joint in skeleton.people.items():
             meanings.setdefault(name, set()).add(joint)
     assert all(len(joints) == 1 for joints in meanings.values())
+    assert people_weights(["LHip", "Head", "Thorax", "Nose"]) == {"Head": 0.3, "Thorax": 0.3}
     assert people_joints(["LHip", "left_hip", "Nose", "tail"]) == {
         "LHip": "lhip",
         "left_hip": "lhip",

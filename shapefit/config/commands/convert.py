@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from shapefit.config.commands.input import InputConfig
@@ -30,6 +32,31 @@ class ConvertConfig(CommandConfig):
         default=None,
         gt=0,
         description="Frames per second of the sequences; by default, as stated in the files.",
+    )
+    height: float | None = Field(
+        default=None,
+        gt=0,
+        le=1000,
+        description="Height of the body or object in metres, for outputs in metres "
+        "(docs/export.md); by default results are as large as the training shapes of their "
+        "dictionary.",
+    )
+    unit: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Unit of shapes whose files do not say it (m, cm, mm, ...), for outputs in "
+        "metres.",
+    )
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = Field(
+        default=None,
+        description="Axis that points up, of the shapes or of the world of the camera, for outputs "
+        "in metres: it becomes y. By default shapes keep their axes, and the world's is the one "
+        "nearest to up in the image.",
+    )
+    world_unit: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Unit of the translation of a camera's extrinsics; metres by default.",
     )
     chunk: int = Field(
         default=4096, ge=1, le=10_000_000, description="Items held in memory at a time."

@@ -9,10 +9,11 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
+from shapefit.config.dictionaries import DictionaryPath
 from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots
 from shapefit.config.named_files import NamedFiles
-from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
+from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath
 from shapefit.errors import listed
 from shapefit.evaluation.metric_table import METRICS, of_fits, of_labels
 
@@ -47,7 +48,7 @@ def _number_or_names(value: Any) -> int | tuple[str, ...]:
 class FloorsConfig(ConfigModel):
     """What a dictionary can reach at all: similarity errors of the truth, without any fit."""
 
-    dictionary: InputPath = Field(
+    dictionary: DictionaryPath = Field(
         description="Dictionary whose mean shape, nearest atom and best non-negative "
         "combination get their own rows, each aligned with the truth as well as "
         "possible; without `floors` there are no such rows."
@@ -92,6 +93,18 @@ class EvalConfig(CommandConfig):
         ge=0,
         description="Minimum number of observed landmarks for an image to be evaluated; other "
         "images are left out and counted in a warning.",
+    )
+    truth_frame: Annotated[Literal["object", "camera", "line-of-sight"], OF_THE_DATA] = Field(
+        default="object",
+        description="Frame of the true shapes: `object`, which the dataset `true_rotation` of the "
+        "result turns into that of the camera; `camera` (x and y as in the image); or "
+        "`line-of-sight`: that of the camera, which is then turned to look straight at each shape, "
+        "as weak perspective has it.",
+    )
+    calibration: bool = Field(
+        default=True,
+        description="Also judge error bars and plausibilities, where results have them: the share "
+        "of the truth inside, and the error without the least plausible images.",
     )
     floors: FloorsConfig | None = Field(
         default=None,

@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
+from shapefit.config.dictionaries import DictionaryPath
 from shapefit.config.expectation import Expected
 from shapefit.config.fit.camera import ViewingConfig
 from shapefit.config.fit.export import ExportConfig, PicturesConfig
@@ -16,7 +17,12 @@ from shapefit.config.fit.outliers import OutliersConfig
 from shapefit.config.fit.posterior import PosteriorConfig
 from shapefit.config.fit.sequences import SequencesConfig
 from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel
-from shapefit.config.paths import OF_THE_DATA, InputPath, InputPaths, OutputPath
+from shapefit.config.paths import (
+    OF_THE_DATA,
+    InputPaths,
+    OptionalInputPath,
+    OutputOrFolder,
+)
 from shapefit.errors import listed
 from shapefit.lifting.methods import (
     ALTERNATION,
@@ -121,13 +127,46 @@ class FitConfig(CommandConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
     landmarks: InputPaths = Field(description="Files of 2D landmarks (HDF5 or CSV; - is stdin).")
-    dictionary: InputPath = Field(description="Dictionary file that learn-dict wrote.")
+    dictionary: DictionaryPath = Field(
+        description="Dictionary file that learn-dict wrote, or the name of an installed one, such "
+        "as people."
+    )
     input: InputConfig = Field(
         default_factory=InputConfig.model_construct, description="How the files are read."
     )
-    output: OutputPath = Field(
-        description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
+    output: OutputOrFolder = Field(
+        description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout), "
+        "or TRC, C3D or JSON by its ending (docs/export.md). A name that ends in / is a folder: of "
+        "one result file per part, and manifest.json."
     )
+    height: float | None = Field(
+        default=None,
+        gt=0,
+        le=1000,
+        description="Height of the body or object in metres, for outputs in metres (TRC, C3D); by "
+        "default it is as large as the training shapes of the dictionary.",
+    )
+    partition: int = Field(
+        default=100_000,
+        ge=1,
+        description="With a folder as output, images per part of a large HDF5 file, rounded up to "
+        "a multiple of 64, or to whole sequences where those are lifted.",
+    )
+    scheduler: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Address of a running Dask scheduler that the parts are sent to.",
+    )
+    scheduler_file: OptionalInputPath = Field(
+        default=None, description="File in which a running Dask scheduler left its address."
+    )
+    workers: int | None = Field(
+        default=None,
+        ge=1,
+        le=MOST_THREADS,
+        description="Without a scheduler, processes of this machine that do the parts.",
+    )
+    dry_run: bool = Field(default=False, description="Only list the parts that would be done.")
     method: MethodName = Field(default="convex", description=f"How to lift: {summarise()}.")
     loss: Literal["squared", "exact"] = Field(
         default="squared",
@@ -240,6 +279,9 @@ class FitConfig(CommandConfig):
 
     @model_validator(mode="after")
     def _belong_together(self) -> Self:
+        named = (self.scheduler, self.scheduler_file, self.workers)
+        if sum(each is not None for each in named) > 1:
+            raise ValueError("`scheduler`, `scheduler_file` and `workers` exclude each other")
         if self.lam == "auto" and self.noise is None:
             raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
         method = METHODS[self.method]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pydantic import Field
 
 from shapefit.config.commands.input import InputConfig
+from shapefit.config.dictionaries import NamedInputPaths
 from shapefit.config.model import CommandConfig
-from shapefit.config.paths import InputPaths
 
 
 class InfoConfig(CommandConfig):
@@ -15,7 +15,10 @@ class InfoConfig(CommandConfig):
     What is wrong with one file does not keep the others from being described.
     """
 
-    files: InputPaths = Field(description="Files of any kind and format; folders of frames, too.")
+    files: NamedInputPaths = Field(
+        description="Files of any kind and format; folders of frames, too, and installed "
+        "dictionaries by name, such as people."
+    )
     input: InputConfig = Field(
         default_factory=InputConfig.model_construct, description="How the files are read."
     )

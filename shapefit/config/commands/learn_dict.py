@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
@@ -10,8 +11,8 @@ from pydantic_core import PydanticCustomError
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.commands.learn_dict_prior import PriorConfig
 from shapefit.config.expectation import Expected
-from shapefit.config.model import MOST_STEPS, CommandConfig
-from shapefit.config.paths import InputPaths, OutputPath
+from shapefit.config.model import MOST_STEPS, CommandConfig, ConfigModel
+from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath
 
 _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
 
@@ -26,6 +27,25 @@ def _landmark_choice(value: Any) -> Any:
     return tuple(value)
 
 
+class OriginConfig(ConfigModel):
+    """Where training shapes come from: root attributes of the dictionary."""
+
+    source: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Where the shapes come from; the dictionary states it, and `shapefit info` "
+        "shows it.",
+    )
+    licence: str | None = Field(
+        default=None, min_length=1, description="Terms of use, stated alike."
+    )
+    acknowledgement: str | None = Field(
+        default=None,
+        min_length=1,
+        description="What those who use the shapes are asked to acknowledge, stated alike.",
+    )
+
+
 _BASES = "a whole number >= 1, or a share > 0 and < 1"
 
 
@@ -34,6 +54,21 @@ def _share_or_number(value: Any) -> float | int:
     if is_number or (isinstance(value, float) and 0 < value < 1):
         return value
     raise PydanticCustomError("share_or_number", f"expected {_BASES}")
+
+
+_EVERY = "a whole number >= 1, or a mapping of globs on sequence names to such numbers"
+
+
+def _number_or_numbers(value: Any) -> int | dict[str, int]:
+    if _is_step(value):
+        return value
+    if not isinstance(value, Mapping) or not value or not all(map(_is_step, value.values())):
+        raise PydanticCustomError("every", f"expected {_EVERY}")
+    return dict(value)
+
+
+def _is_step(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 1
 
 
 class LearnDictConfig(CommandConfig):
@@ -50,10 +85,13 @@ class LearnDictConfig(CommandConfig):
         "which makes every training shape an atom; or the principal components of "
         "each sequence, bases of either sign for matching pursuit.",
     )
-    every: int = Field(
+    every: Annotated[
+        int | Mapping[str, int], Expected(_EVERY), BeforeValidator(_number_or_numbers)
+    ] = Field(
         default=1,
-        ge=1,
-        description="Keep every n-th shape of each sequence, starting with its first.",
+        description="Keep every n-th shape of each sequence, starting with its first; a mapping "
+        'such as {13_*: 18, "*": 2} keeps so many of the sequences that a glob fits, the first '
+        "that fits, and all shapes of those that none fits.",
     )
     align: Annotated[
         Literal["all", "none"] | tuple[str, ...],
@@ -99,6 +137,10 @@ class LearnDictConfig(CommandConfig):
         "within the sequence that they explain (pca-bases only).",
     )
 
+    origin: Annotated[OriginConfig, OF_THE_DATA] = Field(
+        default_factory=OriginConfig.model_construct,
+        description="Where the shapes come from, which the dictionary then says.",
+    )
     prior: PriorConfig = Field(
         default_factory=PriorConfig.model_construct,
         description="The prior over shapes, for `method: posterior` of fit.",

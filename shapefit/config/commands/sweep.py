@@ -17,12 +17,12 @@ from shapefit.config.commands.evaluate import ErrorMetric
 from shapefit.config.commands.fit import FitConfig
 from shapefit.config.commands.learn_dict import LearnDictConfig
 from shapefit.config.commands.project import ProjectConfig
+from shapefit.config.dictionaries import DictionaryPath
 from shapefit.config.expectation import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, plain
 from shapefit.config.paths import (
     OF_THE_DATA,
     STANDARD_STREAM,
-    InputPath,
     InputPaths,
     OutputPath,
     PathWords,
@@ -55,7 +55,7 @@ class FitSection(FitConfig):
     landmarks: InputPaths = Field(
         default=(STANDARD_STREAM,), description="Files of 2D landmarks, where none are projected."
     )
-    dictionary: InputPath = Field(
+    dictionary: DictionaryPath = Field(
         default=STANDARD_STREAM, description="Dictionary file, where none is learned."
     )
     output: OutputPath = Field(default=STANDARD_STREAM, description=f"Result file{_MADE}.")

@@ -8,11 +8,11 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field
 
 from shapefit.config.commands.input import InputConfig
+from shapefit.config.dictionaries import OptionalDictionaryPath
 from shapefit.config.model import CommandConfig, FromLists
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import (
     OF_THE_DATA,
-    OptionalInputPath,
     OptionalInputPaths,
     OptionalPath,
     PathWords,
@@ -42,7 +42,7 @@ class ViewConfig(CommandConfig):
     input: InputConfig = Field(
         default_factory=InputConfig.model_construct, description="How the files are read."
     )
-    dictionary: OptionalInputPath = Field(
+    dictionary: OptionalDictionaryPath = Field(
         default=None,
         description="Dictionary with the edges and meshes to draw; by default, the one with "
         "which the result was fitted, if it still exists.",

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from shapefit.config.expectation import Expected
 from shapefit.config.model import ConfigModel, FromLists
-from shapefit.config.paths import OF_THE_DATA
+from shapefit.config.paths import OF_THE_DATA, OptionalInputPath
 from shapefit.lifting.options import PerspectiveOptions
+
+CAMERA_MATRIX = "camera_matrix"
+"""Dataset (3, 3) or (n, 3, 3) of the landmarks, and where a calibration puts its matrix."""
+
+
+def _text(value: Any) -> Any:
+    """Return a port, which YAML reads as a number, as text."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 class ViewingConfig(ConfigModel):
@@ -37,6 +45,20 @@ class ViewingConfig(ConfigModel):
         description="Where the optical axis meets the image, in the unit of the landmarks; by "
         "default that of the camera matrices, or 0, 0.",
     )
+    calibration: Annotated[OptionalInputPath, OF_THE_DATA] = Field(
+        default=None,
+        description="Calibration of the cameras (TOML of anipose, Pose2Sim, caliscope or "
+        "FreeMoCap), which gives focal length, principal point, lens distortion and place; instead "
+        "of `focal` or `intrinsics`.",
+    )
+    name: Annotated[
+        str | None, Expected("the name of a camera"), BeforeValidator(_text), OF_THE_DATA
+    ] = Field(
+        default=None,
+        min_length=1,
+        description="The camera of the calibration that took the images: its section, its `name` "
+        "or its `port`; not needed where there is one only.",
+    )
     ridge: float = Field(
         default=PerspectiveOptions.ridge,
         gt=0,
@@ -49,6 +71,11 @@ class ViewingConfig(ConfigModel):
         description="perspective: residual, for normalised landmarks, beyond which the pull of "
         "a landmark decreases (Cauchy's loss).",
     )
+
+    @property
+    def matrices(self) -> str | None:
+        """The dataset that holds the intrinsics of the images, if any does."""
+        return self.intrinsics if self.calibration is None else CAMERA_MATRIX
 
     @field_validator("principal_point", "ridge", "softness")
     @classmethod
@@ -64,6 +91,13 @@ class ViewingConfig(ConfigModel):
         if self.focal is not None and self.intrinsics is not None:
             raise ValueError("`focal` and `intrinsics` exclude each other; give one of them")
         known = self.focal is not None or self.intrinsics is not None
+        if self.calibration is not None:
+            if known:
+                key = "focal" if self.focal is not None else "intrinsics"
+                raise ValueError(f"`calibration` and `{key}` exclude each other; give one of them")
+            return self
+        if self.name is not None:
+            raise ValueError("`name` is that of a camera in a `calibration`; give both or neither")
         if (self.model == "perspective") != known:
             raise ValueError(
                 "`model: perspective` and a focal length (`focal` or `intrinsics`) go together; "

@@ -21,6 +21,7 @@ struct PosteriorData {
     long most_rounds;
     Tensor<double> mean;          // of y = s (R x + t) (n, 3, p), mean depth 0
     Tensor<double> deviation;     // its standard deviations (n, 3, p)
+    Tensor<double> correlation;   // of x with y, x with z and y with z of a landmark (n, 3, p)
     Tensor<double> covariance;    // (n, 3p, 3p), or (0, 0, 0) where it is not wanted
     Matrix<double> belief;        // (n, p) that a landmark is not gross
     Tensor<double> rotation;      // of the most likely mode (n, 3, 3)

@@ -10,6 +10,7 @@ constexpr double SAME_VIEW = 1e-2;    // rotations as close are one mode (Froben
 constexpr double SADDLE = 50;         // in log evidence
 constexpr double NEGLIGIBLE = 9.2;    // a mode so far below the best in log evidence is left out
 constexpr double LOG_TWO_PI = 1.8378770664093453;
+constexpr int MIXED[3][2] = {{0, 1}, {0, 2}, {1, 2}};  // coordinates of a landmark
 
 long greatest_divisor(long a, long b) { return b ? greatest_divisor(b, a % b) : a; }
 
@@ -198,7 +199,8 @@ long rank(Search& search, long count) {
 void fail(const PosteriorData& data, long image) {
     const long d = 3 * data.landmarks.size[2];
     for (long e = 0; e < d; ++e)
-        data.mean[image].data[e] = data.deviation[image].data[e] = NOT_A_NUMBER;
+        data.mean[image].data[e] = data.deviation[image].data[e] =
+            data.correlation[image].data[e] = NOT_A_NUMBER;
     if (data.covariance.size[0])
         for (long e = 0; e < d * d; ++e) data.covariance[image].data[e] = NOT_A_NUMBER;
     for (long j = 0; j < d / 3; ++j) data.belief[image][j] = NOT_A_NUMBER;
@@ -228,8 +230,9 @@ void combine(const PosteriorData& data, long image, Search& search, long kept) {
     for (long i = 0; i < kept; ++i) total += ::exp(search.modes[search.order[i]].log_evidence - best);
     double* mean = data.mean[image].data;
     double* square_of = data.deviation[image].data;
+    double* mixed = data.correlation[image].data;  // the covariances of MIXED first
     double* full = data.covariance.size[0] ? data.covariance[image].data : nullptr;
-    for (long e = 0; e < d; ++e) mean[e] = square_of[e] = 0;
+    for (long e = 0; e < d; ++e) mean[e] = square_of[e] = mixed[e] = 0;
     for (long e = 0; full && e < d * d; ++e) full[e] = 0;
     for (long j = 0; j < p; ++j) data.belief[image][j] = NOT_A_NUMBER;
     for (long j = 0; j < search.seen.m; ++j) data.belief[image][search.seen.index[j]] = 0;
@@ -248,6 +251,11 @@ void combine(const PosteriorData& data, long image, Search& search, long kept) {
                     full[e * d + f] += share * search.covariance[e * d + f] +
                                        apart * difference * (search.means[f] - mean[f]);
         }
+        for (long e = 0; e < d; ++e) {
+            const long first = MIXED[e / p][0] * p + e % p, second = MIXED[e / p][1] * p + e % p;
+            mixed[e] += share * search.covariance[first * d + second] +
+                        apart * (search.means[first] - mean[first]) * (search.means[second] - mean[second]);
+        }
         for (long e = 0; e < d; ++e) mean[e] += step * (search.means[e] - mean[e]);
         before += share;
         surprise += share * mode.surprise;
@@ -257,6 +265,8 @@ void combine(const PosteriorData& data, long image, Search& search, long kept) {
             store(data, image, i, search, mode, search.means, search.covariance);
     }
     for (long e = 0; e < d; ++e) square_of[e] = root(larger(square_of[e], 0.0));
+    for (long e = 0; e < d; ++e)
+        mixed[e] /= larger(square_of[MIXED[e / p][0] * p + e % p] * square_of[MIXED[e / p][1] * p + e % p], TINY);
     const Mode& first = search.modes[search.order[0]];
     for (int e = 0; e < 9; ++e) data.rotation[image].data[e] = first.R[e];
     data.scale[image] = ::exp(first.log_scale);

@@ -101,8 +101,8 @@ void Banded::solve(const SequenceData& data, const double* x, Matrix<double> out
 //   Sigma_f,f+1 = -G_N Sigma_f+1,f+1 - G_W Sigma_f+2,f+1
 //   Sigma_f,f+2 = -G_N Sigma_f+1,f+2 - G_W Sigma_f+2,f+2
 //   Sigma_ff = V^T V - Sigma_f,f+1 G_N^T - Sigma_f,f+2 G_W^T
-void Banded::deviations(const SequenceData& data, Matrix<double> out) const {
-    const long D = D_, DD = D * D;
+void Banded::deviations(const SequenceData& data) const {
+    const long D = D_, DD = D * D, d = data.points.size[1], p = d / 3;
     double* part[8];
     for (int i = 0; i < 8; ++i) part[i] = work_ + i * DD;
     double *here = part[0], *next = part[1], *last = part[2];  // Sigma_ff of f, f + 1, f + 2
@@ -132,8 +132,12 @@ void Banded::deviations(const SequenceData& data, Matrix<double> out) const {
         transpose(GW, D, turned);
         add_product(-1, plain(two, D), turned, here, D, D, D, D, upper(D));
         mirror(here, D, D);
-        for (long e = 0; e < data.points.size[1]; ++e)
-            out[f][e] = root(larger(here[e * D + e], 0.0));
+        double *sd = data.deviation[f].data, *correlation = data.correlation[f].data;
+        for (long e = 0; e < d; ++e) sd[e] = root(larger(here[e * D + e], 0.0));
+        for (long e = 0; e < d; ++e) {
+            const long first = (e / p == 2 ? p : 0) + e % p, second = (e / p == 0 ? p : 2 * p) + e % p;
+            correlation[e] = here[first * D + second] / larger(sd[first] * sd[second], TINY);
+        }
         for (long e = 0; e < DD; ++e) between[e] = one[e];
         double* free = last;
         last = next;

@@ -31,7 +31,7 @@ class Banded {
     void solve(const SequenceData& data, const double* x, Matrix<double> out) const;
 
     // Square roots (t, 3p) of the diagonal of A^-1.
-    void deviations(const SequenceData& data, Matrix<double> out) const;
+    void deviations(const SequenceData& data) const;
 
   private:
     // Column scales of W_f = V_f diag(scales).

@@ -33,6 +33,7 @@ struct SequenceData {
     Matrix<double> points;     // y (t, 3p): the start, and then the minimum
     Vector<double> lengths;    // l (e,), likewise
     Matrix<double> deviation;  // of the points (t, 3p), or (0, 0) where it is not wanted
+    Matrix<double> correlation;  // likewise, of x with y, x with z and y with z of a landmark
     Vector<double> end;        // energy at the minimum, log det of the last Hessian, rounds (3,)
 };
 

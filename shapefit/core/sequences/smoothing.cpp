@@ -112,9 +112,10 @@ void smooth_sequence(const SequenceData& data) {
     if (data.deviation.size[0]) {
         const bool definite = factor.factorise(data, *at, 0);
         if (definite)
-            factor.deviations(data, data.deviation);
+            factor.deviations(data);
         else
-            for (long i = 0; i < t * d; ++i) data.deviation.data[i] = NOT_A_NUMBER;
+            for (long i = 0; i < t * d; ++i)
+                data.deviation.data[i] = data.correlation.data[i] = NOT_A_NUMBER;
     }
 }
 

@@ -6,15 +6,20 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from shapefit.evaluation.calibration import LEVELS, Coverage
 from shapefit.evaluation.report import Report
 from shapefit.evaluation.summary import ImageErrors, Summary
 from shapefit.evaluation.tables.csv_table import null_for_nan, write_table
+from shapefit.evaluation.trust import Kept
 
 Errors = TypeVar("Errors", Summary, ImageErrors)
 
 PER_IMAGE = ("method", "sequence", "item", "metric", "error", "unit")
+INSIDE = tuple(f"inside_{100 * level:.0f}" for level in LEVELS)
+COVERAGE = ("method", "group", "landmark", "judged", *INSIDE, "width", "unit")
+KEPT = ("method", "metric", "group", "images", "mean", "kept", "mean_kept", "plausibility", "unit")
 REPORT = ("method", "metric", "group", "sequence", "images", "mean", "median", "p90", "unit")
 
 
@@ -36,6 +41,21 @@ def write_report_csv(path: Path, summaries: Sequence[Summary]) -> None:
     write_table(path, REPORT, ([getattr(s, name) for name in REPORT] for s in summaries))
 
 
+def write_coverage(path: Path, coverage: Sequence[Coverage]) -> None:
+    """Write calibration.csv, one row per group (its `landmark` is empty), landmark and unit."""
+    rows = (
+        (c.method, c.group, c.landmark, c.judged, *c.inside, width, unit)
+        for c in coverage
+        for unit, width in c.width.items()
+    )
+    write_table(path, COVERAGE, rows)
+
+
+def write_kept(path: Path, kept: Sequence[Kept]) -> None:
+    """Write trusted.csv, one row per method, metric, unit and group."""
+    write_table(path, KEPT, ([getattr(k, name) for name in KEPT] for k in kept))
+
+
 def report_json(report: Report) -> str:
     """All numbers of the report as JSON; null stands for a number that does not exist."""
     document = {
@@ -50,15 +70,26 @@ def report_json(report: Report) -> str:
             }
             for method in report.methods
         ],
-        "summaries": [
-            {key: null_for_nan(value) for key, value in asdict(s).items()} for s in report.summaries
-        ],
+        "summaries": [_nulls(asdict(s)) for s in report.summaries],
+        "calibration": [_nulls(asdict(c)) for c in report.coverage],
+        "trusted": [_nulls(asdict(k)) for k in report.kept],
+        "without_error_bars": report.without_bars,
+        "parallel_error_bars": report.parallel,
         "published": {method: dict(column) for method, column in report.published.items()},
         "caveats": report.caveats,
         "warnings": report.warnings,
         **report.provenance,
     }
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _nulls(fields: Any) -> Any:
+    """Put null in place of nan, throughout."""
+    if isinstance(fields, dict):
+        return {key: _nulls(value) for key, value in fields.items()}
+    if isinstance(fields, list | tuple):
+        return [_nulls(value) for value in fields]
+    return null_for_nan(fields)
 
 
 def by_kind(errors: Iterable[Errors]) -> dict[tuple[str, str], list[Errors]]:

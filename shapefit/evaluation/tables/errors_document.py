@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from shapefit.evaluation.report import PUBLISHED, Report
 from shapefit.evaluation.solving import Solving
 from shapefit.evaluation.summary import ALL, Summary
+from shapefit.evaluation.tables.calibration_document import calibration
 from shapefit.evaluation.tables.cells import (
     ABSENT,
     HOW_TO_READ_PAIRS,
@@ -71,6 +72,7 @@ def document(report: Report, failures: int = FAILURES_SHOWN) -> list[Block]:
         for kind, summaries in tables.items():
             published = report.published if kind == PUBLISHED else {}
             parts += [Section(f"{kind[0]} ({kind[1]})"), _errors_table(summaries, published)]
+    parts += calibration(report)
     parts += [Section("Images"), _images_table(report), *_failed_items(report, failures)]
     parts += _solving(report)
     parts += _listing("Left out", report.warnings)

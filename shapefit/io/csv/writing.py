@@ -14,6 +14,7 @@ import orjson
 
 from shapefit.errors import input_error
 from shapefit.io.layout import DEVIATIONS, NOTHING_APPENDED, Format
+from shapefit.io.options import Summary
 from shapefit.io.records import Floats, LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_file, storage_errors, write_all
@@ -37,6 +38,7 @@ class CsvWriter:
 
     def __init__(self, write: Write) -> None:
         self.attributes: dict[str, str | float | int] = {}
+        self.summary = Summary()
         self._write = write
         self._columns: list[str] | None = None
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import abbreviate, counted
+from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.records import ShapeSet
 
 Flags = NDArray[np.bool_]
@@ -19,11 +19,17 @@ KNOWN_SHARE = 0.9
 def without_gaps(
     shapes: ShapeSet, notes: tuple[str, ...], name: str
 ) -> tuple[ShapeSet, tuple[str, ...]]:
-    """Return the whole shapes of the landmarks that are mostly known, and notes of what is lost."""
+    """Return the whole shapes of the landmarks that are mostly known, and notes of what is lost.
+
+    Raises InputError where no landmark is.
+    """
     known = np.asarray(np.isfinite(shapes.shapes).all(axis=1))
-    often: Flags = np.asarray(
-        known.mean(axis=0) >= KNOWN_SHARE if len(shapes) else known.any(axis=0)
-    )
+    if not len(shapes):
+        return shapes, notes
+    often: Flags = np.asarray(known.mean(axis=0) >= KNOWN_SHARE)
+    if not often.any():
+        found = f"no landmark is known in {KNOWN_SHARE:.0%} of its {counted(len(shapes), 'shape')}"
+        raise input_error(name, found, "give shapes with fewer gaps")
     rows: Flags = np.asarray(known[:, often].all(axis=1))
     lost = [name for name, stays in zip(shapes.landmark_names, often, strict=True) if not stays]
     if lost:

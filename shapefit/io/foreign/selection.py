@@ -15,6 +15,10 @@ from shapefit.io.foreign.recording import ANYBODY, Floats, Instances, Integers, 
 from shapefit.io.options import InputOptions
 
 NOBODY = "individuals without a landmark left out"
+INFINITE = "landmarks hidden, whose coordinates are infinite"
+UNTRACKED = "untracked"
+"""In place of the individual, for those without identity beside others that have one."""
+
 DOUBTFUL = "landmarks hidden, whose confidence is below `likelihood_below`"
 
 
@@ -34,14 +38,21 @@ class Chosen:
         return len(self.points)
 
     def take(self, rows: NDArray[np.intp] | slice) -> Chosen:
-        """Return the instances of these rows."""
-        numbers = np.arange(len(self))[rows]
+        """Return the instances of these rows; of a slice as views."""
+        if isinstance(rows, slice):
+            items, sequences = self.items[rows], self.sequences[rows]
+        elif len(rows) == len(self) and (rows == np.arange(len(self))).all():
+            return self
+        else:
+            numbers = rows.tolist()
+            items = tuple(self.items[number] for number in numbers)
+            sequences = tuple(self.sequences[number] for number in numbers)
         return Chosen(
             self.points[rows],
             None if self.confidence is None else self.confidence[rows],
             self.frames[rows],
-            tuple(self.items[number] for number in numbers),
-            tuple(self.sequences[number] for number in numbers),
+            items,
+            sequences,
             {name: values[rows] for name, values in self.extras.items()},
         )
 
@@ -99,34 +110,43 @@ def _chosen(
     counts = Counter(block.counts)
     points, confidence = block.points, block.confidence
     placed: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=2))
+    counts[INFINITE] += int((~placed & np.isinf(points).any(axis=2)).sum())
     if options.likelihood_below and confidence is not None:
         doubtful = placed & (confidence < options.likelihood_below)
         counts[DOUBTFUL] += int(doubtful.sum())
         placed &= ~doubtful
     points = np.where(placed[..., None], points, np.nan)
     if confidence is not None:
-        confidence = np.where(placed, np.nan_to_num(confidence, nan=1.0), 0.0)
+        confidence = np.where(placed, _weights(confidence), 0.0)
     rows = placed.any(axis=1)
     counts[NOBODY] += int((~rows).sum())
-    who = [_name(recording, number) for number in block.individuals.tolist()]
+    known_names = {number: _name(recording, number) for number in set(block.individuals.tolist())}
+    who = [known_names[number] for number in block.individuals.tolist()]
     if options.individual is not None:
         rows &= np.array([name == options.individual for name in who], dtype=bool)
     videos = block.videos or [recording.video] * len(block)
     items, sequences = [], []
+    anonymous = f"{UNTRACKED}/" if recording.individuals else ""
+    known: dict[tuple[str, str], str] = {}
     for video, name, number, label in zip(
         videos, who, block.individuals.tolist(), block.labels, strict=True
     ):
         if number == ANYBODY:
             frame = (video, label)
-            items.append(f"{video}/{label}/{numbers[frame]}")
+            items.append(f"{video}/{anonymous}{label}/{numbers[frame]}")
             sequences.append("")
             numbers[frame] += 1
         else:
-            sequence = f"{video}/{name}" if name else video
+            sequence = known.setdefault((video, name), f"{video}/{name}" if name else video)
             items.append(f"{sequence}/{label}")
             sequences.append(sequence)
     every = Chosen(points, confidence, block.frames, tuple(items), tuple(sequences), block.extras)
     return replace(every.take(np.flatnonzero(rows)), counts={n: c for n, c in counts.items() if c})
+
+
+def _weights(confidence: Floats) -> Floats:
+    """Return confidences as weights: 1 where there is none, 0 for those below 0."""
+    return np.maximum(np.nan_to_num(confidence, nan=1.0, posinf=1.0, neginf=0.0), 0.0)
 
 
 def _name(recording: Recording, number: int) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.errors import abbreviate, input_error
 from shapefit.io.chunked import SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
@@ -122,6 +123,7 @@ def _survey(
             kept.append(block)
         else:
             kept.clear()
+    _check_unique(recording, items)
     order = _by_sequence(sequences)
     whole = None
     if limit is None or held <= limit:
@@ -134,6 +136,20 @@ def _survey(
         {text: number for text, number in counts.items() if number},
         whole,
     )
+
+
+def _check_unique(recording: Recording, items: list[str]) -> None:
+    """Raise InputError for an individual that is twice in a frame."""
+    if len(set(items)) == len(items):
+        return
+    twice = [item for item, number in Counter(items).items() if number > 1]
+    found = (
+        f"{abbreviate(twice)} occur more than once"
+        if len(twice) > 1
+        else f"{twice[0]} occurs more than once"
+    )
+    fix = "give each frame a number of its own, and each individual one place in it"
+    raise input_error(recording.name, found, fix)
 
 
 def _by_sequence(sequences: list[str]) -> NDArray[np.intp]:

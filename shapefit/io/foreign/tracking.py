@@ -1,12 +1,294 @@
-"""Detections without identity, joined over frames: who is nearest is the same person."""
+"""Detections without identity, joined over frames: who is nearest is the same person.
+
+In each frame the assignment of detections to tracks that minimises
+
+    sum of d / reach + (1 - overlap) / 2
+
+over the pairs with d <= reach, after as many pairs as possible: d is the mean distance of their
+landmarks, after the steady motion of the track, relative to the size of the person; overlap is
+that of their boxes (intersection over union). No learned appearance, nothing beyond one pass.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from shapefit.io.foreign.recording import Instances
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.io.foreign.recording import ANYBODY, Floats, Instances, Integers
+
+REACH = 0.35
+"""Of the size of a person (the diagonal of the box): how far landmarks go in a frame, at most, from
+where the motion so far takes them. Somebody who runs crosses a fifth of it at 30 Hz."""
+
+REACH_PER_GAP = 0.1
+"""What each missed frame adds to the reach, up to FARTHEST."""
+
+FARTHEST = 1.0
+LONGEST_GAP = 15
+"""Frames without a detection that a track survives."""
+
+STEADY = 3
+"""Frames for which the motion of a track is continued."""
+
+FORGETTING = 0.3
+"""Share of a frame's motion in the steady motion of a track."""
+
+LARGEST = 1e100
+"""Coordinates beyond this are as good as this, and their squares do not overflow."""
+
+Flags = NDArray[np.bool_]
+Pairs = list[tuple[int, int]]
+
+
+@dataclass
+class _Tracks:
+    """The T tracks of a video that are still open.
+
+    points (T, p, 2 or 3), where each landmark was last, NaN before it was seen; motion (T, 2), in
+    pixels a frame; boxes (T, 4) and size (T,); frame (T,), of the last detection; number (T,).
+    """
+
+    points: Floats
+    motion: Floats
+    boxes: Floats
+    size: Floats
+    frame: Integers
+    number: Integers
+
+    def keep(self, rows: Flags) -> None:
+        """Forget the other tracks."""
+        for name, values in vars(self).items():
+            setattr(self, name, values[rows])
+
+    def begin(self, others: _Tracks) -> None:
+        """Add further tracks."""
+        for name, values in vars(self).items():
+            setattr(self, name, np.concatenate([values, getattr(others, name)]))
 
 
 def joined(blocks: Iterable[Instances], first: int) -> Iterator[Instances]:
-    """Give every anonymous instance the number of a track, `first` for the first of them."""
-    raise NotImplementedError
+    """Give every anonymous instance the number of a track, `first` for the first of them.
+
+    Tracks are numbered in order of their first frames, through all videos. Instances without a
+    landmark, and those of whom the file says who they are, stay as they are.
+    """
+    open_tracks: dict[str, _Tracks] = {}
+    following = [first]
+    for block in _whole_frames(blocks):
+        individuals = block.individuals.copy()
+        videos = block.videos or [""] * len(block)
+        found: Flags = np.asarray(np.isfinite(block.points).all(axis=2))
+        rows_of: defaultdict[tuple[str, int], list[int]] = defaultdict(list)
+        frames = block.frames.tolist()
+        weights = found.astype(float)
+        if block.confidence is not None:
+            weights *= np.clip(np.nan_to_num(block.confidence, nan=1.0), 0, 1)
+        points = np.clip(block.points, -LARGEST, LARGEST)
+        points[weights == 0] = np.nan
+        boxes, size = _boxes(points)
+        nobody = (individuals == ANYBODY) & weights.any(axis=1)
+        for row in np.flatnonzero(nobody).tolist():
+            rows_of[videos[row], frames[row]].append(row)
+        for (video, frame), rows in rows_of.items():
+            seen = _Tracks(
+                points=points[rows],
+                motion=np.zeros((len(rows), 2)),
+                boxes=boxes[rows],
+                size=size[rows],
+                frame=np.full(len(rows), frame),
+                number=np.full(len(rows), ANYBODY),
+            )
+            tracks = open_tracks.get(video)
+            if tracks is None:
+                seen.number = np.arange(following[0], following[0] + len(rows))
+                following[0] += len(rows)
+                open_tracks[video] = seen
+            else:
+                _follow(tracks, seen, weights[rows], frame, following)
+            individuals[rows] = seen.number
+        yield replace(block, individuals=individuals)
+
+
+def _follow(
+    tracks: _Tracks, seen: _Tracks, weights: Floats, frame: int, following: list[int]
+) -> None:
+    """Number the D detections `seen` in a frame, and let the tracks go on to them."""
+    passed = frame - tracks.frame
+    if passed.size and passed.max() > LONGEST_GAP + 1:
+        tracks.keep(np.asarray(passed <= LONGEST_GAP + 1))
+        passed = frame - tracks.frame
+    if len(passed):
+        passed = np.maximum(passed, 1)
+        steps = tracks.motion * np.minimum(passed, STEADY)[:, None]
+        expected = tracks.points.copy()
+        expected[..., :2] += steps[:, None]
+        boxes = tracks.boxes + np.concatenate([steps, steps], axis=1)
+        reach = np.minimum(REACH + REACH_PER_GAP * (passed - 1), FARTHEST)
+        pairs = assign(*_costs(expected, boxes, tracks.size, reach, seen, weights))
+        if pairs:
+            _go_on(tracks, expected, seen, passed, *np.array(pairs).T)
+    new: Flags = np.asarray(seen.number == ANYBODY)
+    if new.any():
+        seen.number[new] = np.arange(following[0], following[0] + new.sum())
+        following[0] += int(new.sum())
+        others = replace(seen)
+        others.keep(new)
+        tracks.begin(others)
+
+
+def _costs(
+    expected: Floats,
+    boxes: Floats,
+    size: Floats,
+    reach: Floats,
+    seen: _Tracks,
+    weights: Floats,
+) -> tuple[Floats, Flags]:
+    """Return the cost (T, D) of each track and detection, and which pairs may be one person."""
+    scale = np.maximum(size[:, None], seen.size)
+    apart = seen.points - expected[:, None]
+    away = np.sqrt(np.einsum("tdpc,tdpc->tdp", apart, apart))
+    common = np.where(np.isnan(away), 0.0, weights)
+    # One landmark that went astray counts no more than the size of the person.
+    away = np.fmin(away, scale[..., None])
+    total = common.sum(axis=2)
+    distance = np.einsum("tdp,tdp->td", away, common) / np.maximum(total, 1e-12)
+    if not total.all():
+        middle = (
+            seen.boxes[:, :2] + seen.boxes[:, 2:] - boxes[:, None, :2] - boxes[:, None, 2:]
+        ) / 2
+        distance = np.where(total > 0, distance, np.sqrt((middle**2).sum(axis=2)))
+    ratio = distance / (scale * reach[:, None])
+    return ratio + (1 - _overlap(boxes[:, None], seen.boxes)) / 2, ratio <= 1
+
+
+def _go_on(
+    tracks: _Tracks,
+    expected: Floats,
+    seen: _Tracks,
+    passed: Integers,
+    who: NDArray[np.intp],
+    own: NDArray[np.intp],
+) -> None:
+    """Let tracks `who` go on to their detections; landmarks that these lack move as expected."""
+    points = seen.points[own]
+    moved = (points - tracks.points[who])[..., :2]
+    known = ~np.isnan(moved[..., :1])
+    count = known.sum(axis=1)
+    mean = np.where(known, moved, 0.0).sum(axis=1) / np.maximum(count, 1)
+    steady = tracks.motion[who]
+    motion = steady + FORGETTING * (mean / passed[who, None] - steady)
+    tracks.motion[who] = np.where(count > 0, motion, steady)
+    tracks.points[who] = np.where(np.isnan(points), expected[who], points)
+    tracks.boxes[who] = seen.boxes[own]
+    tracks.size[who] = np.maximum(seen.size[own], 0.95 * tracks.size[who])
+    tracks.frame[who] = seen.frame[own]
+    seen.number[own] = tracks.number[who]
+
+
+def assign(cost: Floats, allowed: Flags) -> Pairs:
+    """Return the pairs of least cost among those allowed, after as many as possible.
+
+    Where the best of each row are different columns, or the best of each column different rows,
+    they are the optimum; else scipy finds it.
+    """
+    padded = np.where(allowed, cost, np.inf)
+    for turned in (False, True):
+        own = padded.T if turned else padded
+        rows = np.flatnonzero(np.isfinite(own).any(axis=1))
+        best = own[rows].argmin(axis=1) if len(rows) else rows
+        if len(set(best.tolist())) == len(rows):
+            pairs = zip(rows.tolist(), best.tolist(), strict=True)
+            return [(b, a) if turned else (a, b) for a, b in pairs]
+    from scipy.optimize import linear_sum_assignment
+
+    unlikely = 1.0 + 2.0 * float(np.abs(cost[allowed]).sum())
+    chosen = linear_sum_assignment(np.where(allowed, cost, unlikely))
+    pairs = zip(*(each.tolist() for each in chosen), strict=True)
+    return [(row, column) for row, column in pairs if allowed[row, column]]
+
+
+def _boxes(points: Floats) -> tuple[Floats, Floats]:
+    """Return the boxes (N, 4) around points (N, p, d), least and largest x and y; the diagonals."""
+    flat = points[..., :2]
+    known = np.isfinite(flat)
+    low = np.where(known, flat, np.inf).min(axis=1)
+    high = np.where(known, flat, -np.inf).max(axis=1)
+    size = np.sqrt(((high - low) ** 2).sum(axis=1))
+    return np.concatenate([low, high], axis=1), np.maximum(size, 1e-9)
+
+
+def _overlap(a: Floats, b: Floats) -> Floats:
+    """Return intersection over union of boxes (..., 4); 0 for those without an area."""
+    sides = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
+    shared = np.maximum(sides, 0).prod(axis=-1)
+    areas = (a[..., 2:] - a[..., :2]).prod(axis=-1) + (b[..., 2:] - b[..., :2]).prod(axis=-1)
+    return np.asarray(shared / np.maximum(areas - shared, 1e-12))
+
+
+def _whole_frames(blocks: Iterable[Instances]) -> Iterator[Instances]:
+    """Give out blocks that end where a frame ends."""
+    kept: Instances | None = None
+    for block in blocks:
+        whole = block if kept is None else _stacked(kept, block)
+        last_frame = whole.frames[-1:]
+        same: Flags = np.isin(whole.frames, last_frame)
+        if whole.videos is not None and len(whole):
+            last = whole.videos[-1]
+            same = same & np.array([video == last for video in whole.videos])
+        end = int(np.flatnonzero(~same)[-1]) + 1 if (~same).any() else 0
+        if end:
+            yield _take(whole, slice(0, end), whole.counts)
+        kept = _take(whole, slice(end, None), {} if end else whole.counts)
+    if kept is not None:
+        yield kept
+
+
+def _take(block: Instances, rows: slice, counts: Mapping[str, int]) -> Instances:
+    return replace(
+        block,
+        points=block.points[rows],
+        confidence=None if block.confidence is None else block.confidence[rows],
+        frames=block.frames[rows],
+        labels=block.labels[rows],
+        individuals=block.individuals[rows],
+        videos=None if block.videos is None else block.videos[rows],
+        extras={name: values[rows] for name, values in block.extras.items()},
+        counts=counts,
+    )
+
+
+def _stacked(first: Instances, second: Instances) -> Instances:
+    """Return two blocks as one; confidences that one of them lacks are 1."""
+    confidence = None
+    if first.confidence is not None or second.confidence is not None:
+        confidence = np.concatenate(
+            [
+                np.ones(part.points.shape[:2]) if part.confidence is None else part.confidence
+                for part in (first, second)
+            ]
+        )
+    videos: Sequence[str] | None = None
+    if first.videos is not None and second.videos is not None:
+        videos = [*first.videos, *second.videos]
+    counts = dict(first.counts)
+    for text, number in second.counts.items():
+        counts[text] = counts.get(text, 0) + number
+    return replace(
+        second,
+        points=np.concatenate([first.points, second.points]),
+        confidence=confidence,
+        frames=np.concatenate([first.frames, second.frames]),
+        labels=[*first.labels, *second.labels],
+        individuals=np.concatenate([first.individuals, second.individuals]),
+        videos=videos,
+        extras={
+            name: np.concatenate([values, second.extras[name]])
+            for name, values in first.extras.items()
+        },
+        counts=counts,
+    )

@@ -151,10 +151,13 @@ class Hdf5Reader:
             array = np.asarray(values, np.int64 if dataset.kind == "index" else np.float64)
         return np.ascontiguousarray(array.swapaxes(-1, -2)) if dataset.points else array
 
-    def read_blocks(self, name: str) -> Iterator[Any]:
-        """Read a dataset per item from the start to the end, at most some MB at a time."""
+    def read_blocks(self, name: str, part: slice | None = None) -> Iterator[Any]:
+        """Read a dataset per item, or the rows of a part of it, at most some MB at a time."""
         rows = max(1, min(BLOCK, BLOCK_BYTES // max(self._size(name, slice(1)), 1)))
-        return (self.read(name, slice(row, row + rows)) for row in range(0, self.count, rows))
+        start, stop, _ = (part or slice(None)).indices(self.count)
+        return (
+            self.read(name, slice(row, min(row + rows, stop))) for row in range(start, stop, rows)
+        )
 
     def is_written(self, name: str) -> bool:
         """Whether anything was ever written to a dataset; a sparse file can be without limits."""

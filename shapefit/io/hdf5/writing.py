@@ -22,6 +22,7 @@ from shapefit.io.layout import (
     Format,
     stored_name,
 )
+from shapefit.io.options import Summary
 from shapefit.io.whole.atomic import atomic_file
 
 CHUNK_BYTES = 1 << 18
@@ -49,6 +50,7 @@ class Hdf5Writer:
 
     def __init__(self, file: FileIO, form: Format) -> None:
         self.attributes: dict[str, str | float | int] = {}
+        self.summary = Summary()
         self._form = form
         self._first: Any = None
         self._datasets: dict[str, Any] = {}

@@ -33,10 +33,11 @@ def read_hdf5(path: Path) -> Dictionary:
     with Hdf5Reader(path, DICTIONARY) as reader:
         check_dictionary(reader)
         fields = reader.fields()
-        give = fields["edge_give"]
-        if give is not None and not (np.isfinite(give).all() and (give >= 0).all()):
-            fix = "make the dictionary again"
-            raise input_error(reader.place("edge_give"), "holds what is no deviation", fix)
+        for name, kind in (("edge_give", "deviation"), ("edge_length", "length")):
+            values = fields[name]
+            if values is not None and not (np.isfinite(values).all() and (values >= 0).all()):
+                fix = "make the dictionary again"
+                raise input_error(reader.place(name), f"holds what is no {kind}", fix)
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
         fields["prior"] = _read_prior(reader, fields)
@@ -89,7 +90,19 @@ def check_dictionary(reader: Datasets) -> None:
     checks.check_positive(reader, "atom_scale")
     checks.check_named(reader, [reader.read("atom_item") or ()], "atom_item", "k")
     checks.check_indices(reader, "edges", "p")
+    _check_mirror(reader)
     checks.check_indices(reader, "mesh_faces", "q")
+
+
+def _check_mirror(reader: Datasets) -> None:
+    """Raise InputError for a `mirror_index` that is not its own inverse."""
+    index = reader.read("mirror_index")
+    if index is None:
+        return
+    points = np.arange(len(index))
+    if ((index < 0) | (index >= len(index))).any() or (index[index] != points).any():
+        fix = "make the dictionary again"
+        raise input_error(reader.place("mirror_index"), "does not pair the landmarks", fix)
 
 
 def write_dictionary(path: Path, dictionary: Dictionary) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -34,15 +35,22 @@ class _File(SourceFile[LandmarkSet]):
     y_axis: Direction | None = None
 
 
-def open_landmarks(paths: Sequence[Path], options: InputOptions = AS_THEY_ARE) -> LandmarkSource:
+def open_landmarks(
+    paths: Sequence[Path], options: InputOptions = AS_THEY_ARE, rows: slice | None = None
+) -> LandmarkSource:
     """Open files of landmarks in any format (`-` is standard input) as one source.
 
     Everything is checked before the first image is given out. Raises InputError for what is
     wrong with a file, for items that occur twice, and for files that do not go together (other
     units, directions of y, frame rates, or further datasets), and for names of landmarks to rename
-    that no file has. HDF5 is read a chunk at a time, CSV whole.
+    that no file has. HDF5 is read a chunk at a time, CSV whole. `rows` are those of the one HDF5
+    file that are given out: nothing else of it is read.
     """
-    files = [_open(known, own, options) for known, own in group_inputs(paths, options)]
+    if rows is not None:
+        (path,) = paths
+        files = [hiding(open_hdf5(path, rows), options.likelihood_below)]
+    else:
+        files = [_open(known, own, options) for known, own in group_inputs(paths, options)]
     rename = options.rename
     check_known(rename, [(file.name, file.head.landmark_names) for file in files])
     return LandmarkSource([_renamed(file, rename) for file in files])
@@ -128,15 +136,18 @@ def _stated_unit(head: LandmarkSet) -> str | None:
 
 def _renamed(file: _File, rename: Mapping[str, str]) -> _File:
     """Return a file that gives its landmarks out under their new names."""
+    return _changed(file, partial(renamed, rename=rename, place=file.name)) if rename else file
+
+
+def _changed(file: _File, change: Callable[[LandmarkSet], LandmarkSet]) -> _File:
+    """Return a file that gives out its images changed."""
 
     @contextmanager
     def opened() -> Iterator[Read]:
         with file.open() as read:
-            yield lambda rows: renamed(read(rows), rename, file.name)
+            yield lambda rows: change(read(rows))
 
-    return (
-        replace(file, head=renamed(file.head, rename, file.name), open=opened) if rename else file
-    )
+    return replace(file, head=change(file.head), open=opened)
 
 
 def hiding(file: _File, least: float) -> _File:
@@ -153,12 +164,7 @@ def hiding(file: _File, least: float) -> _File:
             confidence=np.where(doubtful, 0.0, images.confidence),
         )
 
-    @contextmanager
-    def opened() -> Iterator[Read]:
-        with file.open() as read:
-            yield lambda rows: hidden(read(rows))
-
-    return replace(file, open=opened)
+    return _changed(file, hidden)
 
 
 def _open(known: FileFormat, paths: tuple[Path, ...], options: InputOptions) -> _File:
@@ -191,28 +197,29 @@ def one_file(
     return _File(name, head, len(landmarks), items, opened, y_axis=y_axis)
 
 
-def open_hdf5(path: Path) -> _File:
-    """Open an HDF5 file, which is read a chunk at a time."""
+def open_hdf5(path: Path, part: slice | None = None) -> _File:
+    """Open an HDF5 file, or a part of its rows, which is read a chunk at a time."""
     from shapefit.io.hdf5 import checks as hdf5_checks
     from shapefit.io.hdf5.reading import Hdf5Reader
 
     @contextmanager
     def opened() -> Iterator[Read]:
         with Hdf5Reader(path, LANDMARKS) as reader:
-            yield lambda rows: _read_rows(reader, rows)
+            yield lambda rows: _read_rows(reader, slice(start + rows.start, start + rows.stop))
 
     def items() -> Iterator[tuple[str, ...]]:
         with Hdf5Reader(path, LANDMARKS) as reader:
-            yield from reader.read_blocks("item")
+            yield from reader.read_blocks("item", part)
 
     with Hdf5Reader(path, LANDMARKS) as reader:
-        hdf5_checks.check_named(reader, reader.read_blocks("item"))
-        hdf5_checks.check_not_infinite(reader, "landmarks", reader.read_blocks("landmarks"))
+        start, stop, _ = (part or slice(None)).indices(reader.count)
+        hdf5_checks.check_named(reader, reader.read_blocks("item", part))
+        hdf5_checks.check_not_infinite(reader, "landmarks", reader.read_blocks("landmarks", part))
         if reader.has("confidence"):
-            hdf5_checks.check_confidence(reader, reader.read_blocks("confidence"))
+            hdf5_checks.check_confidence(reader, reader.read_blocks("confidence", part))
         head = _read_rows(reader, slice(0))
-        item_list = ItemList(items, lambda row: f"{path}:/item[{row}]")
-        return _File(str(path), head, reader.count, item_list, opened, y_axis=head.y_axis)
+        item_list = ItemList(items, lambda row: f"{path}:/item[{start + row}]")
+        return _File(str(path), head, stop - start, item_list, opened, y_axis=head.y_axis)
 
 
 def _read_rows(reader: Any, rows: slice) -> LandmarkSet:

@@ -68,7 +68,7 @@ def list_records(path: Path, kind: str, options: InputOptions = AS_THEY_ARE) -> 
     """List a file by reading it."""
     if kind == "landmarks":
         with open_landmarks([path], options) as source:
-            (records,) = source.chunks(max(source.count, 1))
+            records = source.whole()
             listing = _listing(path, "landmarks", records, source.y_axis)
     elif kind == "shapes":
         listing = _listing(path, "shapes", read_shapes([path], options, gaps=True), None)

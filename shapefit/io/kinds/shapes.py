@@ -40,8 +40,7 @@ def read_shapes(
 ) -> ShapeSet:
     """Read shapes from files of any format as one set, as `open_shapes` opens them."""
     with open_shapes(paths, options, gaps=gaps) as source:
-        (shapes,) = source.chunks(max(source.count, 1))
-        return shapes
+        return source.whole()
 
 
 def open_shapes(
@@ -131,6 +130,8 @@ def _open(known: FileFormat, paths: tuple[Path, ...], options: InputOptions, gap
         table, notes = shape_file(open_recording(known, paths, "shapes"), options)
         if not gaps:
             table, notes = without_gaps(table, notes, source_name(path))
+    elif known.together:
+        table, notes = find_reader(path, "shapes")(paths, gaps=gaps)
     else:
         table = find_reader(path, "shapes")(path, gaps=gaps)
     if isinstance(table, _File):

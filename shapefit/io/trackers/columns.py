@@ -22,13 +22,15 @@ class Layout:
     """Where the numbers of a row stand.
 
     individuals and landmarks are names; points (i, p, d) and likelihood (i, p) are columns of a
-    row that has a NaN appended, which is what is missing points at.
+    row that has a NaN appended, which is what is missing points at; notes are about columns that
+    are left out.
     """
 
     individuals: tuple[str, ...]
     landmarks: tuple[str, ...]
     points: NDArray[np.intp]
     likelihood: NDArray[np.intp] | None
+    notes: tuple[str, ...] = ()
 
     @property
     def dimensions(self) -> Literal[2, 3]:
@@ -43,6 +45,7 @@ class Layout:
         confidence = None
         if self.likelihood is not None:
             confidence = padded[:, self.likelihood].reshape(n * many, -1)
+            points[confidence < 0] = np.nan  # what newer versions write for animals not found
         return Instances(
             points=points,
             confidence=confidence,
@@ -56,8 +59,8 @@ def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
     """Sort columns, named (scorer, [individual,] body part, coordinate), each after `place`.
 
     Individuals and landmarks stand in order of appearance; a column that is there for some of
-    them only is missing for the others. Raises InputError for other names, for columns that are
-    there twice, and for coordinates without the others.
+    them only is missing for the others. Columns of other coordinates are left out, with a note.
+    Raises InputError for columns that are there twice, and for coordinates without the others.
     """
     if not columns:
         raise input_error(place, "has no columns of coordinates", SAVE)
@@ -66,11 +69,12 @@ def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
         found = f"its columns have {depth} names each"
         raise input_error(place, found, f"{SAVE}: scorer, (individual,) body part, coordinate")
     number: dict[tuple[str, str, str], int] = {}
+    others: dict[str, None] = {}
     for place_in_row, column in enumerate(columns):
         key = (column[1] if depth == 4 else "", column[-2], column[-1])
         if key[2] not in COORDINATES:
-            found = f"the coordinate of {printable(key[1])} is {printable(key[2])!r}"
-            raise input_error(place, found, "name it x, y, z or likelihood")
+            others.setdefault(printable(key[2]))
+            continue
         if key in number:
             scorers = abbreviate(sorted({printable(other[0]) for other in columns}))
             found = f"{key[2]} of {printable(' '.join(key[:2]).strip())} is there twice"
@@ -81,7 +85,8 @@ def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
     present = {key[2] for key in number}
     axes = [axis for axis in COORDINATES[:3] if axis in present]
     if axes[:2] != ["x", "y"]:
-        raise input_error(place, "has no columns x and y", SAVE)
+        have = f" ({abbreviate(list(others))})" if others else ""
+        raise input_error(place, f"has no columns x and y{have}", SAVE)
     for who, landmark in {key[:2] for key in number}:
         if lost := [axis for axis in axes if (who, landmark, axis) not in number]:
             found = f"{printable(landmark)} has no column {lost[0]}"
@@ -99,4 +104,5 @@ def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
         landmarks,
         np.stack([find(axis) for axis in axes], axis=-1),
         find("likelihood") if "likelihood" in present else None,
+        (f"columns left out: {abbreviate(list(others))}",) if others else (),
     )

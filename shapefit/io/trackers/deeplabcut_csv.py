@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from itertools import chain
@@ -22,7 +22,7 @@ from shapefit.errors import input_error, printable
 from shapefit.io.csv.numbers import read_numbers
 from shapefit.io.csv.rows import COMMA, LINE_END, bad_line, read_rows, split_columns
 from shapefit.io.csv.sections import Section, read_sections
-from shapefit.io.foreign.recording import Floats, Instances, Recording, video_name
+from shapefit.io.foreign.recording import Floats, Instances, Integers, Recording, video_name
 from shapefit.io.problems import Problems
 from shapefit.io.sources import source_name
 from shapefit.io.trackers.columns import Layout, arrange
@@ -30,6 +30,8 @@ from shapefit.io.trackers.frame_names import image_labels, number_label
 from shapefit.io.trackers.reading import BLOCK_FRAMES
 
 HEADER = ("scorer", "individuals", "bodyparts", "coords")
+
+Columns = Sequence[Sequence[str]]
 
 PLAIN = b"0123456789+-.eE,\nnaN"
 """The letters of a section that holds nothing but numbers."""
@@ -45,7 +47,7 @@ class _Rows:
 
     labels: list[str]
     values: Floats
-    lines: NDArray[np.int64]
+    lines: Integers
 
 
 def record(paths: tuple[Path, ...]) -> Recording:
@@ -96,6 +98,7 @@ class _Table:
             landmark_names=layout.landmarks,
             blocks=self._blocks,
             individuals=layout.individuals,
+            notes=layout.notes,
             unit="px" if layout.dimensions == 2 else "unknown",
         )
 
@@ -153,14 +156,15 @@ class _Table:
             return None
         data = data.removesuffix(b"\n") + b"\n"
         letters = np.frombuffer(data, np.uint8)
-        ends, commas = np.flatnonzero(letters == LINE_END), np.flatnonzero(letters == COMMA)
-        if len(commas) != len(ends) * (self._width - 1):
+        ends = np.flatnonzero(letters == LINE_END)
+        borders = np.flatnonzero((letters == COMMA) | (letters == LINE_END))
+        width = self._width
+        if len(borders) != len(ends) * width or (borders[width - 1 :: width] != ends).any():
             return None
-        between = commas.reshape(len(ends), self._width - 1)
-        if (between[:, -1] > ends).any() or (between[1:, 0] < ends[:-1]).any():
-            return None
+        if (np.diff(borders) == 1).any() or b"n" in data or b"N" in data:
+            data = _with_nulls(data)
         try:
-            numbers = orjson.loads(b"[" + _with_nulls(data)[:-1].replace(b"\n", b",") + b"]")
+            numbers = orjson.loads(b"[" + data[:-1].replace(b"\n", b",") + b"]")
         except orjson.JSONDecodeError:
             return None
         values = np.array(numbers, np.float64).reshape(len(ends), self._width)
@@ -172,7 +176,7 @@ class _Table:
 
     def _slow(self, section: Section, problems: Problems) -> _Rows:
         """Read any section, and say what is wrong with its cells."""
-        columns: list[list[str]] | list[tuple[str, ...]] | None
+        columns: Columns | None
         columns = split_columns(section, self._width) if section else None
         lines = np.arange(section.line, section.line + (len(columns[0]) if columns else 0))
         if columns is None:
@@ -195,7 +199,7 @@ class _Table:
             self._tell(problems, column, lines, columns[column], numbers.strange)
         return _Rows(self._labels(columns, lines), values, lines)
 
-    def _labels(self, columns: list[list[str]] | list[tuple[str, ...]], lines: Floats) -> list[str]:
+    def _labels(self, columns: Columns, lines: Integers) -> list[str]:
         parts = [[cell.strip() for cell in column] for column in columns[: self._indices]]
         if not self._is_numbered:
             return ["/".join(filter(None, row)) for row in zip(*parts, strict=True)]
@@ -211,7 +215,7 @@ class _Table:
         self,
         problems: Problems,
         column: int,
-        lines: NDArray[np.int64],
+        lines: Integers,
         cells: Iterable[str],
         strange: NDArray[np.bool_],
     ) -> None:
@@ -264,4 +268,4 @@ def _split_lines(section: Section, name: str, count: int) -> Iterator[list[str]]
             if reader.line_num >= count:
                 return
     except csv.Error as error:
-        raise bad_line(f"{name}:1", error) from error
+        raise bad_line(f"{name}:{reader.line_num}", error) from error

@@ -18,7 +18,7 @@ from shapefit.errors import input_error, listed, printable
 from shapefit.io.foreign.recording import Floats, Instances, Recording, video_name
 from shapefit.io.sources import HDF5_SIGNATURE
 from shapefit.io.trackers.columns import Layout, arrange
-from shapefit.io.trackers.frame_names import image_labels, number_label
+from shapefit.io.trackers.frame_names import image_labels, number_labels
 from shapefit.io.trackers.pickled_names import FIX, names_of
 from shapefit.io.trackers.reading import DAMAGED, TrackerFile, frame_ranges, text
 from shapefit.io.trackers.recognition import look
@@ -53,7 +53,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         labels = None if kind == TABLE else _fixed_labels(file, key, frames)
         if kind == TABLE and _is_text(file, key):
             index = file.rows(f"{key}/table")["index"]
-            labels = image_labels([text(value) for value in index])
+            labels = list(image_labels([text(value) for value in index]))
         names = [column for block in blocks for column in block.columns]
         layout = arrange(file.place(key), names)
     return Recording(
@@ -64,6 +64,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         landmark_names=layout.landmarks,
         blocks=lambda: _read(path, key, blocks, layout, labels),
         individuals=layout.individuals,
+        notes=layout.notes,
         frames=frames,
         unit="px" if layout.dimensions == 2 else "unknown",
     )
@@ -133,7 +134,7 @@ def _fixed_blocks(file: TrackerFile, key: str) -> list[_Block]:
 
 def _levels(file: TrackerFile, start: str) -> list[tuple[str, ...]]:
     """Return the names that levels and codes stand for, one tuple each."""
-    levels = []
+    levels: list[list[str]] = []
     while file.is_dataset(f"{start}_level{len(levels)}"):
         number = len(levels)
         level = f"{start}_level{number}"
@@ -156,7 +157,7 @@ def _fixed_labels(file: TrackerFile, key: str, frames: int) -> list[str]:
     else:
         values = np.ravel(file.rows(f"{key}/axis1"))
         if values.dtype.kind in "iuf":
-            labels = [number_label(value) for value in values.tolist()]
+            labels = number_labels(file.place(f"{key}/axis1"), values)
         else:
             labels = list(image_labels([text(value) for value in values.tolist()]))
     if len(labels) != frames:
@@ -195,7 +196,7 @@ def _fixed_rows(file: TrackerFile, block: _Block, rows: slice) -> Any:
 def _index_labels(file: TrackerFile, key: str, index: Any) -> list[str]:
     if index.dtype.kind not in "iuf" or index.ndim != 1:
         raise input_error(file.place(f"{key}/table"), "its index is no number", FIX)
-    return [number_label(value) for value in index.tolist()]
+    return number_labels(file.place(f"{key}/table"), index)
 
 
 def _numbers(file: TrackerFile, block: _Block, values: Any) -> Floats:

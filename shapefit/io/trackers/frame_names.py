@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import PurePosixPath, PureWindowsPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import input_error
 
 IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
@@ -19,6 +25,15 @@ def image_labels(paths: Sequence[str]) -> tuple[str, ...]:
 def number_label(value: float) -> str:
     """Return a frame's number or time in seconds as text, to the microsecond."""
     return str(int(value)) if value == int(value) else f"{value:.6f}".rstrip("0")
+
+
+def number_labels(place: str, values: NDArray[Any]) -> list[str]:
+    """Return the numbers or times of frames as text; InputError where one is no number."""
+    wrong = ~np.isfinite(values)
+    if wrong.any():
+        found = f"entry {int(np.argmax(wrong))} is {values[wrong][0]}, which is no frame"
+        raise input_error(place, found, "number the frames")
+    return [number_label(value) for value in values.tolist()]
 
 
 def name_of(path: str) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import Floats, Instances, Recording, video_name
-from shapefit.io.trackers.frame_names import number_label
+from shapefit.io.trackers.frame_names import number_labels
 from shapefit.io.trackers.reading import DAMAGED, TrackerFile, check_unique, text
 
 POSITION, CONFIDENCE = "position", "confidence"
@@ -91,12 +91,13 @@ def _read(path: Path, axes: Axes) -> Iterator[Instances]:
         scores = _axes(file, CONFIDENCE) if file.is_dataset(CONFIDENCE) else None
         if scores is not None:
             sizes = dict(zip(axes, file.shape(POSITION), strict=True))
-            file.check_shape(CONFIDENCE, [sizes.get(axis, 1) for axis in scores])
+            if {*scores, "space"} != set(axes):
+                found = f"has the axes {', '.join(scores)}, and position {', '.join(axes)}"
+                raise input_error(file.place(CONFIDENCE), found, DAMAGED)
+            file.check_shape(CONFIDENCE, [sizes[axis] for axis in scores])
         times = file.numbers("time") if file.is_dataset("time") else None
         if times is not None:
             file.check_shape("time", (file.shape(POSITION)[axes.index("time")],))
-            if not np.isfinite(times).all():
-                raise input_error(file.place("time"), "holds times that are no numbers", DAMAGED)
         for rows in file.ranges(POSITION, axes.index("time")):
             points = _part(file, POSITION, axes, rows)
             n, many, p, _ = points.shape
@@ -104,7 +105,7 @@ def _read(path: Path, axes: Axes) -> Iterator[Instances]:
             if scores is not None:
                 confidence = _part(file, CONFIDENCE, scores, rows)[..., 0].reshape(n * many, p)
             frames = np.arange(rows.start, rows.start + n)
-            labels = map(number_label, (frames if times is None else times[rows]).tolist())
+            labels = number_labels(file.place("time"), frames if times is None else times[rows])
             yield Instances(
                 points=points.reshape(n * many, p, -1),
                 confidence=confidence,

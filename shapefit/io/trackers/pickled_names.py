@@ -49,9 +49,9 @@ def _walk(place: str, pickled: bytes) -> Any:
             values = _pop_to_mark(stack)
             stack.append(values if name == "LIST" else tuple(values))
         elif name == "PUT":
-            memory[int(argument)] = stack[-1]
+            memory[int(argument or 0)] = stack[-1]
         elif name == "GET":
-            stack.append(memory[int(argument)])
+            stack.append(memory[int(argument or 0)])
         elif name == "APPEND":
             value = stack.pop()
             if not isinstance(stack[-1], list):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import prod
 from pathlib import Path
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error, printable
 from shapefit.io.hdf5.pieces import read_rows
 from shapefit.io.hdf5.sizes import Stored, size_in_memory
-from shapefit.io.memory import check_fits
+from shapefit.io.memory import ALWAYS_FITS, check_fits
 
 BLOCK_FRAMES = 4096
 """Of a video that are read at a time."""
@@ -25,11 +25,15 @@ BLOCK_BYTES = 1 << 24
 """Of a dataset that are read at a time; MOST_BYTES where its chunks are larger."""
 MOST_BYTES = 1 << 27
 
+MOST_COMPRESSED = 2000
+"""No filter of HDF5 makes data smaller by more: beyond that they were never written."""
+
 MOST_TEXTS = 1_000_000
 """Names that a dataset of names can hold."""
 
 DAMAGED = "the file may be cut off or damaged: copy or make it again"
-FILTERS = ("can't open plugin", "required filter", "can't find plugin", "filter is not available")
+FILTERS = ("plugin", "filter")
+"""Words of HDF5 about a compression that it does not have."""
 
 
 class TrackerFile:
@@ -69,10 +73,11 @@ class TrackerFile:
                 raise input_error(place, found, fix) from error
             raise input_error(place, f"cannot be read ({reason})", DAMAGED) from error
 
-    def names(self, group: str = "/") -> tuple[str, ...]:
-        """Return the names of what a group holds."""
+    def groups(self, group: str) -> tuple[str, ...]:
+        """Return the names of the groups in a group."""
         with self.damage(group):
-            return tuple(name for name in self._file[group] if isinstance(name, str))
+            node = self._file[group]
+            return tuple(name for name in node if isinstance(node.get(name), h5py.Group))
 
     def has(self, name: str) -> bool:
         """Whether there is such a dataset or group."""
@@ -129,6 +134,7 @@ class TrackerFile:
             stored = Stored.of(dataset)
             whole = rows if isinstance(rows, slice) or rows == () else ()
             check_fits(self.place(name), size_in_memory(stored, whole))
+            self._check_written(name)
             if whole is not rows:
                 return dataset[rows]
             return read_rows(stored, rows)
@@ -140,7 +146,9 @@ class TrackerFile:
             kind = self._file[name].dtype.kind
         if kind not in "biuf":
             raise input_error(self.place(name), "holds no numbers", DAMAGED)
-        return np.asarray(self.rows(name, rows), np.float64)
+        values = self.rows(name, rows)
+        with self.damage(name):
+            return np.asarray(values, np.float64)
 
     def is_text(self, name: str) -> bool:
         """Whether a dataset holds text."""
@@ -150,10 +158,10 @@ class TrackerFile:
     def scales(self, name: str) -> tuple[str, ...]:
         """Return the names of the dimension scales of a dataset; InputError without them."""
         self._require(name)
-        with self.damage(name):
-            scales = [dict(axis) for axis in self._file[name].dims]
-            names = [found[0].name.strip("/") for found in map(list, map(dict.values, scales))]
-        return tuple(names)
+        with self.damage(name):  # h5py's own `dims` can abort the process on damaged files
+            scales = self._file[name].attrs["DIMENSION_LIST"]
+            names = [text(h5py.h5r.get_name(own[0], self._file.id) or b"") for own in scales]
+        return tuple(name.strip("/") for name in names)
 
     def ranges(self, name: str, axis: int) -> Iterator[slice]:
         """Divide an axis of a dataset into blocks, each of whole chunks where they are not large.
@@ -162,6 +170,7 @@ class TrackerFile:
         """
         self._require(name)
         with self.damage(name):
+            self._check_written(name)
             dataset = self._file[name]
             count, chunks = dataset.shape[axis], dataset.chunks
             entry = dataset.nbytes // max(count, 1)
@@ -185,11 +194,12 @@ class TrackerFile:
             found = np.ravel(dataset[()])
         return tuple(text(value) for value in found)
 
-    def attributes(self, node: str) -> Mapping[str, Any]:
-        """Return all attributes of a dataset or group that can be read."""
-        with self.damage(node):
-            names = list(self._file[node].attrs)
-        return {name: self.attribute(name, node) for name in names}
+    def _check_written(self, name: str) -> None:
+        """Raise InputError for a large dataset that takes next to no place in the file."""
+        dataset = self._file[name]
+        if dataset.nbytes > max(ALWAYS_FITS, MOST_COMPRESSED * dataset.id.get_storage_size()):
+            found = f"has the shape {dataset.shape}, and next to nothing of it was written"
+            raise input_error(self.place(name), found, DAMAGED)
 
     def _require(self, name: str) -> None:
         if not self.is_dataset(name):

@@ -122,7 +122,7 @@ def is_deeplabcut_csv(_path: Path, head: bytes) -> bool:
     """
     text = head.removeprefix(b"\xef\xbb\xbf")
     lines = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
-    firsts = [line.split(b",", 1)[0].strip(b' "') for line in lines]
+    firsts = [line.split(b",", 1)[0].strip(b' "') for line in lines[:-1] or lines]
     if firsts[0] == b"scorer" and b"," in lines[0]:
         return len(firsts) < 3 or b"bodyparts" in firsts[1:3]
     return firsts[0] in (b"bodyparts", b"individuals") and b"coords" in firsts[1:3]

@@ -66,7 +66,7 @@ def _individuals(file: TrackerFile, count: int) -> tuple[str, ...]:
 
 
 def _axes(file: TrackerFile, nodes: int) -> Axes:
-    """Return what the axes of the tracks are. Raises InputError where that cannot be told."""
+    """Return what the axes of the tracks are. Raises InputError where nothing says so."""
     shape = file.shape(TRACKS, "track, xy, node, frame")
     if stated := _stated(file, TRACKS, SLEAP_ORDER):
         return stated

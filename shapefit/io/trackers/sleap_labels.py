@@ -142,13 +142,20 @@ def _check(file: TrackerFile, found: dict[str, Integers], metadata: Metadata) ->
         raise input_error(place, "has another number of points than its skeleton", DAMAGED)
     for kind, table in TABLES.items():
         own = found["instance_type"] == kind
-        if own.any() and end[own].max() > file.shape(table)[0]:
+        if not own.any():
+            continue
+        wanted = {"x", "y", "visible", *(("score",) if kind == PREDICTED else ())}
+        if lost := sorted(wanted - set(file.fields(table))):
+            raise input_error(file.place(table), f"has no column {lost[0]}", DAMAGED)
+        if end[own].max() > file.shape(table, "points")[0]:
             raise input_error(file.place(table), "ends before the points of instances", DAMAGED)
 
 
 def _replaced(found: dict[str, Integers]) -> NDArray[np.bool_]:
     """Whether each instance is a predicted one for which a user placed another."""
     user = found["instance_type"] == USER
+    if not user.any():
+        return user
     origins = found["from_predicted"][user & (found["from_predicted"] >= 0)]
     tracked = found["track"] != ANYBODY
     keys = np.stack([found["videos"], found["frames"], found["track"]], axis=1)

@@ -108,7 +108,7 @@ def _skeletons(
 
 
 def _type(stated: Any, types: list[int]) -> int:
-    """Return the type of a link: told in full the first time, later by its place among those."""
+    """Return the type of a link: stated in full the first time, later by its place among those."""
     if not isinstance(stated, dict):
         return BODY
     if "py/reduce" in stated:

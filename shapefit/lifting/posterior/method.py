@@ -15,6 +15,9 @@ from shapefit.lifting.posterior.starts import find_starts
 
 Floats = NDArray[np.float64]
 
+CORRELATION = "shape_correlation"
+"""Dataset (n, p, 3) of the correlations of x with y, x with z and y with z of each landmark."""
+
 FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
 
@@ -66,6 +69,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
             "log_evidence": found.log_evidence,
             "plausibility": find_plausibility(found.surprise, seen.sum(axis=1)),
             "belief": np.where(seen, found.belief, np.nan),
+            CORRELATION: found.correlation.swapaxes(1, 2).astype(np.float32),
         },
     )
 

@@ -61,8 +61,9 @@ class Modes:
 class Posterior:
     """The mixture of the modes of n images, nan where there is none.
 
-    mean (n, 3, p) of y and its standard deviations (n, 3, p); covariance (n, 3p, 3p), None where
-    it was not asked for; belief (n, p); rotation (n, 3, 3) and scale (n,) of the most likely mode;
+    mean (n, 3, p) of y, its standard deviations (n, 3, p), and the correlation (n, 3, p) of x with
+    y, x with z, and y with z of each landmark; covariance (n, 3p, 3p), None where it was not asked
+    for; belief (n, p); rotation (n, 3, 3) and scale (n,) of the most likely mode;
     log_evidence (n,) of the image; surprise (n,), twice what
     the log likelihood lacks to that of landmarks exactly where they are expected; rounds (n,), the
     steps of all climbs; modes, those asked for.
@@ -70,6 +71,7 @@ class Posterior:
 
     mean: Floats
     deviation: Floats
+    correlation: Floats
     covariance: Floats | None
     belief: Floats
     rotation: Floats
@@ -109,6 +111,7 @@ def find_posterior(
     found = Posterior(
         mean=np.empty((n, 3, p)),
         deviation=np.empty((n, 3, p)),
+        correlation=np.empty((n, 3, p)),
         covariance=np.empty((full, d, d)),
         belief=np.empty((n, p)),
         rotation=np.empty((n, 3, 3)),
@@ -139,6 +142,7 @@ def find_posterior(
         max_rounds=max_rounds,
         mean=found.mean,
         deviation=found.deviation,
+        correlation=found.correlation,
         covariance=found.covariance,
         belief=found.belief,
         rotation=found.rotation,

@@ -54,10 +54,11 @@ class Motion:
 
 
 class Refined(NamedTuple):
-    """Points (n, 3, p), deviations (n, 3, p) and noise (n,), each sequence writes its own."""
+    """Points, deviations, correlations (n, 3, p) and noise (n,): each sequence writes its own."""
 
     points: Floats
     deviation: Floats
+    correlation: Floats
     noise: Floats
 
 
@@ -83,17 +84,18 @@ class Clips:
 
 def refine_clips(
     clips: Clips, sequences: Sequence[str], motion: Motion, threads: int = 0
-) -> tuple[Floats, Floats, Floats]:
-    """Points (n, 3, p), their standard deviations, and the noise (n,) found in their sequence.
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Points (n, 3, p), their deviations and correlations, and the noise (n,) of their sequence.
 
-    All in the unit of the landmarks. nan in deviations and noise where the inference is that of the
-    images: one is alone or nearly so in its sequence, or the sequence adds nothing
-    (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but steadied. Sequences are
-    refined on `threads` threads, 0 means one per core; the results do not depend on them.
+    All but correlations in the unit of the landmarks. nan in deviations, correlations and noise
+    where the inference is that of the images: one is alone or nearly so in its sequence, or the
+    sequence adds nothing (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but
+    steadied. Sequences are refined on `threads` threads, 0 means one per core; the results do not
+    depend on them.
     """
-    found = Refined(
-        clips.points.copy(), np.full_like(clips.points, np.nan), np.full(len(clips.points), np.nan)
-    )
+    unknown = np.full_like(clips.points, np.nan)
+    noise = np.full(len(clips.points), np.nan)
+    found = Refined(clips.points.copy(), unknown, unknown.copy(), noise)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
     known = finite & (np.sqrt((clips.deviation**2).mean(axis=(1, 2))) < WIDEST * clips.scale)
     clips = replace(
@@ -109,7 +111,7 @@ def refine_clips(
         refine_clip(clips, clip, known[clip], finite[clip], motion, found)
 
     on_threads(long, refine, threads)
-    return found.points, found.deviation, found.noise
+    return found.points, found.deviation, found.correlation, found.noise
 
 
 def refine_clip(
@@ -130,6 +132,7 @@ def refine_clip(
     sigma = find_noise(seen, model)
     smoothed = smooth(seen, model, sigma, deviations=True)
     assert smoothed.deviation is not None
+    assert smoothed.correlation is not None
     if contradicts(seen.start[there], smoothed.points[there], sd):
         spread = np.full_like(seen.start, np.inf)
         spread[there] = sd
@@ -137,6 +140,7 @@ def refine_clip(
         return
     found.points[rows] = unit * smoothed.points[finite]
     found.deviation[rows] = unit * smoothed.deviation[finite]
+    found.correlation[rows] = smoothed.correlation[finite]
     found.noise[rows] = unit * sigma
 
 

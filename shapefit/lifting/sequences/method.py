@@ -12,7 +12,7 @@ from shapefit.convex.problem import Problem
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import Settings
-from shapefit.lifting.posterior.method import lift_to_posterior
+from shapefit.lifting.posterior.method import CORRELATION, lift_to_posterior
 from shapefit.lifting.sequences.clips import Clips, Motion, refine_clips
 from shapefit.lifting.sequences.observations import MOST_MODES
 
@@ -48,7 +48,7 @@ def refine_lifting(
     modes = found.posterior_modes
     weights = lifting.problem.weights
     seen = (weights > 0)[:, None]
-    own = found.deviation
+    own, own_mixed = found.deviation, found.further[CORRELATION]
     if modes is None or own is None:
         raise ValueError("the images have no modes, or no deviations")
     centre = lifting.translation - lifting.scale[:, None] * found.translation
@@ -62,8 +62,9 @@ def refine_lifting(
         misfit=misfit,
         deviation=lifting.scale[:, None, None] * own / np.sqrt(widening),
     )
-    points, deviation, noise = refine_clips(clips, sequences, motion, threads)
+    points, deviation, correlation, noise = refine_clips(clips, sequences, motion, threads)
     single = np.isnan(noise)[:, None, None]
+    mixed = correlation.swapaxes(1, 2).astype(np.float32)
     scaled = np.sqrt(widening) * deviation / lifting.scale[:, None, None]
     return replace(
         lifting,
@@ -74,6 +75,10 @@ def refine_lifting(
             deviation=np.where(single, own, scaled),
             covariance=None,
             posterior_modes=None,
-            further={**found.further, NOISE: noise},
+            further={
+                **found.further,
+                CORRELATION: np.where(single, own_mixed, mixed),
+                NOISE: noise,
+            },
         ),
     )

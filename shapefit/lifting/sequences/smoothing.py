@@ -52,7 +52,8 @@ class Model:
 class Smoothed:
     """points (t, 3, p), lengths (e,), energy, log evidence of the noise up to a constant.
 
-    deviation (t, 3, p) of the points, the lengths held, where it was asked for.
+    deviation (t, 3, p) of the points, the lengths held, where it was asked for, and the correlation
+    (t, 3, p) of x with y, x with z, and y with z of each landmark.
     """
 
     points: Floats
@@ -60,6 +61,7 @@ class Smoothed:
     energy: float
     log_evidence: float
     deviation: Floats | None = None
+    correlation: Floats | None = None
 
 
 def smooth(
@@ -76,7 +78,7 @@ def smooth(
     lengths = (first_lengths(seen.start, model) if start is None else start.lengths).copy()
     hold, known = held_lengths(model, lengths)
     end = np.empty(3)
-    deviation = np.empty((t if deviations else 0, 3 * p))
+    deviation, correlation = np.empty((2, t if deviations else 0, 3 * p))
     core.smooth_sequence(
         landmarks=np.nan_to_num(seen.landmarks).reshape(t, 2 * p),
         weight=further_weight(seen, noise),
@@ -94,6 +96,7 @@ def smooth(
         points=points,
         lengths=lengths,
         deviation=deviation,
+        correlation=correlation,
         end=end,
     )
     energy, log_det = end[:2].tolist()
@@ -104,6 +107,7 @@ def smooth(
         energy=energy,
         log_evidence=-energy - 0.5 * log_det - spread,
         deviation=deviation.reshape(t, 3, p) if deviations else None,
+        correlation=correlation.reshape(t, 3, p) if deviations else None,
     )
 
 

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from shapefit.config.commands.evaluate import MOST_EXAMPLES
 from shapefit.errors import abbreviate, input_error
-from shapefit.evaluation.metric_table import LANDMARKS
+from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, LANDMARKS
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.records import ResultSet, ShapeSet
+from shapefit.meshes.ellipses import covariances
 from shapefit.meshes.pictures import Pose, skeleton_picture
 from shapefit.meshes.views import YAxis
 from shapefit.pipelines.evaluate.judgement import Judgement
@@ -37,7 +38,8 @@ class Lifted:
     """What one result file has to show.
 
     shapes (n, 3, p) and landmarks (n, 2, p) or None, with the p landmarks of the truth in their
-    order, nan where the file lacks one; truth_rows (n), failures and items as in a Judgement.
+    order, nan where the file lacks one; truth_rows (n), failures and items as in a Judgement;
+    deviation and correlation (n, 3, p) where the file has error bars.
     """
 
     file: Path
@@ -47,6 +49,15 @@ class Lifted:
     y_axis: YAxis
     truth_rows: NDArray[np.intp]
     failures: Mapping[str, str]
+    deviation: Floats | None = None
+    correlation: Floats | None = None
+
+    def covariance(self, row: int) -> Floats | None:
+        """Covariance (p, 3, 3) of the landmarks of an image, None where it is not known."""
+        if self.deviation is None:
+            return None
+        correlation = None if self.correlation is None else self.correlation[row]
+        return covariances(self.deviation[row], correlation)
 
 
 def check_examples(wanted: int | Sequence[str], truth: ShapeSet, files: Sequence[Path]) -> None:
@@ -64,6 +75,8 @@ def keep(results: ResultSet, judgement: Judgement, truth: ShapeSet) -> Lifted:
     """Take from a result file what a picture of its images needs."""
     observed = find_dataset(judgement.file, results, LANDMARKS)
     have, want = results.landmark_names, truth.landmark_names
+    bars = [find_dataset(judgement.file, results, wanted) for wanted in (DEVIATION, CORRELATION)]
+    deviation, correlation = (None if b is None else _arranged(b, have, want) for b in bars)
     return Lifted(
         file=judgement.file,
         items=results.items,
@@ -72,6 +85,8 @@ def keep(results: ResultSet, judgement: Judgement, truth: ShapeSet) -> Lifted:
         y_axis=results.y_axis,
         truth_rows=judgement.truth_rows,
         failures=judgement.failures,
+        deviation=deviation,
+        correlation=correlation,
     )
 
 
@@ -97,11 +112,13 @@ def examples_picture(
             raise input_error(file.file, found, "fit to a file that ends in .h5")
         true = truth.shapes[file.truth_rows[row]]
         estimates = {name: found[item][0].shapes[found[item][1]] for name, found in places.items()}
+        bars = {name: found[item][0].covariance(found[item][1]) for name, found in places.items()}
         poses.append(
             Pose(
                 title=item,
                 landmarks=file.landmarks[row],
                 shapes={TRUTH: _laid_onto(estimates[first], true), **estimates},
+                covariances={name: C for name, C in bars.items() if C is not None},
             )
         )
     return skeleton_picture(poses, truth.edges, methods[first][0].y_axis)

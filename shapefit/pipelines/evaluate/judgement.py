@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error
-from shapefit.evaluation.metric_table import METRICS, ROTATION
+from shapefit.evaluation.metric_table import METRICS, ROTATION, TRUE_ROTATION
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 from shapefit.evaluation.summary import ALL
+from shapefit.geometry.normalisation import centroid
 from shapefit.geometry.procrustes import coincide
 from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
 from shapefit.pipelines.evaluate.common_landmarks import common_landmarks
@@ -21,6 +23,7 @@ from shapefit.pipelines.evaluate.result_datasets import find_dataset
 from shapefit.pipelines.items import named_items
 
 Floats = NDArray[np.float64]
+Frame = Literal["object", "camera", "line-of-sight"]
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,8 @@ class Judgement:
     items and sequences (n), a sequence that nobody knows is empty; errors maps a metric and unit
     to (n,), nan where an image failed or, in precision and recall, has nothing to judge; failures
     maps the failed items to the reason; truth_rows (n) index the truth of each image, -1 where
-    there is none.
+    there is none; true_rotation (n, 3, 3), from its frame to that of the camera, None where nobody
+    knows it.
     """
 
     file: Path
@@ -40,15 +44,24 @@ class Judgement:
     failures: Mapping[str, str]
     warnings: tuple[str, ...]
     truth_rows: NDArray[np.intp]
+    true_rotation: Floats | None = None
 
 
 def judge(
-    file: Path, results: ResultSet, truth: ShapeSet, match: str, metrics: Sequence[str]
+    file: Path,
+    results: ResultSet,
+    truth: ShapeSet,
+    match: str,
+    metrics: Sequence[str],
+    *,
+    frame: Frame = "object",
 ) -> Judgement:
     """Measure every image of a result file in the metrics that its datasets allow.
 
     `match` is "item", or the dataset of the results that names the true item of each image.
-    Landmarks are matched by name; those that only one side has are left out. Raises InputError
+    Landmarks are matched by name; those that only one side has are left out. `frame` is that of the
+    truth: its own, from which the dataset `true_rotation` turns it, that of the camera, or that of
+    the camera turned to look straight at each shape. Raises InputError
     where no image or too few landmarks match, and where no metric can be measured.
     """
     if not len(results):
@@ -61,10 +74,13 @@ def judge(
     true = truth.shapes[:, :, match_landmarks(truth.landmark_names, names)][rows]
     true[rows < 0] = np.nan
 
+    rotation = find_rotation(file, results, true, frame)
     errors: dict[Kind, Floats] = {}
     unmeasured: list[str] = []
     for metric in metrics:
         data = {wanted: find_dataset(file, results, wanted) for wanted in datasets_of(metric)}
+        if TRUE_ROTATION in data:
+            data[TRUE_ROTATION] = rotation
         lacking = [wanted for wanted in METRICS[metric].datasets if data[wanted] is None]
         if lacking:
             datasets = " and ".join(f"`{wanted.name}`" for wanted in lacking)
@@ -95,7 +111,29 @@ def judge(
         failures=_failures(results, keys, rows, judged, errors),
         warnings=tuple(warnings),
         truth_rows=rows,
+        true_rotation=rotation,
     )
+
+
+def find_rotation(file: Path, results: ResultSet, true: Floats, frame: Frame) -> Floats | None:
+    """Rotation (n, 3, 3) from the frame of the truth (n, 3, p) to that of the camera.
+
+    None where the results should state it and do not. For the line of sight it takes the centroid
+    of the truth onto the optical axis, by the smallest turn.
+    """
+    if frame == "object":
+        return find_dataset(file, results, TRUE_ROTATION)
+    if frame == "camera":
+        return np.tile(np.eye(3), (len(results), 1, 1))
+    ray = centroid(true, visible_in_both(true, true))
+    length = np.linalg.norm(ray, axis=1)
+    somewhere = (length > 0) & np.isfinite(length)
+    x, y, z = np.where(somewhere[:, None], ray, [0.0, 0.0, 1.0]).T / np.where(somewhere, length, 1)
+    depth, none = np.where(z < 0, -1.0, 1.0), np.zeros(len(ray))
+    K = np.stack([none, none, -depth * x, none, none, -depth * y, depth * x, depth * y, none])
+    K = K.T.reshape(-1, 3, 3)
+    turn: Floats = np.eye(3) + K + K @ K / (1 + np.abs(z))[:, None, None]
+    return turn
 
 
 def _truth_rows(file: Path, keys: Sequence[str], truth: ShapeSet) -> NDArray[np.intp]:

@@ -13,17 +13,22 @@ import numpy as np
 from shapefit import __version__
 from shapefit.config import EvalConfig, ViewConfig
 from shapefit.errors import counted, input_error, path_text, printable
+from shapefit.evaluation.calibration import ErrorBars, cover, image_shares, join
+from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.plots import bars as plots
 from shapefit.evaluation.plots.box_plots import box_plot
+from shapefit.evaluation.plots.calibration_plot import calibration_plot
 from shapefit.evaluation.report import NORMALISED, Method, Report
 from shapefit.evaluation.solving import Run, sum_up
 from shapefit.evaluation.summary import ImageErrors, summarise
 from shapefit.evaluation.tables import csv_json as tables
 from shapefit.evaluation.tables.errors_document import document, markdown
+from shapefit.evaluation.trust import keep_trusted
 from shapefit.io import ResultSet, ShapeSet, read_results, read_shapes
 from shapefit.io.whole.atomic import digests
 from shapefit.io.whole.report_folder import Writer, check_folder, write_folder
 from shapefit.pipelines.drawing import check_can_draw, draws_plots, plots_left_out
+from shapefit.pipelines.evaluate.error_bars import find_plausibility, judge_error_bars
 from shapefit.pipelines.evaluate.examples import Lifted, check_examples, examples_picture, keep
 from shapefit.pipelines.evaluate.floors import Shown, floor_errors, shown_in
 from shapefit.pipelines.evaluate.image_errors import find_grouping, image_errors
@@ -64,15 +69,30 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     if config.floors:
         errors = errors + floor_errors(config.floors.dictionary, truth, found.shown)
     grouping, ungrouped = find_grouping(config.groups, errors)
+    coverage = [c for bars in found.bars for c in cover(bars, grouping)]
     report = Report(
         methods=tuple(found.methods),
         summaries=tuple(s for e in errors for s in summarise(e, grouping)),
         warnings=tuple(map(printable, (*found.warnings, *ungrouped))),
+        coverage=tuple(coverage),
+        kept=tuple(
+            kept
+            for e in found.errors
+            if e.method in found.plausibility and not METRICS[e.metric].of_labels
+            for kept in keep_trusted(e, found.plausibility[e.method], grouping)
+        ),
+        without_bars=tuple(
+            m.name for m in found.methods if m.name not in {bars.method for bars in found.bars}
+        ),
+        parallel=tuple(bars.method for bars in found.bars if bars.parallel),
         provenance=_provenance(config),
     )
-    writers = _tables(errors, report)
+    writers = _tables([*errors, *map(image_shares, found.bars)], report)
     if draws:
         writers |= _plots(errors, grouping)
+        if coverage:
+            drawing = calibration_plot(found.bars, coverage, grouping)
+            writers |= plots.writers("calibration", drawing)
     if examples:
         writers |= plots.writers("examples", examples_picture(examples, found.lifted, truth))
     blocks = [*document(report, MOST_FAILURES), *contact_sheets(found.fitted_with, config.output)]
@@ -106,7 +126,8 @@ class _Found:
     """What is known once all results were judged.
 
     errors and methods in the order of `results`; the warnings, each once; lifted and shown are
-    what examples and floors need, where these are asked for; fitted_with the configs of the fits.
+    what examples and floors need, where these are asked for; fitted_with the configs of the fits;
+    bars and plausibility (by item) of the methods that have them.
     """
 
     methods: list[Method] = field(default_factory=list)
@@ -115,6 +136,8 @@ class _Found:
     lifted: dict[str, list[Lifted]] = field(default_factory=dict)
     shown: dict[str, Shown] = field(default_factory=dict)
     fitted_with: dict[str, list[str]] = field(default_factory=dict)
+    bars: list[ErrorBars] = field(default_factory=list)
+    plausibility: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
 def _judge_all(
@@ -125,20 +148,33 @@ def _judge_all(
     With `keep_all` the shapes stay, to draw examples of them.
     """
     for name, files in config.results.items():
-        judgements, runs, lifted = [], [], []
+        judgements, runs, lifted, bars = [], [], [], []
+        plausibility: dict[str, float] = {}
         for file in files:
             results = read_results(file)
             runs.append(_run_of(results))
             fitted_with = str(results.attributes.get("config", ""))
             found.fitted_with.setdefault(name, []).append(fitted_with)
             results, too_few = visible_enough(file, results, config.least_visible)
-            judgement = judge(file, results, truth, config.match, config.metrics)
+            judgement = judge(
+                file,
+                results,
+                truth,
+                config.match,
+                config.metrics,
+                frame=config.truth_frame,
+            )
             judgements.append(judgement)
+            unjudged: tuple[str, ...] = ()
+            if config.calibration:
+                own, unjudged = judge_error_bars(name, results, truth, judgement)
+                bars += [own] if own else []
+                plausibility |= find_plausibility(judgement, results)
             if keep_all:
                 lifted.append(keep(results, judgement, truth))
             if config.floors:
                 found.shown |= shown_in(results, judgement, config.floors.leave_out)
-            new = [w for w in (*too_few, *judgement.warnings) if w not in found.warnings]
+            new = [w for w in (*too_few, *judgement.warnings, *unjudged) if w not in found.warnings]
             found.warnings += new
             yield Outcome(
                 done=len(judgement.items),
@@ -150,6 +186,10 @@ def _judge_all(
         found.methods.append(_method(name, judgements, runs))
         found.errors += image_errors(name, judgements)
         found.lifted[name] = lifted
+        if bars:
+            found.bars.append(join(bars))
+        if plausibility:
+            found.plausibility[name] = plausibility
 
 
 def _check_distinct(judgements: Sequence[Judgement]) -> None:
@@ -202,7 +242,13 @@ def _provenance(config: EvalConfig) -> dict[str, object]:
 
 
 def _tables(errors: Sequence[ImageErrors], report: Report) -> dict[str, Writer]:
-    return {
+    """Return the writers of the tables; those on error bars only where a method has some."""
+    of_bars: dict[str, Writer] = {}
+    if report.coverage:
+        of_bars["calibration.csv"] = lambda path: tables.write_coverage(path, report.coverage)
+    if report.kept:
+        of_bars["trusted.csv"] = lambda path: tables.write_kept(path, report.kept)
+    return of_bars | {
         "per_image.csv": lambda path: tables.write_per_image(path, errors),
         "report.csv": lambda path: tables.write_report_csv(path, report.summaries),
         "report.json": lambda path: path.write_text(tables.report_json(report), encoding="utf-8"),

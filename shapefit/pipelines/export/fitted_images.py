@@ -18,6 +18,7 @@ from shapefit.meshes.dense import (
     camera_frame_sheared,
     seen_in_perspective,
 )
+from shapefit.meshes.ellipses import covariances
 from shapefit.meshes.pictures import FittedImage
 from shapefit.pipelines.export.carried_mesh import find_meshes, find_obstacle
 from shapefit.pipelines.export.meshes import has_shape
@@ -65,6 +66,7 @@ def fitted_image(
         rotation=required(found.rotation)[0],
         seen_shape=seen_shape[0],
         seen_mesh=None if seen_mesh is None else seen_mesh[0],
+        covariance=_covariance(found),
     )
 
 
@@ -89,6 +91,17 @@ def all_readings(image: FittedImage, found: ResultSet) -> list[FittedImage]:
             )
         )
     return images
+
+
+def _covariance(found: ResultSet) -> Floats | None:
+    """Covariance (p, 3, 3) of the landmarks of one image, where the method knows it."""
+    if found.shape_sd is None:
+        return None
+    correlation = found.extras.get("shape_correlation")
+    return covariances(
+        found.shape_sd[0],
+        None if correlation is None else np.asarray(correlation[0], dtype=float).T,
+    )
 
 
 def _place(found: ResultSet) -> tuple[Floats, Floats]:

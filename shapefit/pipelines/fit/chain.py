@@ -52,6 +52,7 @@ class Chain:
     leave_out: Callable[[LandmarkSet, Dictionary, Lifter], Lifting] | None
     search: Search | None
     program: Program
+    precisions: bool
     method: Callable[[Dictionary], Estimator]
     view: View | None
     sequences: Refinement | None
@@ -84,7 +85,7 @@ def lift_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Li
         dictionary.atoms,
         chain.program,
         chain.method(dictionary),
-        find_covariance(images),
+        find_covariance(images) if chain.precisions else None,
     )
     if agreed is not None:
         lifting = agreed.label(lifting)
@@ -104,6 +105,7 @@ def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
     return Chain(
         sequences=choose_refinement(config, dictionary),
         program=choose_program(config),
+        precisions=METHODS[config.method].precisions,
         search=choose_search(config, solve),
         method=lambda part: choose_method(config.method, choose_settings(config, part, solve)),
         view=choose_view(config),

@@ -29,10 +29,10 @@ def find_camera(images: LandmarkSet, config: ViewingConfig) -> Camera:
     dataset that does not exist, has another shape, or holds what no camera has.
     """
     n = len(images)
-    if config.intrinsics is None:
+    if config.matrices is None:
         focal, centre = np.full((n, 2), config.focal), np.zeros((n, 2))
     else:
-        focal, centre = read_intrinsics(images, config.intrinsics)
+        focal, centre = read_intrinsics(images, config.matrices)
     if config.principal_point is not None:
         centre = np.tile(np.array(config.principal_point), (n, 1))
     return Camera(focal, centre, depth_sign(images.y_axis))

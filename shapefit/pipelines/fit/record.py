@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
+from shapefit.dictionary.size import has_lengths, knows_size, metres_per_unit
 from shapefit.io import LandmarkSet, LandmarkSource, ResultSet
-from shapefit.io.extras import Extras, names_apart
+from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT, Extras, names_apart
 from shapefit.io.formats import find_target_format
 from shapefit.io.layout import RESULTS
 from shapefit.lifting.lift import Lifting, PerspectiveView
@@ -24,7 +25,7 @@ Floats = NDArray[np.float64]
 OF_A_RESULT = RESULTS.names | {
     *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
     *("camera_translation", "focal", "principal_point", "position", "left_out"),
-    "shape_covariance",
+    *("shape_covariance", METRES_PER_UNIT),
     *(name for method in METHODS.values() for name in method.further),
 }
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
@@ -65,11 +66,19 @@ def as_result(
         transforms=where_fitted(found.transforms) if config.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
-        frame_rate=images.frame_rate,
+        frame_rate=config.sequences.frame_rate or images.frame_rate,
+        attributes=size_attributes(dictionary),
         extras=further_datasets(images, lifting, config, dictionary),
     )
     record = with_trees(with_readings(record, lifting), lifting)
     return with_proof(record, lifting, config) if config.proof else record
+
+
+def size_attributes(dictionary: Dictionary) -> dict[str, str | float | int]:
+    """Say by what the sizes of the shapes in metres were found, where they are known."""
+    if not knows_size(dictionary):
+        return {}
+    return {METRES_FROM: "edges" if has_lengths(dictionary) else "spread"}
 
 
 def scaled_deviation(lifting: Lifting) -> Floats | None:
@@ -132,6 +141,7 @@ def further_datasets(
         "tight": found.tight,
         "outliers": found.outliers,
         "shape_covariance": covariance_by_landmark(lifting),
+        METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
         **found.further,
     }
     if config.leave_out is not None:

@@ -6,8 +6,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
 from shapefit.core import STRETCH
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import abbreviate, counted, input_error
+from shapefit.errors import counted, input_error
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
@@ -28,29 +27,29 @@ from shapefit.io import (
     result_writer,
 )
 from shapefit.io.formats import find_target_format
-from shapefit.io.options import Track
-from shapefit.io.records import nearest_names
+from shapefit.io.options import OutputOptions, Track
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
+from shapefit.pipelines.fit.joints import as_joints, find_joints
+from shapefit.pipelines.fit.landmark_names import check_enough, find_strange, name_warnings
+from shapefit.pipelines.fit.lens import find_calibrated, find_doubts, straightened
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.searched import Ambiguous
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, nothing_in
 from shapefit.pipelines.reading import input_options
 
-FEWEST_LANDMARKS = 3
-"""Of a file that the dictionary must know, so that it can do without the others."""
-
 READ_AHEAD = 4096
 """Images that are read before the first whole sequences of them are lifted."""
 
 
-def run(config: FitConfig) -> Iterator[Outcome]:
-    """Lift every image of the landmark files; yields an Outcome per chunk."""
+def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
+    """Lift every image of the landmark files, or these rows of the one; an Outcome per chunk."""
     check_holds_all(config)
+    calibrated = find_calibrated(config.camera)
     dictionary = read_dictionary(config.dictionary)
     chain = choose_chain(config, dictionary)
     unknown = None
@@ -62,9 +61,9 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     options = input_options(config.input, default_track(config))
     solve_seconds, done = 0.0, 0
     with (
-        open_landmarks(config.landmarks, options) as source,
+        open_landmarks(config.landmarks, options, rows) as source,
         open_exports(config, dictionary, source.count) as exports,
-        result_writer(config.output) as writer,
+        result_writer(config.output, OutputOptions(height=config.height)) as writer,
     ):
         for images, lifting, record, seconds in fit_chunks(source, config, dictionary, chain):
             if unknown:
@@ -80,10 +79,11 @@ def run(config: FitConfig) -> Iterator[Outcome]:
                 failures=find_failures(images, lifting, config),
                 warnings=find_warnings(images, lifting, config),
             )
-        names = dictionary.landmark_names
-        strange = find_strange(source.landmark_names, names)
+        names = name_warnings(source.landmark_names, dictionary.landmark_names)
         left_in = unknown.warnings if unknown else ()
-        inputs = (*config.landmarks, config.dictionary)
+        # A part of a file is known by the manifest: nobody reads the whole file for each part.
+        read = config.landmarks if rows is None else ()
+        inputs = digests((*read, config.dictionary))
         writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
         # Taken back where the result cannot be completed, which happens on leaving this block.
         exports.publish()
@@ -93,13 +93,15 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         + source.notes
         + mismatch(config, dictionary)
         + find_renamed(source, config)
-        + left_out_landmarks(strange, names)
+        + names
         + rate_warnings(source.frame_rate, config)
+        + find_doubts(source.head.extras, calibrated)
         + left_in
         + ambiguous.warnings
-        + exports.warnings,
-        note=exports.note,
-        written=(config.output, *exports.folders, *exports.sheets),
+        + exports.warnings
+        + writer.summary.warnings,
+        note="; ".join(filter(None, (exports.note, writer.summary.note))),
+        written=(*(writer.summary.written or (config.output,)), *exports.folders, *exports.sheets),
     )
 
 
@@ -116,10 +118,15 @@ def fit_chunks(
     source: LandmarkSource, config: FitConfig, dictionary: Dictionary, chain: Chain
 ) -> Iterator[Fitted]:
     """From landmarks to the records of a result, chunk by chunk."""
-    names = dictionary.landmark_names
-    strange = find_strange(source.landmark_names, names)
+    names, place = dictionary.landmark_names, source_names(config)
+    joints = find_joints(source.landmark_names, names)
+    met = joints.rename(source.landmark_names)
+    check_enough(met, names, place)
+    strange = find_strange(met, names)
+    calibrated = find_calibrated(config.camera)
     for chunk in find_chunks(source, config):
-        images = chunk.arrange(names, source_names(config), leave_out=bool(strange))
+        straight = as_joints(straightened(chunk, calibrated), joints, place)
+        images = straight.arrange(names, place, leave_out=bool(strange))
         began = time.perf_counter()
         lifting = fit_images(images, dictionary, chain)
         seconds = time.perf_counter() - began
@@ -134,15 +141,15 @@ def default_track(config: FitConfig) -> Track:
 
 
 def attributes_of(
-    config: FitConfig, inputs: Sequence[Path], seconds: float, images: int
+    config: FitConfig, inputs: Mapping[str, str], seconds: float, images: int
 ) -> dict[str, str | float | int]:
-    """Return what is stored of a fit beside its images, `inputs` by their digests."""
+    """Return what is stored of a fit beside its images; `inputs` are the digests of its files."""
     return {
         "method": config.method,
         "version": __version__,
         "config": config.as_json(),
         "config_digest": hashlib.sha256(config.as_json().encode()).hexdigest(),
-        "inputs": json.dumps(digests(inputs)),
+        "inputs": json.dumps(inputs),
         "solve_seconds": seconds,
         "images_per_second": images / seconds if seconds > 0 else 0.0,
     }
@@ -189,23 +196,6 @@ def rate_warnings(rate: float | None, config: FitConfig) -> tuple[str, ...]:
     )
 
 
-def find_strange(own: Sequence[str], known: Sequence[str]) -> list[str]:
-    """List the landmarks that the dictionary lacks and a fit can do without: three others match."""
-    strange = [name for name in own if name not in set(known)]
-    return strange if len(own) - len(strange) >= FEWEST_LANDMARKS else []
-
-
-def left_out_landmarks(strange: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """Warn of landmarks that the dictionary lacks, with the names that they may mean."""
-    if not strange:
-        return ()
-    near = {name: nearest_names(name, known)[:1] for name in strange}
-    pairs = [f"{name}: {close[0]}" for name, close in near.items() if close]
-    hint = f"; if they are the same: `rename: {{{', '.join(pairs[:5])}}}`" if pairs else ""
-    found = f"{counted(len(strange), 'landmark')} left out, which the dictionary lacks"
-    return (f"{found} ({abbreviate(strange)}){hint}",)
-
-
 def find_failures(images: LandmarkSet, lifting: Lifting, config: FitConfig) -> tuple[Failure, ...]:
     """List the items without a shape and, where `strict`, those that are not optimal."""
     reasons = dict(lifting.failures)
@@ -239,10 +229,14 @@ def find_warnings(
             )
         )
     if images.confidence is not None and (images.confidence > 1).any():
-        found.append(
-            "confidences above 1: they are weights, and larger ones count more against `lambda`; "
-            "divide them by their largest value if that is not intended"
+        what = (
+            "they make a landmark more precise than the model otherwise believes, whose standard "
+            "deviations they divide"
+            if METHODS[config.method].precisions
+            else "they are weights, and larger ones count more against `lambda`"
         )
+        fix = "divide them by their largest value if that is not intended"
+        found.append(f"confidences above 1: {what}; {fix}")
     plausibility = lifting.estimate.further.get("plausibility")
     if plausibility is not None:
         doubtful = int((plausibility < config.posterior.implausible).sum())

@@ -14,7 +14,6 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import match_landmarks
 from shapefit.io.extras import Extras
-from shapefit.pipelines.learn_dict.symmetry import find_partners
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes
 
 Floats = NDArray[np.float64]
@@ -84,14 +83,13 @@ def vary_shapes(config: LearnDictConfig, training: TrainingShapes) -> Floats:
     except ValueError as error:
         fix = "give shapes whose `edges` are bones, or leave out `stretch`, `exchange` and `copies`"
         raise input_error("prior", str(error), fix) from None
-    partners = None if config.symmetry == "none" else find_partners(training.original, config)
     varied = vary(
         shapes,
         skeleton,
         copies=options.copies,
         stretch=options.stretch,
         exchange=options.exchange,
-        partners=partners,
+        partners=training.partners,
     )
     varied = normalise(varied).points
     if config.align == "none":

@@ -16,9 +16,10 @@ from shapefit.dictionary.coding import duality_gaps, objectives
 from shapefit.dictionary.learning import Learned, learn
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.pca_bases import principal_components
+from shapefit.dictionary.size import find_edge_length
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import ShapeSet, check_output, digests, read_shapes, write_dictionary
+from shapefit.io import ShapeSet, check_output, digests, open_shapes, write_dictionary
 from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
@@ -39,10 +40,10 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     cannot be read or written, and as `make_dictionary` does.
     """
     check_output(config.output)
-    making = make_dictionary(
-        read_shapes(config.shapes, input_options(config.input)), config, digests(config.shapes)
-    )
+    given, notes = read_given(config)
+    making = make_dictionary(given, config, digests(config.shapes))
     outcome = next(making)
+    outcome = replace(outcome, warnings=notes + outcome.warnings)
     while True:
         try:
             following = next(making)
@@ -53,6 +54,12 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
         outcome = following
     write_dictionary(config.output, dictionary)
     yield replace(outcome, written=(config.output,))
+
+
+def read_given(config: LearnDictConfig) -> tuple[ShapeSet, tuple[str, ...]]:
+    """Read the shapes to learn from, and warnings of what was left out of their files."""
+    with open_shapes(config.shapes, input_options(config.input)) as source:
+        return source.whole(), source.notes
 
 
 def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[str, str]) -> Making:
@@ -83,6 +90,7 @@ def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[st
         "version": __version__,
         "config": config.as_json(),
         "inputs": json.dumps(inputs),
+        **{key: text for key, text in config.origin if text is not None},
     }
     return replace(made, prior=prior, provenance=provenance)
 
@@ -185,13 +193,16 @@ def _dead_atoms(learned: Learned) -> Iterator[str]:
 
 def _dictionary(training: TrainingShapes, atoms: Floats) -> Dictionary:
     """Return what the dictionaries of all methods have."""
+    edges = training.original.edges
     return Dictionary(
         atoms=atoms,
         landmark_names=training.original.landmark_names,
         mean_shape=normalise(training.alignment.mean).points,
-        edges=training.original.edges,
+        edges=edges,
+        mirror_index=training.partners,
         unit=training.original.unit,
         acceleration=training.acceleration,
         edge_give=training.give,
+        edge_length=None if edges is None else find_edge_length(training.original.shapes, edges),
         frame_rate=None if training.acceleration is None else training.original.frame_rate,
     )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from shapefit.geometry.normalisation import SMALLEST, normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
 from shapefit.io import ShapeSet, match_landmarks
 from shapefit.meshes.dense import carry_mesh
-from shapefit.pipelines.learn_dict.symmetry import apply_symmetry
+from shapefit.pipelines.learn_dict.symmetry import apply_symmetry, find_partners
 from shapefit.pipelines.outcome import Failure
 
 Floats = NDArray[np.float64]
@@ -28,8 +29,9 @@ class TrainingShapes:
 
     scale (n,): shape j measures scale[j] * alignment.shapes[j]; mesh_vertices (n, 3, q) in the
     frame and on the scale of alignment.shapes, None where there are no meshes. Of all shapes given:
-    acceleration (p,), None where they are no sequences; give (e,), None without edges. failures:
-    the shapes that should have been among them; warnings about the rest.
+    acceleration (p,), None where they are no sequences; give (e,), None without edges.
+    partners (p,): the other side of each landmark, None where the config asks for no symmetry.
+    failures: the shapes that should have been among them; warnings about the rest.
     """
 
     original: ShapeSet
@@ -38,6 +40,7 @@ class TrainingShapes:
     mesh_vertices: Floats | None
     acceleration: Floats | None
     give: Floats | None
+    partners: NDArray[np.int64] | None
     failures: tuple[Failure, ...]
     warnings: tuple[str, ...]
 
@@ -79,17 +82,26 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
         mesh_vertices=None if mesh is None else carry_mesh(mesh, normalised, alignment.rotations),
         acceleration=acceleration,
         give=give,
+        partners=None if config.symmetry == "none" else find_partners(usable, config),
         failures=failures,
         warnings=tuple(find_warnings(usable, shapes, alignment)),
     )
 
 
-def every_nth(sequences: tuple[str, ...], n: int) -> list[int]:
-    """Return the indices of every n-th item of each sequence, its first one included."""
+def every_nth(sequences: tuple[str, ...], n: int | Mapping[str, int]) -> list[int]:
+    """Return the indices of every n-th item of each sequence, its first one included.
+
+    In a mapping the first glob that fits the name of a sequence gives its n; 1 where none does.
+    """
+    globs = {"*": n} if isinstance(n, int) else n
+    steps = {
+        name: next((step for glob, step in globs.items() if fnmatchcase(name, glob)), 1)
+        for name in set(sequences)
+    }
     seen: Counter[str] = Counter()
     kept = []
     for index, sequence in enumerate(sequences):
-        if seen[sequence] % n == 0:
+        if seen[sequence] % steps[sequence] == 0:
             kept.append(index)
         seen[sequence] += 1
     return kept

@@ -118,8 +118,13 @@ def test_deviations_are_those_of_the_dense_inverse(images, body, model, frames):
     found = smooth(seen, model, 0.03, deviations=True)
     y = found.points.reshape(frames, -1)
     whole = Objective(seen, model, 0.03).matrix(y)
-    expected = np.sqrt(np.diag(np.linalg.inv(whole)))
+    covariance = np.linalg.inv(whole)
+    expected = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(found.deviation.reshape(-1), expected, rtol=1e-6)
+    correlation = (covariance / np.outer(expected, expected)).reshape(2 * (frames, 3, 5))
+    for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
+        own = np.einsum("tjtj->tj", correlation[:, a][:, :, :, b])
+        np.testing.assert_allclose(found.correlation[:, row], own, atol=1e-9)
 
 
 def test_the_noise_is_found_in_the_sequence(images, body, model):
@@ -215,7 +220,7 @@ def test_single_images_cost_next_to_nothing(rng):
     motion = clips_of.Motion(np.array([[0, 1]]), np.ones(p), np.ones(1))
     names = tuple(map(str, range(n)))
     began = time.process_time()
-    found, deviation, noise = clips_of.refine_clips(clips, names, motion, threads=1)
+    found, deviation, _, noise = clips_of.refine_clips(clips, names, motion, threads=1)
     assert time.process_time() - began < 20e-6 * n
     np.testing.assert_array_equal(found, points)
     assert np.isnan(deviation).all()

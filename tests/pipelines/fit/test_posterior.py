@@ -61,6 +61,11 @@ def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, tmp_path, wit
     assert covariance.shape == (8, 30, 30)
     variance = np.diagonal(covariance, axis1=1, axis2=2).reshape(8, 10, 3)
     assert found.shape_sd.swapaxes(1, 2) ** 2 == pytest.approx(variance)
+    blocks = covariance.reshape(8, 10, 3, 10, 3)
+    sd, correlation = found.shape_sd.swapaxes(1, 2), found.extras["shape_correlation"]
+    for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
+        own = np.einsum("npp->np", blocks[:, :, a, :, b]) / (sd[..., a] * sd[..., b])
+        assert correlation[..., row] == pytest.approx(own, abs=1e-6)
     assert ((found.extras["plausibility"] >= 0) & (found.extras["plausibility"] <= 1)).all()
     assert set(found.status) == {"converged"}
     larger = replace(images, landmarks=10 * images.landmarks)
@@ -79,8 +84,21 @@ def test_noise_widens_and_a_covariance_of_each_landmark_takes_its_place(
     same, _ = fit(tmp_path, with_prior, told, method="posterior")
     assert same.shapes == pytest.approx(noisy.shapes)
     wrong = replace(images, extras={"landmark_covariance": -each})
+    fit(tmp_path, with_prior, wrong, method="convex")  # which does not use it
     with pytest.raises(InputError, match="negative variance"):
         fit(tmp_path, with_prior, wrong, method="posterior")
+
+
+@pytest.mark.parametrize("method", ["posterior", "sequences"])
+def test_what_confidences_above_one_do_is_told(fit, tmp_path, with_prior, images, method):
+    known = read_dictionary(with_prior)
+    write_dictionary(with_prior, replace(known, edges=np.array([[0, 1], [1, 2]])))
+    sure = replace(images, confidence=np.full((8, 10), 3.0))
+    _, outcomes = fit(tmp_path, with_prior, sure, method=method)
+    told = {w for out in outcomes for w in map(str, out.warnings) if "confidences above 1" in w}
+    (warning,) = told
+    assert "more precise than the model otherwise believes" in warning
+    assert "lambda" not in warning
 
 
 def test_implausible_images_are_reported_and_keep_their_status(fit, tmp_path, with_prior, images):

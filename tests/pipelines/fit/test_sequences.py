@@ -156,10 +156,10 @@ def test_landmarks_are_renamed_and_strange_ones_left_out(people, tmp_path):
     names = list(images.landmark_names)
     odd = replace(images, landmark_names=("first", *names[1:-1], names[-1] + "x"))
     path = written(tmp_path / "odd.h5", odd)
-    result, warnings = fitted(people, path, method="convex", rename={"first": names[0]})
+    result, warnings = fitted(people, path, method="convex", input={"rename": {"first": names[0]}})
     assert any(f"{names[-1]}x: {names[-1]}" in text for text in warnings)
     assert result.landmark_names == tuple(names)
     with pytest.raises(InputError, match=r"no landmark fist.*did you mean 'fist' -> 'first'"):
-        fitted(people, path, method="convex", rename={"fist": names[0]})
+        fitted(people, path, method="convex", input={"rename": {"fist": names[0]}})
     with pytest.raises(InputError, match="gives the name"):
-        fitted(people, path, method="convex", rename={"first": names[1]})
+        fitted(people, path, method="convex", input={"rename": {"first": names[1]}})

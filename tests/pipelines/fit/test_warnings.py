@@ -43,6 +43,7 @@ def warnings(tmp_path, rng):
 def test_confidences_above_one_are_told(warnings):
     (warning,) = warnings(3, 95.0)
     assert warning.startswith("confidences above 1: ")
+    assert "`lambda`" in warning
     for confidence in (None, 0.5, 1.0):
         assert warnings(3, confidence) == []
 

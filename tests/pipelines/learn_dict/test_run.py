@@ -12,6 +12,7 @@ import pytest
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.learning import learn
+from shapefit.dictionary.origin import origin_of
 from shapefit.dictionary.pca_bases import principal_components
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import centroid, normalise, spread
@@ -94,6 +95,20 @@ class TestDictionary:
         np.testing.assert_array_equal(dictionary.edges, EDGES)
         assert dictionary.mesh_vertices is None
 
+    def test_several_files_are_one_set_of_shapes(self, config, shapes, tmp_path):
+        _, whole = learned(config())
+        write_shapes(tmp_path / "walk.h5", shapes.take(slice(0, 10)))
+        write_shapes(tmp_path / "run.h5", shapes.take(slice(10, 30)))
+        files = [str(tmp_path / "walk.h5"), str(tmp_path / "run.h5")]
+        _, joined = learned(config(shapes=files))
+        np.testing.assert_array_equal(joined.atoms, whole.atoms)
+
+    def test_knows_how_long_its_edges_were(self, config, shapes):
+        i, j = EDGES.T
+        lengths = np.linalg.norm(shapes.shapes[:, :, i] - shapes.shapes[:, :, j], axis=1)
+        _, dictionary = learned(config())
+        np.testing.assert_allclose(dictionary.edge_length, lengths.mean(axis=0))
+
     def test_says_where_it_comes_from(self, config, tmp_path):
         _, dictionary = learned(made := config(beta=0.2))
         assert dictionary.provenance["version"] == __version__
@@ -101,6 +116,13 @@ class TestDictionary:
         assert dictionary.provenance["config"] == made.as_json()
         source = tmp_path / "train.h5"
         assert json.loads(dictionary.provenance["inputs"]) == {str(source): digest(source)}
+
+    def test_says_whose_shapes_they_are(self, config):
+        _, dictionary = learned(config())
+        assert origin_of(dictionary) == (None, None, None)
+        said = {"source": "a zoo", "licence": "CC0", "acknowledgement": "thank the zoo"}
+        _, dictionary = learned(config(origin=said))
+        assert origin_of(dictionary)._asdict() == said
 
     def test_beta_of_the_config_is_used(self, config, shapes):
         _, dictionary = learned(config(beta=1.0))
@@ -149,6 +171,12 @@ class TestEvery:
 
     def test_one_keeps_all(self):
         assert every_nth(("a", "b", "a"), 1) == [0, 1, 2]
+
+    def test_the_first_glob_that_fits_a_sequence_counts(self):
+        sequences = ("a_1",) * 4 + ("b_1",) * 3 + ("a_1",) * 3 + ("c",) * 2
+        globs = {"a_*": 3, "*_1": 2}
+        assert every_nth(sequences, globs) == [0, 3, 4, 6, 9, 10, 11]
+        assert every_nth(sequences, {"*": 3}) == every_nth(sequences, 3)
 
     def test_the_rest_is_not_learned_from(self, config, shapes, tmp_path):
         _, thinned = learned(config(every=3))
@@ -280,7 +308,7 @@ class TestFailures:
         points = shapes.shapes.copy()
         points[4, 0, 0], points[7, 1, 2] = np.nan, np.inf
         spoiled = replace(shapes, shapes=points)
-        monkeypatch.setattr(learn_dict, "read_shapes", lambda *_: spoiled)
+        monkeypatch.setattr(learn_dict, "read_given", lambda *_: (spoiled, ()))
         outcomes, dictionary = learned(config())
         assert failures(outcomes) == dict.fromkeys(("item4", "item7"), "a coordinate is not finite")
         assert np.isfinite(dictionary.atoms).all()

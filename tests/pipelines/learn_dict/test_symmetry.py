@@ -48,6 +48,13 @@ def make(tmp_path, shapes):
     return run
 
 
+def test_the_dictionary_knows_the_pairs(make):
+    for symmetry in ("symmetrise", "double"):
+        dictionary, _ = make(symmetry=symmetry)
+        np.testing.assert_array_equal(dictionary.mirror_index, PARTNERS)
+    assert make()[0].mirror_index is None
+
+
 def test_symmetric_atoms_are_their_own_mirror_images(make, shapes):
     dictionary, _ = make(symmetry="symmetrise")
     np.testing.assert_allclose(mirror(dictionary.atoms, PARTNERS, 2), dictionary.atoms, atol=1e-15)

@@ -1,0 +1,240 @@
+"""Files as trackers of animals write them, made of given points: for tests and measurements.
+
+Points are (frames, individuals, landmarks, 2 or 3), confidence (frames, individuals, landmarks).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Names = Sequence[str]
+
+FRAME = [("frame_id", "<u8"), ("video", "<u4"), ("frame_idx", "<u8")]
+FRAME += [("instance_id_start", "<u8"), ("instance_id_end", "<u8")]
+INSTANCE = [("instance_id", "<i8"), ("instance_type", "u1"), ("frame_id", "<u8")]
+INSTANCE += [("skeleton", "<u4"), ("track", "<i4"), ("from_predicted", "<i8"), ("score", "<f4")]
+INSTANCE += [("point_id_start", "<u8"), ("point_id_end", "<u8"), ("tracking_score", "<f4")]
+POINT = [("x", "<f8"), ("y", "<f8"), ("visible", "?"), ("complete", "?")]
+
+
+def landmark_names(count: int) -> tuple[str, ...]:
+    """Return names for landmarks."""
+    return tuple(f"point{number}" for number in range(count))
+
+
+def individual_names(count: int) -> tuple[str, ...]:
+    """Return names for individuals."""
+    return tuple(f"animal{number}" for number in range(count))
+
+
+def _columns(points: Floats, confidence: Floats) -> tuple[list[tuple[str, ...]], Floats]:
+    """Return the columns of DeepLabCut (individual, landmark, coordinate), and the rows."""
+    _, many, p, d = points.shape
+    axes = ("x", "y", "likelihood") if d == 2 else ("x", "y", "z")
+    values = points if d == 3 else np.concatenate([points, confidence[..., None]], axis=-1)
+    columns = [
+        ("net", *((who,) if many > 1 else ()), landmark, axis)
+        for who in individual_names(many)
+        for landmark in landmark_names(p)
+        for axis in axes
+    ]
+    return columns, values.reshape(len(points), -1)
+
+
+def write_deeplabcut_csv(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write a table of predictions as CSV."""
+    columns, rows = _columns(points, confidence)
+    levels = ["scorer", "individuals", "bodyparts", "coords"]
+    if points.shape[1] == 1:
+        levels.remove("individuals")
+    with path.open("w", encoding="utf-8") as file:
+        for level, names in zip(levels, zip(*columns, strict=True), strict=True):
+            file.write(f"{level},{','.join(names)}\n")
+        for number, row in enumerate(rows.tolist()):
+            cells = ("" if value != value else repr(value) for value in row)
+            file.write(f"{number},{','.join(cells)}\n")
+
+
+def pickled(columns: Sequence[tuple[str, ...]]) -> bytes:
+    """Return a list of tuples of names as pandas pickles it."""
+    tuples = ("(" + "".join(f"V{name}\n" for name in column) + "ta" for column in columns)
+    return b"(l" + "".join(tuples).encode() + b"."
+
+
+def write_deeplabcut_hdf5(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write a table of predictions as PyTables stores it."""
+    columns, rows = _columns(points, confidence)
+    table = np.zeros(len(rows), [("index", "<i8"), ("values_block_0", "<f8", rows.shape[1:])])
+    table["index"], table["values_block_0"] = np.arange(len(rows)), rows
+    with h5py.File(path, "w") as file:
+        group = file.create_group("df_with_missing")
+        group.attrs["pandas_type"] = np.bytes_(b"frame_table")
+        size = max(1, (1 << 16) // table.itemsize)
+        dataset = group.create_dataset("table", data=table, chunks=(size,), maxshape=(None,))
+        dataset.attrs["index_kind"] = np.bytes_(b"integer")
+        dataset.attrs["values_block_0_kind"] = np.bytes_(pickled(columns))
+
+
+def write_deeplabcut_fixed(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write a table of labels in the fixed layout of pandas."""
+    columns, rows = _columns(points, confidence)
+    with h5py.File(path, "w") as file:
+        group = file.create_group("df_with_missing")
+        group.attrs["pandas_type"] = np.bytes_(b"frame")
+        group.attrs["nblocks"] = 1
+        group.attrs["block0_items_variety"] = np.bytes_(b"multi")
+        group.attrs["axis1_variety"] = np.bytes_(b"regular")
+        for number, level in enumerate(zip(*columns, strict=True)):
+            known = list(dict.fromkeys(level))
+            group[f"block0_items_level{number}"] = np.array(known, "S")
+            group[f"block0_items_label{number}"] = np.array([known.index(n) for n in level], "i1")
+        group["axis1"] = np.array([f"labeled/video/img{i:05}.png" for i in range(len(rows))], "S")
+        group["block0_values"] = rows
+        group["block0_values"].attrs["transposed"] = np.uint8(1)
+
+
+def write_sleap_analysis(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write an analysis file in SLEAP's order of axes."""
+    n, many, p, _ = points.shape
+    with h5py.File(path, "w") as file:
+        file.create_dataset("tracks", data=points.transpose(1, 3, 2, 0), compression="gzip")
+        file.create_dataset("point_scores", data=confidence.transpose(1, 2, 0), compression="gzip")
+        file["node_names"] = np.array(landmark_names(p), "S")
+        file["track_names"] = np.array(individual_names(many), "S")
+        file["track_occupancy"] = np.ones((n, many), "u1")
+        file["edge_inds"] = np.array([[0, 1]])
+
+
+def write_slp(
+    path: Path, points: Floats, confidence: Floats, *, users: Mapping[int, int] | None = None
+) -> None:
+    """Write predicted instances as SLEAP does, the track `users` gives for a frame also by hand."""
+    n, many, p, _ = points.shape
+    by_hand = users or {}
+    rows: list[tuple[Any, ...]] = []
+    frames = np.zeros(n, FRAME)
+    placed: list[Floats] = []
+    for number in range(n):
+        first = len(rows)
+        for who in range(many):
+            start = (number * many + who) * p
+            rows.append((len(rows), 1, number, 0, who, -1, 1.0, start, start + p, 0.0))
+        if number in by_hand:
+            start = p * len(placed)
+            rows.append((len(rows), 0, number, 0, by_hand[number], -1, 0, start, start + p, 0.0))
+            placed.append(points[number, by_hand[number]] + 1)
+        frames[number] = (number, 0, number, first, len(rows))
+    with h5py.File(path, "w") as file:
+        file["frames"] = frames
+        file["instances"] = np.array(rows, INSTANCE)
+        every = points.reshape(-1, 2)
+        file.create_dataset(
+            "pred_points", data=_points(every, confidence.ravel()), chunks=(min(1024, len(every)),)
+        )
+        file["points"] = _points(np.reshape(placed, (-1, 2)))
+        metadata = file.create_group("metadata")
+        metadata.attrs["format_id"] = 1.2
+        links = [{"source": 0, "target": 1, "type": {"py/reduce": [{}, {"py/tuple": [1]}]}}]
+        skeleton = {"nodes": [{"id": number} for number in range(p)], "links": links}
+        nodes = [{"name": name} for name in landmark_names(p)]
+        metadata.attrs["json"] = json.dumps({"skeletons": [skeleton], "nodes": nodes})
+        tracks = [json.dumps([0, name]) for name in individual_names(many)]
+        file["tracks_json"] = np.array(tracks, "S")
+        file["videos_json"] = np.array([json.dumps({"backend": {"filename": "video.mp4"}})], "S")
+
+
+def _points(points: Floats, score: Floats | None = None) -> NDArray[Any]:
+    table = np.zeros(len(points), POINT if score is None else [*POINT, ("score", "<f8")])
+    table["x"], table["y"] = points.T
+    table["visible"] = True
+    if score is not None:
+        table["score"] = score
+    return table
+
+
+def write_nwb(path: Path, points: Floats, confidence: Floats, *, rate: float = 30.0) -> None:
+    """Write a PoseEstimation for each individual, with a skeleton."""
+    _, many, p, _ = points.shape
+    text = h5py.string_dtype()
+    with h5py.File(path, "w") as file:
+        file.attrs["nwb_version"] = "2.7.0"
+        module = file.create_group("processing/behavior")
+        skeleton = module.create_group("Skeletons/Skeleton")
+        skeleton.create_dataset("nodes", data=list(landmark_names(p)), dtype=text)
+        skeleton["edges"] = np.array([[0, 1]], "u1")
+        for who, name in enumerate(individual_names(many)):
+            group = module.create_group(name)
+            group.attrs["neurodata_type"] = "PoseEstimation"
+            for landmark, node in enumerate(landmark_names(p)):
+                series = group.create_group(node)
+                series.attrs["neurodata_type"] = "PoseEstimationSeries"
+                series["data"] = points[:, who, landmark]
+                series["data"].attrs["unit"] = "pixels"
+                series["confidence"] = confidence[:, who, landmark]
+                series["starting_time"] = 0.0
+                series["starting_time"].attrs["rate"] = rate
+
+
+def write_movement(path: Path, points: Floats, confidence: Floats, *, plural: bool = True) -> None:
+    """Write poses as xarray stores them, with the names of axes of older or newer versions."""
+    n, many, p, d = points.shape
+    ending = "s" if plural else ""
+    scales = {
+        "time": np.arange(n) / 30,
+        "space": list("xyz"[:d]),
+        f"keypoint{ending}": list(landmark_names(p)),
+        f"individual{ending}": list(individual_names(many)),
+    }
+    with h5py.File(path, "w") as file:
+        file.attrs["ds_type"], file.attrs["fps"] = "poses", np.array([30.0])
+        for name, values in scales.items():
+            file[name] = values
+            file[name].make_scale(name)
+        file["position"] = points.transpose(0, 3, 2, 1)
+        file["confidence"] = confidence.transpose(0, 2, 1)
+        time, space, keypoint, individual = scales
+        for dataset, axes in (
+            ("position", (time, space, keypoint, individual)),
+            ("confidence", (time, keypoint, individual)),
+        ):
+            for number, axis in enumerate(axes):
+                file[dataset].dims[number].attach_scale(file[axis])
+
+
+def write_jabs(path: Path, points: Floats, confidence: Floats, *, version: int = 4) -> None:
+    """Write a pose file: of one mouse for version 2, of several with tracks or identities."""
+    n, many, _, _ = points.shape
+    swapped = np.nan_to_num(points[..., ::-1]).astype("u2")
+    scores = np.where(np.isfinite(points).all(axis=-1), confidence, 0).astype("f4")
+    with h5py.File(path, "w") as file:
+        group = file.create_group("poseest")
+        if version == 2:
+            group["points"], group["confidence"] = swapped[:, 0], scores[:, 0]
+            return
+        group.attrs["version"] = np.array([version, 0], "u2")
+        group["points"], group["confidence"] = swapped, scores
+        group["instance_count"] = np.full(n, many, "u1")
+        group["instance_track_id"] = np.tile(np.arange(many, dtype="u4"), (n, 1))
+        if version > 3:
+            group["instance_embed_id"] = np.tile(1 + np.arange(many, dtype="u4"), (n, 1))
+
+
+WRITERS: dict[str, Callable[..., None]] = {
+    "table.csv": write_deeplabcut_csv,
+    "table.h5": write_deeplabcut_hdf5,
+    "fixed.h5": write_deeplabcut_fixed,
+    "tracks.analysis.h5": write_sleap_analysis,
+    "labels.slp": write_slp,
+    "poses.nwb": write_nwb,
+    "poses.nc": write_movement,
+    "mice_pose_est_v4.h5": write_jabs,
+}
+"""What writes a file of each format, by a name for it."""

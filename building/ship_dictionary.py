@@ -1,0 +1,62 @@
+"""Make a dictionary small enough for the package: single precision, compressed, without folders.
+
+Usage: python building/ship_dictionary.py LEARNED.h5 shapefit/dictionaries/NAME.h5
+
+The shares of the prior stay as they are, since they must add up to 1. What the objective was in
+each round of learning is left out. Of every path in the attributes only the name is kept.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from shapefit.io import read_dictionary
+
+LEFT_OUT = ("objective_trace",)
+EXACT = ("prior_weights",)
+
+
+def main() -> None:
+    """Read, shrink, write, and read again."""
+    source, target = map(Path, sys.argv[1:])
+    with h5py.File(source) as learned, h5py.File(target, "w") as shipped:
+        for name, dataset in learned.items():
+            if name not in LEFT_OUT:
+                copy(shipped, name, dataset[()])
+        for name, value in learned.attrs.items():
+            shipped.attrs[name] = value
+        shipped.attrs["config"] = json.dumps(without_folders(json.loads(learned.attrs["config"])))
+        digests = json.loads(learned.attrs["inputs"])
+        shipped.attrs["inputs"] = json.dumps(
+            {Path(key).name: text for key, text in digests.items()}
+        )
+    read_dictionary(target)
+    print(f"{target}: {target.stat().st_size:,} bytes")
+
+
+def copy(file: Any, name: str, values: Any) -> None:
+    """Store the values of a dataset under its name."""
+    numbers = isinstance(values, np.ndarray) and values.dtype.kind == "f"
+    if numbers and name not in EXACT:
+        values = values.astype(np.float32)
+    small = {"compression": "gzip", "compression_opts": 9, "shuffle": True} if numbers else {}
+    file.create_dataset(name, data=values, **small)
+
+
+def without_folders(value: Any) -> Any:
+    """Return what JSON holds with the name alone of each absolute path."""
+    if isinstance(value, dict):
+        return {key: without_folders(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [without_folders(inner) for inner in value]
+    return Path(value).name if isinstance(value, str) and value.startswith("/") else value
+
+
+if __name__ == "__main__":
+    main()

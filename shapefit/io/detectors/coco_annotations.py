@@ -1,0 +1,146 @@
+"""COCO keypoints as people annotate them: images, annotations, and categories with names.
+
+keypoints are [x, y, v, ...]; v = 0 is missing, whatever the coordinates, 1 hidden and 2 visible.
+Categories may have different landmarks: then all names together, in the order of categories.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from shapefit.errors import counted, input_error
+from shapefit.io.detectors.coco_results import labels_of
+from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording, image_key
+from shapefit.io.detectors.json_text import outline, read_json, without_collection
+from shapefit.io.foreign.recording import Recording
+
+
+def is_coco_annotations(path: Path, head: bytes) -> bool:
+    """Whether a file is an object with images, annotations or categories."""
+    own = outline(head)
+    return own.kind == "{" and bool(
+        own.keys & {"images", "annotations", "categories", "licenses"}
+        or ("info" in own.keys and "people" not in own.keys)
+    )
+
+
+@without_collection
+def record(paths: tuple[Path, ...]) -> Recording:
+    """Return the annotations of a file, images in its order."""
+    path = paths[0]
+    found = read_json(path)
+    images, annotations, categories = (_objects(found, key, path) for key in _PARTS)
+    place_of = {key: f"{path}:{key}" for key in _PARTS}
+    own = {
+        image_key(entry.get("id"), place_of["categories"]): _names(entry, str(path))
+        for entry in categories
+    }
+    names = tuple(dict.fromkeys(name for each in own.values() for name in each or ()))
+    place = {name: number for number, name in enumerate(names)}
+    columns = {key: [place[name] for name in each] for key, each in own.items() if each}
+
+    frames = {
+        image_key(image.get("id"), place_of["images"]): number
+        for number, image in enumerate(images)
+    }
+    called = [image.get("file_name") or image["id"] for image in images]
+    detections = Detections()
+    without = unlisted = 0
+    for number, entry in enumerate(annotations):
+        keypoints = entry.get("keypoints")
+        if not isinstance(keypoints, list) or not keypoints:
+            without += 1
+            continue
+        image = image_key(entry.get("image_id"), f"{path}:annotations[{number}]")
+        if image not in frames:
+            frames[image] = len(called)
+            called.append(image)
+            unlisted += 1
+        category = entry.get("category_id")
+        mine = columns.get(category) if isinstance(category, int | float | str) else None
+        detections.numbers.append(
+            _spread(keypoints, mine, len(names), f"{path}:annotations[{number}]")
+            if names
+            else keypoints
+        )
+        detections.frames.append(frames[image])
+        detections.identities.append(entry.get("track_id"))
+    labels = labels_of(called)
+    detections.labels = [labels[frame] for frame in detections.frames]
+    values = detections.values(str(path))
+    notes: tuple[str, ...] = ()
+    if without:
+        notes += (f"{counted(without, 'annotation')} without keypoints left out",)
+    if unlisted:
+        notes += (f"{counted(unlisted, 'image')} of annotations not listed among the images",)
+    return as_recording(
+        detections,
+        values,
+        ~(values[..., 2] > 0),
+        name=str(path),
+        video=path.name.partition(".")[0],
+        frames=len(called),
+        landmark_names=names or None,
+        default_keypoints=None if names else NAMED_BY_COUNT.get(values.shape[1]),
+        edges=_edges(categories, columns),
+        notes=notes,
+    )
+
+
+_PARTS = ("images", "annotations", "categories")
+
+
+def _objects(found: Any, key: str, path: Path) -> list[dict[str, Any]]:
+    """Return the list of objects of a name; none where the file lacks it."""
+    entries = found.get(key, []) if isinstance(found, dict) else None
+    if not isinstance(entries, list) or not all(isinstance(one, dict) for one in entries):
+        raise input_error(f"{path}:{key}", "is no list of objects", "give COCO annotations")
+    return entries
+
+
+def _names(category: dict[str, Any], place: str) -> list[str] | None:
+    """Return the landmarks of a category, None where it has none."""
+    names = category.get("keypoints")
+    if not names:
+        return None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise input_error(f"{place}:categories", "keypoints that are no names", "give their names")
+    if len(set(names)) < len(names):
+        found = f"landmarks of {category.get('name')!r} with the same name"
+        raise input_error(f"{place}:categories", found, "give every landmark a unique name")
+    return names
+
+
+def _spread(
+    keypoints: list[float], columns: list[int] | None, count: int, place: str
+) -> list[float]:
+    """Return keypoints of a category at the places of its landmarks among all."""
+    if columns is None:
+        raise input_error(place, "a category without landmarks", "name them in `categories`")
+    if len(keypoints) != 3 * len(columns):
+        found = f"{len(keypoints)} numbers for {len(columns)} landmarks"
+        raise input_error(place, found, "give x, y and v of each landmark of its category")
+    if columns == list(range(count)):
+        return keypoints
+    every = [0.0] * (3 * count)
+    for number, column in enumerate(columns):
+        every[3 * column : 3 * column + 3] = keypoints[3 * number : 3 * number + 3]
+    return every
+
+
+def _edges(
+    categories: list[dict[str, Any]], columns: dict[Any, list[int]]
+) -> tuple[tuple[int, int], ...]:
+    """Return the edges of all skeletons, which count landmarks from 1, once each."""
+    pairs: dict[tuple[int, int], None] = {}
+    for category in categories:
+        own = columns.get(category.get("id"), [])
+        lines = category.get("skeleton")
+        for line in lines if isinstance(lines, list) else ():
+            ends = (
+                [end - 1 for end in line if isinstance(end, int)] if isinstance(line, list) else []
+            )
+            if len(ends) == 2 and all(0 <= end < len(own) for end in ends):
+                pairs[own[ends[0]], own[ends[1]]] = None
+    return tuple(pairs)

@@ -1,0 +1,74 @@
+"""Files of one frame each: the video and the number of the frame, from their names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from shapefit.errors import input_error
+
+_LAST_NUMBER = re.compile(r"^(.*?)(\d+)(\D*)$", re.DOTALL)
+_DIGITS = re.compile(r"(\d+)")
+
+
+class FrameFile(NamedTuple):
+    """A file, its video, the place of its frame there, and what the name calls the frame."""
+
+    path: Path
+    video: str
+    frame: int
+    label: str
+
+
+def frame_files(paths: Sequence[Path], folder: str) -> list[FrameFile]:
+    """Return files in order of videos and frames; `folder` is the name of a single video.
+
+    The last number in a name is that of the frame. Names that differ in more than this number are
+    of several videos, unless one of these would have a single frame: then each name is that of an
+    image. Raises InputError where two files have the same number.
+    """
+    series: dict[tuple[str, str], dict[int, Path]] = {}
+    by_name = sorted(paths, key=lambda path: path.name)
+    parts = {path: _LAST_NUMBER.match(_stem(path)) for path in by_name}
+    for path, match in parts.items():
+        if match is None:
+            continue
+        own = series.setdefault((match[1], match[3]), {})
+        number = int(match[2])
+        if number in own:
+            found = f"two files of frame {number}, {own[number].name} and {path.name}"
+            raise input_error(path.parent, found, "remove or rename one of them")
+        own[number] = path
+    alone = len(series) > 1 and any(len(own) == 1 for own in series.values())
+    if None in parts.values() or alone:
+        images = sorted(paths, key=_natural)
+        return [FrameFile(path, folder, place, _stem(path)) for place, path in enumerate(images)]
+    names = _video_names(list(series), folder)
+    return [
+        FrameFile(own[number], name, number - min(own), str(number))
+        for name, own in zip(names, series.values(), strict=True)
+        for number in sorted(own)
+    ]
+
+
+def _video_names(series: list[tuple[str, str]], folder: str) -> list[str]:
+    """Return the names of videos: what their files have before the number, where that differs."""
+    if len(series) == 1:
+        return [folder]
+    short = [before.rstrip("._- ") for before, _ in series]
+    return (
+        short if len({*short, ""}) > len(series) else [before + after for before, after in series]
+    )
+
+
+def _stem(path: Path) -> str:
+    name = path.name
+    return name.rpartition(".")[0] or name
+
+
+def _natural(path: Path) -> list[tuple[int, int, str]]:
+    """Return a key by which 9 comes before 10."""
+    pieces = _DIGITS.split(path.name)
+    return [(0, int(piece), "") if piece.isdigit() else (1, 0, piece) for piece in pieces]

@@ -1,0 +1,101 @@
+"""OpenPose's JSON: a file per frame, with the people that were found in it in any order.
+
+Pose2Sim, Sports2D, RTMLib and AlphaPose write the same layout with other numbers of landmarks.
+A landmark of 0, 0, 0 is missing. A person is a number from frame to frame only where `person_id`
+is not -1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from shapefit.errors import abbreviate, counted, input_error
+from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording
+from shapefit.io.detectors.frame_files import frame_files
+from shapefit.io.detectors.json_text import first_outline, outline, read_json
+from shapefit.io.foreign.recording import Recording
+
+PEOPLE = ("people", "bodies")
+POSE = ("pose_keypoints_2d", "pose_keypoints", "joints")
+OTHERS = ("face_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
+
+
+def is_openpose(path: Path, head: bytes) -> bool:
+    """Whether a file, or the first files of a folder, have a list of people."""
+    if head:
+        own = outline(head)
+        return (own.kind == "{" and bool(own.keys & {*PEOPLE})) or own.keys == {"version"}
+    return any(own.kind == "{" and own.keys & {*PEOPLE} for own in first_outline(path))
+
+
+def record(paths: tuple[Path, ...]) -> Recording:
+    """Return the frames of a folder, or these files, as one recording."""
+    folder = paths[0] if paths[0].is_dir() else paths[0].parent
+    if paths[0].is_dir():
+        paths = tuple(each for each in folder.iterdir() if each.name.lower().endswith(".json"))
+    name = str(paths[0] if len(paths) == 1 else folder)
+    detections = Detections(videos=[])
+    strange: list[str] = []
+    further = 0
+    files = frame_files(paths, folder.resolve().name)
+    for path, video, frame, label in files:
+        contents = read_json(path)
+        people = _people(contents)
+        if people is None:
+            strange.append(path.name)
+            continue
+        for person in people:
+            if not isinstance(person, dict):
+                raise input_error(path, "a person that is no object", "check what wrote the file")
+            detections.numbers.append(_keypoints(person, path))
+            detections.frames.append(frame)
+            detections.labels.append(label)
+            detections.identities.append(person.get("person_id"))
+            detections.videos.append(video)  # type: ignore[union-attr]
+            further += any(person.get(key) for key in OTHERS)
+    if len({file.video for file in files}) == 1:
+        detections.videos = None
+    notes: tuple[str, ...] = ()
+    if strange:
+        notes += (
+            f"{counted(len(strange), 'file')} without people left out ({abbreviate(strange)})",
+        )
+    if further:
+        notes += (f"hands and faces left out, of {counted(further, 'detection')}",)
+    values = detections.values(name)
+    return as_recording(
+        detections,
+        values,
+        ~(values[..., 2] > 0),
+        confidence=values[..., 2],
+        name=name,
+        video=folder.resolve().name,
+        frames=len(files) - len(strange),
+        notes=notes,
+        default_keypoints=NAMED_BY_COUNT.get(values.shape[1]),
+    )
+
+
+def _people(contents: Any) -> Sequence[Any] | None:
+    """Return the people of a frame; None where the file is not of this kind."""
+    if not isinstance(contents, dict):
+        return None
+    for key in PEOPLE:
+        people = contents.get(key)
+        if isinstance(people, list):
+            return people
+        if key in contents and people is None:
+            return ()
+    return () if contents.keys() <= {"version", "part_candidates"} else None
+
+
+def _keypoints(person: dict[str, Any], path: Path) -> list[float]:
+    found: Any = next((person[key] for key in POSE if person.get(key) is not None), [])
+    if not isinstance(found, list):
+        raise input_error(path, "keypoints that are no list", "check what wrote the file")
+    if len(found) % 3:
+        what = f"a person of {len(found)} numbers, which are not 3 for each landmark"
+        raise input_error(path, what, "check what wrote the file")
+    return found

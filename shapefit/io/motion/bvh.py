@@ -1,0 +1,213 @@
+"""BVH: a tree of joints and the angles of each, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import InputError, input_error
+from shapefit.geometry.rotations import turns
+from shapefit.io.foreign.recording import Instances, Recording
+from shapefit.io.motion.labels import unique_names
+from shapefit.io.motion.text import read_blocks, read_table
+
+Floats = NDArray[np.float64]
+
+TOO_FEW = "frames are announced, but not there"
+
+
+@dataclass
+class Joint:
+    """A joint, or an End Site, at `offset` (3,) from its parent, -1 for none.
+
+    channels are (is_rotation, axis, column of the motion), in the order of the file.
+    """
+
+    name: str
+    parent: int
+    is_end: bool = False
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
+    channels: list[tuple[bool, int, int]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Hierarchy:
+    """All joints, parents first; `lines` stand before the motion."""
+
+    joints: list[Joint]
+    width: int
+    lines: int
+    frames: int
+    frame_time: float
+
+
+def record(paths: tuple[Path, ...]) -> Recording:
+    """Return the joints of a BVH file, in its unit, and then the ends of the last bones.
+
+    The end of joint J is `J_end`. Raises InputError for a tree or a motion that cannot be read.
+    """
+    path = paths[0]
+    tree = read_hierarchy(path)
+    order = sorted(range(len(tree.joints)), key=lambda number: tree.joints[number].is_end)
+    names, notes = unique_names([tree.joints[number].name for number in order])
+    place = {number: row for row, number in enumerate(order)}
+    edges = [(place[j.parent], place[i]) for i, j in enumerate(tree.joints) if j.parent >= 0]
+
+    def blocks() -> Iterator[Instances]:
+        done = 0
+        for values in read_motion(path, tree):
+            yield Instances(
+                points=find_places(tree, values)[:, order],
+                frames=np.arange(done, done + len(values)),
+                labels=[str(frame) for frame in range(done, done + len(values))],
+                individuals=np.zeros(len(values), np.int64),
+                counts={},
+            )
+            done += len(values)
+        if done < tree.frames:
+            nothing = np.empty(0, np.int64)
+            yield Instances(
+                points=np.empty((0, len(names), 3)),
+                frames=nothing,
+                labels=(),
+                individuals=nothing,
+                counts={TOO_FEW: tree.frames - done},
+            )
+
+    return Recording(
+        name=str(path),
+        video=path.stem,
+        dimensions=3,
+        landmark_count=len(names),
+        landmark_names=names,
+        blocks=blocks,
+        frame_rate=_rate(tree.frame_time),
+        edges=tuple(edges),
+        notes=notes,
+    )
+
+
+def read_hierarchy(path: Path) -> Hierarchy:
+    """Read the tree and the head of the motion. Raises InputError, naming the line."""
+    joints: list[Joint] = []
+    open_joints: list[int] = []
+    width, frames = 0, -1
+    for first, lines in read_blocks(path):
+        for number, line in enumerate(lines, first):
+            place = f"{path}:{number}"
+            words = line.replace("{", " ").replace("}", " ").split()
+            word = words[0].upper() if words else ""
+            if word in ("ROOT", "JOINT", "END"):
+                parent = open_joints[-1] if open_joints else -1
+                if (parent < 0) != (word == "ROOT"):
+                    raise input_error(place, f"{word} stands in the wrong place", "correct it")
+                name = f"{joints[parent].name}_end" if word == "END" else " ".join(words[1:])
+                joints.append(Joint(name, parent, word == "END"))
+                open_joints.append(len(joints) - 1)
+            elif word in ("OFFSET", "CHANNELS") and not open_joints:
+                raise input_error(place, f"{word} belongs to no joint", "correct it")
+            elif word == "OFFSET":
+                joints[open_joints[-1]].offset = _three(words[1:], place)
+            elif word == "CHANNELS":
+                channels = [_channel(name, place) for name in words[2:]]
+                if words[1:2] != [str(len(channels))]:
+                    found = f"{' '.join(words[1:2])} channels, and {len(channels)} names"
+                    raise input_error(place, found, "name as many as there are")
+                joints[open_joints[-1]].channels = [
+                    (kind, axis, width + i) for i, (kind, axis) in enumerate(channels)
+                ]
+                width += len(channels)
+            elif word == "FRAMES:":
+                frames = int(_numbers(words[1:2], 1, place)[0])
+            elif word == "FRAME" and words[1:2] == ["Time:"]:
+                if not joints or open_joints:
+                    raise input_error(place, "the tree of joints is not complete", "correct it")
+                seconds = _numbers(words[2:3], 1, place)[0]
+                return Hierarchy(joints, width, number, frames, seconds)
+            if "}" in line and open_joints:
+                del open_joints[-line.count("}") :]
+    raise input_error(path, "has no motion, or is cut off before it", "give a complete BVH file")
+
+
+def read_motion(path: Path, tree: Hierarchy) -> Iterator[Floats]:
+    """Yield the numbers (n, width) of the frames, block by block."""
+    for first, texts in read_blocks(path, tree.lines):
+        rows, lines = [], []
+        for line, text in enumerate(texts, first):
+            row = text.split()
+            if not row:
+                continue
+            if len(row) != tree.width:
+                found = f"has {len(row)} numbers for {tree.width} channels"
+                raise input_error(f"{path}:{line}", found, "write a frame per line")
+            rows.append(row)
+            lines.append(line)
+        if rows:
+            yield read_table(rows, lines, path, finite=True)
+
+
+def find_places(tree: Hierarchy, values: Floats) -> Floats:
+    """Return the places (n, joints, 3) of all joints and ends.
+
+    x = x_parent + R_parent (offset), R = R_parent R_1 R_2 ...: rotations in the order of the
+    channels; a channel of position stands for the offset along its axis.
+    """
+    n = len(values)
+    places = np.empty((n, len(tree.joints), 3))
+    rotations: list[Floats] = []
+    for number, joint in enumerate(tree.joints):
+        offset = np.tile(np.array(joint.offset), (n, 1))
+        for is_rotation, axis, column in joint.channels:
+            if not is_rotation:
+                offset[:, axis] = values[:, column]
+        turned = [(axis, column) for is_rotation, axis, column in joint.channels if is_rotation]
+        angles = np.radians(values[:, [column for _, column in turned]])
+        local = turns([axis for axis, _ in turned], angles)
+        if joint.parent < 0:
+            places[:, number] = offset
+            rotations.append(local)
+            continue
+        above = rotations[joint.parent]
+        places[:, number] = places[:, joint.parent] + (above @ offset[..., None])[..., 0]
+        rotations.append(above if joint.is_end else above @ local)
+    return places
+
+
+def _channel(name: str, place: str) -> tuple[bool, int]:
+    axis = "xyz".find(name[:1].lower())
+    kind = name[1:].lower()
+    if axis < 0 or kind not in ("rotation", "position"):
+        raise input_error(place, f"there is no channel {name!r}", "use Xrotation, Yposition, ...")
+    return kind == "rotation", axis
+
+
+def _three(words: list[str], place: str) -> tuple[float, ...]:
+    return _numbers(words, 3, place)
+
+
+def _numbers(words: list[str], count: int, place: str) -> tuple[float, ...]:
+    """Return so many finite numbers. Raises InputError where there are none."""
+    try:
+        numbers = tuple(float(word) for word in words)
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise _no_numbers(words, count, place)
+    return numbers
+
+
+def _no_numbers(words: list[str], count: int, place: str) -> InputError:
+    found = f"expected {count} numbers, found {' '.join(words)[:40]!r}"
+    return input_error(place, found, "correct it")
+
+
+def _rate(frame_time: float) -> float | None:
+    """Return the frame rate in Hz: whole, where the time was rounded (0.033333 s is 30 Hz)."""
+    if frame_time <= 0:
+        return None
+    rate = 1.0 / frame_time
+    return float(round(rate)) if abs(rate - round(rate)) < 1e-3 * rate and rate > 1 else rate

@@ -1,0 +1,50 @@
+"""Lines and numbers of text files of motion, some thousand lines at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import input_error
+from shapefit.io.csv.numbers import read_numbers
+
+BLOCK_LINES = 4096
+
+
+def read_blocks(path: Path, skip: int = 0) -> Iterator[tuple[int, list[str]]]:
+    r"""Yield the number of the first line, from 1, and lines without their ends, block by block.
+
+    The first `skip` lines are left out. Bytes that are not UTF-8 become \xe9.
+    """
+    with path.open(encoding="utf-8-sig", errors="backslashreplace") as file:
+        line = 1 + sum(1 for _ in islice(file, skip))
+        while block := [text.rstrip("\n") for text in islice(file, BLOCK_LINES)]:
+            yield line, block
+            line += len(block)
+
+
+def read_head(path: Path, count: int) -> list[str]:
+    """Return the first lines of a file, `count` at most."""
+    with path.open(encoding="utf-8-sig", errors="backslashreplace") as file:
+        return [text.rstrip("\n") for text in islice(file, count)]
+
+
+def read_table(
+    rows: Sequence[Sequence[str]], lines: Sequence[int], place: object, *, finite: bool = False
+) -> NDArray[np.float64]:
+    """Return rows of as many cells each as numbers, NaN where a cell is empty.
+
+    Raises InputError that names the line of the first cell that is no number; where they are to
+    be `finite`, nan and inf are none.
+    """
+    numbers = read_numbers([cell for row in rows for cell in row])
+    wrong = numbers.strange | ~np.isfinite(numbers.values) if finite else numbers.strange
+    if wrong.any():
+        row, column = divmod(int(wrong.argmax()), len(rows[0]))
+        cell = rows[row][column]
+        raise input_error(f"{place}:{lines[row]}", f"{cell[:40]!r} is no number", "correct it")
+    return numbers.values.reshape(len(rows), -1)

@@ -1,0 +1,81 @@
+"""Write C3D, the binary file of motion capture: millimetres, by the library ezc3d."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shapefit.errors import input_error
+from shapefit.io.layout import Format
+from shapefit.io.options import OutputOptions
+from shapefit.io.written.motion import Motion
+from shapefit.io.written.outputs import MotionWriter, by_individual, motion_output
+
+MISSING = -1.0
+"""Residual of a point that was not seen."""
+
+MOST_FRAMES = 65535
+"""Of a file, and the largest number of a frame: its header has 16 bits for them."""
+
+POINT_BYTES = 16
+"""Of a point in the file: x, y, z and residual."""
+
+
+def c3d_output(
+    target: Path, form: Format, options: OutputOptions
+) -> AbstractContextManager[MotionWriter]:
+    """Give a writer to C3D files, one per individual, that appear on a clean exit.
+
+    Raises InputError, before any work, where ezc3d is not installed.
+    """
+    load_ezc3d()
+    return motion_output(target, options, write_c3d, by_individual)
+
+
+def load_ezc3d() -> Any:
+    """Return the module. Raises InputError where it is not installed."""
+    try:
+        import ezc3d
+    except ImportError as error:
+        fix = "install it: pip install 'shapefit[c3d]'"
+        raise input_error("C3D", "these files need the library ezc3d", fix) from error
+    return ezc3d
+
+
+def write_c3d(path: Path, motions: Sequence[Motion]) -> None:
+    """Write one motion; a missing point has the residual -1.
+
+    Raises InputError where it has more frames than a file can number.
+    """
+    (motion,) = motions
+    file = load_ezc3d().c3d()
+    p, f = len(motion.landmark_names), len(motion.points)
+    if motion.first + f > MOST_FRAMES:
+        found = f"the frames run to {motion.first + f:,}, and C3D numbers {MOST_FRAMES:,} at most"
+        raise input_error(motion.name or "C3D", found, "write TRC, or shorter sequences")
+    millimetres = 1000 * motion.points.transpose(1, 2, 0)
+    seen = np.isfinite(millimetres).all(axis=0)
+    points = np.ones((4, p, f))
+    points[:3] = np.where(seen, millimetres, np.nan)
+    file["header"]["points"]["first_frame"] = motion.first
+    point = file["parameters"]["POINT"]
+    point["RATE"]["value"] = [motion.rate]
+    point["UNITS"]["value"] = ["mm"]
+    point["LABELS"]["value"] = list(motion.landmark_names)
+    point["DESCRIPTIONS"]["value"] = [motion.axes] * p
+    if motion.axes.startswith("y up"):
+        file.add_parameter("POINT", "X_SCREEN", ["+X"])
+        file.add_parameter("POINT", "Y_SCREEN", ["+Y"])
+    file.add_parameter("SHAPEFIT", "AXES", [motion.axes])
+    file.add_parameter("SHAPEFIT", "SIZE", [motion.size])
+    file["data"]["points"] = points
+    file["data"]["meta_points"]["residuals"] = np.where(seen, 0.0, MISSING)[None]
+    file.write(str(path))
+    if path.stat().st_size < POINT_BYTES * p * f:  # of a full disk the library says nothing
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

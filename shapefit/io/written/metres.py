@@ -1,0 +1,225 @@
+"""Shapes and results in metres and upright: never what was measured in pixels as if it were not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import input_error
+from shapefit.geometry.length_units import metres_in
+from shapefit.geometry.upright import IMAGE_UP, TO_Y_UP, nearest_axis_up
+from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT
+from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.options import OutputOptions
+from shapefit.io.records import ResultSet, ShapeSet
+from shapefit.io.written.stature import find_extent, find_stature
+from shapefit.io.written.tracks import (
+    CAMERA_TRANSLATION,
+    EXTRINSIC_ROTATION,
+    EXTRINSIC_TRANSLATION,
+    Solid,
+)
+
+Floats = NDArray[np.float64]
+
+
+FARTHEST = 100.0
+"""Metres from a camera to the origin of its world in any room or arena."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """points (n, 3, p) in metres, and where their `axes` and their `size` come from, in words."""
+
+    points: Floats
+    axes: str
+    size: str
+    warnings: tuple[str, ...] = ()
+
+
+def in_metres(records: Solid, options: OutputOptions, place: str) -> Placed:
+    """Return one sequence in metres.
+
+    Results have y up, shapes keep their axes unless `up` turns them. Raises InputError at `place`
+    where nothing says how large they are.
+    """
+    if isinstance(records, ShapeSet):
+        return _shapes(records, options, place)
+    upright, axes, known = _upright(records, options, place)
+    factor, size = _factor(records, upright, options, place)
+    warnings: tuple[str, ...] = ()
+    if known is None:
+        points, origin = _in_the_image(upright, factor), "lowest landmark at height 0"
+    else:
+        world = _world(records, options, place)
+        points = _in_the_world(records, factor, known, world, place)
+        origin = "position from the camera"
+        warnings = _doubts(world)
+    return Placed(points, f"{axes}; {origin}", size, warnings)
+
+
+def _shapes(records: ShapeSet, options: OutputOptions, place: str) -> Placed:
+    axes = "axes as in the shapes"
+    shapes = records.shapes
+    if options.up is not None:
+        shapes, axes = TO_Y_UP[options.up] @ shapes, f"y up, which was {options.up}"
+    factor, size = _factor(records, shapes, options, place)
+    return Placed(factor[:, None, None] * shapes, axes, size)
+
+
+def _factor(
+    records: Solid, upright: Floats, options: OutputOptions, place: str
+) -> tuple[Floats, str]:
+    """Return the metres (n,) in a unit of each shape, and by what."""
+    n = len(records)
+    unit = _unit(records, options, place)
+    known: Floats | None = None
+    size = ""
+    if unit is not None:
+        known, size = np.full(n, unit), "size as given"
+    elif isinstance(records, ResultSet):
+        known, size = _per_item(records, METRES_PER_UNIT, (), place), "size of the training shapes"
+        if known is not None and records.attributes.get(METRES_FROM) != "edges":
+            known = np.full(n, _median(known))  # steady, whatever the pose
+    if options.height is None:
+        if known is None:
+            raise _unknown_size(records, place)
+        return known, size
+    stature = find_stature(upright, records.landmark_names)
+    whole = np.ones(n) if known is None else known
+    if stature is None:
+        tall = find_extent(whole[:, None, None] * upright)
+    elif known is None and isinstance(records, ResultSet):
+        whole, tall = 1 / np.where(stature > 0, stature, np.nan), 1.0
+    else:
+        tall = _median(whole * stature)
+    if not tall > 0:
+        whole, tall = np.full(n, np.nan), 1.0
+    return whole * (options.height / tall), f"height {options.height:g} m"
+
+
+def _unit(records: Solid, options: OutputOptions, place: str) -> float | None:
+    """Return the metres in the unit of the records, None where it is no length."""
+    stated = None if records.unit == UNKNOWN_UNIT else records.unit
+    if options.unit is None:
+        return None if stated is None else metres_in(stated)
+    if metres_in(options.unit) is None:
+        raise input_error("unit", f"{options.unit!r} is no unit of length", "use m, cm or mm")
+    if stated is not None and metres_in(stated) != metres_in(options.unit):
+        found = f"they are in {stated}, not in {options.unit}"
+        fix = "leave out `unit`; `height` sets how large they are in metres"
+        raise input_error(place, found, fix)
+    return metres_in(options.unit)
+
+
+def _unknown_size(records: Solid, place: str) -> Exception:
+    if isinstance(records, ShapeSet):
+        found = f"the unit of the shapes is {records.unit}, which is no length"
+        return input_error(place, found, "give it, e.g. `--set unit=m`, or `--set height=1.78`")
+    found = f"the shapes are in {records.unit}, and their size in metres is not known"
+    fix = "give it, e.g. `--set height=1.78`, or lift with a dictionary learned from shapes in m"
+    return input_error(place, found, fix)
+
+
+def _upright(
+    records: ResultSet, options: OutputOptions, place: str
+) -> tuple[Floats, str, Floats | None]:
+    """Turn shapes so that y is up; returns them, where up comes from, and the turn (n, 3, 3).
+
+    The shapes are still in their unit. The turn is None unless a camera knows where they are.
+    """
+    level = np.diag([1.0, -1.0, -1.0]) if records.y_axis == "up" else np.eye(3)
+    rotation = _per_item(records, EXTRINSIC_ROTATION, (3, 3), place)
+    if rotation is None:
+        if options.up is not None:
+            found = "the result has no extrinsics, so its world has no axes"
+            raise input_error("up", found, "leave it out: y is then up as in the image")
+        turn = np.tile(TO_Y_UP[IMAGE_UP] @ level, (len(records), 1, 1))
+        axes = "y up as in the image"
+    else:
+        up = options.up or nearest_axis_up(rotation)
+        turn = TO_Y_UP[up] @ rotation.swapaxes(1, 2) @ level
+        axes = f"y up, the axis {up} of the extrinsics"
+    has_position = (
+        CAMERA_TRANSLATION in records.extras
+        and records.translation is not None
+        and records.scale is not None
+    )
+    return turn @ records.shapes, axes, turn if has_position else None
+
+
+def _in_the_image(upright: Floats, factor: Floats) -> Floats:
+    """Place shapes of unknown depth: they move in the plane of the image, on one scale.
+
+    Each is as large as its factor says; the first is at x = z = 0, the lowest landmark at y = 0.
+    """
+    middle = upright.mean(axis=2, keepdims=True)
+    placed = np.flatnonzero(np.isfinite(middle).all(axis=(1, 2)))
+    if not len(placed):
+        return upright
+    way = _median(factor) * (middle - middle[placed[0]])
+    points = factor[:, None, None] * (upright - middle) + way
+    points[:, 1] -= np.nanmin(points[:, 1])
+    return points
+
+
+def _world(records: ResultSet, options: OutputOptions, place: str) -> Floats | None:
+    """Return where the origin of the world is for the camera (n, 3), in metres, if it knows."""
+    metres = metres_in(options.world_unit or "m")
+    if metres is None:
+        found = f"{options.world_unit!r} is no unit of length"
+        raise input_error("world_unit", found, "use m, cm or mm")
+    shift = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
+    return None if shift is None or EXTRINSIC_ROTATION not in records.extras else metres * shift
+
+
+def _doubts(world: Floats | None) -> tuple[str, ...]:
+    """Warn of a camera that is too far from the origin of its world, as with millimetres."""
+    far = 0.0 if world is None or not len(world) else float(np.linalg.norm(world, axis=1).max())
+    if far <= FARTHEST:
+        return ()
+    return (
+        f"the camera is {far:.0f} m from the origin of its world: if the extrinsics are in "
+        "millimetres, set `world_unit: mm` of `convert`",
+    )
+
+
+def _in_the_world(
+    records: ResultSet, factor: Floats, turn: Floats, world: Floats | None, place: str
+) -> Floats:
+    """X = factor (shape - its origin in the image + scale t), in the world where that is known."""
+    assert records.translation is not None
+    assert records.scale is not None
+    t = _per_item(records, CAMERA_TRANSLATION, (3,), place)
+    assert t is not None
+    shapes = records.shapes.copy()
+    shapes[:, :2] -= records.translation[..., None]
+    X = factor[:, None, None] * (shapes + (records.scale[:, None] * t)[..., None])
+    if world is not None:
+        X = X - _in_frame_of(records, world)[..., None]
+    return turn @ X
+
+
+def _in_frame_of(records: ResultSet, vectors: Floats) -> Floats:
+    """Return vectors (n, 3), z away from the camera, in the frame of the shapes."""
+    return vectors * (np.array([1.0, -1.0, -1.0]) if records.y_axis == "up" else 1.0)
+
+
+def _per_item(records: ResultSet, name: str, shape: tuple[int, ...], place: str) -> Floats | None:
+    """Return a dataset of the file or of each item for each item (n, ...); None without it."""
+    values = records.extras.get(name)
+    if values is None:
+        return None
+    n = len(records)
+    if values.shape not in (shape, (n, *shape)) or values.dtype.kind not in "fiu":
+        fix = f"give numbers of the shape {shape}, or one such for each image"
+        raise input_error(place, f"its dataset {name} has the shape {values.shape}", fix)
+    return np.broadcast_to(np.asarray(values, np.float64), (n, *shape))
+
+
+def _median(values: Floats) -> float:
+    """Return the median of the finite values, nan without any."""
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else float("nan")

@@ -1,0 +1,114 @@
+"""Writers of files in metres: records in, one file per individual out, all of them or none."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path, PurePosixPath
+
+from shapefit.errors import input_error
+from shapefit.io.layout import NOTHING_APPENDED
+from shapefit.io.options import OutputOptions, Summary
+from shapefit.io.sources import is_stream
+from shapefit.io.whole.atomic import atomic_path, check_output, storage_errors
+from shapefit.io.whole.folder import staged_files
+from shapefit.io.whole.item_files import file_stem
+from shapefit.io.written.motion import Motion, find_motion
+from shapefit.io.written.tracks import Solid, find_tracks, points_of
+
+Write = Callable[[Path, Sequence[Motion]], None]
+"""Fills a new file with motions that belong in one."""
+
+Group = Callable[[Sequence[Motion]], dict[str, list[Motion]]]
+"""Parts motions by file: what its name ends with -> those that it holds."""
+
+
+class MotionWriter:
+    """Takes shapes or results; keeps their points, as the scale of a sequence takes all of it."""
+
+    def __init__(self) -> None:
+        self.attributes: dict[str, str | float | int] = {}
+        self.summary = Summary()
+        self._parts: list[Solid] = []
+
+    def append(self, record: Solid) -> None:
+        """Take the items of a record after those that are there."""
+        self._parts.append(points_of(record))
+
+    def motions(self, options: OutputOptions, place: str) -> list[Motion]:
+        """Return all sequences in metres. Raises ValueError where nothing was appended."""
+        if not self._parts:
+            raise ValueError(NOTHING_APPENDED)
+        tracks = find_tracks(self._parts, place)
+        self._parts.clear()
+        return [find_motion(track, options, place) for track in tracks]
+
+
+@contextmanager
+def motion_output(
+    target: Path, options: OutputOptions, write: Write, group: Group
+) -> Iterator[MotionWriter]:
+    """Give a writer to files that appear on a clean exit: `target`, or one for each group.
+
+    Several are named after the target: man.trc becomes man_NAME.trc. Raises InputError where they
+    cannot be written; those of an earlier run then stay as they were.
+    """
+    if is_stream(target):
+        found = "files of this format cannot go to standard output"
+        raise input_error("output", found, "name a file")
+    check_output(target)
+    writer = MotionWriter()
+    yield writer
+    motions = writer.motions(options, str(target))
+    groups = group(motions)
+    if len(groups) <= 1:
+        paths = [target]
+        with atomic_path(target) as path:
+            write(path, motions)
+    else:
+        paths = _write_staged(target, groups, write)
+    writer.summary = _summary(motions, paths)
+
+
+def by_individual(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
+    """Give each motion a file of its own, named by its sequence without what all begin with."""
+    return dict(
+        zip(_own_names([each.name for each in motions]), ([m] for m in motions), strict=True)
+    )
+
+
+def _write_staged(target: Path, groups: dict[str, list[Motion]], write: Write) -> list[Path]:
+    """Write a file for each group and have them appear together."""
+    resolved = Path(os.path.realpath(target))
+    names = {}
+    for ending in groups:
+        stem = file_stem(f"{resolved.stem}_{ending.replace('/', '_')}")
+        names[ending] = PurePosixPath(f"{stem}{resolved.suffix}")
+    with staged_files(resolved.parent) as staged:
+        for ending, motions in groups.items():
+            staged.write(names[ending], partial(_write_and_sync, write, motions), ending)
+    return [target.parent / name for name in names.values()]
+
+
+def _write_and_sync(write: Write, motions: Sequence[Motion], path: Path) -> None:
+    with storage_errors(path):
+        write(path, motions)
+        with path.open("rb") as written:
+            os.fsync(written.fileno())
+
+
+def _own_names(names: Sequence[str]) -> list[str]:
+    """Return names without the folders that all begin with: cam01/a, cam01/b -> a, b."""
+    parts = [name.split("/") for name in names]
+    shared = 0
+    while all(len(part) > shared + 1 and part[shared] == parts[0][shared] for part in parts):
+        shared += 1
+    return ["/".join(part[shared:]) for part in parts]
+
+
+def _summary(motions: Sequence[Motion], paths: Sequence[Path]) -> Summary:
+    said = dict.fromkeys(f"metres by {each.size}, {each.axes}" for each in motions)
+    warnings = dict.fromkeys(text for each in motions for text in each.warnings)
+    return Summary(note="; ".join(said), warnings=tuple(warnings), written=tuple(paths))

@@ -1,0 +1,41 @@
+"""Formats that are written for other tools; those of them that can be read have an entry there."""
+
+from __future__ import annotations
+
+from shapefit.io.foreign.file_format import FileFormat
+
+_ROOM = "shapefit.io.written"
+
+FORMATS: dict[str, FileFormat] = {
+    "c3d": FileFormat(
+        title="a C3D file",
+        suffixes=(".c3d",),
+        writer=f"{_ROOM}.c3d:c3d_output",
+        writes=("shapes", "result"),
+        in_metres=True,
+        by_sequence=True,
+    ),
+    "coco": FileFormat(
+        title="a JSON file",
+        suffixes=(".json",),
+        writer=f"{_ROOM}.coco_json:json_output",
+        writes=("landmarks", "shapes", "result"),
+        points_only=False,
+    ),
+    "deeplabcut-3d": FileFormat(
+        title="a DeepLabCut 3D CSV",
+        suffixes=(),
+        writer=f"{_ROOM}.deeplabcut_3d:table_output",
+        writes=("shapes", "result"),
+        in_metres=True,
+        by_sequence=True,
+    ),
+    "trc": FileFormat(
+        title="a TRC file",
+        suffixes=(".trc",),
+        writer=f"{_ROOM}.trc:trc_output",
+        writes=("shapes", "result"),
+        in_metres=True,
+        by_sequence=True,
+    ),
+}

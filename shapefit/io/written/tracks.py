@@ -1,0 +1,92 @@
+"""Records on their way to files that hold one sequence each, in the order of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import input_error
+from shapefit.io.extras import METRES_PER_UNIT, Extras
+from shapefit.io.foreign.sources import FRAME
+from shapefit.io.records import ResultSet, ShapeSet, concatenate
+
+Solid = ShapeSet | ResultSet
+Integers = NDArray[np.int64]
+
+CAMERA_TRANSLATION = "camera_translation"
+EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION = "extrinsic_rotation", "extrinsic_translation"
+"""Datasets of the file or of each image: X_camera = R X_world + t, in metres; z away from it."""
+
+KEPT = (METRES_PER_UNIT, CAMERA_TRANSLATION, EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION, FRAME)
+
+
+@dataclass(frozen=True)
+class Track:
+    """One sequence: name, "" where the records name none; frames (n,) rise."""
+
+    name: str
+    records: Solid
+    frames: Integers
+
+
+def points_of(record: Solid) -> Solid:
+    """Return a record with nothing but what files of points are made of."""
+    extras = Extras.of(record.extras, len(record))
+    kept = Extras(
+        {name: values for name, values in extras.per_item.items() if name in KEPT},
+        {name: values for name, values in extras.whole.items() if name in KEPT},
+    )
+    if isinstance(record, ShapeSet):
+        return replace(record, mesh_vertices=None, mesh_faces=None, extras=kept)
+    return ResultSet(
+        shapes=record.shapes,
+        translation=record.translation,
+        scale=record.scale,
+        landmark_names=record.landmark_names,
+        items=record.items,
+        sequences=record.sequences,
+        extras=kept,
+        unit=record.unit,
+        y_axis=record.y_axis,
+        frame_rate=record.frame_rate,
+        attributes=record.attributes,
+    )
+
+
+def find_tracks(parts: list[Solid], place: str) -> list[Track]:
+    """Join records and part them by sequence, each in the order of its frames.
+
+    Frames are those of the dataset `frame`, or, without one, the order of the items. Raises
+    InputError where two items of a sequence are of one frame.
+    """
+    records: Solid = concatenate(parts)  # type: ignore[type-var]
+    names = np.array(records.sequences or ("",) * len(records), dtype=object)
+    frames = _frames(records)
+    tracks = []
+    for name in dict.fromkeys(names.tolist()) or ("",):
+        rows = np.flatnonzero(names == name)
+        own = np.arange(len(rows)) if frames is None else frames[rows]
+        order = np.argsort(own, kind="stable")
+        own, rows = own[order], rows[order]
+        _check_apart(own, [records.items[row] for row in rows], place)
+        tracks.append(Track(name, records.take(rows), own))
+    return tracks
+
+
+def _frames(records: Solid) -> Integers | None:
+    frames = records.extras.get(FRAME)
+    if frames is None or frames.shape != (len(records),) or frames.dtype.kind not in "iu":
+        return None
+    return frames.astype(np.int64)
+
+
+def _check_apart(frames: Integers, items: list[str], place: str) -> None:
+    """Raise InputError where two items are of one frame."""
+    same = np.flatnonzero(np.diff(frames) == 0)
+    if len(same):
+        first, second = items[same[0]], items[same[0] + 1]
+        found = f"'{first}' and '{second}' are of one frame of one sequence"
+        fix = "join detections over frames with `track: nearest`, or give one `individual`"
+        raise input_error(place, found, fix)

@@ -1,0 +1,94 @@
+"""The error bars of a result file against the truth, and how plausible it says its images are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import input_error
+from shapefit.evaluation.calibration import ErrorBars, find_levels
+from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, PLAUSIBILITY, TRUE_ROTATION
+from shapefit.evaluation.metrics import truth_scale
+from shapefit.evaluation.report import NORMALISED
+from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
+from shapefit.pipelines.evaluate.common_landmarks import common_landmarks
+from shapefit.pipelines.evaluate.judgement import Judgement
+from shapefit.pipelines.evaluate.result_datasets import find_dataset
+
+Floats = NDArray[np.float64]
+
+PAIRS = ((0, 1), (0, 2), (1, 2))
+"""Coordinates of a landmark, in the order of the correlations."""
+
+COVARIANCE = "shape_covariance"
+"""Dataset (n, 3p, 3p) of x, y, z of one landmark after the other."""
+
+
+def judge_error_bars(
+    name: str, results: ResultSet, truth: ShapeSet, judgement: Judgement
+) -> tuple[ErrorBars | None, tuple[str, ...]]:
+    """Return how the truth lies in the error bars of a method's file, None where it has none.
+
+    And a warning where it has some, but no `true_rotation`.
+    """
+    file = judgement.file
+    deviation = find_dataset(file, results, DEVIATION)
+    if deviation is None:
+        return None, ()
+    rotation = judgement.true_rotation
+    if rotation is None:
+        lacking = f"without the dataset `{TRUE_ROTATION.name}` or a `truth_frame`"
+        return None, (f"{file}: the error bars are not judged, {lacking}",)
+    correlation = find_correlation(file, results, deviation)
+    names = common_landmarks(file, results.landmark_names, truth.landmark_names)
+    own = match_landmarks(results.landmark_names, names)
+    true = truth.shapes[:, :, match_landmarks(truth.landmark_names, names)][judgement.truth_rows]
+    true[judgement.truth_rows < 0] = np.nan
+    estimate = results.shapes[:, :, own]
+    with np.errstate(all="ignore"):  # overflow is not an error to report
+        level, width = find_levels(
+            estimate,
+            rotation @ true,
+            deviation[:, :, own],
+            None if correlation is None else correlation[:, :, own],
+        )
+        spread = truth_scale(estimate, true)[:, None]
+        widths = {NORMALISED: width / spread, truth.unit: width}
+    bars = ErrorBars(
+        method=name,
+        landmarks=names,
+        items=judgement.items,
+        sequences=judgement.sequences,
+        level=level,
+        width=widths,
+        parallel=correlation is None,
+    )
+    return bars, ()
+
+
+def find_correlation(file: Path, results: ResultSet, deviation: Floats) -> Floats | None:
+    """Correlations (n, 3, p) of each landmark: as they stand, or of the whole covariance, or None.
+
+    Raises InputError where the covariance has another shape than the landmarks.
+    """
+    correlation = find_dataset(file, results, CORRELATION)
+    covariance = results.extras.get(COVARIANCE)
+    if correlation is not None or covariance is None:
+        return correlation
+    n, _, p = deviation.shape
+    if np.shape(covariance) != (n, 3 * p, 3 * p):
+        found = f"has the shape {np.shape(covariance)}"
+        raise input_error(f"{file}:/{COVARIANCE}", found, f"its shape must be {(n, 3 * p, 3 * p)}")
+    blocks = np.asarray(covariance, dtype=np.float64).reshape(n, p, 3, p, 3)
+    own = np.einsum("npapb->nabp", blocks)
+    sd = np.sqrt(np.einsum("naap->nap", own))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.stack([own[:, a, b] / (sd[:, a] * sd[:, b]) for a, b in PAIRS], axis=1)
+
+
+def find_plausibility(judgement: Judgement, results: ResultSet) -> dict[str, float]:
+    """Plausibility of each image by its item; empty where the method knows none."""
+    found = find_dataset(judgement.file, results, PLAUSIBILITY)
+    return {} if found is None else dict(zip(results.items, found.tolist(), strict=True))

@@ -1,0 +1,148 @@
+"""The lens: its distortion is removed from the landmarks before they are lifted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config.fit.camera import CAMERA_MATRIX, ViewingConfig
+from shapefit.errors import input_error
+from shapefit.io import LandmarkSet
+from shapefit.io.extras import Extras
+
+if TYPE_CHECKING:
+    from shapefit.io.motion.calibration import CalibratedCamera
+
+Floats = NDArray[np.float64]
+
+DISTORTION = "distortion"
+"""Dataset (m,) or (n, m) of landmarks: coefficients of OpenCV's model, m = 4, 5 or 8."""
+
+REMOVED = "removed_distortion"
+"""Dataset of a result: the coefficients of the distortion that its landmarks no longer have."""
+
+SMALLEST = 3e-4
+"""Of the diagonal of the image by which a lens moves its corners that is worth a coefficient."""
+
+LARGEST = 0.5
+"""Of the diagonal that a lens of this model can move the corners by."""
+
+
+def find_calibrated(config: ViewingConfig) -> CalibratedCamera | None:
+    """Return the camera that the config names in a calibration. Raises InputError."""
+    if config.calibration is None:
+        return None
+    from shapefit.io.motion.calibration import read_camera
+
+    return read_camera(config.calibration, config.name)
+
+
+def straightened(images: LandmarkSet, calibrated: CalibratedCamera | None) -> LandmarkSet:
+    """Return the images as a camera without distortion sees them, with what is known of it.
+
+    The camera is the calibrated one or, without, the `camera_matrix` and `distortion` of the
+    landmarks. A landmark that no point of the scene can have in this lens is unseen. Raises
+    InputError for datasets that hold no cameras.
+    """
+    extras = Extras.of(images.extras, len(images))
+    whole, per_item = dict(extras.whole), dict(extras.per_item)
+    if calibrated is not None:
+        for name, values in datasets(calibrated).items():
+            per_item.pop(name, None)
+            whole[name] = values
+    kept = per_item if DISTORTION in per_item else whole
+    known = CAMERA_MATRIX in whole or CAMERA_MATRIX in per_item
+    if DISTORTION not in kept or not known or not np.any(kept[DISTORTION]):
+        return _with(images, images.landmarks, Extras(per_item, whole))
+    from shapefit.geometry.lens import undistort
+    from shapefit.pipelines.fit.intrinsics import read_intrinsics
+
+    images = _with(images, images.landmarks, Extras(per_item, whole))
+    focal, centre = read_intrinsics(images, CAMERA_MATRIX)
+    coefficients = find_coefficients(kept[DISTORTION])
+    if images.y_axis == "up":
+        coefficients = coefficients * np.where(np.arange(coefficients.shape[-1]) == 2, -1.0, 1.0)
+    kept[REMOVED] = kept.pop(DISTORTION)
+    points = (images.landmarks - centre[..., None]) / focal[..., None]
+    coefficients = np.broadcast_to(coefficients, (len(images), coefficients.shape[-1]))
+    straight = centre[..., None] + focal[..., None] * undistort(points, coefficients)
+    return _with(images, straight, Extras(per_item, whole))
+
+
+def find_coefficients(values: Any) -> Floats:
+    """Return coefficients of distortion (8,) or (n, 8). Raises InputError for other datasets."""
+    from shapefit.geometry.lens import complete
+
+    try:
+        coefficients = complete(np.asarray(values, dtype=np.float64))
+        finite = bool(np.isfinite(coefficients).all()) and coefficients.ndim <= 2
+    except (ValueError, TypeError, IndexError):
+        finite = False
+    if not finite:
+        found = f"has the shape {np.shape(values)}, or is not finite"
+        fix = "give 4, 5 or 8 coefficients of OpenCV's model, for the file or for each image"
+        raise input_error(DISTORTION, found, fix)
+    return coefficients
+
+
+def datasets(camera: CalibratedCamera) -> dict[str, Floats]:
+    """Return what a calibration says of a camera, under the names of datasets of landmarks."""
+    found: Mapping[str, Floats | None] = {
+        CAMERA_MATRIX: camera.matrix,
+        DISTORTION: camera.distortion,
+        "image_size": camera.size,
+        "extrinsic_rotation": camera.rotation,
+        "extrinsic_translation": camera.translation,
+    }
+    return {name: values for name, values in found.items() if values is not None}
+
+
+def find_doubts(head: Mapping[str, Any], calibrated: CalibratedCamera | None) -> tuple[str, ...]:
+    """Warn of a distortion that no lens has, or that cannot be removed, from what a file says."""
+    said = dict(head) | ({} if calibrated is None else datasets(calibrated))
+    matrix, values = said.get(CAMERA_MATRIX), said.get(DISTORTION)
+    if values is None or not np.size(values):
+        return ()
+    if matrix is None:
+        lacking = f"without `{CAMERA_MATRIX}` the `{DISTORTION}` of the landmarks stays in them"
+        return (lacking,)
+    if np.shape(matrix) != (3, 3) or np.ndim(values) != 1 or not np.any(values):
+        return ()
+    return doubts(np.asarray(matrix), find_coefficients(values), said.get("image_size"))
+
+
+def doubts(matrix: Floats, coefficients: Floats, size: Any) -> tuple[str, ...]:
+    """Say what is wrong with a lens: it bends back in the image, or moves its corners oddly."""
+    from shapefit.geometry.lens import undistort
+
+    focal, centre = np.diag(matrix)[:2, None], matrix[:2, 2, None]
+    width, height = 2 * centre[:, 0] if np.shape(size) != (2,) else np.asarray(size, float)
+    across, along = np.meshgrid(np.linspace(0, width, 9), np.linspace(0, height, 9))
+    pixels = np.stack([across.ravel(), along.ravel()])
+    straight = centre + focal * undistort((pixels - centre) / focal, coefficients)
+    lost = np.isnan(straight).any(axis=0)
+    if lost.any():
+        nearest = np.hypot(*(pixels - centre))[lost].min()
+        return (
+            f"the lens bends back inside the image, {nearest:.0f} px from its centre, which no "
+            "lens does; landmarks beyond are hidden: check the distortion",
+        )
+    diagonal = float(np.hypot(width, height))
+    moved = float(np.hypot(*(straight - pixels)).max())
+    if moved < SMALLEST * diagonal:
+        return (
+            f"the lens moves no point of the image by more than {moved:.2g} px: Pose2Sim divides "
+            "the distortion of a Qualisys file by 64 when it converts it; check the distortion",
+        )
+    if moved > LARGEST * diagonal:
+        return (f"the lens moves corners of the image by {moved:.0f} px; check the distortion",)
+    return ()
+
+
+def _with(images: LandmarkSet, landmarks: Floats, extras: Extras) -> LandmarkSet:
+    unseen = np.isnan(landmarks).any(axis=1, keepdims=True)
+    return replace(images, landmarks=np.where(unseen, np.nan, landmarks), extras=extras)

@@ -1,0 +1,130 @@
+"""Which parts a fit has: files, or row ranges of large HDF5 files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from shapefit.config import FitConfig
+from shapefit.core import STRETCH
+from shapefit.errors import InputError, abbreviate, input_error
+from shapefit.io.foreign.opening import group_inputs
+from shapefit.io.formats import HDF5
+from shapefit.io.layout import LANDMARKS
+from shapefit.io.sources import is_stream
+from shapefit.lifting.methods import METHODS
+from shapefit.pipelines.reading import input_options
+
+
+@dataclass(frozen=True)
+class Part:
+    """Images that become one result file.
+
+    number    counts the parts of a run, from 0
+    inputs    the file, or the files that are one recording
+    rows      of the one HDF5 file: from the first to before the second; None for all of it
+    state     size and time of change of the inputs, by which a changed file is known
+    """
+
+    number: int
+    inputs: tuple[Path, ...]
+    rows: tuple[int, int] | None
+    state: tuple[tuple[int, int], ...]
+
+    @property
+    def file(self) -> str:
+        """Name of its result."""
+        return f"part-{self.number:05}.h5"
+
+
+def plan_parts(config: FitConfig) -> list[Part]:
+    """Return the parts of a fit, in the order of the inputs.
+
+    A large HDF5 file is cut where no result changes: after whole stretches of images, which start
+    from one another's solutions, and between sequences where those are lifted whole. Raises
+    InputError for standard input, and for sequences over two files.
+    """
+    if any(map(is_stream, config.landmarks)):
+        found = "standard input cannot be divided into parts"
+        raise input_error("landmarks", found, "save it to a file and name that")
+    whole = METHODS[config.method].sequences
+    parts: list[Part] = []
+    holders: dict[str, Path] = {}
+    for known, paths in group_inputs(config.landmarks, input_options(config.input)):
+        state = tuple((each.st_size, each.st_mtime_ns) for each in map(Path.stat, paths))
+        rows: list[tuple[int, int] | None] = [None]
+        if known is HDF5 and _is_readable(paths[0]):
+            if whole:
+                rows = _between_sequences(paths[0], config.partition, holders)
+            else:
+                rows = _between_stretches(paths[0], config.partition)
+        parts += [
+            Part(number, paths, each, state) for number, each in enumerate(rows, start=len(parts))
+        ]
+    return parts
+
+
+def _is_readable(path: Path) -> bool:
+    """Whether a file can be divided; whoever does a part of one that cannot reports why."""
+    from shapefit.io.hdf5.reading import Hdf5Reader
+
+    try:
+        with Hdf5Reader(path, LANDMARKS):
+            return True
+    except InputError:
+        return False
+
+
+def _between_stretches(path: Path, size: int) -> list[tuple[int, int] | None]:
+    from shapefit.io.hdf5.reading import Hdf5Reader
+
+    with Hdf5Reader(path, LANDMARKS) as reader:
+        count = reader.count
+    size = -(-size // STRETCH) * STRETCH
+    if count <= size:
+        return [None]
+    return [(start, min(start + size, count)) for start in range(0, count, size)]
+
+
+def _between_sequences(
+    path: Path, size: int, holders: dict[str, Path]
+) -> list[tuple[int, int] | None]:
+    """Return row ranges of whole sequences, at least `size` images each but the last."""
+    rows: list[tuple[int, int] | None] = []
+    start = 0
+    for name, first in _sequence_starts(path):
+        if name in holders:
+            where = {str(holders[name]), str(path)}
+            found = f"the sequence '{name}' is in {abbreviate(sorted(where))}, in two places"
+            raise input_error(path, found, "put its images together, in one file")
+        holders[name] = path
+        if first - start >= size:
+            rows.append((start, first))
+            start = first
+    if not rows:
+        return [None]
+    return [*rows, (start, _count(path))]
+
+
+def _sequence_starts(path: Path) -> Iterator[tuple[str, int]]:
+    """Yield the name and the first row of every run of images of one sequence."""
+    from shapefit.io.hdf5.reading import Hdf5Reader
+
+    with Hdf5Reader(path, LANDMARKS) as reader:
+        row, last = 0, None
+        blocks: Iterator[Sequence[str]] = (
+            reader.read_blocks("sequence") if reader.has("sequence") else iter(())
+        )
+        for block in blocks:
+            for name in block:
+                if name != last:
+                    yield name, row
+                last, row = name, row + 1
+
+
+def _count(path: Path) -> int:
+    from shapefit.io.hdf5.reading import Hdf5Reader
+
+    with Hdf5Reader(path, LANDMARKS) as reader:
+        return reader.count

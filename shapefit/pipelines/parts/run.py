@@ -1,0 +1,176 @@
+"""`fit` into a folder: parts of the images, one result each, and a manifest of those that are done.
+
+Running again does the parts that are missing. Without a cluster they are done in this process.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from shapefit.config import FitConfig
+from shapefit.config.paths import MANIFEST
+from shapefit.errors import abbreviate, counted, input_error, printable
+from shapefit.io import digest
+from shapefit.pipelines.fit import run as single
+from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.parts.cluster import RETRIES, connected, failed, on_cluster, wants_cluster
+from shapefit.pipelines.parts.manifest import Manifest, describe, held_folder, read_manifest
+from shapefit.pipelines.parts.part import Done, Job, fit_part
+from shapefit.pipelines.parts.plan import Part, plan_parts
+
+OF_THE_RUN = (
+    *("landmarks", "output", "dictionary", "data", "threads", "chunk"),
+    *("scheduler", "scheduler_file", "workers", "dry_run"),
+)
+"""Keys that do not change what a part holds."""
+
+SHARE_OF_WRITING = 0.05
+"""Of the time of a run that rewriting a long manifest may take."""
+
+
+def run(config: FitConfig) -> Iterator[Outcome]:
+    """Lift landmarks to one result file, or, where the output is a folder, part by part."""
+    if config.output.name != MANIFEST:
+        if wants_cluster_only(config):
+            fix = "end the name of the output with /, as in -o FOLDER/"
+            raise input_error("output", "a cluster writes a folder of results", fix)
+        yield from single.run(config)
+        return
+    check_parts(config)
+    parts = plan_parts(config)
+    terms = find_terms(config)
+    if config.dry_run:
+        manifest = _known(config, terms)[0]
+        yield _dry(parts, manifest)
+        return
+    with held_folder(config.output.parent):
+        yield from _run(config, parts, terms)
+
+
+def wants_cluster_only(config: FitConfig) -> bool:
+    """Whether the config names a cluster itself; the environment counts with a folder only."""
+    return bool(config.scheduler or config.scheduler_file or config.workers or config.dry_run)
+
+
+def check_parts(config: FitConfig) -> None:
+    """Raise InputError for what cannot be done part by part."""
+    for key in ("export", "pictures"):
+        if getattr(config, key).folder is not None:
+            fix = "leave it out, and fit the images to be shown once more into a file"
+            raise input_error(f"{key}.folder", "is not written for a folder of results", fix)
+
+
+def find_terms(config: FitConfig) -> dict[str, str]:
+    """Return the digests of what all parts depend on."""
+    plain = {key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN}
+    text = json.dumps(plain, sort_keys=True)
+    return {
+        "config": hashlib.sha256(text.encode()).hexdigest(),
+        "dictionary": digest(config.dictionary),
+    }
+
+
+def _known(config: FitConfig, terms: dict[str, str]) -> tuple[Manifest, str | None]:
+    """Return the manifest of the parts that count, and why those of an earlier run do not."""
+    known = read_manifest(config.output)
+    if known is None:
+        return Manifest(terms), None
+    changed = [name for name, value in terms.items() if known.terms.get(name) != value]
+    if changed:
+        return Manifest(terms), f"all parts are done again: another {' and another '.join(changed)}"
+    return known, None
+
+
+def _dry(parts: Sequence[Part], manifest: Manifest) -> Outcome:
+    """Say which parts would be done."""
+    lines = [f"{part.file}: {_words(part)}" for part in parts if not manifest.holds(part)]
+    there = len(parts) - len(lines)
+    note = f"{counted(len(lines), 'part')} to do, {there} done\n" + "\n".join(lines)
+    return Outcome(unit="image", note=note.strip())
+
+
+def _words(part: Part) -> str:
+    rows = "" if part.rows is None else f", rows {part.rows[0]} to {part.rows[1] - 1}"
+    return abbreviate([printable(path) for path in part.inputs]) + rows
+
+
+def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Iterator[Outcome]:
+    folder = config.output.parent
+    manifest, again = _known(config, terms)
+    _drop_stale(parts, manifest)
+    todo = [part for part in parts if not manifest.holds(part)]
+    warnings = () if again is None else (again,)
+    note = f"{len(parts) - len(todo)} of {counted(len(parts), 'part')} done before"
+    yield Outcome(warnings=warnings, note=note)
+    lost: list[Failure] = []
+    reached = len(parts) - len(todo)
+    wrote, took = time.monotonic(), 0.0
+    try:
+        for done in _do(config, [Job(part, config, folder) for part in todo]):
+            if done.error is not None:
+                lost.append(Failure(done.part.file, f"{_words(done.part)}: {done.error}"))
+                continue
+            reached += 1
+            manifest.parts[done.part.file] = describe(done.part) | done.entry()
+            if time.monotonic() - wrote >= took / SHARE_OF_WRITING:
+                began = time.monotonic()
+                manifest.write(config.output)
+                wrote = time.monotonic()
+                took = wrote - began
+            yield Outcome(
+                done=done.images,
+                failures=done.failures,
+                warnings=done.warnings,
+                note=f"{reached} of {counted(len(parts), 'part')} done",
+            )
+    finally:
+        manifest.write(config.output)
+    _remove_stale(folder, parts)
+    yield Outcome(
+        failures=tuple(lost),
+        note=f"{reached} of {counted(len(parts), 'part')} done",
+        written=(config.output,),
+    )
+
+
+def _do(config: FitConfig, jobs: Sequence[Job]) -> Iterator[Done]:
+    """Do the jobs, on a cluster or one after the other."""
+    if not wants_cluster(config):
+        yield from map(_tried, jobs)
+        return
+    with connected(config) as client:
+        if config.threads == 0:  # a worker's threads are the cluster's
+            one = config.model_copy(update={"threads": 1})
+            jobs = [Job(job.part, one, job.folder) for job in jobs]
+        yield from on_cluster(client, jobs)
+
+
+def _tried(job: Job) -> Done:
+    """Do a job in this process, again where it fails."""
+    for _ in range(RETRIES):
+        try:
+            return fit_part(job)
+        except Exception:  # a full disk may have room a moment later
+            continue
+    try:
+        return fit_part(job)
+    except Exception as error:
+        return failed(job, error)
+
+
+def _drop_stale(parts: Sequence[Part], manifest: Manifest) -> None:
+    """Forget the parts of an earlier run that this one does not have, or has to do again."""
+    own = {part.file for part in parts if manifest.holds(part)}
+    manifest.parts = {name: entry for name, entry in manifest.parts.items() if name in own}
+
+
+def _remove_stale(folder: Path, parts: Sequence[Part]) -> None:
+    """Remove the results of an earlier run that this one does not have."""
+    own = {part.file for part in parts}
+    for path in folder.glob("part-*.h5"):
+        if path.name not in own:
+            path.unlink()

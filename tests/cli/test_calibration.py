@@ -1,0 +1,91 @@
+"""The installed commands on shapes drawn from a prior: error bars hold what they say."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+
+from shapefit.dictionary.mixture import Mixture
+from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.rotations import random_rotations
+from shapefit.io import LandmarkSet, landmark_writer, write_dictionary, write_shapes
+from shapefit.io.records import ShapeSet
+from tests.cli.test_chain import shapefit
+
+MISFIT, SIZE, N, P = 0.005, 30.0, 400, 9
+NAMES = tuple(f"point{j}" for j in range(P))
+ITEMS = tuple(f"image{i}" for i in range(N))
+FIT = f"""
+landmarks: views.h5
+dictionary: dictionary.h5
+output: result.h5
+method: posterior
+lambda: 0.1
+solver: {{tolerance: 0.001}}
+posterior: {{misfit: {MISFIT}, gross_chance: 0, views: 8}}
+"""
+
+
+@pytest.fixture
+def drawn(tmp_path, rng):
+    """A folder with a dictionary, and the shapes and views drawn from its prior."""
+    means = rng.standard_normal((1, 3, P)) + 0.4 * rng.standard_normal((3, 3, P))
+    means -= means.mean(axis=2, keepdims=True)
+    B = 0.08 * rng.standard_normal((3, 3 * P, 3 * P))
+    C = B @ B.swapaxes(1, 2) / (3 * P) * 4 + 0.01 * np.eye(3 * P)
+    prior = Mixture(np.array([0.5, 0.3, 0.2]), means, C)
+    k = rng.choice(3, size=N, p=prior.weights)
+    roots = np.linalg.cholesky(C)[k]
+    x = means[k] + (roots @ rng.standard_normal((N, 3 * P, 1))).reshape(N, 3, P)
+    R = random_rotations(N, rng)
+    w = (R @ x)[:, :2] + np.sqrt(MISFIT) * rng.standard_normal((N, 2, P))
+    atoms = means / 5
+    write_dictionary(
+        tmp_path / "dictionary.h5", Dictionary(atoms, NAMES, means.mean(axis=0), prior=prior)
+    )
+    write_shapes(tmp_path / "truth.h5", ShapeSet(shapes=x, landmark_names=NAMES, items=ITEMS))
+    images = LandmarkSet(
+        landmarks=SIZE * w + 100, landmark_names=NAMES, items=ITEMS, extras={"true_rotation": R}
+    )
+    with landmark_writer(tmp_path / "views.h5") as writer:
+        writer.append(images)
+    (tmp_path / "fit.yaml").write_text(FIT)
+    text = "results: {posterior: result.h5}\ntruth: truth.h5\noutput: report\nplots: false\n"
+    (tmp_path / "eval.yaml").write_text(text)
+    return tmp_path
+
+
+def rows(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_regions_of_shapes_drawn_from_the_prior_hold_what_they_say(drawn):
+    shapefit("fit", "-c", "fit.yaml", folder=drawn)
+    shown = shapefit("eval", "-c", "eval.yaml", folder=drawn)
+    assert "## Error bars" in shown.stdout
+    assert "## Least plausible images" in shown.stdout
+    found = rows(drawn / "report/calibration.csv")
+    whole = next(row for row in found if not row["landmark"])
+    assert int(whole["judged"]) == N * P
+    for row in found:
+        # Landmarks of an image go together: at worst they count as one.
+        for share in (0.5, 0.9):
+            inside = float(row[f"inside_{100 * share:.0f}"])
+            error = np.sqrt(share * (1 - share) / N)
+            # Scale and translation of 9 landmarks are fitted to the truth: a few points more.
+            assert share - 4 * error < inside < share + 4 * error + 0.05, row
+    (kept,) = (row for row in rows(drawn / "report/trusted.csv") if row["metric"] == "similarity"
+               and row["unit"] == "normalised")  # fmt: skip
+    assert (int(kept["images"]), int(kept["kept"])) == (N, N - N // 10)
+
+
+def test_narrower_bars_hold_less(drawn):
+    narrow = ["--set", "posterior.widening=0.5"]
+    shapefit("fit", "-c", "fit.yaml", *narrow, folder=drawn)
+    shapefit("eval", "-c", "eval.yaml", folder=drawn)
+    whole = rows(drawn / "report/calibration.csv")[0]
+    assert float(whole["inside_90"]) < 0.82
+    assert float(whole["inside_50"]) < 0.42

@@ -1,0 +1,97 @@
+"""The dictionary `people` of the package: whole, small, with its origin, and without any pose."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.config.dictionaries import FOLDER
+from shapefit.config.loader import load_config
+from shapefit.dictionary.origin import origin_of
+from shapefit.dictionary.variations import find_skeleton
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.procrustes import rotation_onto
+from shapefit.geometry.symmetry import mirror
+from shapefit.io import read_dictionary, read_shapes
+from shapefit.io.skeletons import PEOPLE, SKELETONS
+from shapefit.pipelines.learn_dict.training_shapes import every_nth
+
+FILE = FOLDER / "people.h5"
+LEARNING = ("method", "every", "align", "symmetry", "mirror", "k", "beta", "iterations", "prior")
+
+
+@pytest.fixture(scope="module")
+def people():
+    return read_dictionary(FILE)
+
+
+def test_it_has_the_joints_onto_which_all_skeletons_map(people):
+    assert people.landmark_names == PEOPLE
+    for skeleton in SKELETONS.values():
+        assert set(skeleton.people.values()) <= set(people.landmark_names)
+
+
+def test_it_has_what_all_methods_need(people):
+    assert people.unit == "m"
+    assert people.frame_rate == 24
+    find_skeleton(people.edges, len(PEOPLE))
+    assert people.prior is not None
+    assert (people.acceleration > 0).all()
+    assert people.edge_give.shape == (14,)
+    sides = {"r": "l", "l": "r"}
+    for j, i in enumerate(people.mirror_index.tolist()):
+        name, other = PEOPLE[j], PEOPLE[i]
+        paired = name[0] in sides and f"r{name[1:]}" in PEOPLE
+        assert other == (sides[name[0]] + name[1:] if paired else name)
+
+
+def test_its_prior_does_not_know_left_from_right(people):
+    """The mean of the mixture is its own mirror image, but for what EM and rounding leave."""
+    mean = np.einsum("k,kcp->cp", people.prior.weights, people.prior.means)[None]
+    index = people.mirror_index
+    images = np.stack([mirror(mean, index, axis)[0] for axis in range(3)])
+    turned = rotation_onto(images, mean[0]) @ images
+    apart = np.linalg.norm(turned - mean, axis=1).max(axis=1)
+    assert apart.min() < 0.05
+
+
+def test_it_is_small_and_says_where_it_comes_from(people):
+    assert FILE.stat().st_size < 500_000
+    origin = origin_of(people)
+    assert "mocap.cs.cmu.edu" in origin.source
+    assert "may not be resold" in origin.licence
+    assert "NSF EIA-0196217" in origin.acknowledgement
+
+
+def test_it_names_no_folder():
+    with h5py.File(FILE) as file:
+        texts = [str(value) for value in file.attrs.values()]
+    assert not [text for text in texts if re.search(r"[\"' ]/|\\\\|\.\./", text)]
+
+
+def test_it_was_learned_by_the_config_of_the_project(people, project):
+    stored = json.loads(people.provenance["config"])
+    arguments = {"shapes": [str(FILE)], "output": "people.h5"}
+    config = load_config("learn-dict", project / "configs/people/learn-box.yaml", (), arguments)
+    now = config.as_plain()
+    for key in LEARNING:
+        assert stored[key] == now[key], key
+
+
+@pytest.mark.real_data
+def test_no_atom_and_no_mean_is_a_pose_of_the_motions(people, real_data):
+    """Statistics are shipped, no motion: what is nearest differs by far more than rounding."""
+    stored = json.loads(people.provenance["config"])
+    shapes = read_shapes([real_data / "mocap" / name for name in stored["shapes"]])
+    training = shapes.take(every_nth(shapes.sequences, stored["every"]))
+    poses = normalise(training.shapes).points
+    both = np.concatenate([poses, mirror(poses, people.mirror_index, 2)])
+    given = np.concatenate([people.atoms, people.prior.means, people.mean_shape[None]])
+    for shape in normalise(given).points:
+        rotation = rotation_onto(both, shape)
+        apart = np.sqrt(((rotation @ both - shape) ** 2).sum(axis=1).mean(axis=1))
+        assert apart.min() > 0.01

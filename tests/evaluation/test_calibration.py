@@ -1,0 +1,123 @@
+"""Levels of the truth in error bars: against dense linear algebra, and planted from the bars."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from shapefit.evaluation.calibration import ErrorBars, cover, find_levels, inside, join
+from shapefit.evaluation.summary import ImageErrors
+from shapefit.evaluation.trust import keep_trusted
+
+PAIRS = ((0, 1), (0, 2), (1, 2))
+BINOMIAL = 4
+"""Standard errors of a binomial share within which a planted one must be."""
+
+
+def draw(rng, n, p, size):
+    """Estimates (n, 3, p), covariances (n, p, 3, 3), and truths drawn from them, then moved."""
+    estimate = rng.standard_normal((n, 3, p))
+    L = size * rng.standard_normal((n, p, 3, 3))
+    C = L @ L.swapaxes(2, 3) + 0.1 * size**2 * np.eye(3)
+    e = np.einsum("npab,npb->nap", np.linalg.cholesky(C), rng.standard_normal((n, p, 3)))
+    scale, shift = rng.uniform(0.1, 10, (n, 1, 1)), rng.standard_normal((n, 3, 1))
+    return estimate, C, scale * (estimate + e) + shift
+
+
+def deviations_of(C):
+    """Standard deviations and correlations (n, 3, p) of covariances (n, p, 3, 3)."""
+    sd = np.sqrt(np.einsum("npaa->nap", C))
+    return sd, np.stack([C[..., a, b] / (sd[:, a] * sd[:, b]) for a, b in PAIRS], axis=1)
+
+
+def placed_by_least_squares(estimate, truth):
+    """The truth in the frame of the estimate, and the scale, by a dense system over s and t."""
+    p = estimate.shape[1]
+    A = np.hstack([estimate.T.reshape(-1, 1), np.tile(np.eye(3), (p, 1))])
+    (s, *t), *_ = np.linalg.lstsq(A, truth.T.reshape(-1), rcond=None)
+    return (truth - np.array(t)[:, None]) / s, s
+
+
+def test_levels_and_widths_are_those_of_dense_algebra(rng):
+    estimate, C, truth = draw(rng, 12, 7, 0.2)
+    level, width = find_levels(estimate, truth, *deviations_of(C))
+    for i in range(12):
+        placed, s = placed_by_least_squares(estimate[i], truth[i])
+        for j in range(7):
+            d = estimate[i, :, j] - placed[:, j]
+            assert level[i, j] == pytest.approx(chi2.cdf(d @ np.linalg.solve(C[i, j], d), 3))
+            axes = np.sqrt(chi2.ppf(0.9, 3) * np.linalg.eigvalsh(s**2 * C[i, j]))
+            assert width[i, j] == pytest.approx(np.sqrt((axes**2).mean()))
+
+
+def test_truth_drawn_from_the_error_bars_is_inside_as_often_as_they_say(rng):
+    n, p = 200, 60  # so many landmarks that scale and translation take up little of the errors
+    estimate, C, truth = draw(rng, n, p, 0.01)
+    sd, correlation = deviations_of(C)
+    level, _ = find_levels(estimate, truth, sd, correlation)
+    narrow, _ = find_levels(estimate, truth, 0.8 * sd, correlation)
+    for nominal in (0.1, 0.5, 0.9):
+        error = BINOMIAL * np.sqrt(nominal * (1 - nominal) / (n * p))
+        (share,), (less,) = inside(level, [nominal]), inside(narrow, [nominal])
+        assert share == pytest.approx(nominal, abs=error + 0.01)
+        assert less < nominal - error - 0.01
+
+
+def test_without_correlations_ellipsoids_are_parallel_to_the_axes(rng):
+    estimate, C, truth = draw(rng, 5, 6, 0.2)
+    sd, correlation = deviations_of(C)
+    parallel = find_levels(estimate, truth, sd, np.zeros_like(correlation))
+    np.testing.assert_allclose(find_levels(estimate, truth, sd, None), parallel)
+    assert not np.allclose(parallel[0], find_levels(estimate, truth, sd, correlation)[0])
+
+
+def test_what_is_not_known_is_left_out(rng):
+    estimate, C, truth = draw(rng, 4, 6, 0.2)
+    truth[0, :, 2] = np.nan
+    truth[1, :, 2:] = np.nan  # two landmarks are too few to place
+    estimate[2] = np.nan
+    level, width = find_levels(estimate, truth, *deviations_of(C))
+    assert np.isnan(level).sum(axis=1).tolist() == [1, 6, 6, 0]
+    assert (np.isnan(level) == np.isnan(width)).all()
+    others = [0, 1, 3, 4, 5]
+    alone, _ = find_levels(*(x[:1, :, others] for x in (estimate, truth, *deviations_of(C))))
+    np.testing.assert_allclose(level[0, others], alone[0])
+
+
+def test_groups_and_landmarks_are_summed_up():
+    level = np.array([[0.2, 0.8], [0.6, np.nan], [0.95, 0.4]])
+    width = {"normalised": np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])}
+    bars = ErrorBars(
+        "posterior", ("hip", "knee"), tuple("abc"), ("13_1", "13_1", "14_1"), level, width, False
+    )
+    whole, hip, knee, *other = cover(bars, {"13": ("13_1",), "14": ("14_1",), "15": ("15_1",)})
+    assert (whole.group, whole.landmark, whole.judged) == ("13", None, 3)
+    assert whole.inside == pytest.approx((1 / 3, 1.0))
+    assert whole.width["normalised"] == pytest.approx(2.0)
+    assert (hip.judged, *hip.inside) == (2, 0.5, 1.0)
+    assert (knee.judged, *knee.inside) == (1, 0.0, 1.0)
+    assert [c.inside for c in other] == [(0.5, 0.5), (0.0, 0.0), (1.0, 1.0)]
+
+
+def test_files_of_a_method_are_joined_by_landmark():
+    def part(names, values):
+        level = np.array([values])
+        return ErrorBars("posterior", names, ("a",), ("all",), level, {"m": 2 * level}, False)
+
+    joined = join([part(("hip", "knee"), [0.1, 0.2]), part(("knee", "toe"), [0.3, 0.4])])
+    assert joined.landmarks == ("hip", "knee", "toe")
+    np.testing.assert_array_equal(joined.level, [[0.1, 0.2, np.nan], [np.nan, 0.3, 0.4]])
+    np.testing.assert_array_equal(joined.width["m"], 2 * joined.level)
+
+
+def test_the_least_plausible_tenth_of_a_group_is_left_out():
+    values = np.array([*np.arange(1.0, 21.0), 100.0, np.nan])
+    items = tuple(f"item{i}" for i in range(22))
+    errors = ImageErrors("posterior", "similarity", "m", items, ("a",) * 20 + ("b", "a"), values)
+    plausibility = {item: 1 - 0.01 * i for i, item in enumerate(items)}
+    first, second = keep_trusted(errors, plausibility, {"A": ("a",), "B": ("b",)})
+    assert (first.images, first.mean) == (20, 10.5)
+    assert (first.kept, first.mean_kept) == (18, 9.5)
+    assert first.plausibility == pytest.approx(1 - 0.17)
+    assert (second.images, second.kept, second.mean_kept) == (1, 1, 100.0)

@@ -1,0 +1,192 @@
+"""People joined over frames, against figures whose identity is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from shapefit.io import open_landmarks
+from shapefit.io.foreign.recording import ANYBODY, Instances
+from shapefit.io.foreign.tracking import LONGEST_GAP, assign, joined
+from shapefit.io.options import InputOptions
+
+Floats = NDArray[np.float64]
+
+FIGURE = np.array(
+    [
+        *[(0, 170), (0, 150), (-20, 145), (20, 145), (-28, 90), (28, 90)],
+        *[(-10, 90), (10, 90), (-12, 45), (12, 45), (-12, 0), (12, 0)],
+    ],
+    dtype=float,
+)
+"""Head, neck, shoulders, hands, hips, knees and feet of a figure 170 pixels high."""
+
+
+def walking(start: float, speed: float, frames: int, rng: np.random.Generator) -> Floats:
+    """A figure (frames, p, 2) of its own size and gait walks across the image, with noise."""
+    phase = 2 * np.pi * (np.arange(frames) / 30 + rng.random())
+    swing = np.outer(np.sin(phase), [0, 0, 0, 0, 25, -25, 0, 0, -12, 12, -25, 25])
+    figure = np.repeat(rng.uniform(0.8, 1.2) * FIGURE[None], frames, axis=0)
+    figure[..., 0] += start + speed * np.arange(frames)[:, None] + swing
+    return figure + rng.standard_normal(figure.shape)
+
+
+def instances(
+    people: Sequence[Floats], rng: np.random.Generator | None
+) -> tuple[Instances, Floats]:
+    """Return detections, people of a frame in any order (rng), and who each is."""
+    points, frames, who = [], [], []
+    for frame in range(len(people[0])):
+        there = [n for n, one in enumerate(people) if np.isfinite(one[frame]).any()]
+        for person in there if rng is None else rng.permutation(there):
+            points.append(people[person][frame])
+            frames.append(frame)
+            who.append(person)
+    block = Instances(
+        points=np.array(points),
+        frames=np.array(frames),
+        labels=[str(frame) for frame in frames],
+        individuals=np.full(len(frames), ANYBODY),
+    )
+    return block, np.array(who)
+
+
+def cut(block: Instances, size: int) -> list[Instances]:
+    """Return the same instances in blocks that need not end where a frame does."""
+    return [
+        replace(
+            block,
+            points=block.points[at : at + size],
+            frames=block.frames[at : at + size],
+            labels=block.labels[at : at + size],
+            individuals=block.individuals[at : at + size],
+            videos=block.videos and block.videos[at : at + size],
+        )
+        for at in range(0, len(block), size)
+    ]
+
+
+def tracks(block: Instances, size: int = 10_000) -> NDArray[np.int64]:
+    return np.concatenate([part.individuals for part in joined(cut(block, size), 1)])
+
+
+def same_partition(found: NDArray[np.int64], who: Floats) -> bool:
+    return (
+        len({*zip(found.tolist(), who.tolist(), strict=True)})
+        == len({*who.tolist()})
+        == len({*found.tolist()})
+    )
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_two_people_who_cross_in_any_order(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    people = [walking(0, 6, 120, rng), walking(700, -6, 120, rng)]
+    block, who = instances(people, rng)
+    assert same_partition(tracks(block), who)
+
+
+def test_blocks_may_end_within_a_frame(rng: np.random.Generator) -> None:
+    block, who = instances([walking(300 * n, 3, 50, rng) for n in range(3)], rng)
+    whole = tracks(block)
+    assert same_partition(whole, who)
+    for size in (1, 2, 7, 149):
+        assert (tracks(block, size) == whole).all()
+
+
+def test_tracks_are_numbered_by_first_appearance(rng: np.random.Generator) -> None:
+    late = walking(900, 0, 40, rng)
+    late[:10] = np.nan
+    block, who = instances([walking(0, 2, 40, rng), late], None)
+    assert (tracks(block) == who + 1).all()
+
+
+def test_a_short_gap_is_survived_and_a_long_one_is_not(rng: np.random.Generator) -> None:
+    for gap, numbers in ((LONGEST_GAP, {1}), (LONGEST_GAP + 1, {1, 2})):
+        one = walking(0, 1, 60, rng)
+        one[20 : 20 + gap] = np.nan
+        assert {*tracks(instances([one], None)[0]).tolist()} == numbers
+
+
+def test_nobody_jumps(rng: np.random.Generator) -> None:
+    one, other = walking(0, 1, 40, rng), walking(1000, 1, 40, rng)
+    one[20:], other[:20] = np.nan, np.nan
+    assert {*tracks(instances([one, other], None)[0]).tolist()} == {1, 2}
+
+
+def test_hidden_landmarks_do_not_break_a_track(rng: np.random.Generator) -> None:
+    people = [walking(0, 4, 90, rng), walking(500, -4, 90, rng)]
+    for person in people:
+        person[rng.random(person.shape[:2]) < 0.5] = np.nan
+    block, who = instances(people, rng)
+    assert same_partition(tracks(block), who)
+
+
+def test_identities_of_the_file_and_empty_detections_stay(rng: np.random.Generator) -> None:
+    block, _ = instances([walking(0, 1, 4, rng), walking(500, 1, 4, rng)], None)
+    known = block.individuals.copy()
+    known[1] = 0
+    points = block.points.copy()
+    points[2] = np.nan
+    found = tracks(replace(block, individuals=known, points=points))
+    assert found[1] == 0
+    assert found[2] == ANYBODY
+
+
+def test_videos_have_their_own_tracks(rng: np.random.Generator) -> None:
+    block, who = instances([walking(0, 1, 20, rng), walking(0, 1, 20, rng)], None)
+    block = replace(block, videos=[f"camera {n}" for n in who.tolist()])
+    order = np.lexsort((block.frames, who))
+    block = replace(
+        block, points=block.points[order], frames=block.frames[order],
+        labels=[block.labels[n] for n in order], videos=[block.videos[n] for n in order],
+    )  # fmt: skip
+    assert (tracks(block, 7) == who[order] + 1).all()
+
+
+def test_fifty_people_in_a_frame(rng: np.random.Generator) -> None:
+    people = [walking(90.0 * n, rng.uniform(-2, 2), 30, rng) for n in range(50)]
+    block, who = instances(people, rng)
+    assert same_partition(tracks(block), who)
+
+
+def test_assignment_is_optimal(rng: np.random.Generator) -> None:
+    """Against scipy on the whole matrix: as many pairs, and no greater cost."""
+    for _ in range(300):
+        cost = rng.random(rng.integers(1, 6, size=2))
+        allowed = rng.random(cost.shape) < 0.7
+        pairs = assign(cost, allowed)
+        rows, columns = linear_sum_assignment(np.where(allowed, cost, 1000.0))
+        best = [(a, b) for a, b in zip(rows, columns, strict=True) if allowed[a, b]]
+        assert len({a for a, _ in pairs}) == len({b for _, b in pairs}) == len(pairs) == len(best)
+        assert all(allowed[pair] for pair in pairs)
+        assert sum(cost[p] for p in pairs) == pytest.approx(sum(cost[p] for p in best))
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(("camera", "agreeing"), [("cam01", 99), ("cam03", 100)])
+def test_the_man_on_the_beam_is_one_person(real_data: Path, camera: str, agreeing: int) -> None:
+    """One track is the man that the HDF5 beside has; in a frame of cam01 he is in two parts."""
+    folder = real_data / "detected" / "pose2sim_balancing"
+    with h5py.File(folder / f"{camera}.h5") as file:
+        truth = file["landmarks"][:]
+        frames = [int(item.decode().split("/")[-1]) for item in file["item"][:]]
+    options = InputOptions(keypoints="body_25b", track="nearest")
+    with open_landmarks([folder / "openpose_json" / f"{camera}_json"], options) as source:
+        (images,) = source.chunks(1000)
+    assert images.sequences is not None
+    man = images.take([name.endswith("person 1") for name in images.sequences])
+    assert len(man) == 100
+    found = dict(zip((int(item.split("/")[-1]) for item in man.items), man.landmarks, strict=True))
+    same = [
+        np.allclose(found[frame].T, own, atol=1e-3, equal_nan=True)
+        for frame, own in zip(frames, truth, strict=True)
+    ]
+    assert sum(same) == agreeing

@@ -1,0 +1,82 @@
+"""C3D is read back by its library, in millimetres to the precision of the format."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.io.layout import RESULTS, SHAPES
+from shapefit.io.writing import record_writer
+
+ezc3d = pytest.importorskip("ezc3d")
+
+
+def write(path, record):
+    with record_writer(path, SHAPES if hasattr(record, "edges") else RESULTS) as writer:
+        writer.append(record)
+
+
+def test_points_come_back_in_millimetres(tmp_path, scene):
+    target = tmp_path / "man.c3d"
+    shapes = scene.result.shapes.copy()
+    shapes[2] = np.nan
+    write(target, replace(scene.result, shapes=shapes))
+    file = ezc3d.c3d(str(target))
+    point = file["parameters"]["POINT"]
+    assert point["UNITS"]["value"] == ["mm"]
+    assert point["LABELS"]["value"] == list(scene.result.landmark_names)
+    assert point["RATE"]["value"] == [25]
+    assert point["Y_SCREEN"]["value"] == ["+Y"]
+    assert file["header"]["points"]["first_frame"] == 7
+    points = file["data"]["points"][:3].transpose(2, 0, 1)
+    np.testing.assert_allclose(points[[0, 1, 3]], 1000 * scene.y_up[[0, 1, 3]], atol=1e-3)
+    assert np.isnan(points[2]).all()
+    residuals = file["data"]["meta_points"]["residuals"][0]
+    np.testing.assert_array_equal(residuals, np.tile([0, 0, -1, 0], (15, 1)))
+
+
+def test_shapes_keep_their_axes_and_promise_none(tmp_path, scene, shapes):
+    write(tmp_path / "walk.c3d", shapes)
+    file = ezc3d.c3d(str(tmp_path / "walk.c3d"))
+    points = file["data"]["points"][:3].transpose(2, 0, 1)
+    np.testing.assert_allclose(points, 1000 * scene.world, atol=1e-3)
+    assert "Y_SCREEN" not in file["parameters"]["POINT"]
+    assert file["parameters"]["SHAPEFIT"]["AXES"]["value"] == ["axes as in the shapes"]
+
+
+def test_more_frames_than_a_file_can_number(tmp_path, scene, problems):
+    late = replace(scene.result, extras=scene.result.extras | {"frame": 65530 + np.arange(4)})
+    write(tmp_path / "late.c3d", late.take(slice(0, 3)))
+    later = replace(scene.result, extras=scene.result.extras | {"frame": 65533 + np.arange(4)})
+    (line,) = problems(write, tmp_path / "later.c3d", later)
+    assert (
+        line == "film/anna: the frames run to 65,537, and C3D numbers 65,535 at most; write "
+        "TRC, or shorter sequences"
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["late.c3d"]
+
+
+def test_without_the_library_the_error_says_how_to_get_it(tmp_path, scene, problems, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    (line,) = problems(write, tmp_path / "man.c3d", scene.result)
+    assert line.endswith("need the library ezc3d; install it: pip install 'shapefit[c3d]'")
+
+
+def test_a_disk_that_fills_up_unseen(tmp_path, scene, problems, monkeypatch):
+    target = tmp_path / "man.c3d"
+    target.write_bytes(b"old")
+    original = ezc3d.c3d.write
+
+    def cut(self, path):
+        original(self, path)
+        with open(path, "r+b") as file:
+            file.truncate(600)
+
+    monkeypatch.setattr(ezc3d.c3d, "write", cut)
+    (line,) = problems(write, target, scene.result)
+    assert "cannot be written: No space left" in line
+    assert target.read_bytes() == b"old"
+    assert [path.name for path in tmp_path.iterdir()] == ["man.c3d"]

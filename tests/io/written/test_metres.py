@@ -1,0 +1,173 @@
+"""Results come back in metres and upright, where a planted person walked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.errors import InputError
+from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT, Extras
+from shapefit.io.options import OutputOptions
+from shapefit.io.written.metres import in_metres
+from shapefit.io.written.stature import ANKLE_TO_SHOULDER, find_stature
+
+NOTHING = OutputOptions()
+STATURE = 1.34 / ANKLE_TO_SHOULDER
+CAMERA = ("extrinsic_rotation", "extrinsic_translation")
+
+
+def lengths(points):
+    return np.linalg.norm(points[:, :, 1:] - points[:, :, :1], axis=1)
+
+
+@pytest.mark.parametrize("y_axis", ["down", "up"])
+@pytest.mark.parametrize("every", [False, True])
+def test_with_a_calibrated_camera_the_world_comes_back(scene, y_axis, every, facing, without):
+    result = facing(scene.result, y_axis)
+    if every:  # extrinsics per image
+        each = {name: np.stack([result.extras[name]] * len(result)) for name in CAMERA}
+        result = replace(result, extras=without(result, *CAMERA).extras | each)
+    placed = in_metres(result, NOTHING, "man.trc")
+    np.testing.assert_allclose(placed.points, scene.y_up, atol=1e-12)
+    assert placed.axes == "y up, the axis z of the extrinsics; position from the camera"
+
+
+def test_the_user_says_which_axis_of_the_world_is_up(scene):
+    placed = in_metres(scene.result, OutputOptions(up="-x"), "man.trc")
+    np.testing.assert_allclose(placed.points[:, 1], -scene.world[:, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("y_axis", ["down", "up"])
+def test_without_extrinsics_the_camera_is_the_origin(scene, y_axis, facing, without):
+    result = without(facing(scene.result, y_axis), *CAMERA)
+    points = in_metres(result, NOTHING, "man.trc").points
+    R, t = (scene.result.extras[name] for name in CAMERA)
+    expected = np.diag([1, -1, -1]) @ (R @ scene.world + t[:, None])
+    np.testing.assert_allclose(points, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("y_axis", ["down", "up"])
+def test_weak_perspective_keeps_the_body_and_stands_it_on_the_ground(
+    scene, y_axis, facing, without
+):
+    whole = facing(scene.result, y_axis)
+    placed = in_metres(without(whole, "camera_translation"), NOTHING, "man.trc")
+    points = placed.points
+    np.testing.assert_allclose(lengths(points), lengths(scene.world), atol=1e-12)
+    body = points - points.mean(axis=2, keepdims=True)
+    truth = scene.y_up - scene.y_up.mean(axis=2, keepdims=True)
+    np.testing.assert_allclose(body, truth, atol=1e-12)
+    assert points[:, 1].min() == pytest.approx(0)
+    np.testing.assert_allclose(points[0].mean(axis=1)[[0, 2]], 0, atol=1e-12)
+    assert placed.axes.endswith("lowest landmark at height 0")
+
+
+def test_weak_perspective_moves_in_the_plane_of_the_image(scene, without):
+    result = without(scene.result, "camera_translation", *CAMERA)
+    middle = in_metres(result, NOTHING, "man.trc").points.mean(axis=2)
+    np.testing.assert_allclose(middle[:, 2], 0, atol=1e-12)
+    factor = np.median(scene.result.extras[METRES_PER_UNIT])
+    way = factor * (scene.result.shapes.mean(axis=2)[:, 0])
+    np.testing.assert_allclose(middle[:, 0] - middle[0, 0], way - way[0], atol=1e-12)
+
+
+def test_a_size_by_spread_is_one_for_the_sequence(scene, without):
+    result = replace(scene.result, attributes={METRES_FROM: "spread"})
+    result = without(result, "camera_translation", *CAMERA)
+    points = in_metres(result, NOTHING, "man.trc").points
+    factor = np.median(result.extras[METRES_PER_UNIT])
+    np.testing.assert_allclose(lengths(points), factor * lengths(result.shapes), atol=1e-12)
+
+
+def test_stature_is_measured_along_the_body(scene):
+    found = find_stature(scene.world, scene.result.landmark_names)
+    np.testing.assert_allclose(found, STATURE, rtol=1e-12)
+    assert find_stature(scene.world[:, :, :3], scene.result.landmark_names[:3]) is None
+
+
+@pytest.mark.parametrize("sized", [True, False])
+def test_height_sets_the_size(scene, sized, without):
+    result = scene.result if sized else without(scene.result, METRES_PER_UNIT)
+    placed = in_metres(result, OutputOptions(height=1.5), "man.trc")
+    found = find_stature(placed.points, result.landmark_names)
+    np.testing.assert_allclose(found, 1.5, rtol=1e-9)
+    assert placed.size == "height 1.5 m"
+
+
+def test_height_of_other_objects_is_their_largest_extent_upright(scene, without):
+    result = without(scene.result, METRES_PER_UNIT, "camera_translation")
+    names = tuple(f"point {i}" for i in range(15))
+    result = replace(result, landmark_names=names, shapes=result.shapes[:1].repeat(4, axis=0))
+    points = in_metres(result, OutputOptions(height=0.3), "car.trc").points
+    assert np.ptp(points[0, 1]) == pytest.approx(0.3)
+
+
+def test_failed_items_stay_gaps(scene, without):
+    shapes = scene.result.shapes.copy()
+    shapes[1] = np.nan
+    for result in (scene.result, without(scene.result, "camera_translation")):
+        points = in_metres(replace(result, shapes=shapes), NOTHING, "man.trc").points
+        assert np.isnan(points[1]).all()
+        assert np.isfinite(points[[0, 2, 3]]).all()
+    nothing = replace(result, shapes=np.full_like(shapes, np.nan))
+    for options in (NOTHING, OutputOptions(height=1.7)):
+        assert np.isnan(in_metres(nothing, options, "man.trc").points).all()
+
+
+def test_shapes_are_converted_and_keep_their_axes(scene, shapes):
+    placed = in_metres(shapes, NOTHING, "walk.trc")
+    np.testing.assert_allclose(placed.points, scene.world, atol=1e-12)
+    assert placed.axes == "axes as in the shapes"
+    turned = in_metres(shapes, OutputOptions(up="z"), "walk.trc")
+    np.testing.assert_allclose(turned.points, scene.y_up, atol=1e-12)
+
+
+def test_shapes_of_unknown_unit(scene, shapes):
+    unknown = replace(shapes, unit="unknown")
+    with pytest.raises(InputError, match=r"walk\.trc: .*no length; give it, e\.g\. `--set unit=m`"):
+        in_metres(unknown, NOTHING, "walk.trc")
+    points = in_metres(unknown, OutputOptions(unit="cm"), "walk.trc").points
+    np.testing.assert_allclose(points, scene.world, atol=1e-12)
+    tall = in_metres(unknown, OutputOptions(height=2.0), "walk.trc").points
+    stature = find_stature(tall, shapes.landmark_names)
+    assert np.median(stature) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (NOTHING, r"in px, and their size in metres is not known; .*--set height=1\.78"),
+        (OutputOptions(unit="mm"), "in px, not in mm; leave out `unit`"),
+        (OutputOptions(unit="elephant"), "'elephant' is no unit of length; use m, cm or mm"),
+    ],
+)
+def test_pixels_are_never_written_as_lengths(scene, options, message, without):
+    with pytest.raises(InputError, match=message):
+        in_metres(without(scene.result, METRES_PER_UNIT), options, "man.trc")
+
+
+def test_up_needs_a_world(scene, without):
+    with pytest.raises(InputError, match="up: the result has no extrinsics"):
+        in_metres(without(scene.result, *CAMERA), OutputOptions(up="z"), "man.trc")
+
+
+@pytest.mark.parametrize("name", [METRES_PER_UNIT, "camera_translation"])
+def test_a_dataset_of_another_shape(scene, name):
+    extras = scene.result.extras | {name: np.ones((4, 7))}
+    with pytest.raises(InputError, match=rf"dataset {name} has the shape \(4, 7\)"):
+        in_metres(replace(scene.result, extras=extras), NOTHING, "man.trc")
+
+
+def test_a_world_in_millimetres(scene):
+    far = 1000 * scene.result.extras["extrinsic_translation"]
+    whole = dict(scene.result.extras.whole) | {"extrinsic_translation": far}
+    result = replace(scene.result, extras=Extras(scene.result.extras.per_item, whole))
+    placed = in_metres(result, OutputOptions(world_unit="mm"), "man.trc")
+    np.testing.assert_allclose(placed.points, scene.y_up, atol=1e-12)
+    assert placed.warnings == ()
+    (warning,) = in_metres(result, NOTHING, "man.trc").warnings
+    assert warning.startswith("the camera is 4006 m from the origin of its world")
+    with pytest.raises(InputError, match="world_unit: 'ell' is no unit of length"):
+        in_metres(result, OutputOptions(world_unit="ell"), "man.trc")

@@ -1,0 +1,123 @@
+"""Files in metres appear all together or not at all, and only where they can be written."""
+
+from __future__ import annotations
+
+import errno
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shapefit.errors import InputError
+from shapefit.io.layout import LANDMARKS, RESULTS
+from shapefit.io.options import OutputOptions
+from shapefit.io.writing import record_writer
+from shapefit.io.written import outputs, trc
+
+
+@pytest.fixture
+def several(scene):
+    """A result of two individuals, two frames each."""
+    return replace(
+        scene.result,
+        items=("a/0", "a/1", "b/0", "b/1"),
+        sequences=("a", "a", "b", "b"),
+        extras=scene.result.extras | {"frame": np.array([0, 1, 0, 1])},
+    )
+
+
+def write(path, record, to="auto", **options):
+    with record_writer(path, RESULTS, to, OutputOptions(**options)) as writer:
+        writer.append(record)
+    return writer.summary
+
+
+def test_nothing_appears_before_all_is_written(tmp_path, several):
+    with record_writer(tmp_path / "man.trc", RESULTS) as writer:
+        writer.append(several)
+        assert not list(tmp_path.iterdir())
+    assert sorted(os.listdir(tmp_path)) == ["man_a.trc", "man_b.trc"]
+
+
+@pytest.mark.parametrize("one", [True, False])
+def test_after_an_error_earlier_files_stand_alone(tmp_path, several, one):
+    record = several.take([0, 1]) if one else several
+    earlier = ["man.trc", "man_a.trc"]
+    for name in earlier:
+        (tmp_path / name).write_text("old")
+
+    def fail() -> None:
+        with record_writer(tmp_path / "man.trc", RESULTS) as writer:
+            writer.append(record)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert sorted(os.listdir(tmp_path)) == earlier
+    assert {(tmp_path / name).read_text() for name in earlier} == {"old"}
+
+
+@pytest.mark.parametrize("one", [True, False])
+def test_a_full_disk(tmp_path, several, one, monkeypatch, problems):
+    record = several.take([0, 1]) if one else several
+    (tmp_path / "man.trc").write_text("old")
+    (tmp_path / "man_a.trc").write_text("old")
+    original = trc.write_trc
+
+    def fill(path, motions):
+        original(path, motions)
+        if one or motions[0].name == "b":
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(trc, "write_trc", fill)
+    (line,) = problems(write, tmp_path / "man.trc", record)
+    assert "cannot be written: No space left on device; free some space" in line
+    assert sorted(os.listdir(tmp_path)) == ["man.trc", "man_a.trc"]
+    assert (tmp_path / "man_a.trc").read_text() == "old"
+
+
+def test_standard_output(scene, problems):
+    for to in ("trc", "c3d", "deeplabcut-3d", "coco"):
+        (line,) = problems(write, Path("-"), scene.result, to)
+        assert line.startswith("output: ")
+        assert line.endswith("cannot go to standard output; name a file")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root can write everywhere")
+def test_an_unwritable_folder(tmp_path, several, problems):
+    tmp_path.chmod(0o500)
+    (line,) = problems(write, tmp_path / "man.trc", several)
+    assert "is not writable" in line
+
+
+def test_a_folder_in_the_way(tmp_path, several, problems):
+    (tmp_path / "man_b.trc").mkdir()
+    (line,) = problems(write, tmp_path / "man.trc", several)
+    assert line.startswith(f"{tmp_path / 'man_b.trc'}: it is a folder")
+    assert os.listdir(tmp_path) == ["man_b.trc"]
+
+
+def test_names_that_no_file_can_have(tmp_path, several):
+    odd = replace(several, sequences=("a:b", "a:b", "../c", "../c"))
+    written = write(tmp_path / "man.trc", odd).written
+    assert [path.name for path in written] == ["man_a%3Ab.trc", "man_.._c.trc"]
+    assert all(path.is_file() for path in written)
+
+
+def test_what_a_format_cannot_hold(tmp_path):
+    with pytest.raises(InputError, match="a landmarks cannot be TRC"):
+        record_writer(tmp_path / "man.trc", LANDMARKS)
+
+
+def test_options_for_metres_need_such_a_format(tmp_path, scene):
+    with pytest.raises(InputError, match="height: an HDF5 file keeps the unit and the axes"):
+        record_writer(tmp_path / "man.h5", RESULTS, options=OutputOptions(height=1.8))
+
+
+def test_names_without_what_all_begin_with():
+    assert outputs._own_names(["v/a", "v/b"]) == ["a", "b"]
+    assert outputs._own_names(["v/a", "w/a"]) == ["v/a", "w/a"]
+    assert outputs._own_names(["v", "v/a"]) == ["v", "v/a"]
+    assert outputs._own_names([""]) == [""]

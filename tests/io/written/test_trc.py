@@ -1,0 +1,129 @@
+"""TRC is read back, cell by cell, by a parser that shares nothing with the writer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.io.layout import RESULTS, SHAPES
+from shapefit.io.options import OutputOptions
+from shapefit.io.writing import record_writer
+
+
+def parse(path):
+    """Return the header, the names, and the numbers (f, 2 + 3 p), nan in empty cells."""
+    lines = path.read_text(encoding="utf-8").split("\n")
+    assert lines.pop() == ""
+    header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=True))
+    cells = [line.split("\t") for line in lines[3:]]
+    assert len({len(row) for row in cells}) == 1
+    names, axes = cells[0][2::3], cells[1][2:]
+    assert cells[0][:2] == ["Frame#", "Time"]
+    assert axes == [f"{axis}{n}" for n in range(1, len(names) + 1) for axis in "XYZ"]
+    rows = [[float(cell) if cell else np.nan for cell in row] for row in cells[2:]]
+    return lines[0].split("\t"), header, names, np.array(rows)
+
+
+def write(path, *records, **options):
+    form = SHAPES if hasattr(records[0], "edges") else RESULTS
+    with record_writer(path, form, options=OutputOptions(**options)) as writer:
+        for record in records:
+            writer.append(record)
+    return writer.summary
+
+
+def test_points_and_times_come_back(tmp_path, scene):
+    target = tmp_path / "man.trc"
+    summary = write(target, scene.result.take(slice(0, 3)), scene.result.take([3]))
+    first, header, names, rows = parse(target)
+    assert first[:3] == ["PathFileType", "4", "(X/Y/Z)"]
+    assert first[4].startswith("y up, the axis z of the extrinsics; position from the camera")
+    assert header["Units"] == "m"
+    assert (header["DataRate"], header["NumFrames"], header["NumMarkers"]) == ("25", "4", "15")
+    assert header["OrigDataStartFrame"] == "7"
+    assert names == list(scene.result.landmark_names)
+    np.testing.assert_array_equal(rows[:, 0], [7, 8, 9, 10])
+    np.testing.assert_allclose(rows[:, 1], np.array([7, 8, 9, 10]) / 25)
+    points = rows[:, 2:].reshape(4, 15, 3).swapaxes(1, 2)
+    np.testing.assert_allclose(points, scene.y_up, atol=1e-12)
+    assert summary.written == (target,)
+    assert "metres by size of the training shapes, y up, the axis z" in summary.note
+    assert summary.warnings == ()
+
+
+def test_frames_are_sorted_and_those_missing_are_gaps(tmp_path, scene):
+    result = scene.result.take([3, 0, 2])
+    shapes = result.shapes.copy()
+    shapes[2] = np.nan  # frame 9 failed
+    result = replace(result, shapes=shapes, frame_rate=None)
+    target = tmp_path / "man.trc"
+    summary = write(target, result)
+    _, header, _, rows = parse(target)
+    np.testing.assert_array_equal(rows[:, 0], [7, 8, 9, 10])
+    np.testing.assert_array_equal(rows[:, 1], [7, 8, 9, 10])
+    np.testing.assert_array_equal(np.isnan(rows).all(axis=1), False)
+    np.testing.assert_array_equal(np.isnan(rows[:, 2:]).all(axis=1), [False, True, True, False])
+    assert header["NumFrames"] == "4"
+    gap, missing, rate = summary.warnings
+    assert gap == "1 item without a shape of film/anna: gaps"
+    assert missing == "1 frame without an item of film/anna: gaps"
+    assert rate.startswith("the frame rate is unknown")
+
+
+def test_an_unknown_landmark_is_an_empty_cell(tmp_path, shapes, scene):
+    points = shapes.shapes.copy()
+    points[1, :, 4] = np.nan
+    target = tmp_path / "walk.trc"
+    write(target, replace(shapes, shapes=points), up="z")
+    rows = parse(target)[3]
+    found = rows[:, 2:].reshape(4, 15, 3).swapaxes(1, 2)
+    assert np.isnan(found[1, :, 4]).all()
+    found[1, :, 4] = scene.y_up[1, :, 4]
+    np.testing.assert_allclose(found, scene.y_up, atol=1e-12)
+
+
+def test_each_individual_has_a_file(tmp_path, scene, rng):
+    several = replace(
+        scene.result,
+        items=("film/anna/0", "film/anna/1", "film/person 2/0", "film/person 2/1"),
+        sequences=("film/anna",) * 2 + ("film/person 2",) * 2,
+        extras=scene.result.extras | {"frame": np.array([0, 1, 0, 1])},
+    )
+    summary = write(tmp_path / "man.trc", several)
+    names = [path.name for path in summary.written]
+    assert names == ["man_anna.trc", "man_person 2.trc"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    np.testing.assert_array_equal(parse(tmp_path / names[1])[3][:, 0], [0, 1])
+
+
+def test_names_with_tabs_do_not_shift_columns(tmp_path, shapes):
+    odd = replace(shapes, landmark_names=("a\tb", "c\nd", *shapes.landmark_names[2:]))
+    write(tmp_path / "odd.trc", odd)
+    assert parse(tmp_path / "odd.trc")[2][:2] == ["a\\tb", "c\\nd"]
+
+
+def test_two_items_of_one_frame(tmp_path, scene, problems):
+    twice = replace(scene.result, extras=scene.result.extras | {"frame": np.array([0, 0, 1, 2])})
+    (line,) = problems(write, tmp_path / "man.trc", twice)
+    assert "'film/anna/0' and 'film/anna/1' are of one frame" in line
+    assert "track: nearest" in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_frames_too_far_apart(tmp_path, scene, problems):
+    far = replace(scene.result, extras=scene.result.extras | {"frame": np.array([0, 1, 2, 10**9])})
+    (line,) = problems(write, tmp_path / "man.trc", far)
+    assert "4 items in 1,000,000,001 frames of film/anna" in line
+
+
+@pytest.mark.parametrize("n", [0, 1, 5000])
+def test_any_number_of_frames(tmp_path, shapes, n):
+    rows = np.arange(n) % len(shapes)
+    many = replace(shapes.take(rows), items=tuple(map(str, range(n))), sequences=None, unit="m")
+    write(tmp_path / "many.trc", many)
+    if n:
+        found = parse(tmp_path / "many.trc")[3]
+        np.testing.assert_array_equal(found[:, 2::3], many.shapes[:, 0])
+        np.testing.assert_array_equal(found[:, 0], np.arange(n))

@@ -1,0 +1,146 @@
+"""Error bars in a report: tables, files, what is left out, and images drawn from a prior."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.errors import InputError
+from shapefit.evaluation.calibration import find_levels
+from shapefit.geometry.rotations import rotation_about
+from shapefit.io import write_shapes
+from tests.pipelines.evaluate.conftest import N
+
+
+@pytest.fixture
+def sure(results, rng):
+    """Results with error bars and plausibilities; item1 is the least plausible."""
+    correlation = rng.uniform(-0.3, 0.3, (N, 5, 3))
+    own = {"shape_correlation": correlation, "plausibility": np.array([0.5, 0.1, *[0.9] * 5])}
+    return replace(results, shape_sd=rng.uniform(0.1, 0.3, (N, 3, 5)), extras=results.extras | own)
+
+
+@pytest.fixture
+def reported(desk, sure):
+    """Run with the results `posterior.h5` beside those without error bars."""
+
+    def run(records=sure, **changes):
+        files = {"convex": desk.folder / "convex.h5", "posterior": desk.write("p.h5", records)}
+        outcomes = desk.run(results=files, **changes)
+        warnings = [str(w) for outcome in outcomes for w in outcome.warnings]
+        return (desk.config.output / "report.md").read_text(encoding="utf-8"), warnings
+
+    return run
+
+
+def test_the_tables_hold_what_the_error_bars_are_worth(desk, reported, sure, truth):
+    page, _ = reported()
+    assert "Without error bars, and left out: convex." in page
+    R = sure.extras["true_rotation"]
+    correlation = sure.extras["shape_correlation"].swapaxes(1, 2)
+    level, width = find_levels(sure.shapes, R @ truth.shapes, sure.shape_sd, correlation)
+    row = desk.row("calibration.csv", group="Subject 13", landmark="", unit="m")
+    assert float(row["inside_50"]) == pytest.approx((level[:5] <= 0.5).mean())
+    assert float(row["inside_90"]) == pytest.approx((level[:5] <= 0.9).mean())
+    assert float(row["width"]) == pytest.approx(width[:5].mean())
+    foot = desk.row("calibration.csv", group="Subject 14", landmark="foot", unit="normalised")
+    assert float(foot["inside_90"]) == pytest.approx((level[5:, 3] <= 0.9).mean())
+    shares = desk.errors(method="posterior", metric="inside_90")
+    assert shares == pytest.approx((level <= 0.9).mean(axis=1))
+    assert not len(desk.errors(method="convex", metric="inside_90"))
+    document = json.loads((desk.config.output / "report.json").read_text(encoding="utf-8"))
+    assert document["calibration"][0]["judged"] == 25
+    assert {entry["method"] for entry in document["trusted"]} == {"posterior"}
+    similarity = desk.errors(method="posterior", metric="similarity", unit="m")
+    kept = desk.row("trusted.csv", metric="similarity", unit="m", group="Subject 13")
+    assert float(kept["mean"]) == pytest.approx(similarity[:5].mean())
+
+
+def test_without_correlations_the_report_says_so(reported, sure):
+    own = {k: v for k, v in sure.extras.items() if k != "shape_correlation"}
+    page, _ = reported(replace(sure, extras=own))
+    assert "The ellipsoids of posterior are parallel to the axes" in page
+
+
+def test_the_whole_covariance_serves_as_well(desk, reported, sure):
+    reported()
+    rows = desk.rows("calibration.csv")
+    sd, correlation = sure.shape_sd.swapaxes(1, 2), sure.extras["shape_correlation"]
+    blocks = np.zeros((N, 5, 3, 5, 3))
+    for a in range(3):
+        for b in range(3):
+            K = 1.0 if a == b else correlation[..., a + b - 1]
+            blocks[:, range(5), a, range(5), b] = sd[..., a] * sd[..., b] * K
+    own = {k: v for k, v in sure.extras.items() if k != "shape_correlation"}
+    own["shape_covariance"] = blocks.reshape(N, 15, 15)
+    reported(replace(sure, extras=own))
+    assert desk.rows("calibration.csv") == rows
+    own["shape_covariance"] = blocks.reshape(N, 15, 15)[:, :9, :9]
+    with pytest.raises(InputError, match=r"shape_covariance.*must be \(7, 15, 15\)"):
+        reported(replace(sure, extras=own))
+
+
+def test_without_a_rotation_there_is_no_calibration(desk, reported, sure):
+    own = {k: v for k, v in sure.extras.items() if k != "true_rotation"}
+    page, warnings = reported(replace(sure, extras=own), metrics=["similarity"])
+    assert any("without the dataset `true_rotation` or a `truth_frame`" in w for w in warnings)
+    assert "Error bars" not in page
+    assert "Least plausible images" in page
+    assert not (desk.config.output / "calibration.csv").exists()
+
+
+def test_a_truth_in_the_frame_of_the_camera_needs_no_rotation(desk, reported, sure, truth):
+    reported()
+    rows = desk.rows("calibration.csv")
+    camera = desk.errors(method="posterior", metric="camera", unit="m")
+    turned = replace(truth, shapes=sure.extras["true_rotation"] @ truth.shapes)
+    write_shapes(desk.folder / "truth.h5", turned)
+    own = {k: v for k, v in sure.extras.items() if k != "true_rotation"}
+    reported(replace(sure, extras=own), truth_frame="camera", metrics=["camera"])
+    same = desk.errors(method="posterior", metric="camera", unit="m")
+    assert same == pytest.approx(camera)
+    of_metres = [row for row in desk.rows("calibration.csv") if row["unit"] == "m"]
+    before = [row for row in rows if row["unit"] == "m"]
+    assert [row["inside_90"] for row in of_metres] == [row["inside_90"] for row in before]
+
+
+def test_the_line_of_sight_meets_each_shape(desk, reported, sure, truth):
+    reported()
+    before = desk.errors(method="posterior", metric="camera", unit="m")
+    away = truth.shapes - truth.shapes.mean(axis=2, keepdims=True)
+    away = sure.extras["true_rotation"] @ away
+    tilt = rotation_about(np.array([0.6, -0.8, 0.0]), np.array(0.4))
+    for depth in (5.0, -5.0):
+        seen = tilt @ (away + np.array([[0.0], [0.0], [depth]]))
+        write_shapes(desk.folder / "truth.h5", replace(truth, shapes=seen))
+        reported(truth_frame="line-of-sight", metrics=["camera"])
+        assert desk.errors(method="posterior", metric="camera", unit="m") == pytest.approx(before)
+
+
+def test_gaps_of_the_truth_are_left_out(desk, reported, truth):
+    shapes = truth.shapes.copy()
+    shapes[0, :, 1] = np.nan
+    write_shapes(desk.folder / "truth.h5", replace(truth, shapes=shapes))
+    reported()
+    labels = {"group": "Subject 13", "unit": "m"}
+    assert desk.row("calibration.csv", landmark="left", **labels)["judged"] == "4"
+    assert desk.row("calibration.csv", landmark="", **labels)["judged"] == "24"
+
+
+def test_it_can_be_left_out(desk, reported):
+    page, _ = reported(calibration=False)
+    assert "Error bars" not in page
+    assert "Least plausible" not in page
+    assert not (desk.config.output / "trusted.csv").exists()
+
+
+def test_the_plot_is_drawn(desk, reported):
+    page, _ = reported(plots=True)
+    for suffix in ("png", "svg"):
+        assert (desk.config.output / f"calibration.{suffix}").stat().st_size > 1000
+    assert "![calibration](calibration.png)" in page
+    html = (desk.config.output / "report.html").read_text(encoding="utf-8")
+    assert html.count('class="bar"') == 2 * N  # on both sides of each image of one method

@@ -1,0 +1,209 @@
+"""Lens distortion is removed before a fit, once, and the result says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.config import FitConfig
+from shapefit.geometry.lens import complete, distort
+from shapefit.io import landmark_writer, open_landmarks, read_results, write_dictionary
+from shapefit.io.records import LandmarkSet
+from shapefit.pipelines.fit.lens import doubts, straightened
+from shapefit.pipelines.fit.run import run
+from shapefit.pipelines.verify import Request
+from shapefit.pipelines.verify import run as run_verify
+
+MATRIX = np.array([[800.0, 0, 640], [0, 820, 360], [0, 0, 1]])
+LENS = np.array([-0.25, 0.08, 0.002, -0.001, 0.0])
+SIZE = np.array([1280, 720])
+FOCAL, CENTRE = np.diag(MATRIX)[:2, None], MATRIX[:2, 2, None]
+
+
+@pytest.fixture
+def views(made_cars, rng):
+    """Cars before a camera, as a lens without and with distortion shows them, in pixels."""
+    names = made_cars.landmark_names
+    shapes = made_cars.atoms[:4] + np.array([[0.2], [0.1], [7.0]])
+    plane = shapes[:, :2] / shapes[:, 2:]
+
+    def images(points, **datasets):
+        return LandmarkSet(
+            landmarks=CENTRE + FOCAL * points,
+            landmark_names=names,
+            items=tuple("abcd"),
+            unit="px",
+            y_axis="down",
+            extras=datasets,
+        )
+
+    straight = images(plane, camera_matrix=MATRIX)
+    bent = images(distort(plane, complete(LENS)), camera_matrix=MATRIX, distortion=LENS)
+    return straight, bent
+
+
+@pytest.fixture
+def fit(tmp_path, made_cars):
+    def fitted(images, **settings):
+        write_dictionary(tmp_path / "cars.h5", made_cars)
+        with landmark_writer(tmp_path / "landmarks.h5") as writer:
+            writer.append(images)
+        config = FitConfig.model_validate(
+            {
+                "landmarks": [tmp_path / "landmarks.h5"],
+                "dictionary": tmp_path / "cars.h5",
+                "output": tmp_path / "result.h5",
+                **settings,
+            }
+        )
+        warnings = [text for outcome in run(config) for text in outcome.warnings]
+        result = read_results(tmp_path / "result.h5")
+        return result, warnings
+
+    return fitted
+
+
+def toml(tmp_path, lens):
+    path = tmp_path / "calibration.toml"
+    rows = ", ".join(str(row.tolist()) for row in MATRIX)
+    path.write_text(
+        f"[cam_0]\nname = 'left'\nsize = [1280, 720]\nmatrix = [{rows}]\n"
+        f"distortions = {lens.tolist()}\nrotation = [0.1, 0.2, 0.3]\n"
+        "translation = [1.0, 2.0, 3.0]\n"
+    )
+    return path
+
+
+def test_a_distorted_image_fits_like_a_straight_one(views, fit):
+    straight, bent = views
+    want, _ = fit(straight)
+    found, _ = fit(bent)
+    np.testing.assert_allclose(found.shapes, want.shapes, atol=1e-4 * np.ptp(want.shapes))
+    np.testing.assert_allclose(
+        found.extras["landmarks"], straight.landmarks.swapaxes(1, 2), atol=1e-8
+    )
+
+
+def test_the_result_says_so_and_nothing_removes_it_twice(views, fit):
+    _, bent = views
+    result, _ = fit(bent)
+    np.testing.assert_array_equal(result.extras["removed_distortion"], LENS)
+    assert "distortion" not in result.extras
+    once = straightened(bent, None)
+    assert straightened(once, None).landmarks is not None
+    np.testing.assert_array_equal(straightened(once, None).landmarks, once.landmarks)
+
+
+def test_verify_knows_what_was_removed(views, fit, tmp_path):
+    _, bent = views
+    fit(bent)
+
+    def verify(name):
+        request = Request(tmp_path / "result.h5", tmp_path / "cars.h5", (tmp_path / name,))
+        return [failure.item for outcome in run_verify(request) for failure in outcome.failures]
+
+    assert verify("landmarks.h5") == []
+    shifted = bent.landmarks + 1e-3 * (np.arange(4) == 2)[:, None, None]
+    with landmark_writer(tmp_path / "shifted.h5") as writer:
+        writer.append(replace(bent, landmarks=shifted))
+    assert "c" in verify("shifted.h5")
+
+
+def test_a_calibration_gives_camera_lens_and_place(views, fit, tmp_path):
+    straight, bent = views
+    camera = {"model": "perspective", "calibration": toml(tmp_path, LENS), "name": "left"}
+    want, _ = fit(straight, camera={"model": "perspective", "intrinsics": "camera_matrix"},
+                  method="convex+refine")  # fmt: skip
+    found, _ = fit(replace(bent, extras={}), camera=camera, method="convex+refine")
+    np.testing.assert_allclose(found.shapes, want.shapes, atol=1e-4 * np.ptp(want.shapes))
+    np.testing.assert_array_equal(found.extras["extrinsic_translation"], [1, 2, 3])
+    assert found.extras["extrinsic_rotation"].shape == (3, 3)
+    np.testing.assert_array_equal(found.extras["image_size"], SIZE)
+    np.testing.assert_allclose(found.extras["focal"], np.tile([800, 820], (4, 1)))
+
+
+def test_a_calibration_goes_over_what_the_landmarks_say(views, fit, tmp_path):
+    straight, bent = views
+    wrong = replace(bent, extras={"camera_matrix": np.eye(3), "distortion": np.ones(5)})
+    found, _ = fit(wrong, camera={"calibration": toml(tmp_path, LENS)})
+    np.testing.assert_allclose(
+        found.extras["landmarks"], straight.landmarks.swapaxes(1, 2), atol=1e-8
+    )
+
+
+def test_cameras_of_single_images_and_y_that_points_up(views):
+    straight, bent = views
+    turned = np.diag([1.0, -1.0, 1.0]) @ MATRIX @ np.diag([1.0, -1.0, 1.0])
+    up = replace(
+        bent,
+        landmarks=bent.landmarks * np.array([[1.0], [-1.0]]),
+        y_axis="up",
+        extras={"camera_matrix": np.tile(turned, (4, 1, 1)), "distortion": np.tile(LENS, (4, 1))},
+    )
+    found = straightened(up, None)
+    np.testing.assert_allclose(
+        found.landmarks * np.array([[1.0], [-1.0]]), straight.landmarks, atol=1e-8
+    )
+    assert found.extras["removed_distortion"].shape == (4, 5)
+
+
+def test_landmarks_that_the_lens_cannot_show_are_hidden(views):
+    _, bent = views
+    landmarks = bent.landmarks.copy()
+    landmarks[0, 0, 0] = 1e5
+    found = straightened(
+        replace(bent, landmarks=landmarks, extras=dict(bent.extras) | {"distortion": -LENS * 0 + [
+            -0.25, 0, 0, 0, 0]}), None,
+    )  # fmt: skip
+    assert not found.seen()[0, 0]
+    assert found.seen()[1:].all()
+
+
+@pytest.mark.parametrize(
+    ("lens", "words"),
+    [
+        (LENS, None),
+        (LENS / 640, "divides the distortion"),
+        (np.array([-0.9, 0.0, 0, 0, 0]), "bends back inside the image"),
+        (np.array([0.0, 0.0, 0.5, 0.9, 0]), "bends back"),
+    ],
+)
+def test_a_lens_that_cannot_be_right_warns(lens, words):
+    found = doubts(MATRIX, complete(lens), SIZE)
+    assert len(found) == (words is not None)
+    if words:
+        assert words in found[0]
+
+
+def test_warnings_reach_the_command(views, fit):
+    _, bent = views
+    _, warnings = fit(replace(bent, extras={"camera_matrix": MATRIX, "distortion": LENS / 640}))
+    assert any("divides the distortion" in str(text) for text in warnings)
+    _, warnings = fit(replace(bent, extras={"distortion": LENS}))
+    assert any("without `camera_matrix`" in str(text) for text in warnings)
+
+
+@pytest.mark.real_data
+def test_the_truth_projects_nearer_to_real_detections(real_data):
+    """Median distance in pixels of the projected truth, before and after; once 0.2 (1.7)."""
+    folder = real_data / "detected"
+    ratios = []
+    for name in ("fly/Cam-A", "pose2sim_balancing/cam01", "pose2sim_balancing/cam03",
+                 "pyxy3d_desk/port_1", "pyxy3d_desk/port_3"):  # fmt: skip
+        with open_landmarks([folder / f"{name}.h5"]) as source:
+            (images,) = source.chunks(source.count)
+        with h5py.File(folder / f"{name}.h5") as file:
+            truth, matrix = file["true_shapes"][()], file["camera_matrix"][()]
+        plane = truth[..., :2] / truth[..., 2:]
+        projected = plane * np.diag(matrix)[:2] + matrix[:2, 2]
+        medians = [
+            np.nanmedian(np.linalg.norm(projected - found.landmarks.swapaxes(1, 2), axis=2))
+            for found in (images, straightened(images, None))
+        ]
+        ratios.append(medians[1] / medians[0])
+    assert max(ratios) < 1
+    assert ratios[0] < 0.2
+    assert ratios[-1] < 0.5

@@ -1,0 +1,92 @@
+"""Dictionaries from files of other tools: one command, and warnings of what they lack."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shapefit.config import LearnDictConfig
+from shapefit.errors import InputError
+from shapefit.io import read_dictionary, read_shapes, write_shapes
+from shapefit.io.records import ShapeSet
+from shapefit.pipelines.learn_dict.run import run
+
+
+def learn(path, output, **settings):
+    config = LearnDictConfig.model_validate({"shapes": [path], "output": output, **settings})
+    warnings = [str(text) for outcome in run(config) for text in outcome.warnings]
+    return read_dictionary(output), warnings
+
+
+def trc(path, points):
+    """Write points (n, p, 3), NaN where missing, as TRC in millimetres."""
+    n, p, _ = points.shape
+    names = "".join(f"\tm{j}\t\t" for j in range(p))
+    axes = "".join(f"\tX{j}\tY{j}\tZ{j}" for j in range(1, p + 1))
+    rows = (
+        f"{i}\t{i / 50}\t" + "\t".join("" if np.isnan(v) else f"{v:.6f}" for v in row.ravel())
+        for i, row in enumerate(1000 * points)
+    )
+    head = f"PathFileType\t4\t(X/Y/Z)\tx.trc\nDataRate\tUnits\tNumFrames\n50\tmm\t{n}\n"
+    path.write_text(f"{head}Frame#\tTime{names}\n\t{axes}\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def test_gaps_are_left_out_with_warnings(tmp_path, rng):
+    points = rng.normal(size=(40, 6, 3))
+    points[:10, 5] = np.nan
+    points[3, 2] = np.nan
+    dictionary, warnings = learn(
+        trc(tmp_path / "walk.trc", points), tmp_path / "d.h5", k=8, iterations=2
+    )
+    assert dictionary.landmark_names == ("m0", "m1", "m2", "m3", "m4")
+    assert dictionary.unit == "m"
+    assert any("1 landmark left out" in text and "m5" in text for text in warnings)
+    assert any("1 shape left out" in text for text in warnings)
+
+
+def test_files_without_a_landmark_that_is_mostly_known(tmp_path, rng):
+    points = rng.normal(size=(10, 4, 3))
+    points[:5, :2], points[5:, 2:] = np.nan, np.nan
+    with pytest.raises(InputError, match=r"no landmark is known in 90% of its 10 shapes"):
+        learn(trc(tmp_path / "walk.trc", points), tmp_path / "d.h5")
+    with pytest.raises(InputError, match="0 shapes to learn from"):
+        learn(trc(tmp_path / "walk.trc", points[:0]), tmp_path / "d.h5")
+
+
+def test_the_dictionary_is_that_of_the_same_shapes_in_our_format(tmp_path, rng):
+    points = np.round(rng.normal(size=(30, 5, 3)), 6)
+    other, _ = learn(trc(tmp_path / "walk.trc", points), tmp_path / "d.h5", k=6, iterations=3)
+    shapes = ShapeSet(
+        shapes=points.swapaxes(1, 2),
+        landmark_names=tuple(f"m{j}" for j in range(5)),
+        items=tuple(f"walk/{i}" for i in range(30)),
+        sequences=("walk",) * 30,
+        unit="m",
+        frame_rate=50.0,
+    )
+    write_shapes(tmp_path / "own.h5", shapes)
+    own, _ = learn(tmp_path / "own.h5", tmp_path / "e.h5", k=6, iterations=3)
+    np.testing.assert_allclose(other.atoms, own.atoms, atol=1e-6)
+
+
+@pytest.mark.real_data
+def test_a_real_c3d_is_one_command(tmp_path, real_data):
+    """A walking animal: four points that were never seen are left out."""
+    pytest.importorskip("ezc3d", reason="ezc3d is the extra `c3d`")
+    path = real_data / "formats/motion/runway03.c3d"
+    dictionary, warnings = learn(path, tmp_path / "d.h5", k=16, iterations=3)
+    assert len(dictionary.landmark_names) >= 8
+    assert not any(name.startswith("*") for name in dictionary.landmark_names)
+    assert any("*12" in text for text in warnings)
+    assert np.isfinite(dictionary.atoms).all()
+
+
+@pytest.mark.real_data
+def test_a_real_deeplabcut_3d_file_is_one_command(tmp_path, real_data):
+    path = real_data / "formats/dlc/reachingDEMO_3D.h5"
+    dictionary, warnings = learn(path, tmp_path / "d.h5", k=16, iterations=3)
+    whole = read_shapes([path])
+    assert dictionary.landmark_names == whole.landmark_names
+    assert np.isfinite(dictionary.atoms).all()
+    assert all("left out" in text for text in warnings)

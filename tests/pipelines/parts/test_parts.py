@@ -1,0 +1,250 @@
+"""A fit part by part: the same bits as in one run, resumed where it stopped."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.config import load_config
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError
+from shapefit.io import landmark_writer, write_dictionary
+from shapefit.io.records import LandmarkSet
+from shapefit.pipelines.parts import run as parts
+from shapefit.pipelines.parts.run import run
+
+NAMES = tuple("abcdefgh")
+
+
+@pytest.fixture
+def folder(tmp_path, rng, monkeypatch) -> Path:
+    """A folder with a dictionary and 500 images in two files."""
+    atoms = rng.normal(size=(6, 3, 8))
+    atoms -= atoms.mean(axis=2, keepdims=True)
+    write_dictionary(tmp_path / "dict.h5", Dictionary(atoms, NAMES, atoms[0]))
+    points = rng.normal(size=(500, 2, 8))
+    for name, rows in (("one", slice(0, 400)), ("two", slice(400, 500))):
+        with landmark_writer(tmp_path / f"{name}.h5") as writer:
+            items = tuple(f"i{n}" for n in range(500))[rows]
+            writer.append(LandmarkSet(landmarks=points[rows], landmark_names=NAMES, items=items))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def fit(output: str, *overrides: str):
+    """Run fit; return its outcomes."""
+    arguments = {"landmarks": ("one.h5", "two.h5"), "dictionary": "dict.h5", "output": output}
+    return list(run(load_config("fit", None, overrides, arguments)))
+
+
+def done(outcomes) -> int:
+    return sum(outcome.done for outcome in outcomes)
+
+
+def manifest() -> dict:
+    return json.loads(Path("out/manifest.json").read_text())
+
+
+def names() -> list[str]:
+    return sorted(path.name for path in Path("out").glob("*.h5"))
+
+
+def stamps() -> dict[str, int]:
+    return {path.name: path.stat().st_mtime_ns for path in Path("out").glob("*.h5")}
+
+
+def same_as_one_run() -> None:
+    fit("whole.h5")
+    with h5py.File("whole.h5") as whole:
+        for name in ("item", "shapes", "dual", "coefficients", "objective"):
+            pieces = []
+            for part in names():
+                with h5py.File(f"out/{part}") as file:
+                    pieces.append(file[name][:])
+            np.testing.assert_array_equal(np.concatenate(pieces), whole[name][:])
+
+
+def test_parts_are_the_same_bits_as_one_run(folder):
+    assert done(fit("out/", "partition=100")) == 500
+    # 400 images in parts of 128, which is 100 in whole stretches of 64, and one of 100
+    assert [entry["images"] for entry in manifest()["parts"]] == [128, 128, 128, 16, 100]
+    assert names() == [f"part-{n:05}.h5" for n in range(5)]
+    same_as_one_run()
+
+
+def test_what_is_done_stays(folder):
+    fit("out/", "partition=100")
+    before = stamps()
+    assert done(fit("out/", "partition=100")) == 0
+    assert stamps() == before
+
+
+def test_only_missing_parts_are_done(folder):
+    fit("out/", "partition=100")
+    content = manifest()
+    del content["parts"][1]
+    Path("out/manifest.json").write_text(json.dumps(content))
+    before = stamps()
+    assert done(fit("out/", "partition=100")) == 128
+    changed = [name for name, stamp in stamps().items() if stamp != before[name]]
+    assert changed == ["part-00001.h5"]
+
+
+def test_a_changed_input_is_done_again(folder):
+    fit("out/", "partition=100")
+    with h5py.File("two.h5", "a") as file:
+        file["landmarks"][0] += 1
+    assert done(fit("out/", "partition=100")) == 100
+
+
+@pytest.mark.parametrize("change", ["lambda=0.2", "partition=200"])
+def test_another_config_does_all_and_says_so(folder, change):
+    fit("out/", "partition=100")
+    outcomes = fit("out/", "partition=100", change)
+    assert done(outcomes) == 500
+    assert any("all parts are done again" in str(o.warnings) for o in outcomes)
+    assert len(names()) == len(manifest()["parts"])
+    same_as_one_run() if change.startswith("partition") else None
+
+
+def test_another_dictionary_does_all(folder):
+    fit("out/", "partition=100")
+    with h5py.File("dict.h5", "a") as file:
+        file["atoms"][0] *= 1.5
+    assert done(fit("out/", "partition=100")) == 500
+
+
+def test_a_dry_run_lists_and_writes_nothing(folder):
+    (outcome,) = fit("out/", "partition=100", "dry_run=true")
+    assert outcome.note.startswith("5 parts to do, 0 done")
+    assert not Path("out").exists()
+
+
+def test_a_failing_part_is_listed_and_the_others_are_done(folder, monkeypatch):
+    real = parts.fit_part
+    tries = []
+
+    def broken(job):
+        if job.part.number == 2:
+            tries.append(job)
+            raise OSError("the disk is full")
+        return real(job)
+
+    monkeypatch.setattr(parts, "fit_part", broken)
+    outcomes = fit("out/", "partition=100")
+    failures = [failure for outcome in outcomes for failure in outcome.failures]
+    assert [failure.item for failure in failures] == ["part-00002.h5"]
+    assert "rows 256 to 383" in failures[0].reason
+    assert len(tries) == 3
+    assert names() == ["part-00000.h5", "part-00001.h5", "part-00003.h5", "part-00004.h5"]
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+    assert done(fit("out/", "partition=100")) == 128
+    same_as_one_run()
+
+
+def test_a_corrupt_file_among_others(folder):
+    data = bytearray(Path("two.h5").read_bytes())
+    Path("three.h5").write_bytes(data[: len(data) // 2])
+    arguments = {
+        "landmarks": ("one.h5", "three.h5", "two.h5"),
+        "dictionary": "dict.h5",
+        "output": "out/",
+    }
+    outcomes = list(run(load_config("fit", None, (), arguments)))
+    (failure,) = [failure for outcome in outcomes for failure in outcome.failures]
+    assert "three.h5" in failure.reason
+    assert done(outcomes) == 500
+
+
+def test_a_second_run_into_the_folder_is_refused(folder):
+    fit("out/", "partition=100")
+    with Path("out/.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        with pytest.raises(InputError, match="another run is writing results to it"):
+            fit("out/", "partition=100")
+
+
+def test_what_is_no_manifest_is_refused(folder):
+    Path("out").mkdir()
+    Path("out/manifest.json").write_text("{}")
+    with pytest.raises(InputError, match="is not a manifest of results"):
+        fit("out/")
+
+
+def test_meshes_are_refused(folder):
+    with pytest.raises(InputError, match="is not written for a folder of results"):
+        fit("out/", "export.folder=meshes")
+
+
+def test_a_cluster_needs_a_folder(folder):
+    with pytest.raises(InputError, match="end the name of the output with /"):
+        fit("out.h5", "workers=2")
+
+
+def test_a_killed_run_goes_on(folder, monkeypatch):
+    real = parts.fit_part
+
+    def killed(job):
+        if job.part.number == 3:
+            raise KeyboardInterrupt
+        return real(job)
+
+    monkeypatch.setattr(parts, "fit_part", killed)
+    with pytest.raises(KeyboardInterrupt):
+        fit("out/", "partition=100")
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+    assert len(manifest()["parts"]) == 3
+    assert done(fit("out/", "partition=100")) == 116
+    same_as_one_run()
+
+
+class TestTheFolderIsOneResult:
+    @pytest.fixture(autouse=True)
+    def fitted(self, folder):
+        fit("out/", "partition=100")
+        fit("whole.h5")
+
+    def command(self, *arguments: str) -> int:
+        from shapefit_cli.main import run as shapefit
+
+        return shapefit([*arguments, "-q"])
+
+    def test_verified(self):
+        assert self.command("verify", "out", "-d", "dict.h5") == 0
+        with h5py.File("out/part-00003.h5", "a") as file:
+            file["objective"][2] *= 0.9
+        assert self.command("verify", "out/", "-d", "dict.h5") == 1
+
+    def test_converted(self):
+        assert self.command("convert", "out/", "-o", "joined.csv") == 0
+        assert self.command("convert", "whole.h5", "-o", "whole.csv") == 0
+        assert Path("joined.csv").read_text() == Path("whole.csv").read_text()
+
+    def test_judged_under_the_name_of_the_folder(self, rng):
+        from shapefit.io import write_shapes
+        from shapefit.io.records import ShapeSet
+
+        items = tuple(f"i{n}" for n in range(500))
+        truth = ShapeSet(rng.normal(size=(500, 3, 8)), NAMES, items)
+        write_shapes(Path("truth.h5"), truth)
+        assert self.command("eval", "out/", "whole.h5", "--truth", "truth.h5", "-o", "report") == 0
+        rows = json.loads(Path("report/report.json").read_text())
+        text = json.dumps(rows)
+        assert '"out"' in text
+        assert '"whole"' in text
+        lines = Path("report/per_image.csv").read_text().splitlines()
+        own = [line.split(",", 1)[1] for line in lines if line.startswith("out,")]
+        other = [line.split(",", 1)[1] for line in lines if line.startswith("whole,")]
+        assert own == other
+        assert len(own) >= 500
+
+    def test_shown(self):
+        assert self.command("view", "out/", "-o", "page.html") == 0
+        assert Path("page.html").stat().st_size > 10_000
