@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-KINDS = ("csv", "hdf5", "trackers", "yaml", "set")
+KINDS = ("csv", "hdf5", "motion", "trackers", "yaml", "set")
 
 
 @pytest.mark.parametrize("kind", KINDS)

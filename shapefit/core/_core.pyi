@@ -253,6 +253,30 @@ def find_posterior(
     mode_belief: Floats,
     threads: int,
 ) -> None: ...
+def find_precisions(
+    *, matrices: Floats, there: Flags, more: Floats, log_det: Floats, threads: int
+) -> None: ...
+def smooth_sequence(
+    *,
+    landmarks: Floats,
+    weight: Floats,
+    log_share: Floats,
+    means: Floats,
+    precisions: Floats,
+    log_det: Floats,
+    stiffness: Floats,
+    bones: Indices,
+    rigidity: Floats,
+    hold: Floats,
+    known: Floats,
+    most_rounds: int,
+    still: float,
+    points: Floats,
+    lengths: Floats,
+    deviation: Floats,
+    correlation: Floats,
+    end: Floats,
+) -> None: ...
 def code(
     *,
     gram: Floats,

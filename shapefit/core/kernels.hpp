@@ -9,6 +9,7 @@
 #include "posterior/data.hpp"
 #include "pursuit/data.hpp"
 #include "rotation_search/data.hpp"
+#include "sequences/data.hpp"
 
 namespace shapefit {
 
@@ -28,6 +29,8 @@ struct Kernels {
     void (*find_optimum)(const GlobalData&, Range);
     void (*find_modes)(const ModesData&, Range);
     void (*find_coefficients)(const CoefficientsData&, Range);
+    void (*find_precisions)(const PrecisionData&, Range);
+    void (*smooth_sequence)(const SequenceData&);  // of one sequence
     TreeSize (*record_tree)(const TreeData&);  // of one image
     void (*update_atoms)(const AtomUpdateData&);  // all at once
 };

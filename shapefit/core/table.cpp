@@ -23,6 +23,8 @@
 #include "rotation_search/optimum.hpp"
 #include "rotation_search/parts.hpp"
 #include "rotation_search/record.hpp"
+#include "sequences/precisions.hpp"
+#include "sequences/smoothing.hpp"
 
 // The two steps by which a name becomes a string.
 #define SHAPEFIT_QUOTE(name) #name
@@ -50,6 +52,8 @@ const Level table = {
             .find_optimum = find_optimum,
             .find_modes = find_modes,
             .find_coefficients = find_coefficients,
+            .find_precisions = find_precisions,
+            .smooth_sequence = smooth_sequence,
             .record_tree = record_tree,
             .update_atoms = update_atoms,
         },

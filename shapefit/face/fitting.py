@@ -27,7 +27,7 @@ from shapefit.io.kinds.given import check_given_dictionary, given_landmarks
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.pipelines.fit.chain import choose_chain
 from shapefit.pipelines.fit.dictionary_kind import mismatch
-from shapefit.pipelines.fit.joints import meet_dictionary
+from shapefit.pipelines.fit.landmark_names import name_warnings
 from shapefit.pipelines.fit.left_out import UnknownItems
 from shapefit.pipelines.fit.run import (
     attributes_of,
@@ -81,9 +81,8 @@ def fit(
     failures: dict[str, str] = {}
     messages: dict[str, str | Counted] = {text: text for text in mismatch(config, atoms)}
     unknown = UnknownItems(config.leave_out, atoms) if config.leave_out else None
-    files = given_landmarks(images, "landmarks", config.input.rename)
-    met, joints = meet_dictionary(files, atoms.landmark_names, config.input.rename, "landmarks")
-    with met as source:
+    with given_landmarks(images, "landmarks", config.input.rename) as source:
+        names = name_warnings(source.landmark_names, atoms.landmark_names)
         for arranged, lifting, record, spent in fit_chunks(source, config, atoms, chain):
             if unknown:
                 unknown.add(arranged)
@@ -93,7 +92,7 @@ def fit(
             for warning in find_warnings(arranged, lifting, config):
                 add_up(messages, warning)
     left_in = unknown.warnings if unknown else ()
-    for message in (*messages.values(), *joints, *left_in):
+    for message in (*messages.values(), *names, *left_in):
         warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
     attributes = attributes_of(config, {}, seconds, len(whole))

@@ -41,15 +41,17 @@ AS_THEY_ARE = InputOptions()
 class OutputOptions:
     """How shapes get into files in metres.
 
-    height  of the body or the object in metres; by default results are as large as the training
-            shapes of their dictionary
-    unit    of shapes whose files do not say it
-    up      axis of the shapes, or of the world that the extrinsics know, that points up
+    height      of the body or the object in metres; by default results are as large as the training
+                shapes of their dictionary
+    unit        of shapes whose files do not say it
+    up          axis of the shapes, or of the world that the extrinsics know, that points up
+    world_unit  of the translation of the extrinsics; metres by default
     """
 
     height: float | None = None
     unit: str | None = None
     up: Up | None = None
+    world_unit: str | None = None
 
     @property
     def given(self) -> tuple[str, ...]:

@@ -43,7 +43,9 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
     if kind == "dictionary":
         found = "is a dictionary, which has no other format"
         raise input_error(config.files[0], found, "give landmarks, shapes or results")
-    sized = OutputOptions(height=config.height, unit=config.unit, up=config.up)
+    sized = OutputOptions(
+        height=config.height, unit=config.unit, up=config.up, world_unit=config.world_unit
+    )
     with record_writer(config.output, FORMS[kind], config.to, sized) as writer:
         if kind == "result":
             yield from _results(config, writer)

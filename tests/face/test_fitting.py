@@ -165,7 +165,7 @@ def test_what_is_wrong_is_an_error_with_its_place(people, views, changes, messag
         (np.ones((4, 14, 2)), "has 14 landmarks without names, not 15; name them: Landmarks"),
         ([["a"]], "^landmarks: is no array of numbers"),
         (np.full((1, 15, 2), np.inf), r"^landmarks\[0\]: landmark 'pelvis' is \(inf, inf\); write"),
-        (shapefit.Landmarks(np.ones((2, 3, 2)), "abc"), "^landmarks: 0 of the 3 landmarks"),
+        (shapefit.Landmarks(np.ones((2, 3, 2)), "abc"), "0 of the 3 landmarks of the files"),
         (shapefit.Landmarks(np.ones((2, 15, 2)), items=["a", "a"]), "item 'a' is also at"),
         (shapefit.Landmarks(np.ones((2, 15, 2)), items=["a"]), r"landmarks\.items: has the shape"),
         (shapefit.Landmarks(np.ones((2, 15, 2)), items=["a", ""]), r"item\[1\]: is empty; name"),

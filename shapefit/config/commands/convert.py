@@ -53,6 +53,11 @@ class ConvertConfig(CommandConfig):
         "in metres: it becomes y. By default shapes keep their axes, and the world's is the one "
         "nearest to up in the image.",
     )
+    world_unit: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Unit of the translation of a camera's extrinsics; metres by default.",
+    )
     chunk: int = Field(
         default=4096, ge=1, le=10_000_000, description="Items held in memory at a time."
     )

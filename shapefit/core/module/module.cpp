@@ -22,4 +22,5 @@ NB_MODULE(_core, module) {
     shapefit::bind_posterior(module);
     shapefit::bind_pursuit(module, parts);
     shapefit::bind_rotation_search(module, parts);
+    shapefit::bind_sequences(module);
 }

@@ -14,5 +14,6 @@ void bind_perspective(nanobind::module_& module, nanobind::module_& parts);
 void bind_posterior(nanobind::module_& module);
 void bind_pursuit(nanobind::module_& module, nanobind::module_& parts);
 void bind_rotation_search(nanobind::module_& module, nanobind::module_& parts);
+void bind_sequences(nanobind::module_& module);
 
 }  // namespace shapefit

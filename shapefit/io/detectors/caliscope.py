@@ -44,10 +44,12 @@ def record(paths: tuple[Path, ...]) -> Recording:
     if not whole.all():
         rows = counted(int((~whole).sum()), "row")
         notes += (f"{rows} without camera, frame or point left out",)
-    frames = _first_rows(camera[whole], frame[whole])
-    cameras, ids = np.unique(camera[whole]), np.unique(point[placed])
-    keys = camera[placed], frame[placed]
-    row = np.searchsorted(_key(*frames, cameras), _key(*keys, cameras))
+    cameras, number = np.unique(camera[whole], return_inverse=True)
+    ids = np.unique(point[placed])
+    keys, place = np.unique(number * 2 * LAST_FRAME + frame[whole], return_inverse=True)
+    row = place[placed[whole]]
+    port = np.floor_divide(keys + LAST_FRAME, 2 * LAST_FRAME).astype(np.intp)
+    frames = cameras[port], keys - port * 2 * LAST_FRAME
     column = np.searchsorted(ids, point[placed])
     cells = row * max(len(ids), 1) + column
     repeated = len(cells) - len(np.unique(cells))
@@ -134,14 +136,3 @@ def _columns(section: Section, header: list[str], places: list[int], name: str) 
 def _header(line: bytes) -> list[str]:
     text = line.decode("utf-8-sig", "replace")
     return [cell.strip(' "\r') for cell in text.split(",")]
-
-
-def _first_rows(camera: Table, frame: Table) -> tuple[Table, Table]:
-    """Return cameras and frames of the pairs that occur, sorted."""
-    pairs = np.unique(np.stack([camera, frame], axis=1), axis=0)
-    return pairs[:, 0], pairs[:, 1]
-
-
-def _key(camera: Table, frame: Table, cameras: Table) -> Table:
-    """Return numbers that sort as pairs of camera and frame do, exact for whole frames."""
-    return np.searchsorted(cameras, camera) * 2 * LAST_FRAME + frame

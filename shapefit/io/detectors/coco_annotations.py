@@ -12,7 +12,7 @@ from typing import Any
 from shapefit.errors import counted, input_error
 from shapefit.io.detectors.coco_results import labels_of
 from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording, image_key
-from shapefit.io.detectors.json_text import outline, read_json
+from shapefit.io.detectors.json_text import outline, read_json, without_collection
 from shapefit.io.foreign.recording import Recording
 
 
@@ -25,6 +25,7 @@ def is_coco_annotations(path: Path, head: bytes) -> bool:
     )
 
 
+@without_collection
 def record(paths: tuple[Path, ...]) -> Recording:
     """Return the annotations of a file, images in its order."""
     path = paths[0]

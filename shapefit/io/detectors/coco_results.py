@@ -1,9 +1,9 @@
 """COCO results: a bare list of detections without names, as MMDet and AlphaPose write it.
 
 {image_id, category_id, keypoints [x, y, confidence, ...], score}. Confidences are taken as they
-are, and a landmark of confidence 0 is missing. AlphaPose, whose image_id is the name of a file,
-states a scale of 0 to 6 for models of COCO, and newer models of it give 0 to 1: where one in such
-a file is above 2, all are divided by 6.
+are; a landmark of 0, 0, 0 is missing, others of confidence 0 have no weight. AlphaPose, whose
+image_id is the name of a file, states a scale of 0 to 6 for models of COCO, and newer models of it
+give 0 to 1: where one in such a file is above 2, all are divided by 6.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from shapefit.io.detectors.detections import (
     image_key,
     numbered,
 )
-from shapefit.io.detectors.json_text import outline, read_json
+from shapefit.io.detectors.json_text import outline, read_json, without_collection
 from shapefit.io.foreign.recording import Floats, Recording
 
 ALPHAPOSE_LARGEST = 6.0
@@ -34,6 +34,7 @@ def is_coco_results(path: Path, head: bytes) -> bool:
     return own.kind == "[" and {"image_id", "keypoints"} <= own.keys
 
 
+@without_collection
 def record(paths: tuple[Path, ...]) -> Recording:
     """Return the detections of a file, images in the order of their first appearance."""
     path = paths[0]
@@ -58,7 +59,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     return as_recording(
         detections,
         values,
-        ~(values[..., 2] > 0),
+        np.asarray(~values.any(axis=2) | np.isnan(values).any(axis=2)),
         confidence=confidence,
         name=str(path),
         video=path.name.partition(".")[0],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,12 +26,14 @@ class Detections:
     """What grows while files are read, one entry for each detection.
 
     numbers are x, y and, with `step` 3, the confidence of each landmark, empty where nothing was
-    found; frames, labels and videos as in `Instances`; identities what the file calls who it is,
-    None or a negative number where it does not know.
+    found; scores, the confidences where they stand by themselves; frames, labels and videos as in
+    `Instances`; identities what the file calls who it is, None or a negative number where it does
+    not know.
     """
 
     step: int = 3
     numbers: list[Sequence[float]] = field(default_factory=list)
+    scores: list[Sequence[float]] = field(default_factory=list)
     frames: list[int] = field(default_factory=list)
     labels: list[str] = field(default_factory=list)
     identities: list[Any] = field(default_factory=list)
@@ -44,30 +47,38 @@ class Detections:
 
         Raises InputError where detections have different numbers of landmarks, and for texts.
         """
-        sizes = Counter(map(len, self.numbers))
-        empty = sizes.pop(0, 0)
-        if any(size % self.step for size in sizes):
-            size = next(size for size in sizes if size % self.step)
-            found = f"a detection of {size} numbers, which are not {self.step} for each landmark"
-            raise input_error(name, found, "check what wrote the file")
-        if len(sizes) > 1:
-            kinds = [f"{n} detections with {s // self.step}" for s, n in sorted(sizes.items())]
-            fix = "give the files of each skeleton in a separate call"
-            raise input_error(name, f"several skeletons: {listed(kinds, 'and')} landmarks", fix)
-        width = next(iter(sizes), 0)
-        rows = self.numbers
-        if empty:
-            nothing = [None] * width
-            rows = [row or nothing for row in self.numbers]  # type: ignore[misc]
-        try:
-            values = np.array(rows, dtype=np.float64)
-        except (ValueError, TypeError, OverflowError) as error:
-            found = f"keypoints that are not numbers ({str(error)[:80]})"
-            raise input_error(name, found, "check what wrote the file") from error
-        if values.ndim != 2 and len(rows):
-            raise input_error(name, "keypoints that are not numbers", "check what wrote the file")
-        values = values.reshape(len(rows), -1, self.step) if width else np.empty((0, 0, self.step))
-        return np.where(np.isfinite(values), values, np.nan)
+        return _numbers(self.numbers, self.step, name)
+
+    def confidence(self, name: str) -> Floats:
+        """Return the scores (N, p), as `values` returns the numbers."""
+        return _numbers(self.scores, 1, name)[..., 0]
+
+
+def _numbers(given: list[Sequence[float]], step: int, name: str) -> Floats:
+    sizes = Counter(map(len, given))
+    empty = sizes.pop(0, 0)
+    if any(size % step for size in sizes):
+        size = next(size for size in sizes if size % step)
+        found = f"a detection of {size} numbers, which are not {step} for each landmark"
+        raise input_error(name, found, "check what wrote the file")
+    if len(sizes) > 1:
+        kinds = [f"{n} detections with {s // step}" for s, n in sorted(sizes.items())]
+        fix = "give the files of each skeleton in a separate call"
+        raise input_error(name, f"several skeletons: {listed(kinds, 'and')} landmarks", fix)
+    width = next(iter(sizes), 0)
+    rows = given
+    if empty:
+        nothing = [math.nan] * width
+        rows = [row or nothing for row in given]
+    try:
+        values = np.array(rows, dtype=np.float64)
+    except (ValueError, TypeError, OverflowError) as error:
+        found = f"keypoints that are not numbers ({str(error)[:80]})"
+        raise input_error(name, found, "check what wrote the file") from error
+    if values.ndim != 2 and len(rows):
+        raise input_error(name, "keypoints that are not numbers", "check what wrote the file")
+    values = values.reshape(len(rows), -1, step) if width else np.empty((0, 0, step))
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def as_recording(

@@ -30,7 +30,8 @@ def frame_files(paths: Sequence[Path], folder: str) -> list[FrameFile]:
     image. Raises InputError where two files have the same number.
     """
     series: dict[tuple[str, str], dict[int, Path]] = {}
-    parts = {path: _LAST_NUMBER.match(_stem(path)) for path in sorted(paths)}
+    by_name = sorted(paths, key=lambda path: path.name)
+    parts = {path: _LAST_NUMBER.match(_stem(path)) for path in by_name}
     for path, match in parts.items():
         if match is None:
             continue
@@ -63,7 +64,8 @@ def _video_names(series: list[tuple[str, str]], folder: str) -> list[str]:
 
 
 def _stem(path: Path) -> str:
-    return path.name.rpartition(".")[0] or path.name
+    name = path.name
+    return name.rpartition(".")[0] or name
 
 
 def _natural(path: Path) -> list[tuple[int, int, str]]:

@@ -16,7 +16,7 @@ import numpy as np
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording
 from shapefit.io.detectors.frame_files import frame_files
-from shapefit.io.detectors.json_text import first_outline, outline, read_json
+from shapefit.io.detectors.json_text import first_outline, outline, read_json, without_collection
 from shapefit.io.foreign.recording import Recording
 
 FIX = "give the predictions of MMPose's inferencer"
@@ -38,6 +38,7 @@ def is_image(path: Path, head: bytes) -> bool:
     return any(_is_list_of_instances(own.kind, own.keys) for own in first_outline(path))
 
 
+@without_collection
 def record_video(paths: tuple[Path, ...]) -> Recording:
     """Return the frames of one file."""
     path = paths[0]
@@ -49,7 +50,7 @@ def record_video(paths: tuple[Path, ...]) -> Recording:
         raise input_error(path, "no list of instances", FIX)
     if found and isinstance(found[0], dict) and "instances" not in found[0]:
         found = [{"frame_id": 0, "instances": found}]
-    detections = Detections()
+    detections = Detections(step=2)
     for place, frame in enumerate(found):
         instances = frame.get("instances") if isinstance(frame, dict) else None
         if not isinstance(instances, list):
@@ -65,7 +66,7 @@ def record_images(paths: tuple[Path, ...]) -> Recording:
     if paths[0].is_dir():
         paths = tuple(each for each in folder.iterdir() if each.name.lower().endswith(".json"))
     video = folder.resolve().name
-    detections = Detections(videos=[])
+    detections = Detections(step=2, videos=[])
     files = frame_files(paths, video)
     for path, own, frame, label in files:
         instances = read_json(path)
@@ -93,32 +94,26 @@ def _add(detections: Detections, instances: list[Any], frame: int, label: str, p
         scores = instance.get("keypoint_scores")
         if scores is None:
             scores = [1.0] * len(points)
-        try:
-            pairs = [(x, y) for x, y in points]
-            flat = list(
-                chain.from_iterable((x, y, c) for (x, y), c in zip(pairs, scores, strict=True))
-            )
-        except (TypeError, ValueError) as error:
-            width = len(points[0]) if points and isinstance(points[0], list) else 0
-            if width == 3:
-                found = "3D keypoints"
-            else:
-                found = f"{len(points)} keypoints that are not x and y with a score each"
-            raise input_error(place, found, "give predictions of 2D landmarks") from error
-        detections.numbers.append(flat)
+        widths = {len(point) if isinstance(point, list) else 0 for point in points}
+        if not widths <= {2} or not isinstance(scores, list) or len(scores) != len(points):
+            found = f"{len(points)} keypoints that are not x and y with a score each"
+            found = "3D keypoints" if widths == {3} else found
+            raise input_error(place, found, "give predictions of 2D landmarks")
+        detections.numbers.append([*chain.from_iterable(points)])
+        detections.scores.append(scores)
         detections.frames.append(frame)
         detections.labels.append(label)
         detections.identities.append(instance.get("track_id"))
 
 
 def _recorded(detections: Detections, name: str, video: str, frames: int, meta: Any) -> Recording:
-    values = detections.values(name)
+    values, scores = detections.values(name), detections.confidence(name)
     names = _names(meta, values.shape[1])
     return as_recording(
         detections,
         values,
-        ~(values[..., 2] > 0) | np.isnan(values).any(axis=2),
-        confidence=values[..., 2],
+        np.isnan(values).any(axis=2) | ~(scores > 0),
+        confidence=scores,
         name=name,
         video=video,
         frames=frames,

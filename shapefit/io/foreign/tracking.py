@@ -83,13 +83,14 @@ def joined(blocks: Iterable[Instances], first: int) -> Iterator[Instances]:
         videos = block.videos or [""] * len(block)
         found: Flags = np.asarray(np.isfinite(block.points).all(axis=2))
         rows_of: defaultdict[tuple[str, int], list[int]] = defaultdict(list)
-        nobody = (individuals == ANYBODY) & found.any(axis=1)
         frames = block.frames.tolist()
         weights = found.astype(float)
         if block.confidence is not None:
-            weights *= np.clip(np.nan_to_num(block.confidence, nan=1.0), 0.01, 1)
+            weights *= np.clip(np.nan_to_num(block.confidence, nan=1.0), 0, 1)
         points = np.clip(block.points, -LARGEST, LARGEST)
+        points[weights == 0] = np.nan
         boxes, size = _boxes(points)
+        nobody = (individuals == ANYBODY) & weights.any(axis=1)
         for row in np.flatnonzero(nobody).tolist():
             rows_of[videos[row], frames[row]].append(row)
         for (video, frame), rows in rows_of.items():

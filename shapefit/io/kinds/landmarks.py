@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -98,19 +97,6 @@ class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
         """Names of the datasets that the format does not know."""
         return tuple(self._head.extras)
 
-    def renamed(
-        self, rename: Mapping[str, str], factors: Mapping[str, float] | None = None
-    ) -> LandmarkSource:
-        """Return the same images with landmarks (old -> new name) renamed in every file.
-
-        factors (old name -> factor) multiply the confidence.
-        """
-        source = copy(self)
-        files = [_changed(file, partial(weighed, factors=factors or {})) for file in self._files]
-        source._files = [_renamed(file, rename) for file in files]
-        source._head = _common_head([file for file in source._files if file.count] or source._files)
-        return source
-
     def _conform(self, part: LandmarkSet, place: str) -> LandmarkSet:
         """Give a part of one file the landmarks and fields of the whole source."""
         changes: dict[str, Any] = {
@@ -162,15 +148,6 @@ def _changed(file: _File, change: Callable[[LandmarkSet], LandmarkSet]) -> _File
             yield lambda rows: change(read(rows))
 
     return replace(file, head=change(file.head), open=opened)
-
-
-def weighed(images: LandmarkSet, factors: Mapping[str, float]) -> LandmarkSet:
-    """Return the images with the confidence of some landmarks multiplied."""
-    own = np.array([factors.get(name, 1.0) for name in images.landmark_names])
-    if (own == 1.0).all():
-        return images
-    given = 1.0 if images.confidence is None else images.confidence
-    return replace(images, confidence=given * own * np.ones((len(images), 1)))
 
 
 def hiding(file: _File, least: float) -> _File:

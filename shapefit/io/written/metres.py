@@ -25,6 +25,10 @@ from shapefit.io.written.tracks import (
 Floats = NDArray[np.float64]
 
 
+FARTHEST = 100.0
+"""Metres from a camera to the origin of its world in any room or arena."""
+
+
 @dataclass(frozen=True)
 class Placed:
     """points (n, 3, p) in metres, and where their `axes` and their `size` come from, in words."""
@@ -32,6 +36,7 @@ class Placed:
     points: Floats
     axes: str
     size: str
+    warnings: tuple[str, ...] = ()
 
 
 def in_metres(records: Solid, options: OutputOptions, place: str) -> Placed:
@@ -44,11 +49,15 @@ def in_metres(records: Solid, options: OutputOptions, place: str) -> Placed:
         return _shapes(records, options, place)
     upright, axes, known = _upright(records, options, place)
     factor, size = _factor(records, upright, options, place)
+    warnings: tuple[str, ...] = ()
     if known is None:
         points, origin = _in_the_image(upright, factor), "lowest landmark at height 0"
     else:
-        points, origin = _in_the_world(records, factor, known, place), "position from the camera"
-    return Placed(points, f"{axes}; {origin}", size)
+        world = _world(records, options, place)
+        points = _in_the_world(records, factor, known, world, place)
+        origin = "position from the camera"
+        warnings = _doubts(world)
+    return Placed(points, f"{axes}; {origin}", size, warnings)
 
 
 def _shapes(records: ShapeSet, options: OutputOptions, place: str) -> Placed:
@@ -156,7 +165,30 @@ def _in_the_image(upright: Floats, factor: Floats) -> Floats:
     return points
 
 
-def _in_the_world(records: ResultSet, factor: Floats, turn: Floats, place: str) -> Floats:
+def _world(records: ResultSet, options: OutputOptions, place: str) -> Floats | None:
+    """Return where the origin of the world is for the camera (n, 3), in metres, if it knows."""
+    metres = metres_in(options.world_unit or "m")
+    if metres is None:
+        found = f"{options.world_unit!r} is no unit of length"
+        raise input_error("world_unit", found, "use m, cm or mm")
+    shift = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
+    return None if shift is None or EXTRINSIC_ROTATION not in records.extras else metres * shift
+
+
+def _doubts(world: Floats | None) -> tuple[str, ...]:
+    """Warn of a camera that is too far from the origin of its world, as with millimetres."""
+    far = 0.0 if world is None or not len(world) else float(np.linalg.norm(world, axis=1).max())
+    if far <= FARTHEST:
+        return ()
+    return (
+        f"the camera is {far:.0f} m from the origin of its world: if the extrinsics are in "
+        "millimetres, set `world_unit: mm` of `convert`",
+    )
+
+
+def _in_the_world(
+    records: ResultSet, factor: Floats, turn: Floats, world: Floats | None, place: str
+) -> Floats:
     """X = factor (shape - its origin in the image + scale t), in the world where that is known."""
     assert records.translation is not None
     assert records.scale is not None
@@ -165,9 +197,8 @@ def _in_the_world(records: ResultSet, factor: Floats, turn: Floats, place: str) 
     shapes = records.shapes.copy()
     shapes[:, :2] -= records.translation[..., None]
     X = factor[:, None, None] * (shapes + (records.scale[:, None] * t)[..., None])
-    shift = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
-    if shift is not None and EXTRINSIC_ROTATION in records.extras:
-        X = X - _in_frame_of(records, shift)[..., None]
+    if world is not None:
+        X = X - _in_frame_of(records, world)[..., None]
     return turn @ X
 
 

@@ -60,7 +60,7 @@ def find_motion(track: Track, options: OutputOptions, place: str) -> Motion:
     points = np.full((length, 3, len(records.landmark_names)), np.nan)
     points[frames - first] = placed.points
     failed = int((~np.isfinite(placed.points).any(axis=(1, 2))).sum())
-    warnings = []
+    warnings = list(placed.warnings)
     if failed:
         warnings.append(f"{counted(failed, 'item')} without a shape{_of(track.name)}: gaps")
     if length > n:

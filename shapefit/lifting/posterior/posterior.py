@@ -36,7 +36,8 @@ class Modes:
     log_evidence (n, M) of component and image together, the view integrated out, -inf where there
     are fewer; mean (n, M, 3, p) of y = s (R x + t) in the frame of the camera, with mean depth 0;
     covariance (n, M, 3p, 3p) of y, all x first, then y, then z, the uncertainty of the view
-    included; belief (n, M, p) that a landmark is not gross, nan where it is hidden.
+    included, arbitrary where there are fewer; belief (n, M, p) that a landmark is not gross, nan
+    where it is hidden.
     """
 
     component: NDArray[np.int64]
@@ -124,7 +125,7 @@ def find_posterior(
             scale=np.full((n, m), np.nan),
             log_evidence=np.empty((n, m)),
             mean=np.full((n, m, 3, p), np.nan),
-            covariance=np.full((n, m, d, d), np.nan),
+            covariance=np.empty((n, m, d, d)),
             belief=np.full((n, m, p), np.nan),
         ),
     )

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.core.stretches import on_threads
 from shapefit.lifting.posterior.posterior import Modes
 from shapefit.lifting.sequences.noise import find_haste, find_noise
 from shapefit.lifting.sequences.observations import Observations, observe
 from shapefit.lifting.sequences.smoothing import Model, smooth
 from shapefit.lifting.sequences.steady import steady
-from shapefit.lifting.sequences.uncertainty import deviations
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -28,6 +29,10 @@ FARTHEST = 0.6
 Where images and sequence agree it is below 0.5 on subject 86, whatever the noise; where it is
 larger, bones are not rigid, landmarks are grossly wrong, or the prior is too sure.
 """
+
+WIDEST = 3.0
+"""Standard deviation of a coordinate, in the size of the landmarks, beyond which an image says
+nothing: its posterior then has next to no scale. The frames beside it place it."""
 
 MOST = 4096
 """Frames that are refined together; longer sequences are cut into parts of about one length."""
@@ -46,6 +51,15 @@ class Motion:
     acceleration: Floats
     give: Floats
     known: Floats | None = None
+
+
+class Refined(NamedTuple):
+    """Points, deviations, correlations (n, 3, p) and noise (n,): each sequence writes its own."""
+
+    points: Floats
+    deviation: Floats
+    correlation: Floats
+    noise: Floats
 
 
 @dataclass(frozen=True)
@@ -69,46 +83,65 @@ class Clips:
 
 
 def refine_clips(
-    clips: Clips, sequences: Sequence[str], motion: Motion
+    clips: Clips, sequences: Sequence[str], motion: Motion, threads: int = 0
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Points (n, 3, p), their deviations and correlations, and the noise (n,) of their sequence.
 
     All but correlations in the unit of the landmarks. nan in deviations, correlations and noise
     where the inference is that of the images: one is alone or nearly so in its sequence, or the
     sequence adds nothing (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but
-    steadied.
+    steadied. Sequences are refined on `threads` threads, 0 means one per core; the results do not
+    depend on them.
     """
-    points = clips.points.copy()
-    deviation, correlation = np.full_like(points, np.nan), np.full_like(points, np.nan)
-    noise = np.full(len(points), np.nan)
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
+    unknown = np.full_like(clips.points, np.nan)
+    noise = np.full(len(clips.points), np.nan)
+    found = Refined(clips.points.copy(), unknown, unknown.copy(), noise)
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
+    known = finite & (np.sqrt((clips.deviation**2).mean(axis=(1, 2))) < WIDEST * clips.scale)
+    clips = replace(
+        clips,
+        scale=np.where(known, clips.scale, np.nan),
+        points=np.where(known[:, None, None], clips.points, np.nan),
+    )
     fewest = FEWEST if motion.known is None else 1
-    for clip in parts(sequences):
-        if known[clip].sum() < fewest:
-            continue
-        there = known[clip]
-        unit = float(np.median(clips.scale[clip][there]))
-        seen = in_unit(clips, clip, unit)
-        acceleration = motion.acceleration * find_haste(seen, motion.acceleration)
-        rows = np.arange(clip.start, clip.stop)[there]
-        sd = clips.deviation[clip][there] / unit
-        model = Model(motion.bones, acceleration**-2, motion.give, motion.known)
-        sigma = find_noise(seen, model)
-        found = None if sigma is None else smooth(seen, model, sigma)
-        if (
-            sigma is None
-            or found is None
-            or contradicts(seen.start[there], found.points[there], sd)
-        ):
-            spread = np.full_like(seen.start, np.inf)
-            spread[there] = sd
-            points[rows] = unit * steady(seen.start, spread, acceleration)[there]
-            continue
-        points[rows] = unit * found.points[there]
-        spread, mixed = deviations(seen, model, sigma, found)
-        deviation[rows], correlation[rows] = unit * spread[there], mixed[there]
-        noise[rows] = unit * sigma
-    return points, deviation, correlation, noise
+    there = np.concatenate([[0], np.cumsum(known)])
+    long = [clip for clip in parts(sequences) if there[clip.stop] - there[clip.start] >= fewest]
+
+    def refine(clip: slice) -> None:
+        refine_clip(clips, clip, known[clip], finite[clip], motion, found)
+
+    on_threads(long, refine, threads)
+    return found.points, found.deviation, found.correlation, found.noise
+
+
+def refine_clip(
+    clips: Clips,
+    clip: slice,
+    there: NDArray[np.bool_],
+    finite: NDArray[np.bool_],
+    motion: Motion,
+    found: Refined,
+) -> None:
+    """Refine one sequence from the images that are `there` (t,); write down the finite ones."""
+    unit = float(np.median(clips.scale[clip][there]))
+    seen = in_unit(clips, clip, unit)
+    acceleration = motion.acceleration * find_haste(seen, motion.acceleration)
+    rows = np.arange(clip.start, clip.stop)[finite]
+    sd = clips.deviation[clip][there] / unit
+    model = Model(motion.bones, acceleration**-2, motion.give, motion.known)
+    sigma = find_noise(seen, model)
+    smoothed = smooth(seen, model, sigma, deviations=True)
+    assert smoothed.deviation is not None
+    assert smoothed.correlation is not None
+    if contradicts(seen.start[there], smoothed.points[there], sd):
+        spread = np.full_like(seen.start, np.inf)
+        spread[there] = sd
+        found.points[rows] = unit * steady(seen.start, spread, acceleration)[finite]
+        return
+    found.points[rows] = unit * smoothed.points[finite]
+    found.deviation[rows] = unit * smoothed.deviation[finite]
+    found.correlation[rows] = smoothed.correlation[finite]
+    found.noise[rows] = unit * sigma
 
 
 def contradicts(images: Floats, sequence: Floats, sd: Floats) -> bool:

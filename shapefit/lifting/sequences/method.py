@@ -36,12 +36,13 @@ def refine_lifting(
     motion: Motion,
     misfit: float,
     widening: float,
+    threads: int = 0,
 ) -> Lifting:
     """Infer the shapes of whole sequences from the modes of their images.
 
     landmarks (n, 2, p) as observed; misfit, the variance of normalised landmarks in the posteriors;
-    widening of the variances. All but the shapes and what is known of them stays that of the
-    images.
+    widening of the variances; threads as in `refine_clips`. All but the shapes and what is known of
+    them stays that of the images.
     """
     found = lifting.estimate
     modes = found.posterior_modes
@@ -61,7 +62,7 @@ def refine_lifting(
         misfit=misfit,
         deviation=lifting.scale[:, None, None] * own / np.sqrt(widening),
     )
-    points, deviation, correlation, noise = refine_clips(clips, sequences, motion)
+    points, deviation, correlation, noise = refine_clips(clips, sequences, motion, threads)
     single = np.isnan(noise)[:, None, None]
     mixed = correlation.swapaxes(1, 2).astype(np.float32)
     scaled = np.sqrt(widening) * deviation / lifting.scale[:, None, None]

@@ -22,41 +22,50 @@ FIRST = 3
 LEAST_TURN = 0.3
 """How much bones must turn, see `find_turn`, before their lengths show what the noise is."""
 
+SHARED = 20.0
+"""How much larger a landmark's constant error may be than what is left of it in the residuals: most
+of it bends the body instead."""
+
+ROUNDS = 6
+"""Steps at each level: the next one goes on from there."""
+
 WINDOW = 120
 """Frames in the middle of a sequence from which the noise is found."""
 
 
-def find_noise(seen: Observations, model: Model) -> float | None:
+def find_noise(seen: Observations, model: Model) -> float:
     """Return the sigma of the objective of `smooth`, from the middle of the sequence.
 
     The level of the most evidence: from the first one on the noise falls, or else rises, as long
-    as the evidence grows. Detectors err alike from frame to frame, so that as many frames say less
-    than they seem to: with the correlation r of the residuals of neighbours sigma grows by
-    sqrt((1 + r) / (1 - r)), at most to that of the images alone.
+    as the evidence grows. Evidence counts errors as independent. Those that neighbouring frames
+    share do not average out over a sequence, so with residuals e of the correlation r
 
-    None where bones hardly turn: seen from one side, landmarks that are off alike in all frames fit
-    a rigid body too, and the sequence shows no difference.
+        sigma^2 = level^2 + r (`SHARED` rms(e))^2,
+
+    at most that with which the images took their landmarks. That it is, too, where bones hardly
+    turn: seen from one side, landmarks that are off alike in all frames fit a rigid body as well
+    as exact ones do.
     """
     most = float(np.sqrt(seen.misfit))
     if find_turn(seen, model) < LEAST_TURN:
-        return None
+        return most
     levels = (*(level for level in LEVELS if level < most), most)
     first = max(0, (len(seen) - WINDOW) // 2)
     part = seen.take(slice(first, first + WINDOW))
     best = min(FIRST, len(levels) - 1)
-    first_level, at = best, smooth(part, model, levels[best])
+    first_level, at = best, smooth(part, model, levels[best], rounds=ROUNDS)
     for step in (-1, 1):
         tried = best + step
         found: Smoothed = at
         while 0 <= tried < len(levels):
-            found = smooth(part, model, levels[tried], found)
+            found = smooth(part, model, levels[tried], found, rounds=ROUNDS)
             if found.log_evidence <= at.log_evidence:
                 break
             best, at, tried = tried, found, tried + step
         if best != first_level:
             break
-    r = correlation(part, at)
-    return min(levels[best] * float(np.sqrt((1 + r) / (1 - r))), most)
+    size, r = residuals(part, at)
+    return min(float(np.hypot(levels[best], np.sqrt(r) * SHARED * size)), most)
 
 
 def find_turn(seen: Observations, model: Model) -> float:
@@ -104,10 +113,15 @@ def find_haste(seen: Observations, acceleration: Floats) -> float:
     return float(np.clip(np.sqrt(moving[seen_ever].sum() / expected), 1.0, 30.0))
 
 
-def correlation(seen: Observations, found: Smoothed) -> float:
-    """Correlation of the residuals of trusted landmarks between neighbouring frames, 0 to 0.98."""
+def residuals(seen: Observations, found: Smoothed) -> tuple[float, float]:
+    """Root mean square residual of a coordinate, and its correlation between neighbouring frames.
+
+    Of landmarks as far as they are trusted; the correlation is at least 0.
+    """
     left = np.nan_to_num(seen.landmarks) - found.points[:, :2]
     left = left * np.sqrt(seen.trust)[:, None]
     whole = float((left**2).sum())
-    shared = float((left[1:] * left[:-1]).sum()) / whole if whole > 0 else 0.0
-    return min(max(shared, 0.0), 0.98)
+    if whole == 0:
+        return 0.0, 0.0
+    shared = float((left[1:] * left[:-1]).sum()) / whole
+    return float(np.sqrt(whole / (2 * seen.trust.sum()))), max(shared, 0.0)

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit import core
+
 Floats = NDArray[np.float64]
 
 MOST_MODES = 4
@@ -89,9 +91,11 @@ def observe(
     log_share[~known, 0] = 0.0
     log_share = log_share - np.log(np.exp(log_share).sum(axis=1, keepdims=True))
     mean = np.where(there[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d))
-    covariance = np.where(there[..., None, None], covariances[:, :k], 0.0)
-    variance = np.where(there, DEPTH_VARIANCE, UNSEEN_VARIANCE)
-    covariance = covariance + variance[..., None, None] * np.eye(d)
+    precision, log_det = find_precisions(
+        np.where(there[..., None, None], covariances[:, :k], 0.0),
+        np.where(there, DEPTH_VARIANCE, UNSEEN_VARIANCE),
+        there | ~known[:, None] & (np.arange(k) == 0),
+    )
     return Observations(
         landmarks=landmarks,
         trust=np.where(
@@ -101,9 +105,21 @@ def observe(
         misfit=misfit,
         log_share=log_share,
         mean=mean,
-        precision=np.linalg.inv(covariance),
-        log_det=np.linalg.slogdet(covariance)[1],
+        precision=precision,
+        log_det=log_det,
     )
+
+
+def find_precisions(
+    covariances: Floats, more: Floats, there: NDArray[np.bool_]
+) -> tuple[Floats, Floats]:
+    """Inverses of C + more I, written over C (t, k, d, d), and its log determinants (t, k).
+
+    more (t, k); only those that are `there` (t, k), the others are as they were, with 0.
+    """
+    log_det = np.zeros(there.shape)
+    core.find_precisions(matrices=covariances, there=there, more=more, log_det=log_det, threads=1)
+    return covariances, log_det
 
 
 def fill(points: Floats, known: NDArray[np.bool_]) -> Floats:
@@ -116,17 +132,3 @@ def fill(points: Floats, known: NDArray[np.bool_]) -> Floats:
     flat = points[known].reshape(int(known.sum()), -1)
     filled = [np.interp(frames, frames[known], column) for column in flat.T]
     return np.stack(filled, axis=1).reshape(points.shape)
-
-
-def mixture(seen: Observations, y: Floats) -> tuple[float, Floats, Floats]:
-    """Energy of the mixtures at y (t, 3p), and the responsibilities r (t, k) and pulls there.
-
-    The pull of mode k is P_k (y - m_k) (t, k, 3p).
-    """
-    away = y[:, None] - seen.mean
-    pull = np.matmul(seen.precision, away[..., None])[..., 0]
-    log = seen.log_share - 0.5 * ((away * pull).sum(axis=2) + seen.log_det)
-    top = log.max(axis=1, keepdims=True)
-    part = np.exp(log - top)
-    whole = part.sum(axis=1, keepdims=True)
-    return float(-(top + np.log(whole)).sum()), part / whole, pull

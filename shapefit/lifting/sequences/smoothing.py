@@ -23,15 +23,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.lifting.sequences.banded import Factor, accelerations, spread_back
-from shapefit.lifting.sequences.observations import Observations, mixture
+from shapefit import core
+from shapefit.lifting.sequences.observations import Observations
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-LONGEST_STEP = 0.5
-LEAST_DAMPING, MOST_DAMPING = 1e-4, 1e6
-STILL = 1e-5
+STILL = 1e-2
 """Rounds end when one lowers the objective by a smaller share of the number of frames."""
 
 
@@ -52,55 +50,82 @@ class Model:
 
 @dataclass(frozen=True)
 class Smoothed:
-    """points (t, 3, p), lengths (e,), energy, log evidence of the noise up to a constant."""
+    """points (t, 3, p), lengths (e,), energy, log evidence of the noise up to a constant.
+
+    deviation (t, 3, p) of the points, the lengths held, where it was asked for, and the correlation
+    (t, 3, p) of x with y, x with z, and y with z of each landmark.
+    """
 
     points: Floats
     lengths: Floats
     energy: float
     log_evidence: float
-
-
-@dataclass(frozen=True)
-class _At:
-    energy: float
-    share: Floats
-    pull: Floats
-    away: Floats
-    bone: Floats
-    size: Floats
-    short: Floats
+    deviation: Floats | None = None
+    correlation: Floats | None = None
 
 
 def smooth(
-    seen: Observations, model: Model, noise: float, start: Smoothed | None = None, rounds: int = 12
+    seen: Observations,
+    model: Model,
+    noise: float,
+    start: Smoothed | None = None,
+    rounds: int = 8,
+    deviations: bool = False,
 ) -> Smoothed:
     """Minimise the objective above for landmarks of the given noise, from a start or the images."""
     t, _, p = seen.start.shape
-    y = (seen.start if start is None else start.points).reshape(t, 3 * p)
-    lengths = first_lengths(seen.start, model) if start is None else start.lengths
-    problem = _Problem(seen, model, noise, lengths)
-    at = problem.look(y, lengths)
-    damping = 1e-3
-    log_det = 0.0
-    for _ in range(rounds):
-        moved = None
-        while damping < MOST_DAMPING:
-            step, longer, log_det = problem.step(y, lengths, at, damping)
-            shrink = min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
-            tried = y + shrink * step, lengths + shrink * longer
-            moved = problem.look(*tried)
-            if moved.energy <= at.energy:
-                break
-            damping, moved = 6 * damping, None
-        if moved is None:
-            break
-        (y, lengths), gain, at = tried, at.energy - moved.energy, moved
-        damping = max(damping / 5, LEAST_DAMPING)
-        if gain < STILL * t:
-            break
+    points = (seen.start if start is None else start.points).reshape(t, 3 * p).copy()
+    lengths = (first_lengths(seen.start, model) if start is None else start.lengths).copy()
+    hold, known = held_lengths(model, lengths)
+    end = np.empty(3)
+    deviation, correlation = np.empty((2, t if deviations else 0, 3 * p))
+    core.smooth_sequence(
+        landmarks=np.nan_to_num(seen.landmarks).reshape(t, 2 * p),
+        weight=further_weight(seen, noise),
+        log_share=seen.log_share,
+        means=seen.mean,
+        precisions=seen.precision,
+        log_det=seen.log_det,
+        stiffness=model.stiffness,
+        bones=np.ascontiguousarray(model.bones, np.int64).reshape(-1, 2),
+        rigidity=model.give**-2.0,
+        hold=hold,
+        known=known,
+        most_rounds=rounds,
+        still=STILL,
+        points=points,
+        lengths=lengths,
+        deviation=deviation,
+        correlation=correlation,
+        end=end,
+    )
+    energy, log_det = end[:2].tolist()
     spread = 2 * float(np.log(noise)) * float(seen.trust.sum())
-    evidence = -at.energy - 0.5 * log_det - spread
-    return Smoothed(y.reshape(t, 3, p), lengths, at.energy, evidence)
+    return Smoothed(
+        points=points.reshape(t, 3, p),
+        lengths=lengths,
+        energy=energy,
+        log_evidence=-energy - 0.5 * log_det - spread,
+        deviation=deviation.reshape(t, 3, p) if deviations else None,
+        correlation=correlation.reshape(t, 3, p) if deviations else None,
+    )
+
+
+def further_weight(seen: Observations, noise: float) -> Floats:
+    """Weight q (1/sigma^2 - 1/v) (t, 2p) of the landmarks beside what the images say of them."""
+    more = max(1 / noise**2 - 1 / seen.misfit, 0.0)
+    weight: Floats = more * np.tile(seen.trust, (1, 2))
+    return weight
+
+
+def held_lengths(model: Model, lengths: Floats) -> tuple[Floats, Floats]:
+    """Weights 1/(s g k)^2 (e,) and lengths g k (e,) of known bones; 0 of the others."""
+    hold, known = np.zeros(len(model.bones)), np.zeros(len(model.bones))
+    if model.known is not None:
+        there = np.isfinite(model.known)
+        known[there] = model.known[there] * scale_of(lengths, model.known)
+        hold[there] = 1 / (model.spread * known[there]) ** 2
+    return hold, known
 
 
 def first_lengths(points: Floats, model: Model) -> Floats:
@@ -117,90 +142,3 @@ def scale_of(lengths: Floats, known: Floats) -> float:
     """Scale g at which known lengths (e,), nan where unknown, agree best with others."""
     there = np.isfinite(known)
     return float(np.exp(np.log(lengths[there] / known[there]).mean()))
-
-
-def normal_blocks(
-    seen: Observations, model: Model, noise: float, found: Smoothed
-) -> tuple[Floats, Floats]:
-    """Blocks (t, 3p, 3p) of the frames in the Hessian, and the stiffness (3p,) of the motion."""
-    problem = _Problem(seen, model, noise, found.lengths)
-    y = found.points.reshape(len(seen), -1)
-    return problem.equations(y, problem.look(y, found.lengths))[0], problem.stiffness
-
-
-class _Problem:
-    """The objective of one sequence at one level of noise, and its Gauss-Newton steps."""
-
-    def __init__(self, seen: Observations, model: Model, noise: float, lengths: Floats) -> None:
-        self.seen, self.model = seen, model
-        self.stiffness = np.tile(model.stiffness, 3)
-        more = max(1 / noise**2 - 1 / seen.misfit, 0.0)
-        self.weight = more * np.tile(seen.trust, (1, 2))  # (t, 2p)
-        self.w = np.nan_to_num(seen.landmarks).reshape(len(seen), -1)
-        e = len(model.bones)
-        self.hold = np.zeros(e)
-        self.known = np.zeros(e)
-        if model.known is not None:
-            there = np.isfinite(model.known)
-            scaled = model.known[there] * scale_of(lengths, model.known)
-            self.hold[there] = 1 / (model.spread * scaled) ** 2
-            self.known[there] = scaled
-
-    def look(self, y: Floats, lengths: Floats) -> _At:
-        """Evaluate the objective and its terms at frames y (t, 3p) and lengths (e,)."""
-        t, p = len(y), y.shape[1] // 3
-        i, j = self.model.bones.T
-        energy, share, pull = mixture(self.seen, y)
-        away = y[:, : 2 * p] - self.w
-        points = y.reshape(t, 3, p)
-        bone = points[:, :, i] - points[:, :, j]
-        size = np.linalg.norm(bone, axis=1)
-        short = size - lengths
-        energy += 0.5 * float((self.weight * away**2).sum())
-        energy += 0.5 * float((self.stiffness * accelerations(y) ** 2).sum())
-        energy += 0.5 * float(((short / self.model.give) ** 2).sum())
-        energy += 0.5 * float((self.hold * (lengths - self.known) ** 2).sum())
-        return _At(energy, share, pull, away, bone, size, short)
-
-    def equations(self, y: Floats, at: _At) -> tuple[Floats, Floats, Floats]:
-        """Blocks (t, d, d) and gradient (t, d) of the frames, and the bones' directions (t, e, d).
-
-        Of the motion the gradient alone: its part of the Hessian is banded.
-        """
-        t, d = y.shape
-        p, e = d // 3, len(self.model.bones)
-        i, j = self.model.bones.T
-        share = at.share[:, None, :]
-        blocks = np.matmul(share, self.seen.precision.reshape(t, -1, d * d)).reshape(t, d, d)
-        gradient = np.matmul(share, at.pull)[:, 0]
-        diagonal = np.arange(2 * p)
-        blocks[:, diagonal, diagonal] += self.weight
-        gradient[:, : 2 * p] += self.weight * at.away
-        gradient += spread_back(self.stiffness * accelerations(y), t)
-        give = self.model.give**-2
-        along = at.bone / np.maximum(at.size, 1e-12)[:, None]
-        J = np.zeros((t, e, d))
-        for axis in range(3):
-            J[:, np.arange(e), axis * p + i] = along[:, axis]
-            J[:, np.arange(e), axis * p + j] = -along[:, axis]
-        blocks += np.matmul(J.swapaxes(1, 2), give[:, None] * J)
-        gradient += np.matmul((give * at.short)[:, None], J)[:, 0]
-        return blocks, gradient, J
-
-    def step(
-        self, y: Floats, lengths: Floats, at: _At, damping: float
-    ) -> tuple[Floats, Floats, float]:
-        """Damped Gauss-Newton step of frames (t, 3p) and lengths (e,), and log det of frames."""
-        t, d = y.shape
-        blocks, gradient, J = self.equations(y, at)
-        give = self.model.give**-2
-        blocks[:, np.arange(d), np.arange(d)] += 100 * damping
-        factor = Factor(blocks, self.stiffness)
-        mixed = -(give * J.swapaxes(1, 2))  # (t, d, e), second derivatives of frames and lengths
-        solved = factor.solve(np.concatenate([gradient[..., None], mixed], axis=2))
-        schur = np.diag(t * give + self.hold + 1e-9) - np.einsum(
-            "tda,tdb->ab", mixed, solved[..., 1:]
-        )
-        pulled = self.hold * (lengths - self.known) - give * at.short.sum(axis=0)
-        longer = -np.linalg.solve(schur, pulled - np.einsum("tda,td->a", mixed, solved[..., 0]))
-        return -solved[..., 0] - solved[..., 1:] @ longer, longer, factor.log_det

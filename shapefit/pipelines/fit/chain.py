@@ -174,6 +174,7 @@ def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement |
             find_motion(dictionary, rate, lengths),
             config.posterior.misfit,
             config.posterior.widening,
+            config.threads,
         )
 
     return refine

@@ -33,7 +33,8 @@ from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
-from shapefit.pipelines.fit.joints import find_strange, meet_dictionary
+from shapefit.pipelines.fit.joints import as_joints, find_joints
+from shapefit.pipelines.fit.landmark_names import check_enough, find_strange, name_warnings
 from shapefit.pipelines.fit.lens import find_calibrated, find_doubts, straightened
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.searched import Ambiguous
@@ -59,11 +60,8 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     ambiguous = Ambiguous(config.search.modes)
     options = input_options(config.input, default_track(config))
     solve_seconds, done = 0.0, 0
-    opened = open_landmarks(config.landmarks, options, rows)
-    names, place = dictionary.landmark_names, source_names(config)
-    met, joints = meet_dictionary(opened, names, options.rename, place)
     with (
-        met as source,
+        open_landmarks(config.landmarks, options, rows) as source,
         open_exports(config, dictionary, source.count) as exports,
         result_writer(config.output, OutputOptions(height=config.height)) as writer,
     ):
@@ -81,6 +79,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
                 failures=find_failures(images, lifting, config),
                 warnings=find_warnings(images, lifting, config),
             )
+        names = name_warnings(source.landmark_names, dictionary.landmark_names)
         left_in = unknown.warnings if unknown else ()
         # A part of a file is known by the manifest: nobody reads the whole file for each part.
         read = config.landmarks if rows is None else ()
@@ -94,7 +93,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
         + source.notes
         + mismatch(config, dictionary)
         + find_renamed(source, config)
-        + joints
+        + names
         + rate_warnings(source.frame_rate, config)
         + find_doubts(source.head.extras, calibrated)
         + left_in
@@ -119,12 +118,15 @@ def fit_chunks(
     source: LandmarkSource, config: FitConfig, dictionary: Dictionary, chain: Chain
 ) -> Iterator[Fitted]:
     """From landmarks to the records of a result, chunk by chunk."""
-    names = dictionary.landmark_names
-    strange = find_strange(source.landmark_names, names)
+    names, place = dictionary.landmark_names, source_names(config)
+    joints = find_joints(source.landmark_names, names)
+    met = joints.rename(source.landmark_names)
+    check_enough(met, names, place)
+    strange = find_strange(met, names)
     calibrated = find_calibrated(config.camera)
     for chunk in find_chunks(source, config):
-        straight = straightened(chunk, calibrated)
-        images = straight.arrange(names, source_names(config), leave_out=bool(strange))
+        straight = as_joints(straightened(chunk, calibrated), joints, place)
+        images = straight.arrange(names, place, leave_out=bool(strange))
         began = time.perf_counter()
         lifting = fit_images(images, dictionary, chain)
         seconds = time.perf_counter() - began

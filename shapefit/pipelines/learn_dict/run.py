@@ -59,8 +59,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
 def read_given(config: LearnDictConfig) -> tuple[ShapeSet, tuple[str, ...]]:
     """Read the shapes to learn from, and warnings of what was left out of their files."""
     with open_shapes(config.shapes, input_options(config.input)) as source:
-        (given,) = source.chunks(max(source.count, 1))
-        return given, source.notes
+        return source.whole(), source.notes
 
 
 def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[str, str]) -> Making:

@@ -54,7 +54,7 @@ class Done:
 def fit_part(job: Job) -> Done:
     """Lift the images of a part and write its result, whole or not at all.
 
-    What is wrong with its input is told in `error`; everything else propagates, so that the part
+    `error` says what is wrong with its input; everything else propagates, so that the part
     can be tried again.
     """
     began = time.perf_counter()

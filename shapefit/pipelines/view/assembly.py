@@ -106,6 +106,9 @@ def _layers(
         layers.append(
             layer if truth is None else with_error(layer, truth.points, truth.shapes.unit)
         )
+    if edges is None and config.dictionary is not None:
+        known = read_dictionary(config.dictionary)
+        edges = renamed_edges(known.edges, known.landmark_names, landmarks)
     target = _first_points(layers)
     for each in (each for each in found if each.kind == "shapes"):
         layer = shape_layer(each.name, "shapes", each.points, _own_meshes(each, meshes, notes))

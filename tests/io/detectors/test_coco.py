@@ -81,7 +81,7 @@ def result(image, *keypoints, **further):
 
 
 def test_results_without_names_are_coco_17(written):
-    path = written("r.json", [result(7, *[1, 2, 0.5] * 17), result(3, *[1, 2, 0] * 17)])
+    path = written("r.json", [result(7, *[1, 2, 0.5] * 17), result(3, *[0, 0, 0] * 17)])
     images, (note,) = read(path)
     assert images.items == ("r/7/0",)
     assert images.landmark_names[16] == "right_ankle"

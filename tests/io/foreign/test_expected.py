@@ -164,6 +164,9 @@ def rows_of(spot: Mapping[str, Any], entry: Mapping[str, Any], records: Any) -> 
     number = number_in_video(spot["frame_label"])
     if number is not None:
         rows = np.array([number in names[1:] for names in parts])
+    elif isinstance(spot["frame_label"], dict) and "port" in spot["frame_label"]:
+        end = "/port {port}/{frame_index}".format(**spot["frame_label"])
+        rows = np.array([item.endswith(end) for item in records.items])
     else:
         rows = np.asarray(records.extras[FRAME]) == spot["frame"]
     if isinstance(spot["individual"], str) and entry.get("individual_names"):

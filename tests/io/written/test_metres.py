@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT
+from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT, Extras
 from shapefit.io.options import OutputOptions
 from shapefit.io.written.metres import in_metres
 from shapefit.io.written.stature import ANKLE_TO_SHOULDER, find_stature
@@ -158,3 +158,16 @@ def test_a_dataset_of_another_shape(scene, name):
     extras = scene.result.extras | {name: np.ones((4, 7))}
     with pytest.raises(InputError, match=rf"dataset {name} has the shape \(4, 7\)"):
         in_metres(replace(scene.result, extras=extras), NOTHING, "man.trc")
+
+
+def test_a_world_in_millimetres(scene):
+    far = 1000 * scene.result.extras["extrinsic_translation"]
+    whole = dict(scene.result.extras.whole) | {"extrinsic_translation": far}
+    result = replace(scene.result, extras=Extras(scene.result.extras.per_item, whole))
+    placed = in_metres(result, OutputOptions(world_unit="mm"), "man.trc")
+    np.testing.assert_allclose(placed.points, scene.y_up, atol=1e-12)
+    assert placed.warnings == ()
+    (warning,) = in_metres(result, NOTHING, "man.trc").warnings
+    assert warning.startswith("the camera is 4006 m from the origin of its world")
+    with pytest.raises(InputError, match="world_unit: 'ell' is no unit of length"):
+        in_metres(result, OutputOptions(world_unit="ell"), "man.trc")

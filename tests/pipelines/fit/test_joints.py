@@ -1,91 +1,102 @@
-"""Landmarks of detectors and the joints of a dictionary of people."""
+"""Landmarks as detectors name them, and a dictionary with joints of people."""
 
 from __future__ import annotations
 
-import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from shapefit.config import FitConfig
-from shapefit.dictionary.model import Dictionary
-from shapefit.errors import InputError
-from shapefit.io import read_results, write_dictionary
+from shapefit.config.dictionaries import find_dictionary
+from shapefit.io import LandmarkSet, landmark_writer, read_dictionary, read_results
 from shapefit.io.skeletons import PEOPLE, SKELETONS
-from shapefit.pipelines.fit.joints import counterparts, find_strange
-from shapefit.pipelines.fit.run import run
+from shapefit.pipelines.fit import run as fit
+from shapefit.pipelines.fit.joints import as_joints, find_joints
+
+
+@pytest.fixture(scope="module")
+def people():
+    return read_dictionary(find_dictionary("people"))
 
 
 @pytest.fixture
-def fit(tmp_path, rng):
-    """Fit a folder of one frame of a skeleton; return warnings and result."""
-    mean = rng.standard_normal((3, 15))
-    atoms = rng.standard_normal((2, 3, 15))
-    path = tmp_path / "d.h5"
-    write_dictionary(path, Dictionary(atoms, PEOPLE, mean, objective_trace=np.empty(0)))
+def images(people, rng):
+    """Five views of means of the prior, with all 15 joints."""
+    turn = np.linalg.qr(rng.standard_normal((5, 3, 3)))[0]
+    turn[:, :, 0] *= np.linalg.det(turn)[:, None]
+    return LandmarkSet(
+        landmarks=100 * (turn @ people.prior.means[:5])[:, :2],
+        landmark_names=PEOPLE,
+        items=tuple(f"image{i}" for i in range(5)),
+    )
 
-    def fitted(points, **options):
-        frame = {"people": [{"pose_keypoints_2d": points.ravel().tolist()}]}
-        (tmp_path / "cam").mkdir(exist_ok=True)
-        (tmp_path / "cam" / "0.json").write_text(json.dumps(frame))
+
+def as_detected(images, skeleton):
+    """The images with landmarks of a skeleton in its order, of which those without joint are 0."""
+    columns = {name: PEOPLE.index(joint) for name, joint in skeleton.people.items()}
+    names = skeleton.landmark_names
+    points = np.zeros((len(images), 2, len(names)))
+    for i, name in enumerate(names):
+        if name in columns:
+            points[:, :, i] = images.landmarks[:, :, columns[name]]
+    return LandmarkSet(landmarks=points, landmark_names=names, items=images.items)
+
+
+@pytest.fixture
+def lift(tmp_path):
+    def lift(images):
+        with landmark_writer(tmp_path / "views.h5") as writer:
+            writer.append(images)
         config = FitConfig(
-            landmarks=[tmp_path / "cam"],
-            dictionary=path,
-            output=tmp_path / "r.h5",
-            input=options,
+            landmarks=str(tmp_path / "views.h5"),
+            dictionary="people",
+            output=str(tmp_path / "result.h5"),
+            method="posterior",
         )
-        warnings = [str(text) for outcome in run(config) for text in outcome.warnings]
-        return warnings, read_results(tmp_path / "r.h5")
+        warnings = [text for outcome in fit.run(config) for text in outcome.warnings]
+        return read_results(tmp_path / "result.h5"), warnings
 
-    return fitted
-
-
-@pytest.mark.parametrize(
-    ("skeleton", "joints"), [("coco_17", 12), ("body_25b", 13), ("halpe_26", 13), ("body_25", 12)]
-)
-def test_landmarks_become_joints_with_one_warning(fit, rng, skeleton, joints):
-    preset = SKELETONS[skeleton]
-    count = len(preset.landmark_names)
-    points = np.column_stack([rng.uniform(1, 9, (count, 2)), np.ones(count)])
-    (warning,), result = fit(points, keypoints=skeleton)
-    assert warning.startswith(f"{joints} landmarks of {skeleton} taken as joints of the dictionary")
-    assert f"; {count - joints} without a counterpart left out (" in warning
-    assert result.landmark_names == PEOPLE
+    return lift
 
 
-def test_rename_wins(fit, rng):
-    points = np.column_stack([rng.uniform(1, 9, (25, 2)), np.ones(25)])
-    warnings, _ = fit(points, keypoints="body_25", rename={"MidHip": "pelvis", "REye": "rhip"})
-    assert "11 landmarks of body_25 taken" in warnings[0]  # RHip is left out, rhip is there already
+@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=list(SKELETONS))
+def test_a_detector_s_names_give_what_the_joints_give(images, lift, skeleton):
+    shared = list(skeleton.people.values())
+    weights = [skeleton.weights.get(name, 1.0) for name in skeleton.people]
+    part = images.arrange(tuple(shared), "here", leave_out=True)
+    expected, _ = lift(replace(part, confidence=np.tile(weights, (5, 1))))
+    found, warnings = lift(as_detected(images, skeleton))
+    assert found.landmark_names == PEOPLE
+    np.testing.assert_allclose(found.shapes, expected.shapes, atol=1e-6)
+    assert f"{len(shared)} landmarks taken for joints of people" in " ".join(map(str, warnings))
+    assert "rename" not in " ".join(map(str, warnings))
 
 
-def test_three_names_that_match_are_enough():
-    own = ("rhip", "lhip", "head", "LKnee")
-    assert counterparts(own, PEOPLE) == {}
-    assert find_strange(own, PEOPLE) == ["LKnee"]
-    assert counterparts(own, PEOPLE, {"rhip"}) == {}
-    assert counterparts(("LHip", "RHip"), PEOPLE) == {}
-    assert counterparts(("LHip", "RHip", "LKnee"), ("a", "b", "c")) == {}
+def test_a_confidence_is_multiplied(images):
+    detected = as_detected(images, SKELETONS["body_25b"])
+    given = np.full((5, 25), 0.5)
+    joints = find_joints(detected.landmark_names, PEOPLE)
+    named = as_joints(replace(detected, confidence=given), joints, "here")
+    head = named.landmark_names.index("head")
+    np.testing.assert_allclose(named.confidence[:, head], 0.15)
+    np.testing.assert_array_equal(np.delete(named.confidence, head, axis=1), 0.5)
 
 
-def test_names_that_do_not_match_are_told_with_both_lists(fit, rng):
-    points = np.column_stack([rng.uniform(1, 9, (4, 2)), np.ones(4)])
-    with pytest.raises(InputError) as caught:
-        fit(points, rename={"0": "lft_hip", "1": "ankle_l"})
-    (line,) = caught.value.problems
-    assert "0 of the 4 landmarks of the files are in the dictionary, and 3 must be" in line
-    assert "the files have lft_hip, ankle_l, 2, 3; the dictionary has pelvis, rhip" in line
-    assert "name them alike: `rename: {lft_hip: lhip, ankle_l: lankle}`" in line
+def test_nothing_changes_where_names_match(images):
+    joints = find_joints(PEOPLE, PEOPLE)
+    assert joints == ({}, {})
+    assert joints.notes == ()
+    assert as_joints(images, joints, "here") is images
+
+
+def test_joints_that_the_file_names_itself_stay():
+    assert find_joints(("lhip", "LHip", "RHip"), PEOPLE).names == {"RHip": "rhip"}
 
 
 def test_two_names_of_one_joint_stand_for_none():
-    own = ("left_hip", "LHip", "RHip", "LKnee", "RKnee")
-    assert counterparts(own, PEOPLE) == {"RHip": "rhip", "LKnee": "lknee", "RKnee": "rknee"}
+    assert find_joints(("left_hip", "LHip", "RHip"), PEOPLE).names == {"RHip": "rhip"}
 
 
-def test_joints_whose_definition_differs_weigh_less(fit, rng):
-    points = np.column_stack([rng.uniform(1, 9, (25, 2)), np.full(25, 0.5)])
-    _, result = fit(points, keypoints="body_25b")
-    confidence = dict(zip(PEOPLE, result.extras["confidence"][0], strict=True))
-    assert confidence["head"] == pytest.approx(0.5 * SKELETONS["body_25b"].weights["Head"])
-    assert confidence["lknee"] == pytest.approx(0.5)
+def test_other_dictionaries_are_left_alone():
+    assert find_joints(("LHip", "Head"), ("snout", "tail")).names == {}

@@ -80,6 +80,25 @@ def test_sequences_of_one_image_are_single_images(people, tmp_path):
     assert np.isnan(whole.extras["sequence_noise"]).all()
 
 
+def test_copies_of_a_frame_stay_within_a_standard_deviation(people, tmp_path):
+    one = images_of(people / "views.h5").take([7])
+    copies = replace(
+        one.take([0] * 12),
+        items=tuple(map(str, range(12))),
+        sequences=("copies",) * 12,
+    )
+    single, _ = fitted(people, written(tmp_path / "one.h5", one), method="posterior")
+    whole, _ = fitted(people, written(tmp_path / "copies.h5", copies))
+    assert (np.abs(whole.shapes - single.shapes) < single.shape_sd).all()
+
+
+def test_results_do_not_depend_on_threads(people):
+    one, _ = fitted(people, people / "views.h5", threads=1)
+    three, _ = fitted(people, people / "views.h5", threads=3)
+    np.testing.assert_array_equal(one.shapes, three.shapes)
+    np.testing.assert_array_equal(one.shape_sd, three.shape_sd)
+
+
 def test_an_unknown_frame_rate_is_a_warning(people, tmp_path):
     images = replace(images_of(people / "views.h5").take(slice(0, 10)), frame_rate=None)
     path = written(tmp_path / "unknown.h5", images)

@@ -95,6 +95,20 @@ class TestDictionary:
         np.testing.assert_array_equal(dictionary.edges, EDGES)
         assert dictionary.mesh_vertices is None
 
+    def test_several_files_are_one_set_of_shapes(self, config, shapes, tmp_path):
+        _, whole = learned(config())
+        write_shapes(tmp_path / "walk.h5", shapes.take(slice(0, 10)))
+        write_shapes(tmp_path / "run.h5", shapes.take(slice(10, 30)))
+        files = [str(tmp_path / "walk.h5"), str(tmp_path / "run.h5")]
+        _, joined = learned(config(shapes=files))
+        np.testing.assert_array_equal(joined.atoms, whole.atoms)
+
+    def test_knows_how_long_its_edges_were(self, config, shapes):
+        i, j = EDGES.T
+        lengths = np.linalg.norm(shapes.shapes[:, :, i] - shapes.shapes[:, :, j], axis=1)
+        _, dictionary = learned(config())
+        np.testing.assert_allclose(dictionary.edge_length, lengths.mean(axis=0))
+
     def test_says_where_it_comes_from(self, config, tmp_path):
         _, dictionary = learned(made := config(beta=0.2))
         assert dictionary.provenance["version"] == __version__

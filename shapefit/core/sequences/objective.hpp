@@ -1,0 +1,33 @@
+// The objective of a sequence, see smoothing.hpp, and its derivatives frame by frame.
+#pragma once
+
+#include "../algebra/vectors.hpp"
+#include "../algebra/workspace.hpp"
+#include "data.hpp"
+
+namespace shapefit::SHAPEFIT_LEVEL {
+
+// Where the minimisation stands; rows of frames are padded to a multiple of PADDING.
+struct Place {
+    Place(Workspace& workspace, const SequenceData& data);
+
+    Matrix<double> y;        // (t, D)
+    Vector<double> lengths;  // (e,)
+    Matrix<double> pull;     // gradient of the energy of the mixtures (t, D)
+    Matrix<double> share;    // of the modes at y (t, K)
+    Vector<double> too_long;  // sum over the frames of how much longer than l a bone is (e,)
+    double energy = 0;
+};
+
+// Energy, pull and shares at y and lengths.
+void measure(const SequenceData& data, Place& at, double* scratch);
+
+// Of frame f: the upper triangle of S (D, D) = its block of the Hessian without the motion,
+// D = at.y.size[1], ones on the diagonal of the padding; and R (D, E), the gradient and then the
+// second derivatives with the lengths, one a column.
+void derive(const SequenceData& data, const Place& at, long f, double* S, double* R, long E);
+
+// How frame f is tied to frame f + apart by D^T D of the second difference D.
+double tie(long f, long apart, long frames);
+
+}  // namespace shapefit::SHAPEFIT_LEVEL

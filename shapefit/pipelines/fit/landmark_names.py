@@ -1,0 +1,74 @@
+"""Which landmarks of files a dictionary knows, and what is said of the others."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from shapefit.errors import abbreviate, counted, input_error
+from shapefit.io.records import match_landmarks, nearest_names
+from shapefit.pipelines.fit.joints import find_joints
+
+FEWEST_LANDMARKS = 3
+"""Of a file that the dictionary must know, so that it can do without the others."""
+
+_SIDE = re.compile(r"(?:^|[^a-z])(?:(l)(?:eft)?|(r)(?:ight)?)(?:$|[^a-z])|^(?:(l)|(r))")
+
+
+def find_strange(own: Sequence[str], known: Sequence[str]) -> list[str]:
+    """List the landmarks that the dictionary lacks and a fit can do without: three others match."""
+    strange = [name for name in own if name not in set(known)]
+    return strange if len(own) - len(strange) >= FEWEST_LANDMARKS else []
+
+
+def check_enough(own: Sequence[str], known: Sequence[str], place: str) -> None:
+    """Raise InputError where fewer than three landmarks are the dictionary's, and others are not.
+
+    The error has both lists of names, and the pairs that look alike.
+    """
+    matching = [name for name in own if name in set(known)]
+    if len(matching) >= FEWEST_LANDMARKS or len(matching) == len(own):
+        return
+    if {name.strip() for name in own} & set(known) - set(matching):
+        match_landmarks(known, own, place)  # which names spaces around names
+    found = (
+        f"{len(matching)} of the {counted(len(own), 'landmark')} of the files are in the "
+        f"dictionary, and {FEWEST_LANDMARKS} must be; the files have {', '.join(own)}; the "
+        f"dictionary has {', '.join(known)}"
+    )
+    pairs = _likely_pairs([name for name in own if name not in set(known)], known)
+    raise input_error(place, found, f"name them alike: {pairs or '`rename: {FILE: DICTIONARY}`'}")
+
+
+def name_warnings(own: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """Say which landmarks stand for joints of the dictionary, and which are left out."""
+    joints = find_joints(own, known)
+    strange = find_strange(joints.rename(own), known)
+    return joints.notes + left_out_landmarks(strange, () if joints.names else known)
+
+
+def left_out_landmarks(strange: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """Warn of landmarks that the dictionary lacks, with the names that they may mean."""
+    if not strange:
+        return ()
+    pairs = _likely_pairs(strange, known)
+    hint = f"; if they are the same: {pairs}" if pairs else ""
+    found = f"{counted(len(strange), 'landmark')} left out, which the dictionary lacks"
+    return (f"{found} ({abbreviate(strange)}){hint}",)
+
+
+def _likely_pairs(strange: Sequence[str], known: Sequence[str]) -> str:
+    """Return a `rename` of the names that look most alike; "" where none do."""
+    near = {
+        name: [each for each in nearest_names(name, known) if not _opposite(name, each)]
+        for name in strange
+    }
+    pairs = [f"{name}: {close[0]}" for name, close in near.items() if close]
+    return f"`rename: {{{', '.join(pairs[:5])}}}`" if pairs else ""
+
+
+def _opposite(name: str, other: str) -> bool:
+    """Whether one name is of a left landmark, and the other of a right one."""
+    found = [_SIDE.search(each.lower()) for each in (name, other)]
+    sides = {match[match.lastindex or 0] for match in found if match}
+    return sides == {"l", "r"}

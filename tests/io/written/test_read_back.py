@@ -1,0 +1,53 @@
+"""What is written is read back by our readers of the same formats."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shapefit.io import open_landmarks, read_shapes
+from shapefit.io.extras import Extras
+from shapefit.io.layout import LANDMARKS, RESULTS
+from shapefit.io.records import LandmarkSet
+from shapefit.io.writing import record_writer
+
+
+def test_trc(tmp_path, scene):
+    with record_writer(tmp_path / "man.trc", RESULTS) as writer:
+        writer.append(scene.result)
+    back = read_shapes([tmp_path / "man.trc"])
+    assert back.landmark_names == scene.result.landmark_names
+    assert (back.unit, back.frame_rate) == ("m", 25)
+    assert back.items == tuple(f"man/{frame}" for frame in range(7, 11))
+    np.testing.assert_allclose(back.shapes, scene.y_up, atol=1e-12)
+
+
+def test_c3d(tmp_path, scene):
+    pytest.importorskip("ezc3d")
+    with record_writer(tmp_path / "man.c3d", RESULTS) as writer:
+        writer.append(scene.result)
+    back = read_shapes([tmp_path / "man.c3d"])
+    assert back.landmark_names == scene.result.landmark_names
+    assert back.frame_rate == 25
+    size = {"m": 1.0, "mm": 0.001}[back.unit]
+    np.testing.assert_allclose(size * back.shapes, scene.y_up, atol=1e-6)
+
+
+def test_coco(tmp_path, rng):
+    points = rng.uniform(0, 100, size=(4, 2, 5))
+    points[1, :, 2] = np.nan
+    given = LandmarkSet(
+        landmarks=points,
+        landmark_names=tuple("abcde"),
+        items=("film/0/0", "film/0/1", "film/1/0", "film/2/0"),
+        unit="px",
+        y_axis="down",
+        extras=Extras({"frame": np.array([0, 0, 1, 2])}),
+    )
+    with record_writer(tmp_path / "film.json", LANDMARKS) as writer:
+        writer.append(given)
+    with open_landmarks([tmp_path / "film.json"]) as source:
+        (back,) = source.chunks(source.count)
+    assert back.landmark_names == given.landmark_names
+    assert back.y_axis == "down"
+    np.testing.assert_allclose(back.landmarks, points)

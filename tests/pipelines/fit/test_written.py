@@ -1,0 +1,99 @@
+"""`fit` writes TRC and the like, and what it stores lets `convert` do so later."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.config import load_config
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError
+from shapefit.geometry.normalisation import normalise
+from shapefit.io import landmark_writer, read_dictionary, read_results, write_dictionary
+from shapefit.pipelines.convert import run as convert
+from shapefit.pipelines.fit.run import run as fit
+
+EDGES = np.array([[0, 1], [1, 2], [2, 3]])
+
+
+@pytest.fixture
+def films(tmp_path, images):
+    """Write the images, two sequences of four, at 10 Hz."""
+    path = tmp_path / "views.h5"
+    with landmark_writer(path) as writer:
+        writer.append(replace(images, frame_rate=10.0))
+    return path
+
+
+@pytest.fixture
+def measured(tmp_path, atoms):
+    """Write a dictionary whose edges are 60 cm long altogether."""
+    path = tmp_path / "measured.h5"
+    mean = normalise(atoms.mean(0)).points
+    names = tuple(f"point{j}" for j in range(10))
+    lengths = np.array([10.0, 20.0, 30.0])
+    write_dictionary(
+        path, Dictionary(atoms, names, mean, edges=EDGES, edge_length=lengths, unit="cm")
+    )
+    return path
+
+
+def run(command, name, output, *overrides, **arguments):
+    config = load_config(name, None, overrides, {"output": output, **arguments})
+    outcomes = list(command(config))
+    written = [path.name for outcome in outcomes for path in outcome.written]
+    return written, next((each.note for each in reversed(outcomes) if each.note), "")
+
+
+def points(path):
+    lines = path.read_text(encoding="utf-8").splitlines()[5:]
+    numbers = np.array([line.split("\t") for line in lines], dtype=float)
+    return numbers[:, 2:].reshape(len(lines), -1, 3)
+
+
+def total(found):
+    i, j = EDGES.T
+    return np.linalg.norm(found[:, i] - found[:, j], axis=2).sum(axis=1)
+
+
+def test_a_fit_is_written_in_metres_at_once_or_later(tmp_path, films, measured):
+    given = {"landmarks": [films], "dictionary": measured}
+    written, note = run(fit, "fit", tmp_path / "now.trc", **given)
+    assert written == ["now_a.trc", "now_b.trc"]
+    assert "metres by size of the training shapes, y up as in the image" in note
+    run(fit, "fit", tmp_path / "result.h5", **given)
+    written, _ = run(convert, "convert", tmp_path / "later.trc", files=[tmp_path / "result.h5"])
+    assert written == ["later_a.trc", "later_b.trc"]
+    for name in "ab":
+        now, later = (points(tmp_path / f"{when}_{name}.trc") for when in ("now", "later"))
+        np.testing.assert_array_equal(now, later)
+        np.testing.assert_allclose(total(now), 0.6)
+
+
+def test_what_the_result_stores(tmp_path, films, measured):
+    run(fit, "fit", tmp_path / "result.h5", landmarks=[films], dictionary=measured)
+    result = read_results(tmp_path / "result.h5")
+    assert result.attributes["metres_from"] == "edges"
+    metres = result.extras["metres_per_unit"][:, None, None] * result.shapes
+    np.testing.assert_allclose(total(metres.swapaxes(1, 2)), 0.6)
+
+
+def test_without_a_size_height_is_asked_for(tmp_path, films, dictionary):
+    given = {"landmarks": [films], "dictionary": dictionary}
+    with pytest.raises(InputError, match=r"man\.trc: .*--set height=1\.78"):
+        run(fit, "fit", tmp_path / "man.trc", **given)
+    assert not list(tmp_path.glob("man*"))
+    _, note = run(fit, "fit", tmp_path / "man.trc", "height=0.5", **given)
+    assert "metres by height 0.5 m" in note
+    assert np.ptp(points(tmp_path / "man_a.trc")[..., 1], axis=1).max() == pytest.approx(0.5, 0.2)
+
+
+def test_the_lengths_of_edges_are_checked(measured):
+    dictionary = read_dictionary(measured)
+    np.testing.assert_array_equal(dictionary.edge_length, [10, 20, 30])
+    wrong = replace(dictionary, edge_length=np.array([1.0, np.nan, 2.0]))
+    write_dictionary(measured, wrong)
+    with pytest.raises(InputError, match="edge_length: holds what is no length"):
+        read_dictionary(measured)
