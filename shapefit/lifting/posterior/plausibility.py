@@ -23,7 +23,8 @@ def find_plausibility(surprise: Floats, seen: NDArray[np.integer], believed: Flo
     The surprise is the squared Mahalanobis distance of the landmarks from those expected, averaged
     over the modes, and a price for every gross landmark. Few landmarks have few degrees of
     freedom, so that the p-value does not depend on how many are seen. It is 1 where 3 are seen or
-    fewer: any three landmarks fit. It is 0 where more are seen, but fewer than 3 believed. nan where there is no posterior.
+    fewer: any three landmarks fit. It is 0 where more are seen, but fewer than 3 believed. nan
+    where there is no posterior.
     """
     from scipy.special import chdtrc
 
