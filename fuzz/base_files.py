@@ -11,6 +11,7 @@ from shapefit.io import read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit_cli.main import run
 
+from .detector_cases import write_detector_files
 from .tracker_cases import write_tracker_files
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data" / "people_test.h5"
@@ -48,6 +49,7 @@ def make_base_files(folder: Path) -> None:
     write_shapes(Path("shapes.h5"), meshed)
     write_shapes(Path("shapes.csv"), few)
     write_tracker_files(folder)
+    write_detector_files(folder)
     learn = ("learn-dict", "shapes.h5", "--set", "iterations=2", "--set", "k=4")
     exemplars = ("learn-dict", "shapes.h5", "--set", "method=exemplars")
     camera = ("--set", "camera.view=random", "--set", "hidden=0.1")

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from shapefit.geometry.pinhole import Camera
 
 Floats = NDArray[np.float64]
 
@@ -38,9 +42,9 @@ class Problem:
     landmarks W (n, 2, p), weights Omega (n, p) >= 0 with 0 = hidden (what W holds there is
     irrelevant), atoms B (k, 3, p) shared by all images, lam (n,) > 0, loss f, and beta > 0, the
     weight of ||E||_1 where the loss is SPARSE_ERROR. noise (n, p, 2, 2), the covariance of each
-    landmark's measurement where it is known, is no part of the program: methods that refine its
-    solution may use it. Raises ValueError on shapes or values that
-    do not fit.
+    landmark's measurement, and camera, that of the images in the unit of W, are no part of the
+    program: methods that start from its solution may use them where they are known. Raises
+    ValueError on shapes or values that do not fit.
     """
 
     landmarks: Floats
@@ -50,6 +54,7 @@ class Problem:
     loss: Loss = Loss.SQUARED
     beta: float = 0.1
     noise: Floats | None = None
+    camera: Camera | None = None
 
     def __post_init__(self) -> None:
         for name in ("landmarks", "weights", "atoms", "lam"):
@@ -78,12 +83,14 @@ class Problem:
 
     def take(self, images: NDArray[np.intp] | NDArray[np.bool_]) -> Problem:
         """Keep some of the images."""
+        rows = np.arange(len(self.landmarks))[images]
         return replace(
             self,
             landmarks=self.landmarks[images],
             weights=self.weights[images],
             lam=self.lam[images],
             noise=None if self.noise is None else self.noise[images],
+            camera=None if self.camera is None else self.camera.take(rows),
         )
 
     @property

@@ -225,6 +225,7 @@ def refine_perspective(
 def find_posterior(
     *,
     landmarks: Floats,
+    slopes: Floats,
     misfit: Floats,
     noise: Floats,
     log_weights: Floats,

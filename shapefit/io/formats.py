@@ -167,6 +167,9 @@ def find_writer(path: Path, kind: str, name: str = "auto") -> Callable[..., Any]
     known = find_target_format(path, name)
     if known.writer is None or kind not in known.writes:
         name = known.title.split()[1]
+        if kind == "landmarks" and known.in_metres:
+            fix = "lift them with `shapefit fit` first, or write .h5, .csv or .json"
+            raise input_error(path, f"2D landmarks cannot be {name}", fix)
         raise input_error(path, f"a {kind} cannot be {name}", "give it a name in .h5")
     return _load(known.writer)
 

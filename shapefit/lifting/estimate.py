@@ -57,7 +57,10 @@ class Estimate:
     Reconstruction; outliers (n, p), the landmarks that a robust loss or a search
     before the fit set aside; deviation (n, 3, p) and covariance (n, 3p, 3p; all x, then y, then z),
     how uncertain shapes + T are; posterior_modes of each image, from which sequences are inferred;
-    convex_proof, of the convex program that it is or starts from. readings and trees: of each
+    convex_proof, of the convex program that it is or starts from; camera_translation (n, 3), of a
+    method that looks through the camera of the problem itself: then W is seen of shapes +
+    camera_translation, both in the unit of the dictionary, and T (n, 2) is where the middle of the
+    shapes is seen. readings and trees: of each
     image what `global` lists and proves, where it is asked to.
     further: what else a method knows, (n, ...) by the name of its dataset in the result; in the
     unit that it is stored in, and among what the table of methods says that it yields.
@@ -78,6 +81,7 @@ class Estimate:
     outliers: NDArray[np.bool_] | None = None
     deviation: Floats | None = None
     covariance: Floats | None = None
+    camera_translation: Floats | None = None
     posterior_modes: PosteriorModes | None = None
     convex_proof: ConvexProof | None = None
     readings: tuple[Modes, ...] | None = None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.pinhole import project
 from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import Estimate, Estimator
 from shapefit.lifting.noise_level import lambda_for_noise
@@ -89,12 +90,13 @@ def lift(
     program: Program,
     estimator: Estimator,
     covariance: Floats | None = None,
+    camera: Camera | None = None,
 ) -> Lifting:
     """Lift n images; landmarks (n, 2, p), weights (n, p) with 0 = hidden, atoms (k, 3, p).
 
     covariance (n, p, 2, 2) of the landmarks' measurement, where it is known; without it the noise
-    of the program is that of every landmark. `estimator` is a method with its settings, see
-    choose_method.
+    of the program is that of every landmark. camera of the images, for a method that looks through
+    it. `estimator` is a method with its settings, see choose_method.
     """
     failures = find_degenerate(landmarks, weights)
     fine = np.ones(len(landmarks), dtype=bool)
@@ -110,7 +112,12 @@ def lift(
         loss=program.loss,
         beta=program.beta,
     )
-    noise = find_noise(program, covariance, np.where(fine, norm.scale, 1.0), weights.shape)
+    size = np.where(fine, norm.scale, 1.0)
+    noise = find_noise(program, covariance, size, weights.shape)
+    if camera is not None:
+        middle = np.where(fine[:, None], norm.centroid, 0.0)
+        near = camera.normalised_as(replace(norm, centroid=middle, scale=size))
+        problem = replace(problem, camera=near)
     found = estimator(replace(problem, noise=noise))
     for image, status in enumerate(found.status):
         if status in REASONS and fine[image]:
@@ -119,16 +126,25 @@ def lift(
 
     scale = np.where(fine, norm.scale, np.nan)
     translation = scale[:, None] * found.translation + norm.centroid
+    view, t = None, found.camera_translation
+    if camera is not None and t is not None:
+        view = PerspectiveView(np.where(fine[:, None], t, np.nan), camera)
+        scale = np.sqrt(camera.focal.prod(axis=1)) / (camera.sign * view.translation[:, 2])
     shapes = scale[:, None, None] * found.shapes
     shapes[:, :2] += translation[:, :, None]
     return Lifting(
         shapes=shapes,
-        landmarks_fitted=shapes[:, :2],
+        landmarks_fitted=(
+            shapes[:, :2]
+            if view is None
+            else project(view.camera, found.shapes + view.translation[..., None])
+        ),
         translation=translation,
         scale=scale,
         problem=problem,
         estimate=found,
         failures=failures,
+        perspective=view,
     )
 
 

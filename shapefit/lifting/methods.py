@@ -175,7 +175,8 @@ class Method:
     one_rotation   all atoms share one rotation
     mixes_atoms    shapes are R sum_i c_i B_i (or sum_i c_i R_i B_i), so that whatever belongs to
                    the atoms, as their meshes, can be mixed alike
-    perspective    may be refined under a perspective camera
+    perspective    "refined": under a perspective camera it is followed by a refinement; "own": it
+                   looks through the camera itself; "none"
     sequences      lifts whole sequences: its images are followed by the stage of sequences
     precisions     weighs landmarks by their precision: `landmark_covariance` counts, and
                    confidences divide standard deviations
@@ -193,7 +194,7 @@ class Method:
     proves: Literal["optimum", "bound", "global", "nothing"] = "nothing"
     one_rotation: bool = True
     mixes_atoms: bool = True
-    perspective: bool = True
+    perspective: Literal["refined", "own", "none"] = "refined"
     sequences: bool = False
     precisions: bool = False
     tolerance: float = 1e-6
@@ -260,7 +261,7 @@ METHODS: dict[str, Method] = {
         ),
         yields=frozenset({"coefficients", "active_atoms"}),
         mixes_atoms=False,
-        perspective=False,
+        perspective="none",
     ),
     "mean-shape": Method(
         run="shapefit.lifting.shared_rotation.methods:pose_mean_shape",
@@ -280,7 +281,7 @@ METHODS: dict[str, Method] = {
         proves="bound",
         mixes_atoms=False,
         precisions=True,
-        perspective=False,
+        perspective="own",
     ),
     "sequences": Method(
         run="shapefit.lifting.sequences.method:lift_frames",
@@ -299,7 +300,7 @@ METHODS: dict[str, Method] = {
         proves="bound",
         mixes_atoms=False,
         precisions=True,
-        perspective=False,
+        perspective="own",
         sequences=True,
     ),
 }

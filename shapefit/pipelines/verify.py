@@ -28,7 +28,7 @@ from shapefit.verification.check import Check
 from shapefit.verification.claims import verify_images
 from shapefit.verification.inputs import check_landmarks, false_inputs
 from shapefit.verification.tally import Tally
-from shapefit.verification.terms import STARTED, Terms, lacks_proof, read_terms
+from shapefit.verification.terms import LOOKING, STARTED, Terms, lacks_proof, read_terms
 
 Chunk = tuple[ResultSet, LandmarkSet | None]
 """Results, with the landmarks of the same images where they are given."""
@@ -179,7 +179,7 @@ def explain(terms: Terms) -> list[str]:
     said = []
     if terms.is_program:
         said.append("The optimum of the convex program is proved to the gap stated.")
-    elif terms.has_program and terms.perspective:
+    elif terms.has_program and terms.perspective and terms.method not in LOOKING:
         said.append(
             "The optimum of the convex program from which the refinement under perspective starts "
             "is proved; no bound is known for the result of the refinement."

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from shapefit.io import ResultSet
 from shapefit.verification.check import Check, check, flagged
 from shapefit.verification.images import read_images
+from shapefit.verification.proofs.camera import check_camera
 from shapefit.verification.proofs.convex import check_fit, check_start
 from shapefit.verification.proofs.one_rotation import check_one_rotation
-from shapefit.verification.proofs.program import dual_bound
+from shapefit.verification.proofs.program import Value, dual_bound
 from shapefit.verification.proofs.rotation_tree import check_trees
 from shapefit.verification.proofs.transforms import Atoms, Transforms
 from shapefit.verification.statements import (
@@ -113,5 +114,12 @@ def check_points_alone(subject: Subject) -> list[Check]:
     """Check what holds of a method of which the result does not hold the whole answer."""
     if subject.terms.depths:
         return []
+    if subject.terms.perspective:
+        shapes, scale = subject.stated("shapes"), subject.stated("scale")
+        middle = np.zeros((len(scale), 3))
+        middle[:, :2] = subject.stated("translation")
+        S = (shapes - middle[..., None]) / scale[:, None, None]
+        far = np.abs(shapes).max(axis=(1, 2)) / scale
+        return check_camera(subject, Value(S, subject.images.factor * far))
     off = np.abs(subject.stated("landmarks_fitted") - subject.stated("shapes")[:, :2])
     return [check("landmarks_fitted are x and y of the shapes", off, 0.0)]

@@ -14,6 +14,9 @@ from shapefit.io import ResultSet
 CONVEX = "convex"
 REFINED = ("convex+refine", "alternate+")
 STARTED = ("posterior",)
+LOOKING = ("posterior", "sequences")
+"""Methods that look through a camera themselves, without coefficients."""
+
 LOCAL = ("alternate",)
 GLOBAL = "global"
 QUADRATIC = ("squared", "sparse-error")
@@ -69,7 +72,8 @@ class Terms:
     @property
     def has_one_rotation(self) -> bool:
         """Whether the shapes are R sum_i c_i B_i with the rotation and coefficients stored."""
-        return self.perspective or self.method in (*REFINED, *LOCAL, GLOBAL)
+        refined = self.perspective and self.method not in LOOKING
+        return refined or self.method in (*REFINED, *LOCAL, GLOBAL)
 
     @property
     def bound(self) -> float:

@@ -34,6 +34,7 @@ from shapefit.lifting.methods import (
     summarise,
     those,
 )
+from shapefit.lifting.options import PerspectiveOptions
 
 if TYPE_CHECKING:
     MethodName = str
@@ -219,8 +220,8 @@ class FitConfig(CommandConfig):
         default=None,
         min_length=1,
         description="Dataset of the landmarks that names, for each image, the training shape "
-        "whose atoms its fit must not use (dictionaries of exemplars); `item` if "
-        "images are named after training shapes.",
+        "whose atoms its fit must not use (dictionaries of exemplars; methods without a "
+        "prior); `item` if images are named after training shapes.",
     )
     outliers: OutliersConfig = Field(
         default_factory=OutliersConfig.model_construct,
@@ -301,6 +302,12 @@ class FitConfig(CommandConfig):
                 f"`loss: {self.loss}` and `outliers: {{method: {self.outliers.method}}}` are both "
                 "data terms; leave out one of them"
             )
+        if self.leave_out is not None and any(need.name == "prior" for need in method.needs):
+            raise ValueError(
+                f"`leave_out` leaves out atoms, but the prior of the method {self.method} was "
+                "learned from all shapes; use another method, or a dictionary learned without the "
+                "shapes"
+            )
         weak = self.camera.model == "weak-perspective"
         if self.search.modes and not weak:
             raise ValueError(
@@ -313,7 +320,14 @@ class FitConfig(CommandConfig):
                 f"`rotations: {self.rotations}` belongs to the method {free} and weak perspective; "
                 "the others have one rotation per image: leave it out"
             )
-        if not (weak or method.perspective):
+        if not weak and method.perspective == "own":
+            for key in ("ridge", "softness"):
+                if getattr(self.camera, key) != getattr(PerspectiveOptions, key):
+                    raise ValueError(
+                        f"`camera: {{{key}: ...}}` belongs to the refinement under perspective, "
+                        f"which the method {self.method} does without; leave it out"
+                    )
+        if not weak and method.perspective == "none":
             raise ValueError(
                 f"`camera: {{model: perspective}}` does not work with the method {self.method}; "
                 "take another"

@@ -27,7 +27,7 @@ class ViewingConfig(ConfigModel):
         default="weak-perspective",
         description="Weak perspective, as in the convex program; or rotation, translation and "
         "coefficients refined from there under the full projection, which requires "
-        "the focal length.",
+        "the focal length. The methods posterior and sequences look through the camera themselves.",
     )
     focal: Annotated[float | None, OF_THE_DATA] = Field(
         default=None, gt=0, description="Focal length of all images, in the unit of the landmarks."

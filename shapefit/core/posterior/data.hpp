@@ -7,9 +7,11 @@
 
 namespace shapefit {
 
-// w_j = s (R_2 x_j + t) + noise, x ~ sum_k pi_k N(mu_k, C_k), for n images and K components.
+// w_j = s (P_j R x_j + t) + noise, x ~ sum_k pi_k N(mu_k, C_k), for n images and K components, with
+// P_j = [I | -slope_j], along the ray on which landmark j lies.
 struct PosteriorData {
     Tensor<const double> landmarks;    // w (n, 2, p)
+    Tensor<const double> slopes;       // (n, 2, p) of the rays: x and y per depth z; 0 = weak perspective
     Matrix<const double> misfit;       // v (n, p), variance in the unit of shapes, inf = hidden
     Blocks<const double> noise;        // V (n, p, 2, 2), covariance in the unit of the landmarks
     Vector<const double> log_weights;  // log pi (K,)

@@ -38,8 +38,11 @@ void centre(const Observed& seen, const Pack& pack, const LaneView& view, Lanes 
             space.mean[3 * j + a] = view.R[3 * a] * mu[0] + view.R[3 * a + 1] * mu[1] +
                                     view.R[3 * a + 2] * mu[2];
         for (int a = 0; a < 2; ++a) {
+            const double slope = seen.slope[2 * j + a];
+            for (int c = 0; c < 3; ++c)
+                space.A[6 * j + 3 * a + c] = view.R[3 * a + c] - slope * view.R[6 + c];
             space.y[2 * j + a] = seen.w[2 * j + a] * shrunk;
-            space.r[2 * j + a] = space.y[2 * j + a] - space.mean[3 * j + a];
+            space.r[2 * j + a] = space.y[2 * j + a] - space.mean[3 * j + a] + slope * space.mean[3 * j + 2];
         }
     }
 }
@@ -49,28 +52,28 @@ void centre(const Observed& seen, const Pack& pack, const LaneView& view, Lanes 
     return pack.covariance + 9 * (corner(seen.index[j]) + seen.index[k]);
 }
 
-// T = R_2 C (2, 3)
-[[gnu::always_inline]] inline void project_rows(const Lanes* R, const Lanes* C, Lanes* T) {
+// T = A_j C (2, 3)
+[[gnu::always_inline]] inline void project_rows(const Lanes* A, const Lanes* C, Lanes* T) {
     for (int a = 0; a < 2; ++a)
         for (int c = 0; c < 3; ++c)
-            T[3 * a + c] = R[3 * a] * C[c] + R[3 * a + 1] * C[3 + c] + R[3 * a + 2] * C[6 + c];
+            T[3 * a + c] = A[3 * a] * C[c] + A[3 * a + 1] * C[3 + c] + A[3 * a + 2] * C[6 + c];
 }
 
-void fill_covariance(const Observed& seen, const Pack& pack, const LaneView& view, Lanes shrunk,
-                     const Lanes* belief, const LikelihoodSpace& space) {
-    const Lanes* R = view.R;
+void fill_covariance(const Observed& seen, const Pack& pack, Lanes shrunk, const Lanes* belief,
+                     const LikelihoodSpace& space) {
     for (long j = 0; j < seen.m; ++j) {
         Lanes* upper = space.L + corner(2 * j);
         Lanes* lower = space.L + corner(2 * j + 1);
         for (long k = 0; k <= j; ++k) {
             Lanes T[6];
-            project_rows(R, block_of(seen, pack, j, k), T);
-            const Lanes first = T[0] * R[0] + T[1] * R[1] + T[2] * R[2] + TAU_SQUARE;
-            const Lanes last = T[3] * R[3] + T[4] * R[4] + T[5] * R[5] + TAU_SQUARE;
+            project_rows(space.A + 6 * j, block_of(seen, pack, j, k), T);
+            const Lanes* A = space.A + 6 * k;
+            const Lanes first = T[0] * A[0] + T[1] * A[1] + T[2] * A[2] + TAU_SQUARE;
+            const Lanes last = T[3] * A[3] + T[4] * A[4] + T[5] * A[5] + TAU_SQUARE;
             upper[2 * k] = first;
-            lower[2 * k] = T[3] * R[0] + T[4] * R[1] + T[5] * R[2];
+            lower[2 * k] = T[3] * A[0] + T[4] * A[1] + T[5] * A[2];
             lower[2 * k + 1] = last;
-            if (k < j) upper[2 * k + 1] = T[0] * R[3] + T[1] * R[4] + T[2] * R[5];
+            if (k < j) upper[2 * k + 1] = T[0] * A[3] + T[1] * A[4] + T[2] * A[5];
         }
         const Noise N = noise_of(seen, j, shrunk);
         const Lanes share = 1.0 / belief[j];
@@ -171,13 +174,20 @@ Lanes solve(long N, const LikelihoodSpace& space) {
     return square;
 }
 
-// X = R mu + R C R_2^T alpha, and Z = sum_jk C_kj R_2^T S^-1_jk (3, 2), whose turned form gives
-// tr(S^-1 dS) / 2 = tr(G_2 R Z) for a turn R <- R + G R.
+// Z += (z_0 z_1) P_j for the row c.
+[[gnu::always_inline]] inline void add_along_ray(Lanes z0, Lanes z1, const double* slope, Lanes* row) {
+    row[0] += z0;
+    row[1] += z1;
+    row[2] -= slope[0] * z0 + slope[1] * z1;
+}
+
+// X = R mu + R C A^T alpha, and Z = sum_jk C_kj A_j^T S^-1_jk P_k (3, 3), whose turned form gives
+// tr(S^-1 dS) / 2 = tr(G R Z) for a turn R <- R + G R.
 void pull_back(const Observed& seen, const Pack& pack, const LaneView& view,
                const LikelihoodSpace& space, Lanes* Z) {
     const long N = 2 * seen.m;
     const Lanes* R = view.R;
-    for (int e = 0; e < 6; ++e) Z[e] = Lanes{};
+    for (int e = 0; e < 9; ++e) Z[e] = Lanes{};
     for (long j = 0; j < seen.m; ++j) space.X[3 * j] = space.X[3 * j + 1] = space.X[3 * j + 2] = Lanes{};
     for (long j = 0; j < seen.m; ++j) {
         const Lanes *a0 = space.inverse + 2 * j * N, *a1 = a0 + N;
@@ -187,11 +197,12 @@ void pull_back(const Observed& seen, const Pack& pack, const LaneView& view,
             inverse.add(a0, a1, b0, b1, 2 * j, N);
             const Lanes* C = block_of(seen, pack, j, k);
             Lanes T[6];
-            project_rows(R, C, T);
+            project_rows(space.A + 6 * j, C, T);
             const Lanes aj0 = space.alpha[2 * j], aj1 = space.alpha[2 * j + 1];
             for (int c = 0; c < 3; ++c) {
-                Z[2 * c] += T[c] * inverse.s00 + T[3 + c] * inverse.s10;
-                Z[2 * c + 1] += T[c] * inverse.s01 + T[3 + c] * inverse.s11;
+                add_along_ray(T[c] * inverse.s00 + T[3 + c] * inverse.s10,
+                              T[c] * inverse.s01 + T[3 + c] * inverse.s11, seen.slope + 2 * k,
+                              Z + 3 * c);
                 space.X[3 * k + c] += T[c] * aj0 + T[3 + c] * aj1;
             }
             if (k == j) {
@@ -201,11 +212,12 @@ void pull_back(const Observed& seen, const Pack& pack, const LaneView& view,
                 continue;
             }
             const Lanes ak0 = space.alpha[2 * k], ak1 = space.alpha[2 * k + 1];
+            const Lanes* A = space.A + 6 * k;
             for (int c = 0; c < 3; ++c) {
-                const Lanes p0 = C[3 * c] * R[0] + C[3 * c + 1] * R[1] + C[3 * c + 2] * R[2];
-                const Lanes p1 = C[3 * c] * R[3] + C[3 * c + 1] * R[4] + C[3 * c + 2] * R[5];
-                Z[2 * c] += p0 * inverse.s00 + p1 * inverse.s01;
-                Z[2 * c + 1] += p0 * inverse.s10 + p1 * inverse.s11;
+                const Lanes p0 = C[3 * c] * A[0] + C[3 * c + 1] * A[1] + C[3 * c + 2] * A[2];
+                const Lanes p1 = C[3 * c] * A[3] + C[3 * c + 1] * A[4] + C[3 * c + 2] * A[5];
+                add_along_ray(p0 * inverse.s00 + p1 * inverse.s01,
+                              p0 * inverse.s10 + p1 * inverse.s11, seen.slope + 2 * j, Z + 3 * c);
                 space.X[3 * j + c] += p0 * ak0 + p1 * ak1;
             }
         }
@@ -218,16 +230,17 @@ void pull_back(const Observed& seen, const Pack& pack, const LaneView& view,
     }
 }
 
-// The derivatives of r: -E G_i X for the turns, -y for log s.
+// The derivatives of r: -P_j G_i X for the turns, -y for log s.
 void linearise(const Observed& seen, const LikelihoodSpace& space) {
     const long N = 2 * seen.m;
     for (long j = 0; j < seen.m; ++j) {
         const Lanes* X = space.X + 3 * j;
         Lanes* J = space.J + 2 * j;
-        J[0] = Lanes{};
-        J[1] = X[2];
-        J[N] = -X[2];
-        J[N + 1] = Lanes{};
+        const double *slope = seen.slope + 2 * j;
+        J[0] = slope[0] * X[1];
+        J[1] = X[2] + slope[1] * X[1];
+        J[N] = -X[2] - slope[0] * X[0];
+        J[N + 1] = -slope[1] * X[0];
         J[2 * N] = X[1];
         J[2 * N + 1] = -X[0];
         J[3 * N] = -space.y[2 * j];
@@ -244,13 +257,13 @@ void differentiate(const Observed& seen, const LaneView& view, Lanes shrunk, con
         for (long e = 0; e < N; ++e) total += space.J[i * N + e] * space.alpha[e];
         found.gradient[i] = total;
     }
-    Lanes H[6];  // R Z
+    Lanes H[9];  // R Z
     for (int a = 0; a < 3; ++a)
-        for (int b = 0; b < 2; ++b)
-            H[2 * a + b] = view.R[3 * a] * Z[b] + view.R[3 * a + 1] * Z[2 + b] + view.R[3 * a + 2] * Z[4 + b];
-    found.gradient[0] -= H[5];
-    found.gradient[1] += H[4];
-    found.gradient[2] += H[1] - H[2];
+        for (int b = 0; b < 3; ++b)
+            H[3 * a + b] = view.R[3 * a] * Z[b] + view.R[3 * a + 1] * Z[3 + b] + view.R[3 * a + 2] * Z[6 + b];
+    found.gradient[0] += H[5] - H[7];
+    found.gradient[1] += H[6] - H[2];
+    found.gradient[2] += H[1] - H[3];
     found.gradient[3] += static_cast<double>(N - 2);
     if (seen.noisy)
         for (long j = 0; j < seen.m; ++j) {
@@ -329,6 +342,7 @@ LikelihoodSpace::LikelihoodSpace(Workspace& workspace, long p)
       alpha(workspace.zeros<Lanes>(2 * p)),
       mean(workspace.zeros<Lanes>(3 * p)),
       X(workspace.zeros<Lanes>(3 * p)),
+      A(workspace.zeros<Lanes>(6 * p)),
       J(workspace.zeros<Lanes>(VIEW * 2 * p)),
       diagonal(workspace.zeros<Lanes>(3 * p)) {}
 
@@ -336,6 +350,7 @@ Observed room_for_observed(Workspace& workspace, long p) {
     Observed seen{};
     seen.index = workspace.zeros<long>(p);
     seen.w = workspace.zeros<double>(2 * p);
+    seen.slope = workspace.zeros<double>(2 * p);
     seen.misfit = workspace.zeros<double>(p);
     seen.noise = workspace.zeros<double>(3 * p);
     return seen;
@@ -351,7 +366,10 @@ void observe(const PosteriorData& data, long image, Observed& seen) {
         const long e = seen.m++;
         seen.index[e] = j;
         seen.misfit[e] = data.misfit[image][j];
-        for (int a = 0; a < 2; ++a) seen.w[2 * e + a] = data.landmarks[image][a][j];
+        for (int a = 0; a < 2; ++a) {
+            seen.w[2 * e + a] = data.landmarks[image][a][j];
+            seen.slope[2 * e + a] = data.slopes[image][a][j];
+        }
         seen.noise[3 * e] = V[4 * j];
         seen.noise[3 * e + 1] = V[4 * j + 1];
         seen.noise[3 * e + 2] = V[4 * j + 3];
@@ -365,13 +383,13 @@ void find_likelihood(const PosteriorData& data, const Observed& seen, const Pack
     const long N = 2 * seen.m;
     const Lanes shrink = exponential(-view.log_scale);
     centre(seen, pack, view, shrink, space);
-    fill_covariance(seen, pack, view, shrink * shrink, belief, space);
+    fill_covariance(seen, pack, shrink * shrink, belief, space);
     const Lanes log_det = factorise(N, space);
     invert(N, space);
     found.surprise = solve(N, space);
     found.value = -0.5 * (found.surprise + log_det + static_cast<double>(N) * LOG_TWO_PI) -
                   static_cast<double>(N - 2) * view.log_scale;
-    Lanes Z[6];
+    Lanes Z[9];
     pull_back(seen, pack, view, space, Z);
     differentiate(seen, view, shrink * shrink, belief, Z, space, found);
     believe(data, seen, view, shrink * shrink, belief, by_others, space, found, next);

@@ -2,17 +2,18 @@
 //
 // In the unit of shapes the landmarks y = w / s are jointly Gaussian,
 //
-//     y ~ N(R_2 mu, S),   S = R_2 C R_2^T + TAU^2 1 1^T + N / q,   N_j = v_j + V_j / s^2,
+//     y ~ N(A mu, S),   S = A C A^T + TAU^2 1 1^T + N / q,   N_j = v_j + V_j / s^2,
 //
-// the translation integrated out under a wide prior. With alpha = S^-1 (y - R_2 mu) the expected
-// shape is X = R mu + R C R_2^T alpha. The log likelihood of the m seen landmarks w is that of y less
+// where A_j = P_j R projects landmark j along its own ray, P_j = [I | -slope_j] (weak perspective:
+// A_j = R_2), and the translation is integrated out under a wide prior. With alpha = S^-1 (y - A mu)
+// the expected shape is X = R mu + R C A^T alpha. The log likelihood of the m seen landmarks w is that of y less
 // (2 m - 2) log s. Derivatives are over theta: R <- exp([theta_1..3]_x) R, s <- exp(theta_4) s.
 //
 // q_j is the belief that landmark j is not gross. A gross one is uniform with the density u per area
 // of landmarks, u s^2 in the unit of shapes; with the chance g of that the value is the variational
 // bound, u for u s^2,
 //
-//     log N(y; R_2 mu, S) + sum_j (1 - q_j) (log 2 pi |N_j|^1/2 + log g u) + q_j log(1 - g)
+//     log N(y; A mu, S) + sum_j (1 - q_j) (log 2 pi |N_j|^1/2 + log g u) + q_j log(1 - g)
 //                         - (1 + q_j) log q_j - (1 - q_j) log(1 - q_j),
 //
 // and a landmark is believed by the odds of its expected Gaussian density beside g u.
@@ -37,6 +38,7 @@ struct Observed {
     long m = 0;
     long* index;     // (p,) their places among all p landmarks
     double* w;       // (p, 2)
+    double* slope;   // (p, 2)
     double* misfit;  // v (p,)
     double* noise;   // V (p, 3): xx, xy, yy
     bool noisy = false;  // whether a V is not 0
@@ -57,7 +59,7 @@ struct Likelihood {
     Lanes value;
     Lanes gradient[VIEW];          // of -value
     Lanes curvature[VIEW * VIEW];  // Gauss and Newton's
-    Lanes surprise;                // twice the fall below the value at y = R_2 mu
+    Lanes surprise;                // twice the fall below the value at y = A mu
 };
 
 struct LikelihoodSpace {
@@ -68,6 +70,7 @@ struct LikelihoodSpace {
     Lanes* reciprocal;   // 1 / L_ii (2 m,)
     Lanes *y, *r, *white, *alpha;  // (2 m,); white = L^-1 r
     Lanes *mean, *X;     // R mu and X (m, 3)
+    Lanes* A;            // (m, 2, 3)
     Lanes* J;            // (VIEW, 2 m) of r, then L^-1 of them
     Lanes* diagonal;     // S^-1_jj (m, 3)
 };

@@ -48,7 +48,7 @@ void solve(Matrix<double> L, long N, double* x) {
     }
 }
 
-// out += sum_i x_i (C E^T)_i, and the translation of x on the first two coordinates.
+// out += sum_i x_i (C P^T)_i, and the translation of x on the first two coordinates.
 void pull(const ModeSpace& space, long m, long p, const double* x, double* out) {
     double t[2] = {};
     for (long j = 0; j < m; ++j)
@@ -72,7 +72,7 @@ void generate(int axis, const double* x, long p, double* __restrict out) {
 
 // The derivatives J of y = s (X + t) over theta.
 //
-// A turn G: dX = G X + C G^T E^T alpha + C E^T d(alpha), d(alpha) = -S^-1 E (G X + C G^T E^T alpha);
+// A turn G: dX = G X + C G^T P^T alpha + C P^T d(alpha), d(alpha) = -S^-1 P (G X + C G^T P^T alpha);
 // log s: d(alpha) = S^-1 (-y + 2 V / (s^2 q) alpha).
 void differentiate(const Observed& seen, const Mode& mode, double s, const double* y, ModeSpace& space,
                    const double* shape) {
@@ -82,17 +82,22 @@ void differentiate(const Observed& seen, const Mode& mode, double s, const doubl
         for (long e = 0; e < d; ++e) J[e] = 0;
         double* change = space.pull.data;
         if (i < 3) {
-            double* raised = space.turned.data;  // E^T alpha, then C G^T E^T alpha
+            double* raised = space.turned.data;  // P^T alpha, then C G^T P^T alpha
             for (long e = 0; e < d; ++e) raised[e] = 0;
             for (long j = 0; j < m; ++j)
-                for (int a = 0; a < 2; ++a) raised[a * p + seen.index[j]] = space.alpha[2 * j + a];
+                for (int a = 0; a < 2; ++a) {
+                    raised[a * p + seen.index[j]] = space.alpha[2 * j + a];
+                    raised[2 * p + seen.index[j]] -= seen.slope[2 * j + a] * space.alpha[2 * j + a];
+                }
             double* spun = raised + d;
             generate(i, raised, p, spun);
             generate(i, space.X.data, p, J);
             for (long e = 0; e < d; ++e)
                 if (spun[e] != 0) add_to(J, -spun[e], space.C.data + e * d, d);
             for (long j = 0; j < m; ++j)
-                for (int a = 0; a < 2; ++a) change[2 * j + a] = -J[a * p + seen.index[j]];
+                for (int a = 0; a < 2; ++a)
+                    change[2 * j + a] = seen.slope[2 * j + a] * J[2 * p + seen.index[j]] -
+                                        J[a * p + seen.index[j]];
         } else {
             for (long j = 0; j < m; ++j) {
                 const double *V = seen.noise + 3 * j, *alpha = space.alpha.data + 2 * j;
@@ -168,19 +173,24 @@ void describe(const PosteriorData& data, const Observed& seen, const Mode& mode,
             const double* row = space.C.data + (a * p + seen.index[j]) * d;
             double* to = space.K.data + (2 * j + a) * d;
             for (long e = 0; e < d; ++e) to[e] = row[e];
+            const double* depth = space.C.data + (2 * p + seen.index[j]) * d;
+            add_to(to, -seen.slope[2 * j + a], depth, d);
         }
     for (long j = 0; j < m; ++j) {
         const double* V = seen.noise + 3 * j;
         const double q = mode.belief[j], v = seen.misfit[j];
         for (int a = 0; a < 2; ++a) {
             double* row = space.L.data + (2 * j + a) * space.L.size[1];
+            const double* K = space.K.data + (2 * j + a) * d;
             for (long k = 0; k <= j; ++k)
                 for (int b = 0; b < 2; ++b)
-                    row[2 * k + b] = space.K.data[(2 * j + a) * d + b * p + seen.index[k]] +
+                    row[2 * k + b] = K[b * p + seen.index[k]] -
+                                     seen.slope[2 * k + b] * K[2 * p + seen.index[k]] +
                                      (a == b ? TAU_SQUARE : 0.0);
             row[2 * j + a] += (v + V[2 * a] / (s * s)) / q;
             if (a == 1) row[2 * j] += V[1] / (s * s) / q;
-            space.alpha[2 * j + a] = seen.w[2 * j + a] / s - space.mean[a * p + seen.index[j]];
+            space.alpha[2 * j + a] = seen.w[2 * j + a] / s - space.mean[a * p + seen.index[j]] +
+                                     seen.slope[2 * j + a] * space.mean[2 * p + seen.index[j]];
         }
     }
     factorise(space.L, N);

@@ -19,8 +19,8 @@ struct ModeSpace {
     ModeSpace(Workspace& workspace, long p);
 
     Matrix<double> C;  // C turned into the frame of the camera (3p, 3p)
-    Matrix<double> U;  // its columns seen, C E^T as rows (2m, 3p), then with the translation, white
-    Matrix<double> K;  // C E^T as rows (2m, 3p)
+    Matrix<double> U;  // K with the translation, white (2m, 3p)
+    Matrix<double> K;  // what is seen of its columns, C P^T as rows (2m, 3p)
     Matrix<double> L;  // Cholesky factor of S (2m, 2m)
     Vector<double> alpha, mean, X, pull, turned;
     Matrix<double> J;  // derivatives of y over theta (4, 3p)

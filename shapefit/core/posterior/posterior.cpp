@@ -75,7 +75,7 @@ struct Search {
     double *means, *covariance;
 };
 
-// The s that fits s R_2 mu + t to the landmarks best.
+// The s that fits s A mu + t to the landmarks best.
 double first_scale(const PosteriorData& data, const Observed& seen, const double* R, long k) {
     const long p = data.means.size[2];
     const double* mu = data.means[k].data;
@@ -84,7 +84,9 @@ double first_scale(const PosteriorData& data, const Observed& seen, const double
         for (long j = 0; j < seen.m; ++j)
             for (int a = 0; a < 2; ++a) {
                 const long e = seen.index[j];
-                const double x = R[3 * a] * mu[e] + R[3 * a + 1] * mu[p + e] + R[3 * a + 2] * mu[2 * p + e];
+                double A[3];
+                for (int c = 0; c < 3; ++c) A[c] = R[3 * a + c] - seen.slope[2 * j + a] * R[6 + c];
+                const double x = A[0] * mu[e] + A[1] * mu[p + e] + A[2] * mu[2 * p + e];
                 const double w = seen.w[2 * j + a];
                 if (pass == 0) {
                     middle[a] += x / static_cast<double>(seen.m);

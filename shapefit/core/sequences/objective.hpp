@@ -24,7 +24,7 @@ void measure(const SequenceData& data, Place& at, double* scratch);
 
 // Of frame f: the upper triangle of S (D, D) = its block of the Hessian without the motion,
 // D = at.y.size[1], ones on the diagonal of the padding; and R (D, E), the gradient and then the
-// second derivatives with the lengths, one a column.
+// second derivatives with the lengths, one per column.
 void derive(const SequenceData& data, const Place& at, long f, double* S, double* R, long E);
 
 // How frame f is tied to frame f + apart by D^T D of the second difference D.

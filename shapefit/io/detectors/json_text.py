@@ -23,7 +23,7 @@ Paths = tuple[Path, ...]
 LARGEST_BYTES = 1 << 30
 """Of a JSON file that is read."""
 
-MEMORY_FACTOR = 10
+MEMORY_FACTOR = 14
 """Memory that parsed JSON takes, as a multiple of the file (numbers of some ten digits)."""
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"

@@ -94,7 +94,10 @@ def _add(detections: Detections, instances: list[Any], frame: int, label: str, p
         scores = instance.get("keypoint_scores")
         if scores is None:
             scores = [1.0] * len(points)
-        widths = {len(point) if isinstance(point, list) else 0 for point in points}
+        try:
+            widths = set(map(len, points))
+        except TypeError:
+            widths = {0}
         if not widths <= {2} or not isinstance(scores, list) or len(scores) != len(points):
             found = f"{len(points)} keypoints that are not x and y with a score each"
             found = "3D keypoints" if widths == {3} else found

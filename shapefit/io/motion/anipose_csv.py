@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.motion.recognition import find_landmarks, split_columns
-from shapefit.io.motion.text import read_blocks, read_head, read_table
+from shapefit.io.motion.text import read_blocks, read_head, read_plain, read_table
 
 FRAME = "fnum"
 
@@ -29,36 +28,24 @@ def record(paths: tuple[Path, ...]) -> Recording:
     kept = [place[f"{name}_{axis}"] for name in names for axis in "xyz"]
     scored = all(f"{name}_score" in place for name in names)
     scores = [place[f"{name}_score"] for name in names] if scored else []
-    wanted = itemgetter(*kept, *scores)
+    wanted = [*kept, *scores, *([place[FRAME]] if FRAME in place else [])]
 
     def blocks() -> Iterator[Instances]:
         done = 0
         for first, texts in read_blocks(path, 1):
-            lines, rows = [], []
-            labels: list[str] = []
-            for line, text in enumerate(texts, first):
-                if not text.strip(" ,"):
-                    continue
-                cells = text.split(",")
-                if len(cells) != len(columns):
-                    found = f"has {len(cells)} cells for {len(columns)} columns"
-                    raise input_error(f"{path}:{line}", found, "write one cell per column")
-                rows.append(wanted(cells))
-                lines.append(line)
-                number = cells[place[FRAME]].strip() if FRAME in place else ""
-                labels.append(number.removesuffix(".0") or str(done + len(labels)))
-            if not rows:
-                continue
-            numbers = read_table(rows, lines, path)
-            points, rest = numbers[:, : len(kept)], numbers[:, len(kept) :]
+            numbers = read_plain(texts, ",", len(columns))
+            if numbers is None:
+                numbers = read_rows(path, first, texts, wanted, len(columns))
+            n = len(numbers)
+            points, rest = numbers[:, kept], numbers[:, scores]
             yield Instances(
-                points=points.reshape(len(rows), len(names), 3),
+                points=points.reshape(n, len(names), 3),
                 confidence=_confidence(rest) if scored else None,
-                frames=np.arange(done, done + len(rows)),
-                labels=labels,
-                individuals=np.zeros(len(rows), np.int64),
+                frames=np.arange(done, done + n),
+                labels=_labels(numbers[:, place[FRAME]] if FRAME in place else None, done, n),
+                individuals=np.zeros(n, np.int64),
             )
-            done += len(rows)
+            done += n
 
     return Recording(
         name=str(path),
@@ -68,6 +55,33 @@ def record(paths: tuple[Path, ...]) -> Recording:
         landmark_names=names,
         blocks=blocks,
     )
+
+
+def read_rows(
+    path: Path, first: int, texts: list[str], wanted: list[int], width: int
+) -> NDArray[np.float64]:
+    """Read the wanted columns of lines cell by cell, as numbers (n, width), NaN in the others."""
+    rows, lines = [], []
+    for line, text in enumerate(texts, first):
+        if not text.strip(" ,"):
+            continue
+        cells = text.split(",")
+        if len(cells) != width:
+            found = f"has {len(cells)} cells for {width} columns"
+            raise input_error(f"{path}:{line}", found, "write one cell per column")
+        rows.append([cells[column] for column in wanted])
+        lines.append(line)
+    numbers = np.full((len(rows), width), np.nan)
+    if rows:
+        numbers[:, wanted] = read_table(rows, lines, path)
+    return numbers
+
+
+def _labels(numbers: NDArray[np.float64] | None, done: int, n: int) -> list[str]:
+    """Return the frames as the file numbers them, or from 0 where it does not."""
+    if numbers is None or not np.isfinite(numbers).all():
+        return [str(frame) for frame in range(done, done + n)]
+    return [f"{number:.15g}" for number in numbers.tolist()]
 
 
 def _confidence(scores: NDArray[np.float64]) -> NDArray[np.float64]:

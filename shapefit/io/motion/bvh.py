@@ -13,7 +13,7 @@ from shapefit.errors import InputError, input_error
 from shapefit.geometry.rotations import turns
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.motion.labels import unique_names
-from shapefit.io.motion.text import read_blocks, read_table
+from shapefit.io.motion.text import read_blocks, read_plain, read_table
 
 Floats = NDArray[np.float64]
 
@@ -136,6 +136,11 @@ def read_hierarchy(path: Path) -> Hierarchy:
 def read_motion(path: Path, tree: Hierarchy) -> Iterator[Floats]:
     """Yield the numbers (n, width) of the frames, block by block."""
     for first, texts in read_blocks(path, tree.lines):
+        separator = "\t" if "\t" in texts[0].strip() else " "
+        plain = read_plain([text.strip() for text in texts], separator, tree.width)
+        if plain is not None and np.isfinite(plain).all():
+            yield plain
+            continue
         rows, lines = [], []
         for line, text in enumerate(texts, first):
             row = text.split()

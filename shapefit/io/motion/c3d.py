@@ -23,6 +23,8 @@ BLOCK = 512
 INTEL = 84
 """The processor whose numbers are written little end first, as all of today's are."""
 
+MOST_FRAMES = 65535
+
 COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Lists of labels under POINT that are no points: what a model computed is stored beside them."""
 
@@ -55,6 +57,8 @@ def record(paths: tuple[Path, ...]) -> Recording:
         notes = (f"{counted(len(left), 'point')} {text}",)
     names, more = unique_names([labels[place] for place in markers])
     individuals, landmarks, rows = by_subject(names)
+    if len(points) == MOST_FRAMES:
+        notes += (f"has {MOST_FRAMES} frames, as many as its header can count; it may hold more",)
     rate = float(_first(parameters, "RATE", 0.0))
     start = int(file["header"]["points"]["first_frame"])
     n, p, subjects = len(points), len(landmarks), max(len(individuals), 1)

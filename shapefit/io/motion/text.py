@@ -7,6 +7,7 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+import orjson
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
@@ -31,6 +32,32 @@ def read_head(path: Path, count: int) -> list[str]:
     """Return the first lines of a file, `count` at most."""
     with path.open(encoding="utf-8-sig", errors="backslashreplace") as file:
         return [text.rstrip("\n") for text in islice(file, count)]
+
+
+def read_plain(lines: Sequence[str], separator: str, width: int) -> NDArray[np.float64] | None:
+    """Return lines of so many plain numbers as an array (n, width), NaN where a cell is empty.
+
+    None where one is not so plain: `read_table` takes them cell by cell, several times as slow.
+    """
+    if any(line.count(separator) != width - 1 for line in lines):
+        return None
+    text = ",".join(lines)
+    if separator != ",":
+        text = text.replace(separator, ",")
+    if ",," in text or text.endswith(",") or text.startswith(","):
+        text = f",{text},".replace(",,", ",null,").replace(",,", ",null,")[1:-1]
+    try:
+        values = orjson.loads(f"[{text}]")
+    except orjson.JSONDecodeError:
+        return None
+    kinds = set(map(type, values))
+    if len(values) != len(lines) * width or not kinds <= {float, int, type(None)}:
+        return None
+    plain = kinds <= {float, int}
+    numbers = (
+        np.fromiter(values, np.float64, len(values)) if plain else np.array(values, np.float64)
+    )
+    return numbers.reshape(len(lines), width)
 
 
 def read_table(

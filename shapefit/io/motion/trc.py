@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.motion.labels import unique_names
-from shapefit.io.motion.text import read_blocks, read_head, read_table
+from shapefit.io.motion.text import read_blocks, read_head, read_plain, read_table
 from shapefit.io.motion.units import in_metres
 
 HEAD_LINES = 12
@@ -99,29 +99,42 @@ def read_instances(path: Path, header: Header, factor: float, p: int) -> Iterato
     """Read the frames, block by block."""
     width, done = 2 + 3 * p, 0
     for first, texts in read_blocks(path, header.lines):
-        lines, rows = [], []
-        for line, text in enumerate(texts, first):
-            if not text.strip(" \t,"):
-                continue
-            row = text.split(header.separator) if header.separator in text else text.split()
-            if len(row) != width:
-                row = _fitted(row, width, f"{path}:{line}")
-            rows.append(row)
-            lines.append(line)
-        if not rows:
-            continue
-        numbers = read_table([row[2:] for row in rows], lines, path)
-        points = factor * numbers.reshape(len(rows), p, 3)
+        labels = [text.partition(header.separator)[0].strip() for text in texts]
+        plain = read_plain(texts, header.separator, width) if all(labels) else None
+        if plain is None:
+            labels, numbers = read_rows(path, header, first, texts, width)
+        else:
+            numbers = plain[:, 2:]
+        n = len(labels)
+        points = factor * numbers.reshape(n, p, 3)
         origin: NDArray[np.bool_] = (points == 0).all(axis=2)
         points[origin] = np.nan
         yield Instances(
             points=points,
-            frames=np.arange(done, done + len(rows)),
-            labels=[row[0].strip() or str(done + i) for i, row in enumerate(rows)],
-            individuals=np.zeros(len(rows), np.int64),
+            frames=np.arange(done, done + n),
+            labels=[label or str(done + i) for i, label in enumerate(labels)],
+            individuals=np.zeros(n, np.int64),
             counts={AT_ORIGIN: int(origin.sum())},
         )
-        done += len(rows)
+        done += n
+
+
+def read_rows(
+    path: Path, header: Header, first: int, texts: list[str], width: int
+) -> tuple[list[str], NDArray[np.float64]]:
+    """Read lines cell by cell: the labels of their frames, and their coordinates (n, 3p)."""
+    lines, rows = [], []
+    for line, text in enumerate(texts, first):
+        if not text.strip(" \t,"):
+            continue
+        row = text.split(header.separator) if header.separator in text else text.split()
+        if len(row) != width:
+            row = _fitted(row, width, f"{path}:{line}")
+        rows.append(row)
+        lines.append(line)
+    if not rows:
+        return [], np.empty((0, width - 2))
+    return [row[0].strip() for row in rows], read_table([row[2:] for row in rows], lines, path)
 
 
 def _fitted(row: list[str], width: int, place: str) -> list[str]:

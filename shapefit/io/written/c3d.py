@@ -35,7 +35,7 @@ def c3d_output(
     Raises InputError, before any work, where ezc3d is not installed.
     """
     load_ezc3d()
-    return motion_output(target, options, write_c3d, by_individual)
+    return motion_output(target, options, write_c3d, by_individual, "mm")
 
 
 def load_ezc3d() -> Any:

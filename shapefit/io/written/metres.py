@@ -78,9 +78,12 @@ def _factor(
     known: Floats | None = None
     size = ""
     if unit is not None:
-        known, size = np.full(n, unit), "size as given"
+        known, size = np.full(n, unit), "the unit as given"
     elif isinstance(records, ResultSet):
-        known, size = _per_item(records, METRES_PER_UNIT, (), place), "size of the training shapes"
+        known, size = (
+            _per_item(records, METRES_PER_UNIT, (), place),
+            "the size of the training shapes",
+        )
         if known is not None and records.attributes.get(METRES_FROM) != "edges":
             known = np.full(n, _median(known))  # steady, whatever the pose
     if options.height is None:
@@ -116,7 +119,9 @@ def _unit(records: Solid, options: OutputOptions, place: str) -> float | None:
 
 def _unknown_size(records: Solid, place: str) -> Exception:
     if isinstance(records, ShapeSet):
-        found = f"the unit of the shapes is {records.unit}, which is no length"
+        known = records.unit != UNKNOWN_UNIT
+        named = f"is {records.unit}, which is no length" if known else "is not known"
+        found = f"the unit of the shapes {named}"
         return input_error(place, found, "give it, e.g. `--set unit=m`, or `--set height=1.78`")
     found = f"the shapes are in {records.unit}, and their size in metres is not known"
     fix = "give it, e.g. `--set height=1.78`, or lift with a dictionary learned from shapes in m"

@@ -48,7 +48,7 @@ class MotionWriter:
 
 @contextmanager
 def motion_output(
-    target: Path, options: OutputOptions, write: Write, group: Group
+    target: Path, options: OutputOptions, write: Write, group: Group, unit: str = "m"
 ) -> Iterator[MotionWriter]:
     """Give a writer to files that appear on a clean exit: `target`, or one for each group.
 
@@ -69,7 +69,7 @@ def motion_output(
             write(path, motions)
     else:
         paths = _write_staged(target, groups, write)
-    writer.summary = _summary(motions, paths)
+    writer.summary = _summary(motions, paths, unit)
 
 
 def by_individual(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
@@ -108,7 +108,7 @@ def _own_names(names: Sequence[str]) -> list[str]:
     return ["/".join(part[shared:]) for part in parts]
 
 
-def _summary(motions: Sequence[Motion], paths: Sequence[Path]) -> Summary:
-    said = dict.fromkeys(f"metres by {each.size}, {each.axes}" for each in motions)
+def _summary(motions: Sequence[Motion], paths: Sequence[Path], unit: str) -> Summary:
+    said = dict.fromkeys(f"in {unit} by {each.size}, {each.axes}" for each in motions)
     warnings = dict.fromkeys(text for each in motions for text in each.warnings)
     return Summary(note="; ".join(said), warnings=tuple(warnings), written=tuple(paths))

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
+from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.plausibility import find_plausibility
-from shapefit.lifting.posterior.posterior import Gross, find_posterior
+from shapefit.lifting.posterior.posterior import Gross, Posterior, find_posterior
+from shapefit.lifting.posterior.rays import face, find_rays, place, stretch_noise
 from shapefit.lifting.posterior.starts import find_starts
 
 Floats = NDArray[np.float64]
@@ -32,13 +36,20 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     solution = settings.solve(problem)
     failed = np.isin([status.value for status in solution.status], [s.value for s in FAILED])
     starts = np.where(failed[:, None, None, None], np.nan, find_starts(problem, solution, settings))
+    landmarks, noise, slopes = problem.landmarks, find_noise(problem), None
+    seen, camera = problem.weights > 0, problem.camera
+    if camera is not None:
+        rays = find_rays(landmarks, camera)
+        starts = face(starts, landmarks, seen, camera)
+        landmarks, noise, slopes = rays.landmarks, stretch_noise(noise, camera), rays.slopes
     found = find_posterior(
-        problem.landmarks,
+        landmarks,
         find_misfit(problem, options.misfit),
-        find_noise(problem),
+        noise,
         settings.needs["prior"],
         starts,
         Gross(options.gross_chance, options.gross_density),
+        slopes=slopes,
         modes=modes,
         covariance=options.covariance,
         max_rounds=options.max_rounds,
@@ -49,8 +60,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     shapes = found.mean.copy()
     shapes[:, :2] -= translation[:, :, None]
     widening = np.sqrt(options.widening)
-    seen = problem.weights > 0
-    return Estimate(
+    estimate = Estimate(
         shapes=np.where(lost[:, None, None], 0.0, shapes),
         translation=np.where(lost[:, None], 0.0, translation),
         rotation=found.rotation,
@@ -67,10 +77,35 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         convex_proof=ConvexProof.of(solution),
         further={
             "log_evidence": found.log_evidence,
-            "plausibility": find_plausibility(found.surprise, seen.sum(axis=1)),
+            "plausibility": find_plausibility(
+                found.surprise, seen.sum(axis=1), np.where(seen, found.belief, 0.0).sum(axis=1)
+            ),
             "belief": np.where(seen, found.belief, np.nan),
             CORRELATION: found.correlation.swapaxes(1, 2).astype(np.float32),
         },
+    )
+    return estimate if camera is None else look_through(estimate, found, problem, camera)
+
+
+def look_through(
+    estimate: Estimate, found: Posterior, problem: Problem, camera: Camera
+) -> Estimate:
+    """The same estimate with shapes in the unit of the dictionary, placed before the camera."""
+    lost = np.isnan(found.scale)
+    at = place(found.mean, found.scale, find_rays(problem.landmarks, camera), camera)
+    size = found.scale[:, None, None]
+    projected = project(camera, at.shapes + at.translation[..., None])
+    # what is hidden may lie behind the camera, and counts for nothing
+    shown = np.where(problem.weights[:, None] > 0, projected, 0.0)
+    covariance, deviation = estimate.covariance, estimate.deviation
+    return replace(
+        estimate,
+        shapes=np.where(lost[:, None, None], 0.0, at.shapes),
+        translation=np.where(lost[:, None], 0.0, at.middle),
+        camera_translation=at.translation,
+        residual=fit_translation(problem, shown, np.zeros((len(lost), 2))).residual,
+        deviation=None if deviation is None else deviation / size,
+        covariance=None if covariance is None else covariance / size**2,
     )
 
 

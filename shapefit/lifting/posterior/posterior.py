@@ -1,6 +1,9 @@
 """The posterior over shape and view of each image, by the compiled kernel.
 
-w_j = s (R_2 x_j + t) + e_j,  x ~ sum_k pi_k N(mu_k, C_k),  e_j ~ N(0, s^2 v_j I + V_j)
+w_j = s (P_j R x_j + t) + e_j,  x ~ sum_k pi_k N(mu_k, C_k),  e_j ~ N(0, s^2 v_j I + V_j)
+
+P_j takes the first two rows under weak perspective; where a camera is known it follows the ray of
+landmark j.
 """
 
 from __future__ import annotations
@@ -90,6 +93,7 @@ def find_posterior(
     starts: Floats,
     gross: Gross | None = None,
     *,
+    slopes: Floats | None = None,
     modes: int = 0,
     covariance: bool = False,
     max_rounds: int = 30,
@@ -102,6 +106,8 @@ def find_posterior(
     the covariance of the measurement in the unit of the landmarks; starts (n, S, 3, 3), rotations
     from the frame of the prior to that of the camera, nan where there are fewer. Every start is
     climbed under every component of the prior, and each maximum counts once, by its evidence.
+    slopes (n, 2, p), of the rays on which the landmarks lie: P_j = [I | -slope_j] where a point at
+    the depth z of the middle of the shape is seen at w_j; without them the rays are parallel.
     """
     gross = gross or Gross()
     n, _, p = landmarks.shape
@@ -131,6 +137,9 @@ def find_posterior(
     )
     core.find_posterior(
         landmarks=_whole(np.where(seen[:, None], landmarks - middle, 0.0)),
+        slopes=_whole(
+            np.zeros_like(landmarks) if slopes is None else np.where(seen[:, None], slopes, 0.0)
+        ),
         misfit=_whole(misfit),
         noise=_whole(noise),
         log_weights=np.log(prior.weights),

@@ -32,7 +32,9 @@ def mixes_atoms(config: FitConfig) -> bool:
 
     Refined under a perspective camera they always are.
     """
-    return METHODS[config.method].mixes_atoms or config.camera.model == "perspective"
+    method = METHODS[config.method]
+    refined = config.camera.model == "perspective" and method.perspective == "refined"
+    return method.mixes_atoms or refined
 
 
 def find_obstacle(config: FitConfig) -> tuple[str, str] | None:

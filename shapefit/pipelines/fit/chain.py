@@ -30,6 +30,7 @@ from shapefit.lifting.options import PerspectiveOptions
 from shapefit.pipelines.fit.dictionary_kind import check_needs
 
 if TYPE_CHECKING:
+    from shapefit.geometry.pinhole import Camera
     from shapefit.lifting.methods import Solve
     from shapefit.pipelines.fit.outlier_search import Agreement
 
@@ -54,6 +55,7 @@ class Chain:
     program: Program
     precisions: bool
     method: Callable[[Dictionary], Estimator]
+    camera: Callable[[LandmarkSet], Camera] | None
     view: View | None
     sequences: Refinement | None
 
@@ -86,6 +88,7 @@ def lift_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Li
         chain.program,
         chain.method(dictionary),
         find_covariance(images) if chain.precisions else None,
+        None if chain.camera is None else chain.camera(images),
     )
     if agreed is not None:
         lifting = agreed.label(lifting)
@@ -108,6 +111,7 @@ def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
         precisions=METHODS[config.method].precisions,
         search=choose_search(config, solve),
         method=lambda part: choose_method(config.method, choose_settings(config, part, solve)),
+        camera=choose_camera(config),
         view=choose_view(config),
         leave_out=choose_groups(config, dictionary),
     )
@@ -138,13 +142,22 @@ def choose_search(config: FitConfig, solve: Solve) -> Search | None:
 
 def choose_view(config: FitConfig) -> View | None:
     """Return what follows weak perspective: nothing, or refinement under the full projection."""
-    if config.camera.model == "weak-perspective":
+    if config.camera.model == "weak-perspective" or METHODS[config.method].perspective != "refined":
         return None
     from shapefit.pipelines.fit.intrinsics import refine_through_camera
 
     options = choose_options(config)
     views = AlternationOptions(views=config.alternation.views).number_of_views
     return partial(refine_through_camera, config=config.camera, options=options, views=views)
+
+
+def choose_camera(config: FitConfig) -> Callable[[LandmarkSet], Camera] | None:
+    """Return what finds the cameras of images for a method that looks through them itself."""
+    if config.camera.model == "weak-perspective" or METHODS[config.method].perspective != "own":
+        return None
+    from shapefit.pipelines.fit.intrinsics import find_camera
+
+    return partial(find_camera, config=config.camera)
 
 
 def choose_options(config: FitConfig) -> PerspectiveOptions:
@@ -161,21 +174,27 @@ def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement |
     if not METHODS[config.method].sequences:
         return None
     from shapefit.lifting.sequences.method import refine_lifting
+    from shapefit.lifting.sequences.through_camera import refine_through_camera
     from shapefit.pipelines.fit.motion import find_lengths, find_motion
 
     lengths = find_lengths(config, dictionary)
 
     def refine(lifting: Lifting, images: LandmarkSet) -> Lifting:
         rate = config.sequences.frame_rate or images.frame_rate
-        return refine_lifting(
-            lifting,
-            images.landmarks,
-            images.sequences or (),
-            find_motion(dictionary, rate, lengths),
-            config.posterior.misfit,
-            config.posterior.widening,
-            config.threads,
-        )
+        motion = find_motion(dictionary, rate, lengths)
+
+        def refine_weak(lifting: Lifting, landmarks: Floats) -> Lifting:
+            return refine_lifting(
+                lifting,
+                landmarks,
+                images.sequences or (),
+                motion,
+                config.posterior.misfit,
+                config.posterior.widening,
+                config.threads,
+            )
+
+        return refine_through_camera(lifting, images.landmarks, refine_weak)
 
     return refine
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.records import match_landmarks, nearest_names
+from shapefit.io.skeletons import people_joints
 from shapefit.pipelines.fit.joints import find_joints
 
 FEWEST_LANDMARKS = 3
@@ -31,6 +32,9 @@ def check_enough(own: Sequence[str], known: Sequence[str], place: str) -> None:
         return
     if {name.strip() for name in own} & set(known) - set(matching):
         match_landmarks(known, own, place)  # which names spaces around names
+    if twice := _same_joint(own):
+        found = f"landmarks of several skeletons: {twice[0]} and {twice[1]} are one joint of people"
+        raise input_error(place, found, "give the files of each skeleton in a separate call")
     found = (
         f"{len(matching)} of the {counted(len(own), 'landmark')} of the files are in the "
         f"dictionary, and {FEWEST_LANDMARKS} must be; the files have {', '.join(own)}; the "
@@ -38,6 +42,14 @@ def check_enough(own: Sequence[str], known: Sequence[str], place: str) -> None:
     )
     pairs = _likely_pairs([name for name in own if name not in set(known)], known)
     raise input_error(place, found, f"name them alike: {pairs or '`rename: {FILE: DICTIONARY}`'}")
+
+
+def _same_joint(own: Sequence[str]) -> list[str]:
+    """Return the first landmarks that stand for the same joint of people; none where none do."""
+    names: dict[str, list[str]] = {}
+    for name, joint in people_joints(own).items():
+        names.setdefault(joint, []).append(name)
+    return next((several for several in names.values() if len(several) > 1), [])
 
 
 def name_warnings(own: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:

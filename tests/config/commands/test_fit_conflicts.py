@@ -48,6 +48,16 @@ def problem(addition: str, *options: str) -> str:
             "`camera: {model: perspective}` does not work with the method pmp",
         ),
         (
+            "method: posterior\ncamera: {model: perspective, focal: 2, ridge: 1}",
+            "5:9",
+            "`camera: {ridge: ...}` belongs to the refinement under perspective",
+        ),
+        (
+            "method: posterior\nleave_out: true_model",
+            "5:12",
+            "`leave_out` leaves out atoms, but the prior of the method posterior was",
+        ),
+        (
             "camera: {ridge: 1, model: weak-perspective}",
             "4:17",
             "`ridge` belongs to `model: perspective`",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
+from shapefit.io.detectors.coco_annotations import record
 
 from .conftest import read
 
@@ -37,6 +38,14 @@ def test_visibility_decides_and_categories_are_joined(written):
     expected = [[[nan, 7, nan], [nan, 8, nan]], [[3, nan, 1], [4, nan, 2]]]
     np.testing.assert_array_equal(images.landmarks, expected)
     assert images.confidence is None
+
+
+def test_edges_count_from_1_within_their_category(written):
+    path = written("a.json", annotations(entry(0, 1, 1, 2, 2, 3, 4, 2), categories=(FLY, MOUSE)))
+    recording = record((path,))
+    assert recording.landmark_names == ("head", "nose", "tail")
+    assert recording.edges == ((1, 2),)
+    assert recording.frames == 2
 
 
 def test_what_annotations_lack_is_counted(written):

@@ -34,6 +34,13 @@ def test_points_scores_and_frame_numbers(tmp_path, text):
     np.testing.assert_array_equal(shapes.extras["confidence"], [[0.9, 0.8], [0.9, 0], [0, 1]])
 
 
+def test_columns_of_others_need_not_be_numbers(tmp_path):
+    text = HEAD.replace("fnum", "fnum,camera") + ROWS.replace("\n", ",left\n")
+    shapes = read(tmp_path, text)
+    assert shapes.items == ("fly/7", "fly/8", "fly/9")
+    np.testing.assert_array_equal(shapes.shapes[0].T, [[1, 2, 3], [4, 5, 6]])
+
+
 def test_many_landmarks_make_a_header_longer_than_what_is_looked_at(tmp_path):
     names = [f"landmark_number_{n}" for n in range(120)]
     head = ",".join(

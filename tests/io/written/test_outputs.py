@@ -107,7 +107,7 @@ def test_names_that_no_file_can_have(tmp_path, several):
 
 
 def test_what_a_format_cannot_hold(tmp_path):
-    with pytest.raises(InputError, match="a landmarks cannot be TRC"):
+    with pytest.raises(InputError, match="2D landmarks cannot be TRC; lift them"):
         record_writer(tmp_path / "man.trc", LANDMARKS)
 
 

@@ -49,7 +49,7 @@ def test_points_and_times_come_back(tmp_path, scene):
     points = rows[:, 2:].reshape(4, 15, 3).swapaxes(1, 2)
     np.testing.assert_allclose(points, scene.y_up, atol=1e-12)
     assert summary.written == (target,)
-    assert "metres by size of the training shapes, y up, the axis z" in summary.note
+    assert "in m by the size of the training shapes, y up, the axis z" in summary.note
     assert summary.warnings == ()
 
 

@@ -22,12 +22,23 @@ def draw_component(rng: np.random.Generator, p: int, size: float = 0.2):
 def draw_scene():
     """Draw a scene and its rotation: an image of a shape from one Gaussian."""
 
-    def draw(seed: int, *, p: int = 7, noisy: bool = False, hidden: tuple[int, ...] = ()):
+    def draw(
+        seed: int,
+        *,
+        p: int = 7,
+        noisy: bool = False,
+        hidden: tuple[int, ...] = (),
+        steep: float = 0.0,
+    ):
         rng = np.random.default_rng(seed)
         mean, C = draw_component(rng, p)
         R = random_rotations(1, rng)[0]
         x = mean.ravel() + np.linalg.cholesky(C) @ rng.normal(size=3 * p)
-        w = 37 * ((R @ x.reshape(3, p))[:2] + rng.normal(size=(2, 1))) + rng.normal(size=(2, p))
+        X = R @ x.reshape(3, p)
+        w = 37 * (X[:2] + rng.normal(size=(2, 1))) + rng.normal(size=(2, p))
+        slopes = steep * rng.normal(size=(2, p)) if steep else None
+        if slopes is not None:
+            w -= 37 * slopes * X[2]
         misfit = np.full(p, 0.003)
         noise = np.zeros((p, 2, 2))
         if noisy:
@@ -35,7 +46,7 @@ def draw_scene():
             noise = 3 * L @ L.swapaxes(1, 2)
         misfit[list(hidden)] = np.inf
         w[:, list(hidden)] = np.nan
-        return Scene(w, misfit, noise, mean, C), R
+        return Scene(w, misfit, noise, mean, C, slopes), R
 
     return draw
 

@@ -23,6 +23,7 @@ class Scene:
     noise: Floats  # (p, 2, 2)
     mean: Floats  # (3, p)
     covariance: Floats  # (3p, 3p)
+    slopes: Floats | None = None  # (2, p) of the rays
 
     @property
     def seen(self) -> NDArray[np.intp]:
@@ -41,6 +42,8 @@ def joint(scene: Scene, R: Floats, s: float, belief: Floats) -> tuple[Floats, Fl
     for row, j in enumerate(scene.seen):
         for a in range(2):
             E[2 * row + a, a * p + j] = 1
+            if scene.slopes is not None:
+                E[2 * row + a, 2 * p + j] = -scene.slopes[a, j]
         block = slice(2 * row, 2 * row + 2)
         N[block, block] = (s * s * scene.misfit[j] * np.eye(2) + scene.noise[j]) / belief[j]
     return s * E @ turn @ scene.mean.ravel(), s * s * E @ C @ E.T + N, s * s * C @ E.T

@@ -19,6 +19,7 @@ def solve(scene, R, gross=(0.0, 0.05)):
         prior,
         R[None, None],
         Gross(*gross),
+        slopes=None if scene.slopes is None else scene.slopes[None],
         modes=1,
         covariance=True,
         max_rounds=60,
@@ -28,8 +29,9 @@ def solve(scene, R, gross=(0.0, 0.05)):
 @pytest.mark.parametrize("noisy", [False, True])
 @pytest.mark.parametrize("hidden", [(), (2,), (0, 5)])
 @pytest.mark.parametrize("chance", [0.0, 0.05])
-def test_a_mode_is_that_of_the_dense_computation(draw_scene, noisy, hidden, chance):
-    scene, R = draw_scene(3, noisy=noisy, hidden=hidden)
+@pytest.mark.parametrize("steep", [0.0, 0.4])
+def test_a_mode_is_that_of_the_dense_computation(draw_scene, noisy, hidden, chance, steep):
+    scene, R = draw_scene(3, noisy=noisy, hidden=hidden, steep=steep)
     gross = (chance, 0.05 / 37**2)
     found = solve(scene, R, gross).modes
     R, s = found.rotation[0, 0], found.scale[0, 0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.skeletons import PEOPLE
+from shapefit.io.skeletons import PEOPLE, SKELETONS
 from shapefit.pipelines.fit.landmark_names import check_enough, find_strange, left_out_landmarks
 
 
@@ -24,6 +24,12 @@ def test_names_that_do_not_match_are_told_with_both_lists():
     assert line.startswith("here: 1 of the 4 landmarks of the files are in the dictionary, and 3")
     assert "the files have lft_hip, ankle_l, 2, rhip; the dictionary has pelvis, rhip" in line
     assert line.endswith("name them alike: `rename: {lft_hip: lhip, ankle_l: lankle}`")
+
+
+def test_two_skeletons_are_told():
+    own = (*SKELETONS["body_25"].landmark_names, *SKELETONS["coco_17"].landmark_names)
+    with pytest.raises(InputError, match=r"RShoulder and right_shoulder are one joint.*separate"):
+        check_enough(own, PEOPLE, "here")
 
 
 def test_spaces_are_told():

@@ -11,6 +11,7 @@ import pytest
 from shapefit.dictionary.mixture import Mixture
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, write_dictionary
+from shapefit.pipelines import verify
 
 
 @pytest.fixture
@@ -118,3 +119,35 @@ def test_images_without_enough_landmarks_fail_alone(fit, tmp_path, with_prior, i
     assert np.isnan(found.shapes[2]).all()
     assert np.isnan(found.shape_sd[2]).all()
     assert np.isfinite(found.shapes[[0, 1, 3, 4, 5, 6, 7]]).all()
+
+
+def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
+    """Images far from a long lens are those of weak perspective; a proof and a place come along."""
+    keys = {"method": "posterior", "posterior": {"covariance": True}}
+    weak, _ = fit(tmp_path, with_prior, images, **keys)
+    camera = {"model": "perspective", "focal": 1e7, "principal_point": [100.0, 50.0]}
+    found, outcomes = fit(tmp_path, with_prior, images, camera=camera, **keys)
+    assert found.shapes == pytest.approx(weak.shapes, abs=1e-3)
+    assert found.shape_sd == pytest.approx(weak.shape_sd, rel=1e-3, abs=1e-4)
+    assert found.landmarks_fitted == pytest.approx(weak.shapes[:, :2], abs=1e-3)
+    assert found.extras["camera_translation"][:, 2] == pytest.approx(1e7 / found.scale, rel=1e-6)
+    with h5py.File(tmp_path / "result.h5") as file:
+        assert np.isfinite(file["dual"][:]).all()
+    assert not any(outcome.failures for outcome in outcomes)
+    near = {"model": "perspective", "focal": 60.0, "principal_point": [80.0, 50.0]}
+    other, _ = fit(tmp_path, with_prior, images, camera=near, **keys)
+    assert np.abs(other.landmarks_fitted - other.shapes[:, :2]).max() > 0.1
+    names = ("shape_covariance", "camera_translation", "focal", "principal_point")
+    assert all(np.isfinite(other.extras[name]).all() for name in names)
+
+
+def test_a_result_through_a_camera_passes_verification(fit, tmp_path, with_prior, images):
+    camera = {"model": "perspective", "focal": 60.0, "principal_point": [80.0, 50.0]}
+    fit(tmp_path, with_prior, images, method="posterior", camera=camera)
+    request = verify.Request(tmp_path / "result.h5", with_prior, ())
+    outcomes = list(verify.run(request))
+    assert not any(outcome.failures for outcome in outcomes)
+    with h5py.File(tmp_path / "result.h5", "a") as file:
+        file["camera_translation"][2, 2] *= 1.01
+    outcomes = list(verify.run(request))
+    assert any("camera" in f.reason for outcome in outcomes for f in outcome.failures)

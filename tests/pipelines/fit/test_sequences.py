@@ -10,7 +10,17 @@ import pytest
 
 from shapefit.config import FitConfig, LearnDictConfig, ProjectConfig
 from shapefit.errors import InputError
-from shapefit.io import landmark_writer, open_landmarks, read_dictionary, read_results
+from shapefit.evaluation.metrics import similarity
+from shapefit.geometry.rotations import rotation_about
+from shapefit.io import (
+    LandmarkSet,
+    landmark_writer,
+    open_landmarks,
+    read_dictionary,
+    read_results,
+    read_shapes,
+)
+from shapefit.pipelines import verify
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learning
 from shapefit.pipelines.project import run as projecting
@@ -163,3 +173,35 @@ def test_landmarks_are_renamed_and_strange_ones_left_out(people, tmp_path):
         fitted(people, path, method="convex", input={"rename": {"fist": names[0]}})
     with pytest.raises(InputError, match="gives the name"):
         fitted(people, path, method="convex", input={"rename": {"first": names[1]}})
+
+
+def test_a_sequence_before_a_camera(people, project, tmp_path):
+    """Near bodies on a turntable: the camera lowers the error, and verification follows it."""
+    truth = read_shapes([project / "sample_data/people_test.h5"])
+    first = truth.sequences[0]
+    rows = [row for row, name in enumerate(truth.sequences) if name == first][:40]
+    truth = truth.take(rows)
+    turn = rotation_about(np.array([0.0, 1.0, 0.0]), np.linspace(0, 3, len(truth)))
+    X = turn @ (truth.shapes - truth.shapes.mean(axis=2, keepdims=True))
+    X[:, 2] -= 2.5 * np.ptp(X, axis=2).max()
+    seen = LandmarkSet(
+        landmarks=-900 * X[:, :2] / X[:, 2:] + 500,
+        landmark_names=truth.landmark_names,
+        items=truth.items,
+        sequences=truth.sequences,
+        y_axis="up",
+        frame_rate=24.0,
+    )
+    path = written(tmp_path / "near.h5", seen)
+    weak, _ = fitted(people, path)
+    camera = {"model": "perspective", "focal": 900.0, "principal_point": [500.0, 500.0]}
+    found, _ = fitted(people, path, camera=camera)
+    request = verify.Request(people / "result.h5", people / "dictionary.h5", ())
+    assert not any(outcome.failures for outcome in verify.run(request))
+    errors = [similarity(each.shapes, X).mean() for each in (found, weak)]
+    assert errors[0] < 0.95 * errors[1]
+    assert found.extras["camera_translation"].shape == (len(truth), 3)
+    assert (found.shape_sd > 0).all()
+    far = {"model": "perspective", "focal": 1e8, "principal_point": [500.0, 500.0]}
+    same, _ = fitted(people, path, camera=far)
+    np.testing.assert_allclose(same.shapes, weak.shapes, atol=0.05)

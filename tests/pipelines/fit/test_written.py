@@ -12,6 +12,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import landmark_writer, read_dictionary, read_results, write_dictionary
+from shapefit.io.skeletons import PEOPLE
 from shapefit.pipelines.convert import run as convert
 from shapefit.pipelines.fit.run import run as fit
 
@@ -62,7 +63,7 @@ def test_a_fit_is_written_in_metres_at_once_or_later(tmp_path, films, measured):
     given = {"landmarks": [films], "dictionary": measured}
     written, note = run(fit, "fit", tmp_path / "now.trc", **given)
     assert written == ["now_a.trc", "now_b.trc"]
-    assert "metres by size of the training shapes, y up as in the image" in note
+    assert "in m by the size of the training shapes, y up as in the image" in note
     run(fit, "fit", tmp_path / "result.h5", **given)
     written, _ = run(convert, "convert", tmp_path / "later.trc", files=[tmp_path / "result.h5"])
     assert written == ["later_a.trc", "later_b.trc"]
@@ -86,7 +87,7 @@ def test_without_a_size_height_is_asked_for(tmp_path, films, dictionary):
         run(fit, "fit", tmp_path / "man.trc", **given)
     assert not list(tmp_path.glob("man*"))
     _, note = run(fit, "fit", tmp_path / "man.trc", "height=0.5", **given)
-    assert "metres by height 0.5 m" in note
+    assert "in m by height 0.5 m" in note
     assert np.ptp(points(tmp_path / "man_a.trc")[..., 1], axis=1).max() == pytest.approx(0.5, 0.2)
 
 
@@ -97,3 +98,34 @@ def test_the_lengths_of_edges_are_checked(measured):
     write_dictionary(measured, wrong)
     with pytest.raises(InputError, match="edge_length: holds what is no length"):
         read_dictionary(measured)
+
+
+@pytest.mark.real_data
+def test_a_real_man_is_as_large_as_a_man_and_stands_on_his_feet(real_data, tmp_path):
+    folder = real_data / "detected" / "pose2sim_balancing"
+    files = [folder / "openpose_json" / "cam01_json"]
+    overrides = (
+        "input.keypoints=body_25b",
+        f"camera.calibration={folder / 'Calib_qualisys.toml'}",
+        "camera.name=cam_01",
+        "method=sequences",
+        "sequences.frame_rate=60",
+        "height=1.72",
+    )
+    given = {"landmarks": files, "dictionary": "people"}
+    written, note = run(fit, "fit", tmp_path / "man.trc", *overrides, **given)
+    assert written[0] == "man_person 1.trc"
+    assert "in m by height 1.72 m, y up, the axis z of the extrinsics" in note
+    man = dict(zip(PEOPLE, points(tmp_path / written[0]).transpose(1, 0, 2), strict=True))
+
+    def length(a, b):
+        return np.median(np.linalg.norm(man[a] - man[b], axis=1))
+
+    # The truth, from four cameras, within a quarter; OpenPose's hips are lower than the prior's.
+    assert length("lhip", "lknee") == pytest.approx(0.392, rel=0.25)
+    assert length("lknee", "lankle") == pytest.approx(0.402, rel=0.25)
+    assert length("rshoulder", "relbow") == pytest.approx(0.281, rel=0.25)
+    assert length("relbow", "rwrist") == pytest.approx(0.249, rel=0.25)
+    feet = np.minimum(man["lankle"][:, 1], man["rankle"][:, 1])
+    assert ((man["head"][:, 1] - feet) > 1.0).all()
+    assert min(each[:, 1].min() for each in man.values()) == pytest.approx(0)

@@ -1,0 +1,113 @@
+"""Files as detectors of people write them, made of given points: for tests and measurements.
+
+Points are (frames, people, landmarks, 2), confidence (frames, people, landmarks).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def _flat(points: Floats, confidence: Floats) -> list[list[list[float]]]:
+    """Return x, y, confidence of all landmarks: [frame][person][number]."""
+    rows = np.concatenate([points, confidence[..., None]], axis=3).round(4)
+    found: list[list[list[float]]] = rows.reshape(*rows.shape[:2], -1).tolist()
+    return found
+
+
+def _write(path: Path, contents: Any) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(contents), encoding="utf-8")
+
+
+def write_openpose(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write a file per frame into a folder."""
+    for frame, people in enumerate(_flat(points, confidence)):
+        found = [{"person_id": [-1], "pose_keypoints_2d": person} for person in people]
+        _write(path / f"v_{frame:012d}_keypoints.json", {"version": 1.3, "people": found})
+
+
+def write_results(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write COCO results."""
+    frames = enumerate(_flat(points, confidence))
+    found = [
+        {"image_id": frame, "category_id": 1, "keypoints": person, "score": 0.5}
+        for frame, people in frames
+        for person in people
+    ]
+    _write(path, found)
+
+
+def write_annotations(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write COCO annotations; landmarks of confidence below 0.1 are not labelled."""
+    names = [f"point{number}" for number in range(points.shape[2])]
+    visible = np.where(confidence < 0.1, 0.0, 2.0)
+    frames = enumerate(_flat(points, visible))
+    _write(
+        path,
+        {
+            "images": [{"id": n, "file_name": f"{n:08d}.jpg"} for n in range(len(points))],
+            "categories": [{"id": 1, "name": "one", "keypoints": names, "skeleton": [[1, 2]]}],
+            "annotations": [
+                {"image_id": frame, "category_id": 1, "keypoints": person}
+                for frame, people in frames
+                for person in people
+            ],
+        },
+    )
+
+
+def write_mmpose(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write MMPose's predictions of a video, with names."""
+    names = {str(number): f"point{number}" for number in range(points.shape[2])}
+    info = [
+        {
+            "frame_id": frame,
+            "instances": [
+                {"keypoints": person.tolist(), "keypoint_scores": scores.tolist()}
+                for person, scores in zip(people, certain, strict=True)
+            ],
+        }
+        for frame, (people, certain) in enumerate(zip(points, confidence, strict=True))
+    ]
+    _write(path, {"meta_info": {"keypoint_id2name": names}, "instance_info": info})
+
+
+def write_caliscope(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write a row per point of the first person."""
+    lines = ["sync_index,port,frame_index,frame_time,point_id,img_loc_x,img_loc_y"]
+    for frame, people in enumerate(points):
+        lines += [
+            f"{frame},0,{frame},{frame / 30},{number},{x},{y}"
+            for number, (x, y) in enumerate(people[0].tolist())
+        ]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_yolo(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write labels of an image per frame into a folder, and data.yaml."""
+    path.mkdir(parents=True, exist_ok=True)
+    shape = f"kpt_shape: [{points.shape[2]}, 3]\nnames: {{0: person}}\n"
+    (path / "data.yaml").write_text(shape, encoding="utf-8")
+    for frame, people in enumerate(_flat(points / 1000, confidence)):
+        lines = ["0 0.5 0.5 0.2 0.4 " + " ".join(map(str, person)) for person in people]
+        (path / f"image_{frame:05d}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+WRITERS: Mapping[str, Callable[[Path, Floats, Floats], None]] = {
+    "openpose": write_openpose,
+    "results.json": write_results,
+    "annotations.json": write_annotations,
+    "mmpose.json": write_mmpose,
+    "xy.csv": write_caliscope,
+    "yolo": write_yolo,
+}
+"""By the name of the file or folder that is written."""

@@ -1,0 +1,92 @@
+"""Sequences before a pinhole camera: brought into the unit and frame of weak perspective, and back.
+
+Seen in the direction u, the landmark of a point at the depth f + z lies at
+
+    w = f u (1 + z / f)
+
+where weak perspective would have it, in the unit of the image of a body whose middle is at the
+depth f. The depths z are those of the images at first, then those of the sequence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.geometry.pinhole import project
+from shapefit.lifting.lift import Lifting, PerspectiveView
+from shapefit.lifting.posterior.rays import find_rays
+
+Floats = NDArray[np.float64]
+Refine = Callable[[Lifting, Floats], Lifting]
+
+ROUNDS = 2
+"""Refinements of a sequence, each with the depths of the one before it."""
+
+
+def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -> Lifting:
+    """Refine a lifting of n images whose landmarks (n, 2, p) a camera may have seen.
+
+    `refine` takes a lifting by weak perspective and its landmarks. The scale of an image stays what
+    it is: bodies are taken to stay about as far away, as they are without a camera.
+    """
+    view, near = lifting.perspective, lifting.problem.camera
+    if view is None:
+        return refine(lifting, landmarks)
+    if near is None:
+        raise ValueError("the method did not look through the camera itself")
+    rays = find_rays(landmarks, view.camera)
+    size = np.where(
+        np.isfinite(lifting.scale), rays.focal / find_rays(landmarks, near).focal, np.nan
+    )
+    grow = (lifting.scale / size)[:, None, None]
+    flat = np.zeros((len(size), 2))
+    found = lifting.estimate
+    assert found.deviation is not None  # of a posterior
+    middle = rays.focal[:, None] * view.translation[:, :2] / np.abs(view.translation[:, 2:])
+    points = lifting.scale[:, None, None] * found.shapes
+    points[:, :2] += middle[..., None]
+    weak = replace(
+        lifting,
+        shapes=points,
+        translation=flat,
+        scale=size,
+        estimate=replace(found, translation=flat, deviation=grow * found.deviation),
+        perspective=None,
+    )
+    refined = weak
+    for _ in range(ROUNDS):
+        depth = view.camera.sign * refined.shapes[:, 2:] / rays.focal[:, None, None]
+        refined = refine(weak, rays.landmarks * (1 + depth))
+    return see_again(lifting, view, refined, rays.focal, grow)
+
+
+def see_again(
+    lifting: Lifting, view: PerspectiveView, refined: Lifting, focal: Floats, grow: Floats
+) -> Lifting:
+    """Put the refined shapes (n, 3, p) before the camera, in the place of those of the images."""
+    camera, points = view.camera, refined.shapes
+    middle = points[:, :2].mean(axis=2)
+    shapes = points.copy()
+    shapes[:, :2] -= middle[..., None]
+    translation = camera.centre + camera.focal * middle / focal[:, None]
+    t = np.concatenate([middle, camera.sign * focal[:, None]], axis=1) / lifting.scale[:, None]
+    fitted = project(camera, shapes / lifting.scale[:, None, None] + t[..., None])
+    shapes[:, :2] += translation[..., None]
+    deviation = refined.estimate.deviation
+    return replace(
+        lifting,
+        shapes=shapes,
+        landmarks_fitted=fitted,
+        translation=translation,
+        estimate=replace(
+            refined.estimate,
+            translation=lifting.estimate.translation,
+            deviation=None if deviation is None else deviation / grow,
+            camera_translation=t,
+        ),
+        perspective=PerspectiveView(t, camera),
+    )

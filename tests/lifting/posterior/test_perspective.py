@@ -1,0 +1,113 @@
+"""The posterior through a pinhole camera: planted shapes, the limit of a long lens, one story."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shapefit.geometry.pinhole import Camera, project
+from shapefit.lifting.posterior.posterior import find_posterior
+from shapefit.lifting.posterior.rays import face, find_rays, place
+from tests.lifting.posterior.pinhole import MISFIT, P, Scene
+
+
+def posterior(prior, landmarks, starts, slopes=None):
+    n = len(landmarks)
+    return find_posterior(
+        landmarks,
+        np.full((n, P), MISFIT),
+        np.zeros((n, P, 2, 2)),
+        prior,
+        starts,
+        slopes=slopes,
+        covariance=True,
+        max_rounds=60,
+    )
+
+
+def through_camera(prior, scene):
+    rays = find_rays(scene.landmarks, scene.camera)
+    starts = face(scene.starts(), scene.landmarks, scene.seen, scene.camera)
+    return rays, posterior(prior, rays.landmarks, starts, rays.slopes)
+
+
+def error(points, truth):
+    apart = points - points.mean(axis=2, keepdims=True)
+    apart -= truth - truth.mean(axis=2, keepdims=True)
+    return np.linalg.norm(apart, axis=1).mean()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_camera_makes_near_shapes_better_and_its_regions_hold(draw_mixture, sign):
+    prior = draw_mixture(4, p=P, size=0.12)
+    scene = Scene(prior, 400, 6.0, sign)  # three to four times the size of the shapes
+    rays, found = through_camera(prior, scene)
+    weak = posterior(prior, scene.landmarks, scene.starts())
+    along = face(np.eye(3)[None, None], scene.landmarks, scene.seen, scene.camera)[:, 0]
+    without = error(along @ (weak.mean / weak.scale[:, None, None]), scene.shapes)
+    assert error(found.mean / found.scale[:, None, None], scene.shapes) < 0.75 * without
+    assert found.log_evidence.mean() > weak.log_evidence.mean() + 2
+
+    size = rays.focal / 6.0
+    truth = size[:, None, None] * scene.shapes
+    truth[:, :2] += size[:, None, None] * scene.translation[:, :2, None]
+    truth[:, 2] -= truth[:, 2].mean(axis=1, keepdims=True)
+    apart = (truth - found.mean).transpose(0, 2, 1)
+    blocks = found.covariance.reshape(-1, 3, P, 3, P)
+    C = np.stack([blocks[:, :, j, :, j] for j in range(P)], axis=1)
+    square = np.einsum("npa,npa->np", apart, np.linalg.solve(C, apart[..., None])[..., 0])
+    for share, bound in ((0.5, 2.366), (0.9, 6.251)):
+        inside = (square < bound).mean(axis=1)
+        spread = inside.std() / np.sqrt(len(inside))
+        assert inside.mean() == pytest.approx(share, abs=4 * spread + 0.02)
+
+
+def test_the_place_before_the_camera_is_found(draw_mixture):
+    prior = draw_mixture(4, p=P, size=0.05)
+    scene = Scene(prior, 100, 6.0, 1.0)
+    rays, found = through_camera(prior, scene)
+    at = place(found.mean, found.scale, rays, scene.camera)
+    assert np.median(np.abs(at.translation / scene.translation - 1)[:, 2]) < 0.04
+    seen = project(scene.camera, at.shapes + at.translation[..., None])
+    unit = 1000 / 6.0
+    assert np.abs(seen - scene.landmarks).mean() < 1.5 * np.sqrt(MISFIT) * unit
+
+
+def test_a_long_lens_sees_weak_perspective(draw_mixture):
+    prior = draw_mixture(4, p=P)
+    scene = Scene(prior, 20, 1e7, 1.0)
+    centred = Camera(np.full((20, 2), 1e9), scene.landmarks.mean(axis=2), 1.0)
+    rays = find_rays(scene.landmarks, centred)
+    starts = scene.rotation[:, None]
+    through = posterior(prior, rays.landmarks, starts, rays.slopes)
+    weak = posterior(prior, scene.landmarks, starts)
+    middle = scene.landmarks.mean(axis=2)[..., None]
+    weak.mean[:, :2] -= middle
+    size = weak.scale[:, None, None]
+    assert through.mean / size == pytest.approx(weak.mean / size, abs=1e-5)
+    assert through.deviation / size == pytest.approx(weak.deviation / size, abs=1e-5)
+    assert through.log_evidence == pytest.approx(weak.log_evidence, abs=1e-5)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_lifting_through_the_camera_tells_one_story(draw_mixture, sign):
+    prior = draw_mixture(4, p=P)
+    scene = Scene(prior, 30, 6.0, sign)
+    weights = np.ones((30, P))
+    weights[3, 2] = 0.0
+    found = scene.lift(prior, weights)
+    t = found.perspective.translation
+    depth = sign * t[:, 2]
+    assert found.scale == pytest.approx(np.sqrt(1000 * 1100) / depth)
+    at = scene.camera.centre + scene.camera.focal * t[:, :2] / depth[:, None]
+    assert found.translation == pytest.approx(at)
+    S = found.shapes.copy()
+    S[:, :2] -= found.translation[..., None]
+    S /= found.scale[:, None, None]
+    assert found.landmarks_fitted == pytest.approx(project(scene.camera, S + t[..., None]))
+    assert S.mean(axis=2) == pytest.approx(0, abs=1e-9)
+    variance = np.diagonal(found.estimate.covariance, axis1=1, axis2=2).reshape(30, 3, P)
+    assert found.estimate.deviation**2 == pytest.approx(variance)
+    assert np.median(np.abs(depth / 6 - 1)) < 0.1
+    off = np.linalg.norm(found.landmarks_fitted - scene.landmarks, axis=1)
+    assert np.median(off) < 20

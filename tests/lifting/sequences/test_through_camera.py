@@ -1,0 +1,81 @@
+"""A sequence before a camera becomes one of weak perspective, and is put back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.dictionary.mixture import Mixture
+from shapefit.geometry.pinhole import project
+from shapefit.lifting.sequences.through_camera import refine_through_camera
+from tests.lifting.posterior.conftest import draw_component
+from tests.lifting.posterior.pinhole import P, Scene
+
+N = 20
+
+
+@pytest.fixture
+def prior():
+    mean, C = draw_component(np.random.default_rng(4), P, 0.1)
+    return Mixture(np.ones(1), mean[None], C[None])
+
+
+@pytest.fixture(params=[1.0, -1.0])
+def scene(request, prior):
+    return Scene(prior, N, 6.0, request.param)
+
+
+@pytest.fixture
+def lifting(scene, prior):
+    return scene.lift(prior, np.ones((N, P)), modes=2)
+
+
+def test_what_is_not_refined_stays(scene, lifting):
+    same = refine_through_camera(lifting, scene.landmarks, lambda weak, _: weak)
+    for name in ("shapes", "landmarks_fitted", "translation", "scale"):
+        np.testing.assert_allclose(getattr(same, name), getattr(lifting, name), rtol=1e-9)
+    np.testing.assert_allclose(same.perspective.translation, lifting.perspective.translation)
+    np.testing.assert_allclose(same.estimate.deviation, lifting.estimate.deviation)
+
+
+def test_modes_and_points_are_in_one_frame(scene, lifting):
+    def look(weak, landmarks):
+        first = weak.scale[:, None, None] * weak.estimate.posterior_modes.mean[:, 0]
+        best = weak.estimate.posterior_modes.shares[:, 0] > 0.999
+        assert best.any()
+        np.testing.assert_allclose(weak.shapes[best], first[best], atol=0.02 * weak.scale.max())
+        deviation = weak.scale[:, None, None] * weak.estimate.deviation
+        expected = lifting.scale[:, None, None] * lifting.estimate.deviation
+        np.testing.assert_allclose(deviation, expected)
+        return weak
+
+    refine_through_camera(lifting, scene.landmarks, look)
+
+
+def test_landmarks_of_true_depths_are_those_of_weak_perspective(scene, lifting):
+    S = scene.shapes - scene.shapes.mean(axis=2, keepdims=True)
+    t = scene.translation + scene.shapes.mean(axis=2)
+    scale = np.sqrt(scene.camera.focal.prod(axis=1)) / np.abs(t[:, 2])
+    view = replace(lifting.perspective, translation=t)
+    true = replace(lifting, scale=scale, estimate=replace(lifting.estimate, shapes=S),
+                   perspective=view)  # fmt: skip
+    exact = project(scene.camera, S + t[..., None])
+    seen = []
+
+    def look(weak, landmarks):
+        seen.append(landmarks)
+        np.testing.assert_allclose(landmarks, weak.shapes[:, :2], atol=1e-9 * scale.max())
+        return weak
+
+    back = refine_through_camera(true, exact, look)
+    assert len(seen) == 2
+    np.testing.assert_allclose(back.landmarks_fitted, exact)
+
+
+def test_without_a_camera_nothing_is_brought_anywhere(scene, lifting):
+    plain = replace(lifting, perspective=None)
+    kept = refine_through_camera(plain, scene.landmarks, lambda weak, w: (weak, w))
+    assert kept[0] is plain
+    assert kept[1] is scene.landmarks
