@@ -16,7 +16,7 @@ from shapefit.io.layout import LANDMARKS
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import is_stream
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.fit.run import default_track
+from shapefit.pipelines.fit import run as single
 from shapefit.pipelines.reading import input_options
 
 AT_A_TIME = 4096
@@ -57,7 +57,7 @@ def plan_parts(config: FitConfig) -> list[Part]:
     whole = METHODS[config.method].sequences
     parts: list[Part] = []
     holders: dict[str, Path] = {}
-    options = input_options(config.input, default_track(config))
+    options = input_options(config.input, single.default_track(config))
     for known, paths in group_inputs(config.landmarks, options):
         state = tuple((each.st_size, each.st_mtime_ns) for each in map(Path.stat, paths))
         rows: list[tuple[int, int] | None] = [None]
