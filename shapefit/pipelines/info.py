@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from shapefit.io.kinds.kind import find_kind
 from shapefit.io.kinds.results import read_results
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions
-from shapefit.io.skeletons import PEOPLE, people_joints
+from shapefit.io.skeletons import PEOPLE, SKELETONS, people_joints
 from shapefit.io.sources import is_stream, source_name
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.reading import input_options
@@ -93,7 +94,9 @@ def _told(
         if nameless and options.keypoints is None and len(fitting) > 1:
             hint = " or ".join(f"`--set keypoints={name}`" for name in fitting)
             title.append(("landmarks", f"{count} without names: say which with {hint}"))
-            return title, recording.notes
+            names = SKELETONS[fitting[0]].landmark_names
+            following = _following(kind, path, replace(options, keypoints="NAME"), names)
+            return [*title, ("go on with", following)], recording.notes
     opened = open_landmarks(paths, options) if kind == "landmarks" else None
     with opened or open_shapes(paths, options, gaps=True) as source:
         found = _Found()
@@ -166,7 +169,7 @@ def _of_result(path: Path) -> list[Line]:
         rate = result.frame_rate
         lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
     lines.append(("unit", result.unit if result.unit != UNKNOWN_UNIT else "not said"))
-    lines.append(("go on with", f"shapefit view {path}"))
+    lines.append(("go on with", f"shapefit view {_typed(path)}"))
     return lines
 
 
@@ -183,19 +186,26 @@ def _of_dictionary(path: Path) -> list[Line]:
     ]
     lines += [(key, text) for key, text in origin_of(dictionary)._asdict().items() if text]
     installed = {file: name for name, file in find_dictionaries().items()}
-    given = f"-c {installed[path]} -d {installed[path]}" if path in installed else f"-d {path}"
+    given = (
+        f"-c {installed[path]} -d {installed[path]}" if path in installed else f"-d {_typed(path)}"
+    )
     lines.append(("go on with", f"shapefit fit LANDMARKS {given} -o result.h5"))
     return lines
 
 
 def _following(kind: str, path: Path, options: InputOptions, names: Sequence[str]) -> str:
     """Return the command to go on with; for joints of people one that needs no dictionary."""
-    short = replace(options, rename={})
-    given = [f"--set keypoints={short.keypoints}"] if short.keypoints else []
-    given += [f"--set individual='{short.individual}'"] if short.individual else []
+    given = [f"--set keypoints={options.keypoints}"] if options.keypoints else []
+    given += [f"--set individual={shlex.quote(options.individual)}"] if options.individual else []
     more = "".join(f" {each}" for each in given)
     if kind == "landmarks":
         known = set(names) & set(PEOPLE) | set(people_joints(names))
         with_what = "-c people -d people" if len(known) >= FEWEST_JOINTS else "-d DICT.h5"
-        return f"shapefit fit {path} {with_what} -o result.h5{more}"
-    return f"shapefit learn-dict {path} -o dict.h5{more}"
+        return f"shapefit fit {_typed(path)} {with_what} -o result.h5{more}"
+    return f"shapefit learn-dict {_typed(path)} -o dict.h5{more}"
+
+
+def _typed(path: Path) -> str:
+    """Return a path as it is typed in a shell: relative to the working folder if it is inside."""
+    here = Path.cwd()
+    return shlex.quote(str(path.relative_to(here) if path.is_relative_to(here) else path))

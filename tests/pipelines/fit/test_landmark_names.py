@@ -26,6 +26,12 @@ def test_names_that_do_not_match_are_told_with_both_lists():
     assert line.endswith("name them alike: `rename: {lft_hip: lhip, ankle_l: lankle}`")
 
 
+def test_names_of_another_object_are_not_paired():
+    with pytest.raises(InputError, match="give a dictionary of such objects, or name") as caught:
+        check_enough(("snout", "leftear", "rightear", "tailbase"), PEOPLE, "here")
+    assert "leftear: " not in str(caught.value)
+
+
 def test_two_skeletons_are_told():
     own = (*SKELETONS["body_25"].landmark_names, *SKELETONS["coco_17"].landmark_names)
     with pytest.raises(InputError, match=r"RShoulder and right_shoulder are one joint.*separate"):
