@@ -116,7 +116,7 @@ def _find_folder_format(path: Path) -> FileFormat:
     for known in folders:
         if _load(known.recogniser)(path, b""):
             return known
-    looked = f", and it holds no {listed(known.title for known in folders)}" if folders else ""
+    looked = f", and holds none of these: {listed(known.title for known in folders)}"
     raise input_error(path, f"it is a folder{looked}", f"name the files in it, e.g. '{path}/*.h5'")
 
 

@@ -18,6 +18,7 @@ from shapefit.io.extras import Extras
 from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.foreign.names import fitting_skeletons
 from shapefit.io.foreign.opening import group_inputs, open_either
+from shapefit.io.formats import find_format
 from shapefit.io.kinds.kind import find_kind
 from shapefit.io.kinds.results import read_results
 from shapefit.io.layout import UNKNOWN_UNIT
@@ -36,6 +37,9 @@ CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 FEWEST_JOINTS = 6
 """Of people that landmarks are recognised by."""
 
+LISTED_FILES = 3
+"""Of one recording that a command names one by one."""
+
 Line = tuple[str, str]
 
 
@@ -53,13 +57,24 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
     notes: tuple[str, ...] = ()
     failures: list[Failure] = []
     problems: list[str] = []
+
+    def fail(path: Path, error: InputError) -> None:
+        problems.extend(error.problems)
+        failures.append(Failure(source_name(path), "; ".join(error.problems)))
+
+    known: list[Path] = []
     for path in config.files:
         try:
-            (group,) = group_inputs([path], options)
-            lines, warnings = _told(*group, options)
+            find_format(path, options.format)
         except InputError as error:
-            problems += error.problems
-            failures.append(Failure(source_name(path), "; ".join(error.problems)))
+            fail(path, error)
+        else:
+            known.append(path)
+    for form, paths in group_inputs(known, options):
+        try:
+            lines, warnings = _told(form, paths, options)
+        except InputError as error:
+            fail(paths[0], error)
         else:
             texts.append(_as_text(lines))
             notes += warnings
@@ -80,7 +95,8 @@ def _told(
     """Return what is said of one input, and warnings about it."""
     path = paths[0]
     kind = find_kind(path, options)
-    title = [("", source_name(path)), ("format", known.title)]
+    name = source_name(path) if len(paths) == 1 else f"{path.parent} ({len(paths):,} files)"
+    title = [("", name), ("format", known.title)]
     if kind == "dictionary":
         return title + _of_dictionary(path), ()
     if kind == "result":
@@ -95,7 +111,7 @@ def _told(
             hint = " or ".join(f"`--set keypoints={name}`" for name in fitting)
             title.append(("landmarks", f"{count} without names: say which with {hint}"))
             names = SKELETONS[fitting[0]].landmark_names
-            following = _following(kind, path, replace(options, keypoints="NAME"), names)
+            following = _following(kind, paths, replace(options, keypoints="NAME"), names)
             return [*title, ("go on with", following)], recording.notes
     opened = open_landmarks(paths, options) if kind == "landmarks" else None
     with opened or open_shapes(paths, options, gaps=True) as source:
@@ -103,7 +119,7 @@ def _told(
         for chunk in source.chunks(BLOCK):
             found.add(chunk)
         lines = title + _of_records(source.head, found, source.count, kind)
-        lines.append(("go on with", _following(kind, path, options, source.head.landmark_names)))
+        lines.append(("go on with", _following(kind, paths, options, source.head.landmark_names)))
         return lines, source.notes
 
 
@@ -193,16 +209,20 @@ def _of_dictionary(path: Path) -> list[Line]:
     return lines
 
 
-def _following(kind: str, path: Path, options: InputOptions, names: Sequence[str]) -> str:
+def _following(
+    kind: str, paths: Sequence[Path], options: InputOptions, names: Sequence[str]
+) -> str:
     """Return the command to go on with; for joints of people one that needs no dictionary."""
     given = [f"--set keypoints={options.keypoints}"] if options.keypoints else []
     given += [f"--set individual={shlex.quote(options.individual)}"] if options.individual else []
     more = "".join(f" {each}" for each in given)
+    files = [paths[0].parent / f"*{paths[0].suffix}"] if len(paths) > LISTED_FILES else paths
+    what = " ".join(map(_typed, files))
     if kind == "landmarks":
         known = set(names) & set(PEOPLE) | set(people_joints(names))
         with_what = "-c people -d people" if len(known) >= FEWEST_JOINTS else "-d DICT.h5"
-        return f"shapefit fit {_typed(path)} {with_what} -o result.h5{more}"
-    return f"shapefit learn-dict {_typed(path)} -o dict.h5{more}"
+        return f"shapefit fit {what} {with_what} -o result.h5{more}"
+    return f"shapefit learn-dict {what} -o dict.h5{more}"
 
 
 def _typed(path: Path) -> str:

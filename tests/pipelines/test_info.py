@@ -44,6 +44,16 @@ def test_landmarks():
     assert 0 < float(told["missing"].split("%")[0]) < 100
 
 
+def test_files_of_one_recording_are_one_input():
+    options = ("keypoints=body_25",)
+    files = sorted((SAMPLES / "openpose").glob("*.json"))
+    (outcome,) = run(load_config("info", None, options, {"files": files}))
+    assert outcome.note.startswith(f"{SAMPLES / 'openpose'} (36 files)")
+    told = lines(outcome.note)
+    assert told["images"] == "72"
+    assert "openpose/*.json' -c people -d people " in told["go on with"]
+
+
 def test_one_bad_file_does_not_stop_the_others(tmp_path):
     (tmp_path / "bad.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     outcome = info(tmp_path / "bad.h5", SAMPLES / "people_test.h5")

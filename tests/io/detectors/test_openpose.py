@@ -165,7 +165,7 @@ def test_a_video_or_an_empty_folder_is_told(tmp_path):
     with pytest.raises(InputError, match=r"walk.mp4: is a video.*file of landmarks"):
         read(path)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match=r"it is a folder, and it holds no .*OpenPose"):
+    with pytest.raises(InputError, match=r"it is a folder, and holds none of these: .*OpenPose"):
         read(tmp_path / "empty")
 
 
