@@ -40,7 +40,10 @@ def check_enough(own: Sequence[str], known: Sequence[str], place: str) -> None:
         f"dictionary, and {FEWEST_LANDMARKS} must be; the files have {', '.join(own)}; the "
         f"dictionary has {', '.join(known)}"
     )
-    pairs = _likely_pairs([name for name in own if name not in set(known)], known)
+    pairs = _likely_pairs(
+        [name for name in own if name not in set(known)],
+        [name for name in known if name not in set(own)],
+    )
     if len(matching) + len(pairs) >= FEWEST_LANDMARKS:
         raise input_error(place, found, f"name them alike: {_as_rename(pairs)}")
     fix = "give a dictionary of such objects, or name landmarks alike: `rename: {FILE: DICTIONARY}`"
@@ -59,7 +62,9 @@ def name_warnings(own: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
     """Say which landmarks stand for joints of the dictionary, and which are left out."""
     joints = find_joints(own, known)
     strange = find_strange(joints.rename(own), known)
-    return joints.notes + left_out_landmarks(strange, () if joints.names else known)
+    return joints.notes + left_out_landmarks(
+        strange, () if joints.names else [name for name in known if name not in set(own)]
+    )
 
 
 def left_out_landmarks(strange: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
