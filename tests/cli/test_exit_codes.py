@@ -95,7 +95,7 @@ def test_the_pipeline_is_closed_when_the_command_line_breaks_off(
 
     fake_pipeline("parts.run", [])
     monkeypatch.setattr(
-        sys.modules["shapefit.pipelines.fit.run"], "run", lambda _config: Outcomes()
+        sys.modules["shapefit.pipelines.parts.run"], "run", lambda _config: Outcomes()
     )
     monkeypatch.setattr("shapefit_cli.report.Report.add", lambda *_: 1 / 0)
     assert shapefit("fit", "-c", "fit.yaml").code == 3
