@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shapefit.core.stretches import on_threads
 from shapefit.lifting.posterior.posterior import Modes
-from shapefit.lifting.sequences.noise import find_haste, find_noise
+from shapefit.lifting.sequences.noise import LEAST_TURN, find_haste, find_noise, find_turn
 from shapefit.lifting.sequences.observations import Observations, observe
 from shapefit.lifting.sequences.smoothing import Model, smooth
 from shapefit.lifting.sequences.steady import steady
@@ -88,9 +88,9 @@ def refine_clips(
     """Points (n, 3, p), their deviations and correlations, and the noise (n,) of their sequence.
 
     All but correlations in the unit of the landmarks. nan in deviations, correlations and noise
-    where the inference is that of the images: one is alone or nearly so in its sequence, or the
-    sequence adds nothing (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but
-    steadied. Sequences are refined on `threads` threads, 0 means one per core; the results do not
+    where the inference is that of the images: one is alone or nearly so in its sequence, or its
+    bones hardly turn (`LEAST_TURN`) and no length is known, or the sequence contradicts the images
+    (`FARTHEST`). Then the points are but steadied. Sequences are refined on `threads` threads, 0 means one per core; the results do not
     depend on them.
     """
     unknown = np.full_like(clips.points, np.nan)
@@ -129,15 +129,21 @@ def refine_clip(
     rows = np.arange(clip.start, clip.stop)[finite]
     sd = clips.deviation[clip][there] / unit
     model = Model(motion.bones, acceleration**-2, motion.give, motion.known)
+    spread = np.full_like(seen.start, np.inf)
+    spread[there] = sd
+
+    def keep_off() -> None:
+        found.points[rows] = unit * steady(seen.start, spread, acceleration)[finite]
+
+    # Unknown lengths of bones that hardly turn fit what the images have wrong alike.
+    if motion.known is None and find_turn(seen, model) < LEAST_TURN:
+        return keep_off()
     sigma = find_noise(seen, model)
     smoothed = smooth(seen, model, sigma, deviations=True)
     assert smoothed.deviation is not None
     assert smoothed.correlation is not None
     if contradicts(seen.start[there], smoothed.points[there], sd):
-        spread = np.full_like(seen.start, np.inf)
-        spread[there] = sd
-        found.points[rows] = unit * steady(seen.start, spread, acceleration)[finite]
-        return
+        return keep_off()
     found.points[rows] = unit * smoothed.points[finite]
     found.deviation[rows] = unit * smoothed.deviation[finite]
     found.correlation[rows] = smoothed.correlation[finite]

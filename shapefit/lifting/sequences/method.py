@@ -14,6 +14,7 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.posterior.method import CORRELATION, lift_to_posterior
 from shapefit.lifting.sequences.clips import Clips, Motion, refine_clips
+from shapefit.lifting.sequences.common_error import add_common_error
 from shapefit.lifting.sequences.observations import MOST_MODES
 
 Floats = NDArray[np.float64]
@@ -64,15 +65,17 @@ def refine_lifting(
     )
     points, deviation, correlation, noise = refine_clips(clips, sequences, motion, threads)
     single = np.isnan(noise)[:, None, None]
-    mixed = correlation.swapaxes(1, 2).astype(np.float32)
     scaled = np.sqrt(widening) * deviation / lifting.scale[:, None, None]
+    images = (own, own_mixed.swapaxes(1, 2).astype(np.float64))
+    bars, correlation = add_common_error((scaled, correlation), images)
+    mixed = correlation.swapaxes(1, 2).astype(np.float32)
     return replace(
         lifting,
         shapes=points,
         landmarks_fitted=points[:, :2].copy(),
         estimate=replace(
             found,
-            deviation=np.where(single, own, scaled),
+            deviation=np.where(single, own, bars),
             covariance=None,
             posterior_modes=None,
             further={
