@@ -78,6 +78,48 @@ def test_shapes_move_and_have_deviations(people):
     np.testing.assert_array_equal(whole.landmarks_fitted, whole.shapes[:, :2])
 
 
+def test_error_bars_keep_what_frames_have_in_common(people):
+    single, _ = fitted(people, people / "views.h5", method="posterior")
+    whole, _ = fitted(people, people / "views.h5")
+    refined = np.isfinite(whole.extras["sequence_noise"])
+    assert refined.any()
+    assert (whole.shape_sd[refined] > 0.4 * single.shape_sd[refined]).all()
+    np.testing.assert_allclose(whole.shape_sd[~refined], single.shape_sd[~refined], rtol=1e-5)
+
+
+def test_a_body_that_hardly_turns_is_but_steadied(people, project, tmp_path):
+    images = images_of(people / "views.h5").take([7] * 24)
+    jitter = 0.01 * np.random.default_rng(2).standard_normal(images.landmarks.shape)
+    size = np.ptp(images.landmarks[0], axis=1).max()
+    still = replace(
+        images,
+        landmarks=images.landmarks + size * jitter,
+        items=tuple(map(str, range(24))),
+        sequences=("still",) * 24,
+    )
+    path = written(tmp_path / "still.h5", still)
+    single, _ = fitted(people, path, method="posterior")
+    whole, _ = fitted(people, path)
+    assert np.isnan(whole.extras["sequence_noise"]).all()
+    np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
+    jumps = [np.abs(np.diff(each.shapes, axis=0)).mean() for each in (single, whole)]
+    assert jumps[1] < 0.9 * jumps[0]
+    known = {"lengths": project / "sample_data/people_test.h5"}
+    measured, _ = fitted(people, path, sequences=known)
+    assert np.isfinite(measured.extras["sequence_noise"]).all()
+
+
+def test_the_program_that_sequences_start_from_is_proved(people):
+    fitted(people, people / "views.h5")
+    request = verify.Request(people / "result.h5", people / "dictionary.h5", ())
+    assert not any(outcome.failures for outcome in verify.run(request))
+    with h5py.File(people / "result.h5", "r+") as file:
+        file["dual"][3] *= 0.9
+    failures = [failure for outcome in verify.run(request) for failure in outcome.failures]
+    assert len(failures) == 1
+    assert "the convex gap" in failures[0].reason
+
+
 def test_sequences_of_one_image_are_single_images(people, tmp_path):
     images = images_of(people / "views.h5").take(slice(0, 20))
     alone = replace(images, sequences=tuple(map(str, range(20))))
