@@ -90,14 +90,14 @@ def refine_clips(
     All but correlations in the unit of the landmarks. nan in deviations, correlations and noise
     where the inference is that of the images: one is alone or nearly so in its sequence, or its
     bones hardly turn (`LEAST_TURN`) and no length is known, or the sequence contradicts the images
-    (`FARTHEST`). Then the points are but steadied. Sequences are refined on `threads` threads, 0 means one per core; the results do not
-    depend on them.
+    (`FARTHEST`). Then the points are but steadied. Sequences are refined on `threads` threads, 0
+    means one per core; the results do not depend on them.
     """
     unknown = np.full_like(clips.points, np.nan)
     noise = np.full(len(clips.points), np.nan)
     found = Refined(clips.points.copy(), unknown, unknown.copy(), noise)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
-    known = finite & (np.sqrt((clips.deviation**2).mean(axis=(1, 2))) < WIDEST * clips.scale)
+    known = says_something(clips)
     clips = replace(
         clips,
         scale=np.where(known, clips.scale, np.nan),
@@ -112,6 +112,14 @@ def refine_clips(
 
     on_threads(long, refine, threads)
     return found.points, found.deviation, found.correlation, found.noise
+
+
+def says_something(clips: Clips) -> NDArray[np.bool_]:
+    """Which images (n,) have a posterior that is not wider than `WIDEST`."""
+    finite = np.isfinite(clips.points).all(axis=(1, 2))
+    width = np.sqrt((clips.deviation**2).mean(axis=(1, 2)))
+    known: NDArray[np.bool_] = finite & (width < WIDEST * clips.scale)
+    return known
 
 
 def refine_clip(
@@ -137,13 +145,15 @@ def refine_clip(
 
     # Unknown lengths of bones that hardly turn fit what the images have wrong alike.
     if motion.known is None and find_turn(seen, model) < LEAST_TURN:
-        return keep_off()
+        keep_off()
+        return
     sigma = find_noise(seen, model)
     smoothed = smooth(seen, model, sigma, deviations=True)
     assert smoothed.deviation is not None
     assert smoothed.correlation is not None
     if contradicts(seen.start[there], smoothed.points[there], sd):
-        return keep_off()
+        keep_off()
+        return
     found.points[rows] = unit * smoothed.points[finite]
     found.deviation[rows] = unit * smoothed.deviation[finite]
     found.correlation[rows] = smoothed.correlation[finite]

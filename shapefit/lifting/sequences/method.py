@@ -13,8 +13,8 @@ from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.posterior.method import CORRELATION, lift_to_posterior
-from shapefit.lifting.sequences.clips import Clips, Motion, refine_clips
-from shapefit.lifting.sequences.common_error import add_common_error
+from shapefit.lifting.sequences.clips import Clips, Motion, parts, refine_clips, says_something
+from shapefit.lifting.sequences.common_error import add_common_error, nearest_known
 from shapefit.lifting.sequences.observations import MOST_MODES
 
 Floats = NDArray[np.float64]
@@ -66,7 +66,8 @@ def refine_lifting(
     points, deviation, correlation, noise = refine_clips(clips, sequences, motion, threads)
     single = np.isnan(noise)[:, None, None]
     scaled = np.sqrt(widening) * deviation / lifting.scale[:, None, None]
-    images = (own, own_mixed.swapaxes(1, 2).astype(np.float64))
+    rows = nearest_known(says_something(clips), parts(sequences))
+    images = (own[rows], own_mixed[rows].swapaxes(1, 2).astype(np.float64))
     bars, correlation = add_common_error((scaled, correlation), images)
     mixed = correlation.swapaxes(1, 2).astype(np.float32)
     return replace(

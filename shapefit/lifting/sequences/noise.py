@@ -20,7 +20,8 @@ FIRST = 3
 """The level that is tried first."""
 
 LEAST_TURN = 0.3
-"""How much bones must turn, see `find_turn`, before a sequence shows their lengths and the noise."""
+"""How much bones must turn, see `find_turn`, before a sequence shows lengths and
+noise."""
 
 SHARED = 20.0
 """How much larger a landmark's constant error may be than what is left of it in the residuals: most

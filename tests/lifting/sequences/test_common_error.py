@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from shapefit.evaluation.calibration import cumulative, mahalanobis
-from shapefit.lifting.sequences.common_error import PAIRS, SHARE, add_common_error
+from shapefit.lifting.sequences.common_error import (
+    PAIRS,
+    SHARE,
+    add_common_error,
+    nearest_known,
+)
 from shapefit.lifting.sequences.observations import observe
 from shapefit.lifting.sequences.smoothing import Model, smooth
 
@@ -39,6 +44,12 @@ def test_what_is_known_exactly_has_no_correlation():
     deviation, correlation = add_common_error(nothing, nothing)
     assert not deviation.any()
     assert not correlation.any()
+
+
+def test_an_image_that_says_nothing_has_the_bars_of_its_neighbour():
+    known = np.array([1, 0, 0, 0, 1, 0, 0, 0, 1], dtype=bool)
+    clips = (slice(0, 5), slice(5, 7), slice(7, 9))
+    assert nearest_known(known, clips).tolist() == [0, 0, 0, 4, 4, 5, 6, 8, 8]
 
 
 def test_planted_errors_in_common_are_covered(rng):
