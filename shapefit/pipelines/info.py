@@ -21,6 +21,7 @@ from shapefit.io.kinds.kind import find_kind
 from shapefit.io.kinds.results import read_results
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions
+from shapefit.io.skeletons import PEOPLE, people_joints
 from shapefit.io.sources import is_stream, source_name
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.reading import input_options
@@ -30,6 +31,9 @@ BLOCK = 16384
 
 CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 """Datasets that say how the camera saw the landmarks."""
+
+FEWEST_JOINTS = 6
+"""Of people that landmarks are recognised by."""
 
 Line = tuple[str, str]
 
@@ -96,7 +100,7 @@ def _told(
         for chunk in source.chunks(BLOCK):
             found.add(chunk)
         lines = title + _of_records(source.head, found, source.count, kind)
-        lines.append(("go on with", _following(kind, path, options, found)))
+        lines.append(("go on with", _following(kind, path, options, source.head.landmark_names)))
         return lines, source.notes
 
 
@@ -184,12 +188,14 @@ def _of_dictionary(path: Path) -> list[Line]:
     return lines
 
 
-def _following(kind: str, path: Path, options: InputOptions, found: _Found) -> str:
-    """Return the command to go on with."""
+def _following(kind: str, path: Path, options: InputOptions, names: Sequence[str]) -> str:
+    """Return the command to go on with; for joints of people one that needs no dictionary."""
     short = replace(options, rename={})
     given = [f"--set keypoints={short.keypoints}"] if short.keypoints else []
     given += [f"--set individual='{short.individual}'"] if short.individual else []
     more = "".join(f" {each}" for each in given)
     if kind == "landmarks":
-        return f"shapefit fit {path} -d DICT.h5 -o result.h5{more}"
+        known = set(names) & set(PEOPLE) | set(people_joints(names))
+        with_what = "-c people -d people" if len(known) >= FEWEST_JOINTS else "-d DICT.h5"
+        return f"shapefit fit {path} {with_what} -o result.h5{more}"
     return f"shapefit learn-dict {path} -o dict.h5{more}"

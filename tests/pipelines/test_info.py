@@ -56,3 +56,18 @@ def test_only_bad_files_are_an_error(tmp_path):
     (tmp_path / "bad.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     with pytest.raises(InputError, match=r"bad\.h5"):
         info(tmp_path / "bad.h5")
+
+
+def test_people_need_no_dictionary_of_their_own():
+    options = ("keypoints=body_25",)
+    config = load_config("info", None, options, {"files": [SAMPLES / "openpose"]})
+    (outcome,) = run(config)
+    told = lines(outcome.note)
+    assert told["frames"] == "36"
+    assert told["images"] == "72"
+    assert told["go on with"].endswith("-c people -d people -o result.h5 --set keypoints=body_25")
+
+
+def test_landmarks_without_names_are_no_error():
+    told = lines(info(SAMPLES / "openpose").note)
+    assert "`--set keypoints=body_25` or `--set keypoints=body_25b`" in told["landmarks"]

@@ -77,7 +77,9 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         convex_proof=ConvexProof.of(solution),
         further={
             "log_evidence": found.log_evidence,
-            "plausibility": find_plausibility(found.surprise, seen.sum(axis=1)),
+            "plausibility": find_plausibility(
+                found.surprise, seen.sum(axis=1), np.where(seen, found.belief, 0.0).sum(axis=1)
+            ),
             "belief": np.where(seen, found.belief, np.nan),
             CORRELATION: found.correlation.swapaxes(1, 2).astype(np.float32),
         },

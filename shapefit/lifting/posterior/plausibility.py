@@ -11,17 +11,25 @@ VIEWED = 6
 """Numbers of a view: rotation, scale, translation; they take up as many of the 2 m coordinates."""
 
 
-def find_plausibility(surprise: Floats, seen: NDArray[np.integer]) -> Floats:
+FEWEST_BELIEVED = 3.0
+"""Landmarks that fix a view; with fewer that are not gross an image says nothing."""
+
+
+def find_plausibility(surprise: Floats, seen: NDArray[np.integer], believed: Floats) -> Floats:
     """P(chi^2 > surprise) with 2 m - 6 degrees of freedom for m seen landmarks; (n,).
+
+    believed (n,) is the expected number of seen landmarks that are not gross.
 
     The surprise is the squared Mahalanobis distance of the landmarks from those expected, averaged
     over the modes, and a price for every gross landmark. Few landmarks have few degrees of
     freedom, so that the p-value does not depend on how many are seen. It is 1 where 3 are seen or
-    fewer: any three landmarks fit. nan where there is no posterior.
+    fewer: any three landmarks fit. It is 0 where more are seen, but fewer than 3 believed. nan
+    where there is no posterior.
     """
     from scipy.special import chdtrc
 
     freedom = 2.0 * np.asarray(seen) - VIEWED
     some = freedom > 0
     p: Floats = np.where(some, chdtrc(np.where(some, freedom, 1.0), surprise), 1.0)
+    p = np.where(some & (believed < FEWEST_BELIEVED), 0.0, p)
     return np.where(np.isnan(surprise), np.nan, p)

@@ -9,6 +9,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
+from shapefit.io.motion import c3d as reader
 from shapefit.io.motion.c3d import by_subject
 
 
@@ -97,3 +98,17 @@ def test_damaged_parameters_are_refused_before_ezc3d_sees_them(c3d):
         path.write_bytes(whole[:place] + bytes([wrong]) + whole[place + 1 :])
         with pytest.raises(InputError, match="parameters are damaged"):
             read(path)
+
+
+def test_a_negative_residual_is_missing_whatever_the_point(c3d, monkeypatch):
+    """Of ezc3d such points are not numbers; another version may leave what stood there."""
+    path, points = c3d()
+    file = reader._read(path)
+    file["data"]["points"][:3, 0, 1] = 7.0
+    residuals = np.array(file["data"]["meta_points"]["residuals"])
+    residuals[0, 0, 1] = -1.0
+    file["data"]["meta_points"]["residuals"] = residuals
+    monkeypatch.setattr(reader, "_read", lambda _: file)
+    shapes, _ = read(path)
+    assert np.isnan(shapes.shapes[1, :, 0]).all()
+    np.testing.assert_allclose(shapes.shapes[0], points[0] / 1000, rtol=1e-6)
