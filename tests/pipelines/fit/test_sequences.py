@@ -87,6 +87,24 @@ def test_error_bars_keep_what_frames_have_in_common(people):
     np.testing.assert_allclose(whole.shape_sd[~refined], single.shape_sd[~refined], rtol=1e-5)
 
 
+@pytest.mark.parametrize("camera", ["none", "perspective"])
+def test_covariances_agree_with_deviations_and_correlations(people, tmp_path, camera):
+    keys = {"model": camera, "focal": 1e6, "principal_point": [0.0, 0.0]}
+    keys = {"camera": keys} if camera == "perspective" else {}
+    images = images_of(people / "views.h5")
+    first = np.flatnonzero(np.array(images.sequences) == images.sequences[0])
+    path = written(tmp_path / "first.h5", images.take(first))
+    found, _ = fitted(people, path, posterior={"covariance": True}, **keys)
+    assert np.isfinite(found.extras["sequence_noise"]).any()
+    n, p, _ = found.extras["shape_correlation"].shape
+    own = np.einsum("njajb->njab", found.extras["shape_covariance"].reshape(n, p, 3, p, 3))
+    sd = np.sqrt(np.einsum("njaa->naj", own))
+    np.testing.assert_allclose(sd, found.shape_sd, rtol=1e-6)
+    for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
+        mixed = own[:, :, a, b] / (sd[:, a] * sd[:, b])
+        np.testing.assert_allclose(mixed, found.extras["shape_correlation"][:, :, row], atol=1e-5)
+
+
 def test_a_body_that_hardly_turns_is_but_steadied(people, project, tmp_path):
     images = images_of(people / "views.h5").take([7] * 24)
     jitter = 0.01 * np.random.default_rng(2).standard_normal(images.landmarks.shape)
