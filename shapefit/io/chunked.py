@@ -62,16 +62,22 @@ class ChunkedSource(ABC, Generic[Record, File]):
         return tuple(note for file in self._files for note in file.notes)
 
     def chunks(self, size: int) -> Iterator[Record]:
-        """Give out the items in order, `size` at a time (fewer in the last chunk of a file).
-
-        No chunk holds items of two files, so that what is made of a file does not depend on those
-        before it.
+        """Give out the items in order, `size` at a time (fewer in the last chunk).
 
         A source without items gives one empty set, so that what is made of it can be written.
         """
         if size < 1:
             raise ValueError(f"size must be at least 1, not {size}")
         chunks = self._read(size)
+        self._running.append(chunks)
+        return chunks
+
+    def file_chunks(self, size: int) -> Iterator[Record]:
+        """Give out the items like `chunks`, but none of two files together.
+
+        So what is made of a file does not depend on those before it.
+        """
+        chunks = self._read_files(size)
         self._running.append(chunks)
         return chunks
 
@@ -92,6 +98,20 @@ class ChunkedSource(ABC, Generic[Record, File]):
             chunks.close()
 
     def _read(self, size: int) -> Generator[Record, None, None]:
+        parts: list[Record] = []
+        held = 0
+        for part in self._read_files(size):
+            while held + len(part) > size:
+                room = size - held
+                yield concatenate([*parts, part.take(slice(0, room))])
+                part = part.take(slice(room, None))
+                parts, held = [], 0
+            parts.append(part)
+            held += len(part)
+        if parts:
+            yield concatenate(parts)
+
+    def _read_files(self, size: int) -> Generator[Record, None, None]:
         if self.count == 0:
             yield self.head
         for file in self._files:

@@ -170,7 +170,7 @@ def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkS
     """
     if METHODS[config.method].sequences:
         return whole_sequences(map(with_sequences, source.chunks(READ_AHEAD)))
-    return source.chunks(math.ceil(config.chunk / STRETCH) * STRETCH)
+    return source.file_chunks(math.ceil(config.chunk / STRETCH) * STRETCH)
 
 
 def with_sequences(images: LandmarkSet) -> LandmarkSet:

@@ -48,7 +48,7 @@ def test_a_missing_file(reader, tmp_path, problems):
 
 
 def test_a_folder(reader, tmp_path, problems):
-    assert "it is a folder; name the files in it" in problems(reader, tmp_path)[0]
+    assert "it is a folder" in problems(reader, tmp_path)[0]
 
 
 def test_an_empty_file(reader, tmp_path, problems):
