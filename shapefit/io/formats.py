@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from shapefit.errors import InputError, input_error, listed
+from shapefit.errors import input_error, listed
 from shapefit.io.detectors import table as detectors
 from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.motion import table as motion
@@ -95,8 +95,11 @@ def find_format(path: Path, name: str = "auto") -> FileFormat:
     if HDF5.has_suffix(path):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
+    other = _load("shapefit.io.foreign.unknown:stranger")(path, head)
+    if other is not None:
+        raise other
     if b"\0" in head and not CSV.has_suffix(path):
-        raise _unknown(path, head)
+        raise _load("shapefit.io.foreign.unknown:unknown")(path, FORMATS.values())
     if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"["):
         raise _load("shapefit.io.detectors.json_text:unknown_json")(path, head)
     return CSV
@@ -116,21 +119,8 @@ def _find_folder_format(path: Path) -> FileFormat:
     for known in folders:
         if _load(known.recogniser)(path, b""):
             return known
-    looked = f", and it holds no {listed(known.title for known in folders)}" if folders else ""
+    looked = f", and holds none of these: {listed(known.title for known in folders)}"
     raise input_error(path, f"it is a folder{looked}", f"name the files in it, e.g. '{path}/*.h5'")
-
-
-def _unknown(path: Path, head: bytes) -> InputError:
-    """Return the error for a binary file that is in no known format."""
-    if head[4:8] in (b"ftyp", b"moov", b"mdat") or head[:4] in (b"RIFF", b"\x1aE\xdf\xa3"):
-        found = "is a video, or a part of one"
-        return input_error(path, found, "give the file of landmarks that a detector made of it")
-    if head.startswith((b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"BM")):
-        return input_error(path, "is an image", "give the file of landmarks found in it")
-    near = next((known for known in FORMATS.values() if known.has_suffix(path)), None)
-    fix = f"it is named like {near.title}, but does not begin like one; " if near else ""
-    known = listed(each.title for each in FORMATS.values() if each.readers or each.recorder)
-    return input_error(path, "is of no known format", f"{fix}known are {known}")
 
 
 def find_reader(path: Path, kind: str) -> Callable[..., Any]:

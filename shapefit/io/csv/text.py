@@ -97,6 +97,14 @@ class CsvText:
         wanted = ",".join(required) + "".join(f"[,{column}]" for column in optional)
         known = {*required, *optional}
         place = f"{self.name}:1"
+        if not known & set(columns) and len(columns) == 1:
+            for letter, name in ((";", "semicolons"), ("\t", "tabs")):
+                if letter in columns[0] and not known & set(columns[0].split(letter)):
+                    fix = "save it with commas between the cells, and with decimal points"
+                    raise input_error(place, f"separates its cells by {name}", fix)
+        if "frame_idx" in columns and "item" not in columns:
+            fix = "give the .slp file, or export the analysis HDF5 file of SLEAP"
+            raise input_error(place, "is one of SLEAP's tables, which are not read", fix)
         if not known & set(columns):
             fix = f"write the header {wanted}, with commas"
             raise input_error(place, f"the header is '{self._first_line.strip()[:80]}'", fix)

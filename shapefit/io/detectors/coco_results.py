@@ -55,7 +55,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     names = labels_of(order)
     detections.labels = [names[frame] for frame in detections.frames]
     values = detections.values(str(path))
-    confidence, notes = _scaled(values[..., 2], order)
+    confidence, notes = scaled(values[..., 2], order)
     return as_recording(
         detections,
         values,
@@ -79,7 +79,7 @@ def labels_of(images: list[Any]) -> list[str]:
     return short if len(set(short)) == len(short) else texts
 
 
-def _scaled(confidence: Floats, images: list[Any]) -> tuple[Floats, tuple[str, ...]]:
+def scaled(confidence: Floats, images: list[Any]) -> tuple[Floats, tuple[str, ...]]:
     """Bring AlphaPose's confidences, of COCO's models, to 0..1."""
     named = all(isinstance(image, str) for image in images)
     if not named or not confidence.size or not np.nanmax(confidence, initial=0) > SURELY_NOT_OF_1:

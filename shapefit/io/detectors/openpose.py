@@ -42,14 +42,14 @@ def record(paths: tuple[Path, ...]) -> Recording:
     files = frame_files(paths, folder.resolve().name)
     for path, video, frame, label in files:
         contents = read_json(path)
-        people = _people(contents)
+        people = people_of(contents)
         if people is None:
             strange.append(path.name)
             continue
         for person in people:
             if not isinstance(person, dict):
                 raise input_error(path, "a person that is no object", "check what wrote the file")
-            detections.numbers.append(_keypoints(person, path))
+            detections.numbers.append(keypoints_of(person, path))
             detections.frames.append(frame)
             detections.labels.append(label)
             detections.identities.append(person.get("person_id"))
@@ -78,7 +78,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     )
 
 
-def _people(contents: Any) -> Sequence[Any] | None:
+def people_of(contents: Any) -> Sequence[Any] | None:
     """Return the people of a frame; None where the file is not of this kind."""
     if not isinstance(contents, dict):
         return None
@@ -91,7 +91,8 @@ def _people(contents: Any) -> Sequence[Any] | None:
     return () if contents.keys() <= {"version", "part_candidates"} else None
 
 
-def _keypoints(person: dict[str, Any], path: Path) -> list[float]:
+def keypoints_of(person: dict[str, Any], path: Path) -> list[float]:
+    """Return x, y and confidence of each landmark of a person, as they stand in the file."""
     found: Any = next((person[key] for key in POSE if person.get(key) is not None), [])
     if not isinstance(found, list):
         raise input_error(path, "keypoints that are no list", "check what wrote the file")

@@ -7,6 +7,13 @@ from shapefit.io.foreign.file_format import FileFormat
 _ROOM = "shapefit.io.detectors"
 
 FORMATS: dict[str, FileFormat] = {
+    "alphapose-json": FileFormat(
+        title="an AlphaPose file of all images",
+        suffixes=(".json",),
+        recogniser=f"{_ROOM}.alphapose:is_alphapose",
+        recorder=f"{_ROOM}.alphapose:record",
+        records=("landmarks",),
+    ),
     "caliscope-csv": FileFormat(
         title="a caliscope CSV",
         suffixes=(".csv",),

@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, Self
 
 import h5py
@@ -18,6 +17,7 @@ from shapefit.io.extras import Extras, is_per_item
 from shapefit.io.formats import HDF5, find_format
 from shapefit.io.hdf5.pieces import read_rows
 from shapefit.io.hdf5.sizes import Stored, size_in_memory
+from shapefit.io.hdf5.strangers import stranger
 from shapefit.io.layout import (
     AXES,
     PER_ITEM_FLAG,
@@ -68,12 +68,7 @@ class Hdf5Reader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self._file.close()
 
     @property
@@ -268,8 +263,9 @@ class Hdf5Reader:
                 raise input_error(place, "is not UTF-8 text, or has a zero byte", fix)
         found = self._root.get("format")
         if found is None:
-            fix = f"set it to {self.form.name} if the file has that layout"
-            raise input_error(self.path, "has no root attribute format", fix)
+            with self._damage():
+                wrong = stranger(self._file, self.form.name)
+            raise input_error(self.path, *wrong)
         if found != self.form.name:
             raise input_error(self.path, f"is a {found} file", f"give a {self.form.name} file")
         version = self._root.get("version")

@@ -54,16 +54,20 @@ def hdf5_form(path: Path) -> Format:
     """Return the layout that an HDF5 file says it has. Raises InputError where it is not ours."""
     import h5py
 
+    from shapefit.io.hdf5.strangers import stranger
+
     try:
         with h5py.File(path, "r") as file:
             stated = file.attrs.get("format")
+            wrong = stranger(file) if stated is None else None
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
         found = f"cannot be read ({str(error).partition(chr(10))[0]})"
         fix = "the file may be cut off or damaged: copy or make it again"
         raise input_error(path, found, fix) from error
+    if wrong is not None:
+        raise input_error(path, *wrong)
     name = stated.decode("utf-8", "replace") if isinstance(stated, bytes | np.bytes_) else stated
     if not isinstance(name, str) or name not in FORMS:
-        named = f"is a {name} file" if isinstance(name, str) else "has a format that is no text"
-        found = "has no root attribute format" if name is None else named
+        found = f"is a {name} file" if isinstance(name, str) else "has a format that is no text"
         raise input_error(path, found, f"give one of {', '.join(FORMS)}")
     return FORMS[name]

@@ -38,6 +38,9 @@ PLAIN = b"0123456789+-.eE,\nnaN"
 
 MISSING = re.compile(rb"(?<=,)(?:nan|NaN|NAN)(?=[,\n])")
 
+ABSENT = {"NA", "N/A", "#N/A", "NULL", "null", "None"}
+"""Cells that pandas takes for missing, besides those of nan."""
+
 FIX = "write a number, or leave the cell empty where the landmark is missing"
 
 
@@ -195,6 +198,9 @@ class _Table:
         values = np.full((len(lines), self._width), np.nan)
         for column in self._columns.tolist():
             numbers = read_numbers(columns[column])
+            if numbers.strange.any():
+                cells = ["" if cell.strip() in ABSENT else cell for cell in columns[column]]
+                numbers = read_numbers(cells)
             values[:, column] = numbers.values
             self._tell(problems, column, lines, columns[column], numbers.strange)
         return _Rows(self._labels(columns, lines), values, lines)

@@ -324,3 +324,12 @@ def test_a_line_of_which_only_the_beginning_is_seen_decides_nothing(tmp_path):
     assert is_deeplabcut_csv(tmp_path, b"scorer,a,a\nindividuals,b,b\nbodyp")
     assert is_deeplabcut_csv(tmp_path, b"scorer,a")
     assert not is_deeplabcut_csv(tmp_path, b"scorer,points\nme,3\nyou,4\n")
+
+
+def test_cells_that_pandas_takes_for_missing(tmp_path, read):
+    path = tmp_path / "walk.csv"
+    lines = ["scorer,s,s,s,s", "bodyparts,a,a,b,b", "coords,x,y,x,y", "0,1,2,NA,N/A", "1,3,4,5,6"]
+    path.write_text("\n".join(lines) + "\n")
+    found = read(path).landmarks
+    assert np.isnan(found[0, :, 1]).all()
+    assert found[1].T.tolist() == [[3, 4], [5, 6]]

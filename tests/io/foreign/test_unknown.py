@@ -1,0 +1,108 @@
+"""Files that are no recordings: each is named for what it is, in one line."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import lzma
+import pickle
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.errors import InputError
+from shapefit.io import open_landmarks
+from shapefit.io.kinds.kind import find_kind
+
+TEXT = b"scorer,a,a,a\nbodyparts,nose,nose,nose\ncoords,x,y,likelihood\n0,1,2,0.5\n"
+
+
+def archive() -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as packed:
+        packed.writestr("archive/data.pkl", pickle.dumps({"weight": 1}))
+    return file.getvalue()
+
+
+def array() -> bytes:
+    file = io.BytesIO()
+    np.save(file, np.zeros((3, 4, 2)))
+    return file.getvalue()
+
+
+def refusal(path) -> str:
+    with pytest.raises(InputError) as error, open_landmarks([path]):
+        pass
+    text = str(error.value)
+    assert text.startswith(str(path))
+    assert "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize("name", ["walk.json", "walk.csv", "walk.csv.gz", "walk"])
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (gzip.compress(TEXT), "is compressed by gzip; unpack it first"),
+        (bz2.compress(TEXT), "is compressed by bzip2; unpack it first"),
+        (lzma.compress(TEXT), "is compressed by xz; unpack it first"),
+        (archive(), "is a zip archive, as models of PyTorch"),
+        (array(), "is an array of NumPy"),
+        (pickle.dumps({"weight": 1}, 2), "is a pickle of Python"),
+        (pickle.dumps({"weight": 1}, 5), "is a pickle of Python"),
+        (b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM", "is a file of MATLAB"),
+        (b"CDF\2" + bytes(60), "is netCDF 3; write it as netCDF 4"),
+    ],
+)
+def test_files_of_another_kind(tmp_path, name, content, found):
+    path = tmp_path / name
+    path.write_bytes(content)
+    assert found in refusal(path)
+
+
+@pytest.mark.parametrize("start", ["CDF", "BZh", "RIFF", "MATLAB ", "BM"])
+def test_text_with_such_a_beginning_is_text(tmp_path, start):
+    path = tmp_path / "walk.csv"
+    path.write_text(f"{start}é,b\n1,2\n", encoding="utf-8")
+    assert "the header is" in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("scorer;a;a;a", "separates its cells by semicolons; save it with commas"),
+        ("scorer\ta\ta\ta", "separates its cells by tabs; save it with commas"),
+        ("track,frame_idx,instance.score,nose.x,nose.y,nose.score", "is one of SLEAP's tables"),
+    ],
+)
+def test_tables_of_another_kind(tmp_path, line, found):
+    path = tmp_path / "walk.csv"
+    path.write_text(f"{line}\n")
+    assert found in refusal(path)
+
+
+def test_json_of_mediapipe(tmp_path):
+    path = tmp_path / "walk.json"
+    path.write_text('{"pose_landmarks": [[{"x": 0.1, "y": 0.2, "z": 0.3, "visibility": 1}]]}')
+    assert "it looks like MediaPipe's" in refusal(path)
+
+
+def test_hdf5_of_another_kind_says_what_was_looked_for(tmp_path):
+    path = tmp_path / "poses.h5"
+    with h5py.File(path, "w") as file:
+        file["data"] = np.zeros((3, 3, 4))
+    text = refusal(path)
+    assert "and holds data" in text
+    for name in ("shapefit-landmarks", "DeepLabCut", "SLEAP", "JABS", "NWB", "movement"):
+        assert name in text
+    with pytest.raises(
+        InputError, match=r"holds data; give a file of DeepLabCut.*or a file of shapefit"
+    ):
+        find_kind(path)
+    with h5py.File(path, "a") as file:
+        file.attrs["keras_version"] = "2.15"
+        file.create_group("model_weights")
+    assert "it is a model of Keras" in refusal(path)
