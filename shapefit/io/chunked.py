@@ -97,7 +97,8 @@ class ChunkedSource(ABC, Generic[Record, File]):
         for part in self._read_files(size):
             while held + len(part) > size:
                 room = size - held
-                yield concatenate([*parts, part.take(slice(0, room))])
+                parts.append(part.take(slice(0, room)))
+                yield concatenate(parts)
                 part = part.take(slice(room, None))
                 parts, held = [], 0
             parts.append(part)
