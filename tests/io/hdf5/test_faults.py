@@ -48,7 +48,9 @@ def test_a_missing_file(reader, tmp_path, problems):
 
 
 def test_a_folder(reader, tmp_path, problems):
-    assert "it is a folder" in problems(reader, tmp_path)[0]
+    (line,) = problems(reader, tmp_path)
+    assert line.startswith(f"{tmp_path}: it is a folder")
+    assert f"; name the files in it, e.g. '{tmp_path}/*.h5'" in line
 
 
 def test_an_empty_file(reader, tmp_path, problems):
