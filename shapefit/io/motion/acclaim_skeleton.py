@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapefit.errors import abbreviate, input_error
 from shapefit.geometry.rotations import turns
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.motion.text import read_blocks
+from shapefit.io.motion.text import read_blocks, read_words
 
 Floats = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def read_skeleton(path: Path) -> Skeleton:
     if not others:
         raise input_error(path, "has no bones", "give a whole ASF file")
     parents, walk = _tree(bones, links, path)
-    (length,) = _numbers([units.get("length", "1")], 1, f"{path}: length")
+    (length,) = read_words([units.get("length", "1")], 1, f"{path}: length")
     if length <= 0:
         raise input_error(path, f"has the unit of length {length:g}", "give a number > 0")
     scale, unit = (1.0, UNKNOWN_UNIT) if length == 1 else (INCH / length, "m")
@@ -92,8 +92,8 @@ def read_skeleton(path: Path) -> Skeleton:
 def _root(block: dict[str, list[str]], path: Path, degrees: bool) -> Bone:
     place = f"{path}: root"
     order = block.get("order", ["TX", "TY", "TZ", "RX", "RY", "RZ"])
-    position = _numbers(block.get("position", ["0"] * 3), 3, place)
-    angles = _numbers(block.get("orientation", ["0"] * 3), 3, place)
+    position = read_words(block.get("position", ["0"] * 3), 3, place)
+    angles = read_words(block.get("orientation", ["0"] * 3), 3, place)
     axes = (block.get("axis") or ["XYZ"])[0]
     return Bone(
         ROOT, np.array(position), _frame(angles, axes, place, degrees), _freedom(order, place)
@@ -106,9 +106,9 @@ def _bone(block: dict[str, list[str]], path: Path, line: int, degrees: bool) -> 
     if lacking:
         raise input_error(place, f"a bone without {', '.join(lacking)}", "give a whole ASF file")
     name = block["name"][0]
-    direction = np.array(_numbers(block["direction"], 3, place))
-    (length,) = _numbers(block["length"], 1, place)
-    angles = _numbers(block["axis"][:3], 3, place)
+    direction = np.array(read_words(block["direction"], 3, place))
+    (length,) = read_words(block["length"], 1, place)
+    angles = read_words(block["axis"][:3], 3, place)
     axes = (block["axis"][3:] or ["XYZ"])[0]
     freedom = _freedom(block.get("dof", []), place)
     return Bone(name, length * direction, _frame(angles, axes, place, degrees), freedom)
@@ -160,14 +160,3 @@ def _tree(
         found = f"the hierarchy does not reach every bone once ({abbreviate(lost)})"
         raise input_error(path, found, "correct it, or give a whole ASF file")
     return tuple(parents), tuple(walk)
-
-
-def _numbers(words: list[str], count: int, place: str) -> tuple[float, ...]:
-    try:
-        numbers = tuple(float(word) for word in words)
-    except ValueError:
-        numbers = ()
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        found = f"expected {count} numbers, found {' '.join(words)[:40]!r}"
-        raise input_error(place, found, "correct it")
-    return numbers

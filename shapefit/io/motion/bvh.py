@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import InputError, input_error
+from shapefit.errors import input_error
 from shapefit.geometry.rotations import turns
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.motion.labels import unique_names
-from shapefit.io.motion.text import read_blocks, read_plain, read_table
+from shapefit.io.motion.text import read_blocks, read_plain, read_table, read_words
 
 Floats = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def read_hierarchy(path: Path) -> Hierarchy:
             elif word in ("OFFSET", "CHANNELS") and not open_joints:
                 raise input_error(place, f"{word} belongs to no joint", "correct it")
             elif word == "OFFSET":
-                joints[open_joints[-1]].offset = _three(words[1:], place)
+                joints[open_joints[-1]].offset = read_words(words[1:], 3, place)
             elif word == "CHANNELS":
                 channels = [_channel(name, place) for name in words[2:]]
                 if words[1:2] != [str(len(channels))]:
@@ -122,11 +122,11 @@ def read_hierarchy(path: Path) -> Hierarchy:
                 ]
                 width += len(channels)
             elif word == "FRAMES:":
-                frames = int(_numbers(words[1:2], 1, place)[0])
+                frames = int(read_words(words[1:2], 1, place)[0])
             elif word == "FRAME" and words[1:2] == ["Time:"]:
                 if not joints or open_joints:
                     raise input_error(place, "the tree of joints is not complete", "correct it")
-                seconds = _numbers(words[2:3], 1, place)[0]
+                seconds = read_words(words[2:3], 1, place)[0]
                 return Hierarchy(joints, width, number, frames, seconds)
             if "}" in line and open_joints:
                 del open_joints[-line.count("}") :]
@@ -188,26 +188,6 @@ def _channel(name: str, place: str) -> tuple[bool, int]:
     if axis < 0 or kind not in ("rotation", "position"):
         raise input_error(place, f"there is no channel {name!r}", "use Xrotation, Yposition, ...")
     return kind == "rotation", axis
-
-
-def _three(words: list[str], place: str) -> tuple[float, ...]:
-    return _numbers(words, 3, place)
-
-
-def _numbers(words: list[str], count: int, place: str) -> tuple[float, ...]:
-    """Return so many finite numbers. Raises InputError where there are none."""
-    try:
-        numbers = tuple(float(word) for word in words)
-    except ValueError:
-        numbers = ()
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        raise _no_numbers(words, count, place)
-    return numbers
-
-
-def _no_numbers(words: list[str], count: int, place: str) -> InputError:
-    found = f"expected {count} numbers, found {' '.join(words)[:40]!r}"
-    return input_error(place, found, "correct it")
 
 
 def _rate(frame_time: float) -> float | None:

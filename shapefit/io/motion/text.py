@@ -75,3 +75,15 @@ def read_table(
         cell = rows[row][column]
         raise input_error(f"{place}:{lines[row]}", f"{cell[:40]!r} is no number", "correct it")
     return numbers.values.reshape(len(rows), -1)
+
+
+def read_words(words: Sequence[str], count: int, place: str) -> tuple[float, ...]:
+    """Return so many words as finite numbers. Raises InputError where they are none."""
+    try:
+        numbers = tuple(float(word) for word in words)
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        found = f"expected {count} numbers, found {' '.join(words)[:40]!r}"
+        raise input_error(place, found, "correct it")
+    return numbers
