@@ -99,7 +99,7 @@ def test_hdf5_of_another_kind_says_what_was_looked_for(tmp_path):
     for name in ("shapefit-landmarks", "DeepLabCut", "SLEAP", "JABS", "NWB", "movement"):
         assert name in text
     with pytest.raises(
-        InputError, match="holds data; give a file of DeepLabCut.*or a file of shapefit"
+        InputError, match=r"holds data; give a file of DeepLabCut.*or a file of shapefit"
     ):
         find_kind(path)
     with h5py.File(path, "a") as file:
