@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from shapefit.errors import printable
+
 from .options import config_options, reporting_options
 from .progress import Progress
 from .report import Report
@@ -112,6 +114,10 @@ def follow(outcomes: Iterable[Outcome], report: Report, *, shows_notes: bool) ->
     with Progress(report) as progress, closing(outcomes) as each:  # type: ignore[type-var]
         for outcome in each:
             report.add(outcome)
+            for row in outcome.listing:
+                click.echo(printable(row))
+            if outcome.line:
+                progress.show(outcome.line)
             progress.advance(outcome.done, outcome.total, outcome.note if shows_notes else "")
 
 

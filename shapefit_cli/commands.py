@@ -72,7 +72,8 @@ COMMANDS = (
         summary="Learn a dictionary from 3D shapes.",
         text="""Learn a dictionary of rotatable basis shapes from 3D shapes.
 
-SHAPES are files of 3D shapes, HDF5 or CSV; globs work.""",
+SHAPES are files of 3D shapes in any format that can be read; docs/formats.md lists them. Globs
+work.""",
         examples="""\
   shapefit learn-dict train.h5 -o dict.h5
   shapefit learn-dict -c learn-dict.yaml 'train/*.h5' -o dict.h5 --set k=128
@@ -87,7 +88,8 @@ SHAPES are files of 3D shapes, HDF5 or CSV; globs work.""",
         summary="Project 3D shapes to synthetic 2D landmarks.",
         text="""Project 3D shapes to synthetic 2D landmarks with a known camera.
 
-SHAPES are files of 3D shapes, HDF5 or CSV; globs work, - is stdin (CSV).""",
+SHAPES are files of 3D shapes in any format that can be read; docs/formats.md lists them. Globs
+work, - is stdin (CSV).""",
         examples="""\
   shapefit project test.h5 -o views.h5
   shapefit project -c project.yaml test.h5 -o views.h5 --set noise=0.01 --set hidden=0.2
@@ -104,10 +106,12 @@ SHAPES are files of 3D shapes, HDF5 or CSV; globs work, - is stdin (CSV).""",
         summary="Lift 2D landmarks to 3D shapes.",
         text="""Lift 2D landmarks in single images to 3D shapes.
 
-LANDMARKS are files of 2D landmarks, HDF5 or CSV; globs work, - is stdin (CSV).""",
+LANDMARKS are files of 2D landmarks in any format that can be read, or folders with one file per
+frame; docs/formats.md lists them. Globs work, - is stdin (CSV).""",
         examples="""\
   shapefit fit views.h5 -d dict.h5 -o result.h5
   shapefit fit -c fit.yaml 'views/*.h5' -d dict.h5 -o result.h5 --set lambda=0.2
+  shapefit fit -c people cam01_json/ -d people -o man.trc --set keypoints=body_25
   shapefit fit -c cars photos.h5 -d cars.h5 -o result.h5 --set export.folder=meshes
   shapefit fit -d dict.h5 -o - - < landmarks.csv > shapes.csv""",
         parameters=(

@@ -52,6 +52,14 @@ class Progress:
             self._last = time.monotonic()
             tell(self._line(total, note))
 
+    def show(self, line: str) -> None:
+        """Show a line of its own, above the bar."""
+        if self._report.quiet:
+            return
+        if self._bar is not None:
+            self._bar.clear()
+        tell(line)
+
     def _line(self, total: int | None, note: str) -> str:
         reached = f"{self._report.done}" + (f" of {total}" if total is not None else "")
         seconds = self._last - self._started

@@ -217,8 +217,6 @@ def _output_or_folder(value: Any) -> Path:
 OutputOrFolder = Annotated[Path, PathWords("a path"), BeforeValidator(_output_or_folder)]
 """A file to write; `FOLDER/` stands for the manifest of results in it."""
 
-InputPath = Annotated[Path, PathWords("a path"), BeforeValidator(expand_one)]
-
 # Each item becomes the tuple of the files that it names (so that a wrong item is reported at its
 # own place), and the tuples are joined last.
 InputPaths = Annotated[

@@ -276,6 +276,7 @@ def smooth_sequence(
     lengths: Floats,
     deviation: Floats,
     correlation: Floats,
+    covariance: Floats,
     end: Floats,
 ) -> None: ...
 def code(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +12,8 @@ from shapefit.dictionary.atoms import update_atoms
 from shapefit.dictionary.coding import objectives, sparse_code
 
 Floats = NDArray[np.float64]
-AtomBound = Literal["unit", "mean"]
 
+BOUND = 1.0  # the largest norm of an atom
 REACH = 0.5  # how far beyond its end the atom update is followed, in lengths of the update
 
 
@@ -52,16 +51,13 @@ def learn(
     beta: float,
     *,
     iterations: int,
-    tolerance: float = 0.0,
-    atom_bound: AtomBound = "unit",
 ) -> Iterator[Learned]:
-    """min sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum C  over C >= 0, ||B_i||_F <= bound.
+    """min sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum C  over C >= 0, ||B_i||_F <= 1.
 
-    shapes (n, 3, p), normalised, aligned, centred, none of them 0; k <= n atoms. The bound is 1
-    (`unit`) or the mean norm of the k shapes that the atoms start from (`mean`). The start is k
-    shapes at even distances in the order given, scaled to the bound, and their coding. Each of
+    shapes (n, 3, p), normalised, aligned, centred, none of them 0; k <= n atoms. The start
+    is k shapes at even distances in the order given, scaled to norm 1, and their coding. Each of
     the `iterations` rounds updates the atoms, replaces dead ones, codes again, and yields its
-    state; they end early where a round lowers the objective by no more than `tolerance` of it.
+    state; they end early where a round does not lower the objective.
 
     To need fewer rounds, the shapes are also coded with atoms that lie beyond the update, on the
     line from the old ones, and the better of the two is kept. So no half-step raises the
@@ -72,33 +68,32 @@ def learn(
     if not 1 <= k <= n:
         raise ValueError(f"k must be within 1..{n} (the number of shapes), is {k}")
     chosen = shapes[np.linspace(0, n - 1, k).round().astype(int)]
-    bound = 1.0 if atom_bound == "unit" else float(np.linalg.norm(chosen, axis=(1, 2)).mean())
 
     def total(B: Floats, C: Floats) -> float:
         return float(objectives(shapes, B, beta, C).sum())
 
     def recode(B: Floats, C: Floats | None) -> tuple[float, Floats, Floats]:
         if C is not None:
-            B = replace_dead_atoms(shapes, C, B, bound)
+            B = replace_dead_atoms(shapes, C, B)
         C = sparse_code(shapes, B, beta, start=C)
         return total(B, C), B, C
 
-    objective, B, C = recode(_scaled_to(bound, chosen), None)
+    objective, B, C = recode(_of_norm_one(chosen), None)
     trace = [objective]
     for _ in range(iterations):
-        updated = update_atoms(shapes, C, B, bound)
+        updated = update_atoms(shapes, C, B, BOUND)
         trace.append(total(updated, C))
-        beyond = _within(bound, updated + REACH * (updated - B))
+        beyond = _within_bound(updated + REACH * (updated - B))
         coded = recode(updated, C), recode(beyond, C)
         objective, B, C = min(coded, key=lambda state: state[0])
         trace.append(objective)
         yield Learned(B, C, np.array(trace))
-        if trace[-3] - trace[-1] <= tolerance * trace[-3]:
+        if trace[-1] >= trace[-3]:
             return
 
 
-def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats, bound: float) -> Floats:
-    """Put the worst reconstructed training shape, scaled to the bound, in place of a dead atom.
+def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> Floats:
+    """Put the worst reconstructed training shape, scaled to norm 1, in place of a dead atom.
 
     An atom is dead if no shape uses it. Its coefficients are 0, so the objective stays. Of
     several dead atoms each later one gets the shape that is worst after the earlier ones have
@@ -111,15 +106,15 @@ def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats, boun
     residual = shapes - np.tensordot(coefficients, atoms, axes=1)
     for i in dead:
         worst = np.linalg.norm(residual, axis=(1, 2)).argmax()
-        B[i] = _scaled_to(bound, shapes[worst])
-        part = np.tensordot(residual, B[i], axes=2) / bound**2
+        B[i] = _of_norm_one(shapes[worst])
+        part = np.tensordot(residual, B[i], axes=2)
         residual -= np.maximum(part, 0.0)[:, None, None] * B[i]
     return B
 
 
-def _scaled_to(norm: float, shapes: Floats) -> Floats:
-    return shapes * (norm / np.linalg.norm(shapes, axis=(-2, -1), keepdims=True))
+def _of_norm_one(shapes: Floats) -> Floats:
+    return shapes * (BOUND / np.linalg.norm(shapes, axis=(-2, -1), keepdims=True))
 
 
-def _within(bound: float, atoms: Floats) -> Floats:
-    return atoms * (bound / np.linalg.norm(atoms, axis=(1, 2), keepdims=True).clip(min=bound))
+def _within_bound(atoms: Floats) -> Floats:
+    return atoms * (BOUND / np.linalg.norm(atoms, axis=(1, 2), keepdims=True).clip(min=BOUND))

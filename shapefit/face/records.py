@@ -90,6 +90,7 @@ class Dictionary:
     prior: Mixture | None = None
     acceleration: Floats | None = None
     edge_give: Floats | None = None
+    edge_length: Floats | None = None
     frame_rate: float | None = None
     objective_trace: Floats = field(default_factory=lambda: np.empty(0))
     provenance: Mapping[str, str] = field(default_factory=dict)

@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
 
 from shapefit.io.duplicates import ItemList, check_unique_items
@@ -62,16 +61,22 @@ class ChunkedSource(ABC, Generic[Record, File]):
         return tuple(note for file in self._files for note in file.notes)
 
     def chunks(self, size: int) -> Iterator[Record]:
-        """Give out the items in order, `size` at a time (fewer in the last chunk of a file).
-
-        No chunk holds items of two files, so that what is made of a file does not depend on those
-        before it.
+        """Give out the items in order, `size` at a time (fewer in the last chunk).
 
         A source without items gives one empty set, so that what is made of it can be written.
         """
         if size < 1:
             raise ValueError(f"size must be at least 1, not {size}")
         chunks = self._read(size)
+        self._running.append(chunks)
+        return chunks
+
+    def file_chunks(self, size: int) -> Iterator[Record]:
+        """Give out the items like `chunks`, but none of two files together.
+
+        So what is made of a file does not depend on those before it.
+        """
+        chunks = self._read_files(size)
         self._running.append(chunks)
         return chunks
 
@@ -82,16 +87,26 @@ class ChunkedSource(ABC, Generic[Record, File]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         for chunks in self._running:
             chunks.close()
 
     def _read(self, size: int) -> Generator[Record, None, None]:
+        parts: list[Record] = []
+        held = 0
+        for part in self._read_files(size):
+            while held + len(part) > size:
+                room = size - held
+                parts.append(part.take(slice(0, room)))
+                yield concatenate(parts)
+                part = part.take(slice(room, None))
+                parts, held = [], 0
+            parts.append(part)
+            held += len(part)
+        if parts:
+            yield concatenate(parts)
+
+    def _read_files(self, size: int) -> Generator[Record, None, None]:
         if self.count == 0:
             yield self.head
         for file in self._files:

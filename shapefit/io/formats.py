@@ -119,8 +119,7 @@ def _find_folder_format(path: Path) -> FileFormat:
     for known in folders:
         if _load(known.recogniser)(path, b""):
             return known
-    titles = listed(known.title.partition(" ")[2] for known in folders)
-    looked = f", and it holds no {titles}" if folders else ""
+    looked = f", and holds none of these: {listed(known.title for known in folders)}"
     raise input_error(path, f"it is a folder{looked}", f"name the files in it, e.g. '{path}/*.h5'")
 
 

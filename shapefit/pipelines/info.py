@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,11 +18,12 @@ from shapefit.io.extras import Extras
 from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.foreign.names import fitting_skeletons
 from shapefit.io.foreign.opening import group_inputs, open_either
+from shapefit.io.formats import find_format
 from shapefit.io.kinds.kind import find_kind
 from shapefit.io.kinds.results import read_results
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions
-from shapefit.io.skeletons import PEOPLE, people_joints
+from shapefit.io.skeletons import PEOPLE, SKELETONS, people_joints
 from shapefit.io.sources import is_stream, source_name
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.reading import input_options
@@ -34,6 +36,9 @@ CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 
 FEWEST_JOINTS = 6
 """Of people that landmarks are recognised by."""
+
+LISTED_FILES = 3
+"""Of one recording that a command names one by one."""
 
 Line = tuple[str, str]
 
@@ -52,13 +57,24 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
     notes: tuple[str, ...] = ()
     failures: list[Failure] = []
     problems: list[str] = []
+
+    def fail(path: Path, error: InputError) -> None:
+        problems.extend(error.problems)
+        failures.append(Failure(source_name(path), "; ".join(error.problems)))
+
+    known: list[Path] = []
     for path in config.files:
         try:
-            (group,) = group_inputs([path], options)
-            lines, warnings = _told(*group, options)
+            find_format(path, options.format)
         except InputError as error:
-            problems += error.problems
-            failures.append(Failure(source_name(path), "; ".join(error.problems)))
+            fail(path, error)
+        else:
+            known.append(path)
+    for form, paths in group_inputs(known, options):
+        try:
+            lines, warnings = _told(form, paths, options)
+        except InputError as error:
+            fail(paths[0], error)
         else:
             texts.append(_as_text(lines))
             notes += warnings
@@ -79,7 +95,8 @@ def _told(
     """Return what is said of one input, and warnings about it."""
     path = paths[0]
     kind = find_kind(path, options)
-    title = [("", source_name(path)), ("format", known.title)]
+    name = source_name(path) if len(paths) == 1 else f"{path.parent} ({len(paths):,} files)"
+    title = [("", name), ("format", known.title)]
     if kind == "dictionary":
         return title + _of_dictionary(path), ()
     if kind == "result":
@@ -93,14 +110,16 @@ def _told(
         if nameless and options.keypoints is None and len(fitting) > 1:
             hint = " or ".join(f"`--set keypoints={name}`" for name in fitting)
             title.append(("landmarks", f"{count} without names: say which with {hint}"))
-            return title, recording.notes
+            names = SKELETONS[fitting[0]].landmark_names
+            following = _following(kind, paths, replace(options, keypoints="NAME"), names)
+            return [*title, ("go on with", following)], recording.notes
     opened = open_landmarks(paths, options) if kind == "landmarks" else None
     with opened or open_shapes(paths, options, gaps=True) as source:
         found = _Found()
         for chunk in source.chunks(BLOCK):
             found.add(chunk)
         lines = title + _of_records(source.head, found, source.count, kind)
-        lines.append(("go on with", _following(kind, path, options, source.head.landmark_names)))
+        lines.append(("go on with", _following(kind, paths, options, source.head.landmark_names)))
         return lines, source.notes
 
 
@@ -166,7 +185,7 @@ def _of_result(path: Path) -> list[Line]:
         rate = result.frame_rate
         lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
     lines.append(("unit", result.unit if result.unit != UNKNOWN_UNIT else "not said"))
-    lines.append(("go on with", f"shapefit view {path}"))
+    lines.append(("go on with", f"shapefit view {_typed(path)}"))
     return lines
 
 
@@ -183,19 +202,30 @@ def _of_dictionary(path: Path) -> list[Line]:
     ]
     lines += [(key, text) for key, text in origin_of(dictionary)._asdict().items() if text]
     installed = {file: name for name, file in find_dictionaries().items()}
-    given = f"-c {installed[path]} -d {installed[path]}" if path in installed else f"-d {path}"
+    given = (
+        f"-c {installed[path]} -d {installed[path]}" if path in installed else f"-d {_typed(path)}"
+    )
     lines.append(("go on with", f"shapefit fit LANDMARKS {given} -o result.h5"))
     return lines
 
 
-def _following(kind: str, path: Path, options: InputOptions, names: Sequence[str]) -> str:
+def _following(
+    kind: str, paths: Sequence[Path], options: InputOptions, names: Sequence[str]
+) -> str:
     """Return the command to go on with; for joints of people one that needs no dictionary."""
-    short = replace(options, rename={})
-    given = [f"--set keypoints={short.keypoints}"] if short.keypoints else []
-    given += [f"--set individual='{short.individual}'"] if short.individual else []
+    given = [f"--set keypoints={options.keypoints}"] if options.keypoints else []
+    given += [f"--set individual={shlex.quote(options.individual)}"] if options.individual else []
     more = "".join(f" {each}" for each in given)
+    files = [paths[0].parent / f"*{paths[0].suffix}"] if len(paths) > LISTED_FILES else paths
+    what = " ".join(map(_typed, files))
     if kind == "landmarks":
         known = set(names) & set(PEOPLE) | set(people_joints(names))
         with_what = "-c people -d people" if len(known) >= FEWEST_JOINTS else "-d DICT.h5"
-        return f"shapefit fit {path} {with_what} -o result.h5{more}"
-    return f"shapefit learn-dict {path} -o dict.h5{more}"
+        return f"shapefit fit {what} {with_what} -o result.h5{more}"
+    return f"shapefit learn-dict {what} -o dict.h5{more}"
+
+
+def _typed(path: Path) -> str:
+    """Return a path as it is typed in a shell: relative to the working folder if it is inside."""
+    here = Path.cwd()
+    return shlex.quote(str(path.relative_to(here) if path.is_relative_to(here) else path))

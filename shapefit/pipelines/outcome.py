@@ -45,8 +45,8 @@ class Outcome:
 
     `done` items of `total` (None where it is not known) were finished by this part, `failures`
     of them without a result; `unit` is what the items are, where that depends on the config;
-    `note` is a short state of the work for a progress bar, `written` the files that now stand
-    complete.
+    `note` is a short state of the work for a progress bar, `line` is to be shown at once,
+    `listing` the lines that the command was asked for, `written` the files that now stand complete.
     """
 
     done: int = 0
@@ -55,6 +55,8 @@ class Outcome:
     warnings: tuple[str | Counted, ...] = ()
     unit: str = ""
     note: str = ""
+    line: str = ""
+    listing: tuple[str, ...] = ()
     written: tuple[Path, ...] = ()
 
 

@@ -13,7 +13,7 @@ from shapefit.io import ResultSet
 
 CONVEX = "convex"
 REFINED = ("convex+refine", "alternate+")
-STARTED = ("posterior",)
+STARTED = ("posterior", "sequences")
 LOOKING = ("posterior", "sequences")
 """Methods that look through a camera themselves, without coefficients."""
 

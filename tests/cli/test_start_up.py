@@ -18,6 +18,8 @@ NOT_FOR_HELP = {
 
 NOT_FOR_A_FIT_OF_CSV = (
     "concurrent.futures",
+    "dask",
+    "distributed",
     "llvmlite",
     "matplotlib",
     "multiprocessing",
@@ -44,6 +46,7 @@ NOT_FOR_A_FIT_OF_CSV = (
     "shapefit.meshes",
     "shapefit.pipelines.fit.left_out",
     "shapefit.pipelines.export.meshes",
+    "shapefit.pipelines.parts.equal_items",
     "shapefit.pipelines.fit.outlier_search",
     "shapefit.pipelines.export.pictures",
     "tqdm",
@@ -80,6 +83,12 @@ def of_a_fit(tmp_path_factory) -> set[str]:
     modules = imported("fit", folder / "one.csv", "-d", folder / "dictionary.h5", "-o", out)
     assert out.read_text().startswith("item,landmark,x,y,z\n")
     return modules
+
+
+def test_parts_without_a_cluster_import_no_dask(of_a_fit, tmp_path_factory):
+    folder = next(tmp_path_factory.getbasetemp().glob("start-up*"))
+    files = (folder / "one.csv", "-d", folder / "dictionary.h5")
+    assert not {"dask", "distributed"} & imported("fit", *files, "-o", f"{folder}/parts/")
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("fit", "--help")])

@@ -159,7 +159,7 @@ def test_files_without_sequences_units_or_shapes_go_with_others(tmp_path, shapes
 # Landmarks
 
 
-def test_chunks_end_where_files_do(tmp_path, landmarks, same):
+def test_chunks_run_over_the_ends_of_files(tmp_path, landmarks, same):
     paths = [
         views_file(tmp_path / f"{rows}.h5", landmarks.take(rows))
         for rows in (slice(0, 1), slice(1, 1), slice(1, 4), slice(4, 5))
@@ -170,12 +170,29 @@ def test_chunks_end_where_files_do(tmp_path, landmarks, same):
         assert (source.unit, source.y_axis) == ("px", "down")
         for size in (1, 2, 3, 5, 100):
             chunks = list(source.chunks(size))
-            middle = [1, 1, 1] if size == 1 else [2, 1] if size == 2 else [3]
-            assert [len(chunk) for chunk in chunks] == [1, *middle, 1]
+            assert [len(chunk) for chunk in chunks] == [size] * (5 // size) + [5 % size] * (
+                5 % size > 0
+            )
             start = 0
             for chunk in chunks:
                 same(chunk, landmarks.take(slice(start, start + size)))
                 start += size
+
+
+def test_chunks_of_files_end_where_files_do(tmp_path, landmarks, same):
+    paths = [
+        views_file(tmp_path / f"{rows}.h5", landmarks.take(rows))
+        for rows in (slice(0, 1), slice(1, 1), slice(1, 4), slice(4, 5))
+    ]
+    with open_landmarks(paths) as source:
+        for size in (1, 2, 3, 5, 100):
+            chunks = list(source.file_chunks(size))
+            middle = [1, 1, 1] if size == 1 else [2, 1] if size == 2 else [3]
+            assert [len(chunk) for chunk in chunks] == [1, *middle, 1]
+            start = 0
+            for chunk in chunks:
+                same(chunk, landmarks.take(slice(start, start + len(chunk))))
+                start += len(chunk)
 
 
 def test_landmarks_of_files_are_united(tmp_path, landmarks):

@@ -44,6 +44,16 @@ def test_landmarks():
     assert 0 < float(told["missing"].split("%")[0]) < 100
 
 
+def test_files_of_one_recording_are_one_input():
+    options = ("keypoints=body_25",)
+    files = sorted((SAMPLES / "openpose").glob("*.json"))
+    (outcome,) = run(load_config("info", None, options, {"files": files}))
+    assert outcome.note.startswith(f"{SAMPLES / 'openpose'} (36 files)")
+    told = lines(outcome.note)
+    assert told["images"] == "72"
+    assert "openpose/*.json' -c people -d people " in told["go on with"]
+
+
 def test_one_bad_file_does_not_stop_the_others(tmp_path):
     (tmp_path / "bad.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     outcome = info(tmp_path / "bad.h5", SAMPLES / "people_test.h5")
@@ -71,3 +81,15 @@ def test_people_need_no_dictionary_of_their_own():
 def test_landmarks_without_names_are_no_error():
     told = lines(info(SAMPLES / "openpose").note)
     assert "`--set keypoints=body_25` or `--set keypoints=body_25b`" in told["landmarks"]
+    fit = "shapefit fit sample_data/openpose -c people -d people -o result.h5 --set keypoints=NAME"
+    assert told["go on with"].split()[3:] == fit.split()[3:]
+
+
+def test_commands_are_as_they_are_typed(tmp_path, monkeypatch):
+    file = tmp_path / "my walk.h5"
+    file.write_bytes((SAMPLES / "people_test.h5").read_bytes())
+    told = lines(info(file).note)
+    assert told["go on with"] == f"shapefit learn-dict '{file}' -o dict.h5"
+    monkeypatch.chdir(tmp_path)
+    told = lines(info(file).note)
+    assert told["go on with"] == "shapefit learn-dict 'my walk.h5' -o dict.h5"

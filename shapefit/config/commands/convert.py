@@ -16,7 +16,7 @@ class ConvertConfig(CommandConfig):
 
     files: InputPaths = Field(
         description="Files of landmarks, shapes or results, all of one kind, in any format that "
-        "can be read; what is one recording may be a folder."
+        "can be read, or folders with one file per frame."
     )
     input: InputConfig = Field(
         default_factory=InputConfig.model_construct, description="How the files are read."
@@ -25,7 +25,7 @@ class ConvertConfig(CommandConfig):
     to: str = Field(
         default="auto",
         min_length=1,
-        description="Format to write (docs/formats.md); auto: as the name of the output says, "
+        description="Format to write (docs/export.md); auto: as the name of the output says, "
         "else HDF5.",
     )
     frame_rate: float | None = Field(

@@ -68,7 +68,7 @@ class EvalConfig(CommandConfig):
         description="Result files to compare, each with the name of its row; files in a list "
         "are named after the file, without folder and suffix."
     )
-    truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
+    truth: InputPaths = Field(description="Files of the true 3D shapes.")
     input: InputConfig = Field(
         default_factory=InputConfig.model_construct, description="How the files are read."
     )

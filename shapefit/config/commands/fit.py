@@ -127,7 +127,9 @@ class SearchConfig(ConfigModel):
 class FitConfig(CommandConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
-    landmarks: InputPaths = Field(description="Files of 2D landmarks (HDF5 or CSV; - is stdin).")
+    landmarks: InputPaths = Field(
+        description="Files of 2D landmarks (- is stdin, CSV), or folders with one file per frame."
+    )
     dictionary: DictionaryPath = Field(
         description="Dictionary file that learn-dict wrote, or the name of an installed one, such "
         "as people."

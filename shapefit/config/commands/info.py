@@ -10,14 +10,11 @@ from shapefit.config.model import CommandConfig
 
 
 class InfoConfig(CommandConfig):
-    """Tell what files hold, and how to go on with them.
-
-    What is wrong with one file does not keep the others from being described.
-    """
+    """Tell what files hold, and how to go on with them."""
 
     files: NamedInputPaths = Field(
-        description="Files of any kind and format; folders of frames, too, and installed "
-        "dictionaries by name, such as people."
+        description="Files of any kind and format, folders with one file per frame, and "
+        "installed dictionaries by name, such as people."
     )
     input: InputConfig = Field(
         default_factory=InputConfig.model_construct, description="How the files are read."

@@ -74,7 +74,7 @@ def _is_step(value: Any) -> bool:
 class LearnDictConfig(CommandConfig):
     """Learn a dictionary of rotatable basis shapes from 3D shapes."""
 
-    shapes: InputPaths = Field(description="Files of 3D training shapes (HDF5 or CSV).")
+    shapes: InputPaths = Field(description="Files of 3D training shapes.")
     input: InputConfig = Field(
         default_factory=InputConfig.model_construct, description="How the files are read."
     )

@@ -80,7 +80,7 @@ class CameraConfig(ConfigModel):
 class ProjectConfig(CommandConfig):
     """Project 3D shapes to synthetic 2D landmarks."""
 
-    shapes: InputPaths = Field(description="Files of 3D shapes (HDF5 or CSV; - is stdin).")
+    shapes: InputPaths = Field(description="Files of 3D shapes (- is stdin, CSV).")
     input: InputConfig = Field(
         default_factory=InputConfig.model_construct, description="How the files are read."
     )

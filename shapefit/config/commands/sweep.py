@@ -102,7 +102,7 @@ class SweepConfig(CommandConfig):
         description="How to lift; files that the sweep makes can be omitted and are ignored. "
         "Meshes and pictures are not written."
     )
-    truth: InputPaths = Field(description="Files of the true 3D shapes (HDF5 or CSV).")
+    truth: InputPaths = Field(description="Files of the true 3D shapes.")
     match: Annotated[str, OF_THE_DATA] = Field(
         default="item",
         min_length=1,

@@ -24,7 +24,7 @@ class ViewConfig(CommandConfig):
     """Write one HTML page that shows results, to rotate and play."""
 
     files: NamedFiles = Field(
-        description="Results, shapes or landmarks to show (HDF5 or CSV), each with its name on "
+        description="Results, shapes or landmarks to show, each with its name on "
         "the page; files in a list are named after the file, without folder and "
         "suffix."
     )

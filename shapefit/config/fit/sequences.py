@@ -19,7 +19,7 @@ class SequencesConfig(ConfigModel):
     )
     lengths: OptionalInputPath = Field(
         default=None,
-        description="Known lengths of the bones: shapes of the body (HDF5 or CSV), of which the "
+        description="Known lengths of the bones: shapes of the body, of which the "
         "mean lengths are taken, or a CSV file with the header `from,to,length`, in any unit. By "
         "default, they are estimated in each sequence.",
     )

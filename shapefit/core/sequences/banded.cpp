@@ -138,6 +138,9 @@ void Banded::deviations(const SequenceData& data) const {
             const long first = (e / p == 2 ? p : 0) + e % p, second = (e / p == 0 ? p : 2 * p) + e % p;
             correlation[e] = here[first * D + second] / larger(sd[first] * sd[second], TINY);
         }
+        if (data.covariance.size[0])
+            for (long e = 0; e < d; ++e)
+                for (long i = 0; i < d; ++i) data.covariance[f][e][i] = here[e * D + i];
         for (long e = 0; e < DD; ++e) between[e] = one[e];
         double* free = last;
         last = next;

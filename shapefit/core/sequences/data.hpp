@@ -34,6 +34,7 @@ struct SequenceData {
     Vector<double> lengths;    // l (e,), likewise
     Matrix<double> deviation;  // of the points (t, 3p), or (0, 0) where it is not wanted
     Matrix<double> correlation;  // likewise, of x with y, x with z and y with z of a landmark
+    Tensor<double> covariance;   // of each frame (t, 3p, 3p), or (0, 0, 0) where it is not wanted
     Vector<double> end;        // energy at the minimum, log det of the last Hessian, rounds (3,)
 };
 

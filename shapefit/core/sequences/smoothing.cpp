@@ -113,9 +113,12 @@ void smooth_sequence(const SequenceData& data) {
         const bool definite = factor.factorise(data, *at, 0);
         if (definite)
             factor.deviations(data);
-        else
+        else {
             for (long i = 0; i < t * d; ++i)
                 data.deviation.data[i] = data.correlation.data[i] = NOT_A_NUMBER;
+            for (long i = 0; i < data.covariance.size[0] * d * d; ++i)
+                data.covariance.data[i] = NOT_A_NUMBER;
+        }
     }
 }
 

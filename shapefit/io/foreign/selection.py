@@ -88,7 +88,7 @@ def choose(recording: Recording, options: InputOptions) -> Callable[[], Iterator
     names = recording.individuals
     tracks = options.track == "nearest"
     if options.individual is not None and not tracks and options.individual not in names:
-        raise _unknown_individual(recording, options.individual)
+        raise _unknown_individual(recording, options.individual, names)
 
     def read() -> Iterator[Chosen]:
         blocks: Iterable[Instances] = recording.blocks()
@@ -97,8 +97,14 @@ def choose(recording: Recording, options: InputOptions) -> Callable[[], Iterator
 
             blocks = joined(blocks, first_track(recording.individuals))
         numbers: Counter[tuple[str, str]] = Counter()
+        met: set[int] = set()
         for block in blocks:
+            met.update(block.individuals.tolist())
             yield _chosen(block, recording, options, numbers)
+        if tracks and options.individual is not None:
+            found = [name for number in sorted(met) if (name := _name(recording, number))]
+            if options.individual not in found:
+                raise _unknown_individual(recording, options.individual, found)
 
     return read
 
@@ -161,8 +167,7 @@ def first_track(individuals: Sequence[str]) -> int:
     return max(1, len(individuals))
 
 
-def _unknown_individual(recording: Recording, name: str) -> Exception:
-    names: Sequence[str] = recording.individuals
+def _unknown_individual(recording: Recording, name: str, names: Sequence[str]) -> Exception:
     if names:
         fix = f"name one of {abbreviate(names)}"
     else:

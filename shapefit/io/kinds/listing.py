@@ -125,7 +125,8 @@ def read_chunks(listing: Listing, of_results: Collection[str]) -> Iterator[Recor
         with open_landmarks([listing.path], listing.options) as source:
             yield from source.chunks(BLOCK)
     elif listing.kind == "shapes":
-        yield read_shapes([listing.path], listing.options, gaps=listing.options != AS_THEY_ARE)
+        own = bool(listing.datasets)  # in which landmarks must be known, as everywhere
+        yield read_shapes([listing.path], listing.options, gaps=not own)
     elif listing.datasets:
         yield from _result_chunks(listing.path, of_results)
     else:

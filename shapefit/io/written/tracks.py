@@ -88,5 +88,5 @@ def _check_apart(frames: Integers, items: list[str], place: str) -> None:
     if len(same):
         first, second = items[same[0]], items[same[0] + 1]
         found = f"'{first}' and '{second}' are of one frame of one sequence"
-        fix = "join detections over frames with `track: nearest`, or give one `individual`"
+        fix = "read detections with `track: nearest`, which joins them, or one `individual`"
         raise input_error(place, found, fix)

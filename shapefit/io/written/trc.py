@@ -38,12 +38,12 @@ def write_trc(path: Path, motions: Sequence[Motion]) -> None:
     """
     (motion,) = motions
     with path.open("wb") as file:
-        file.write("".join(f"{line}\n" for line in _header(motion, path)).encode())
+        file.write("".join(f"{line}\n" for line in _header(motion)).encode())
         for start in range(0, len(motion.points), BLOCK):
             file.write(_lines(motion, slice(start, start + BLOCK)))
 
 
-def _header(motion: Motion, path: Path) -> Iterator[str]:
+def _header(motion: Motion) -> Iterator[str]:
     count, p, rate = len(motion.points), len(motion.landmark_names), f"{motion.rate:.10g}"
     about = f"{motion.axes}; {motion.size}"
     name = printable(motion.name) or "motion"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shapefit.core.stretches import on_threads
 from shapefit.lifting.posterior.posterior import Modes
-from shapefit.lifting.sequences.noise import find_haste, find_noise
+from shapefit.lifting.sequences.noise import LEAST_TURN, find_haste, find_noise, find_turn
 from shapefit.lifting.sequences.observations import Observations, observe
 from shapefit.lifting.sequences.smoothing import Model, smooth
 from shapefit.lifting.sequences.steady import steady
@@ -54,12 +54,16 @@ class Motion:
 
 
 class Refined(NamedTuple):
-    """Points, deviations, correlations (n, 3, p) and noise (n,): each sequence writes its own."""
+    """Points, deviations, correlations (n, 3, p) and noise (n,): each sequence writes its own.
+
+    covariance (n, 3p, 3p) of all landmarks of an image, None where it was not asked for.
+    """
 
     points: Floats
     deviation: Floats
     correlation: Floats
     noise: Floats
+    covariance: Floats | None
 
 
 @dataclass(frozen=True)
@@ -83,21 +87,27 @@ class Clips:
 
 
 def refine_clips(
-    clips: Clips, sequences: Sequence[str], motion: Motion, threads: int = 0
-) -> tuple[Floats, Floats, Floats, Floats]:
+    clips: Clips,
+    sequences: Sequence[str],
+    motion: Motion,
+    threads: int = 0,
+    covariances: bool = False,
+) -> Refined:
     """Points (n, 3, p), their deviations and correlations, and the noise (n,) of their sequence.
 
-    All but correlations in the unit of the landmarks. nan in deviations, correlations and noise
-    where the inference is that of the images: one is alone or nearly so in its sequence, or the
-    sequence adds nothing (`find_noise`) or contradicts them (`FARTHEST`). Then the points are but
-    steadied. Sequences are refined on `threads` threads, 0 means one per core; the results do not
-    depend on them.
+    All but correlations in the unit of the landmarks. nan in all but the points where the inference
+    is that of the images: one is alone or nearly so in its sequence, or its bones hardly turn
+    (`LEAST_TURN`) and no length is known, or the sequence contradicts the images (`FARTHEST`). Then
+    the points are but steadied. Sequences are refined on `threads` threads, 0 means one per core;
+    the results do not depend on them.
     """
     unknown = np.full_like(clips.points, np.nan)
     noise = np.full(len(clips.points), np.nan)
-    found = Refined(clips.points.copy(), unknown, unknown.copy(), noise)
+    d = unknown[0].size if covariances else 0
+    whole = np.full((len(noise), d, d), np.nan) if covariances else None
+    found = Refined(clips.points.copy(), unknown, unknown.copy(), noise, whole)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
-    known = finite & (np.sqrt((clips.deviation**2).mean(axis=(1, 2))) < WIDEST * clips.scale)
+    known = says_something(clips)
     clips = replace(
         clips,
         scale=np.where(known, clips.scale, np.nan),
@@ -111,7 +121,15 @@ def refine_clips(
         refine_clip(clips, clip, known[clip], finite[clip], motion, found)
 
     on_threads(long, refine, threads)
-    return found.points, found.deviation, found.correlation, found.noise
+    return found
+
+
+def says_something(clips: Clips) -> NDArray[np.bool_]:
+    """Which images (n,) have a posterior that is not wider than `WIDEST`."""
+    finite = np.isfinite(clips.points).all(axis=(1, 2))
+    width = np.sqrt((clips.deviation**2).mean(axis=(1, 2)))
+    known: NDArray[np.bool_] = finite & (width < WIDEST * clips.scale)
+    return known
 
 
 def refine_clip(
@@ -129,19 +147,31 @@ def refine_clip(
     rows = np.arange(clip.start, clip.stop)[finite]
     sd = clips.deviation[clip][there] / unit
     model = Model(motion.bones, acceleration**-2, motion.give, motion.known)
+    spread = np.full_like(seen.start, np.inf)
+    spread[there] = sd
+
+    def keep_off() -> None:
+        found.points[rows] = unit * steady(seen.start, spread, acceleration)[finite]
+
+    # Unknown lengths of bones that hardly turn fit what the images have wrong alike.
+    if motion.known is None and find_turn(seen, model) < LEAST_TURN:
+        keep_off()
+        return
     sigma = find_noise(seen, model)
-    smoothed = smooth(seen, model, sigma, deviations=True)
+    wanted = found.covariance is not None
+    smoothed = smooth(seen, model, sigma, deviations=True, covariances=wanted)
     assert smoothed.deviation is not None
     assert smoothed.correlation is not None
     if contradicts(seen.start[there], smoothed.points[there], sd):
-        spread = np.full_like(seen.start, np.inf)
-        spread[there] = sd
-        found.points[rows] = unit * steady(seen.start, spread, acceleration)[finite]
+        keep_off()
         return
     found.points[rows] = unit * smoothed.points[finite]
     found.deviation[rows] = unit * smoothed.deviation[finite]
     found.correlation[rows] = smoothed.correlation[finite]
     found.noise[rows] = unit * sigma
+    if found.covariance is not None:
+        assert smoothed.covariance is not None
+        found.covariance[rows] = unit**2 * smoothed.covariance[finite]
 
 
 def contradicts(images: Floats, sequence: Floats, sd: Floats) -> bool:

@@ -13,7 +13,8 @@ from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.posterior.method import CORRELATION, lift_to_posterior
-from shapefit.lifting.sequences.clips import Clips, Motion, refine_clips
+from shapefit.lifting.sequences.clips import Clips, Motion, parts, refine_clips, says_something
+from shapefit.lifting.sequences.common_error import SHARE, add_common_error, nearest_known
 from shapefit.lifting.sequences.observations import MOST_MODES
 
 Floats = NDArray[np.float64]
@@ -62,23 +63,31 @@ def refine_lifting(
         misfit=misfit,
         deviation=lifting.scale[:, None, None] * own / np.sqrt(widening),
     )
-    points, deviation, correlation, noise = refine_clips(clips, sequences, motion, threads)
-    single = np.isnan(noise)[:, None, None]
+    whole = found.covariance
+    refined = refine_clips(clips, sequences, motion, threads, covariances=whole is not None)
+    single = np.isnan(refined.noise)[:, None, None]
+    scale = lifting.scale[:, None, None] / np.sqrt(widening)
+    rows = nearest_known(says_something(clips), parts(sequences))
+    images = (own[rows], own_mixed[rows].swapaxes(1, 2).astype(np.float64))
+    smoothed = (refined.deviation / scale, refined.correlation)
+    bars, correlation = add_common_error(smoothed, images)
     mixed = correlation.swapaxes(1, 2).astype(np.float32)
-    scaled = np.sqrt(widening) * deviation / lifting.scale[:, None, None]
+    if whole is not None and refined.covariance is not None:
+        both = refined.covariance / scale**2 + SHARE**2 * whole[rows]
+        whole = np.where(single, whole, both)
     return replace(
         lifting,
-        shapes=points,
-        landmarks_fitted=points[:, :2].copy(),
+        shapes=refined.points,
+        landmarks_fitted=refined.points[:, :2].copy(),
         estimate=replace(
             found,
-            deviation=np.where(single, own, scaled),
-            covariance=None,
+            deviation=np.where(single, own, bars),
+            covariance=whole,
             posterior_modes=None,
             further={
                 **found.further,
                 CORRELATION: np.where(single, own_mixed, mixed),
-                NOISE: noise,
+                NOISE: refined.noise,
             },
         ),
     )

@@ -20,7 +20,8 @@ FIRST = 3
 """The level that is tried first."""
 
 LEAST_TURN = 0.3
-"""How much bones must turn, see `find_turn`, before their lengths show what the noise is."""
+"""How much bones must turn, see `find_turn`, before a sequence shows lengths and
+noise."""
 
 SHARED = 20.0
 """How much larger a landmark's constant error may be than what is left of it in the residuals: most
@@ -42,9 +43,9 @@ def find_noise(seen: Observations, model: Model) -> float:
 
         sigma^2 = level^2 + r (`SHARED` rms(e))^2,
 
-    at most that with which the images took their landmarks. That it is, too, where bones hardly
-    turn: seen from one side, landmarks that are off alike in all frames fit a rigid body as well
-    as exact ones do.
+    at most that with which the images took their landmarks. That it is, too, where bones of known
+    lengths hardly turn: seen from one side, landmarks that are off alike in all frames fit a rigid
+    body as well as exact ones do.
     """
     most = float(np.sqrt(seen.misfit))
     if find_turn(seen, model) < LEAST_TURN:

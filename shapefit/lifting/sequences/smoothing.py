@@ -53,7 +53,8 @@ class Smoothed:
     """points (t, 3, p), lengths (e,), energy, log evidence of the noise up to a constant.
 
     deviation (t, 3, p) of the points, the lengths held, where it was asked for, and the correlation
-    (t, 3, p) of x with y, x with z, and y with z of each landmark.
+    (t, 3, p) of x with y, x with z, and y with z of each landmark; covariance (t, 3p, 3p) of the
+    frames, all x first, then y, then z, where it was asked for as well.
     """
 
     points: Floats
@@ -62,6 +63,7 @@ class Smoothed:
     log_evidence: float
     deviation: Floats | None = None
     correlation: Floats | None = None
+    covariance: Floats | None = None
 
 
 def smooth(
@@ -71,6 +73,7 @@ def smooth(
     start: Smoothed | None = None,
     rounds: int = 8,
     deviations: bool = False,
+    covariances: bool = False,
 ) -> Smoothed:
     """Minimise the objective above for landmarks of the given noise, from a start or the images."""
     t, _, p = seen.start.shape
@@ -79,6 +82,7 @@ def smooth(
     hold, known = held_lengths(model, lengths)
     end = np.empty(3)
     deviation, correlation = np.empty((2, t if deviations else 0, 3 * p))
+    covariance = np.empty((t if deviations and covariances else 0, 3 * p, 3 * p))
     core.smooth_sequence(
         landmarks=np.nan_to_num(seen.landmarks).reshape(t, 2 * p),
         weight=further_weight(seen, noise),
@@ -97,6 +101,7 @@ def smooth(
         lengths=lengths,
         deviation=deviation,
         correlation=correlation,
+        covariance=covariance,
         end=end,
     )
     energy, log_det = end[:2].tolist()
@@ -108,6 +113,7 @@ def smooth(
         log_evidence=-energy - 0.5 * log_det - spread,
         deviation=deviation.reshape(t, 3, p) if deviations else None,
         correlation=correlation.reshape(t, 3, p) if deviations else None,
+        covariance=covariance if len(covariance) else None,
     )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.geometry.pinhole import project
+from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.posterior.rays import find_rays
 
@@ -45,7 +46,6 @@ def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -
     grow = (lifting.scale / size)[:, None, None]
     flat = np.zeros((len(size), 2))
     found = lifting.estimate
-    assert found.deviation is not None  # of a posterior
     middle = rays.focal[:, None] * view.translation[:, :2] / np.abs(view.translation[:, 2:])
     points = lifting.scale[:, None, None] * found.shapes
     points[:, :2] += middle[..., None]
@@ -54,7 +54,7 @@ def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -
         shapes=points,
         translation=flat,
         scale=size,
-        estimate=replace(found, translation=flat, deviation=grow * found.deviation),
+        estimate=in_unit_of(replace(found, translation=flat), grow),
         perspective=None,
     )
     refined = weak
@@ -76,17 +76,25 @@ def see_again(
     t = np.concatenate([middle, camera.sign * focal[:, None]], axis=1) / lifting.scale[:, None]
     fitted = project(camera, shapes / lifting.scale[:, None, None] + t[..., None])
     shapes[:, :2] += translation[..., None]
-    deviation = refined.estimate.deviation
     return replace(
         lifting,
         shapes=shapes,
         landmarks_fitted=fitted,
         translation=translation,
         estimate=replace(
-            refined.estimate,
+            in_unit_of(refined.estimate, 1 / grow),
             translation=lifting.estimate.translation,
-            deviation=None if deviation is None else deviation / grow,
             camera_translation=t,
         ),
         perspective=PerspectiveView(t, camera),
+    )
+
+
+def in_unit_of(estimate: Estimate, grow: Floats) -> Estimate:
+    """The estimate with error bars in a unit that is smaller by the factor grow (n, 1, 1)."""
+    deviation, covariance = estimate.deviation, estimate.covariance
+    return replace(
+        estimate,
+        deviation=None if deviation is None else grow * deviation,
+        covariance=None if covariance is None else grow**2 * covariance,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.records import match_landmarks, nearest_names
@@ -25,7 +25,7 @@ def find_strange(own: Sequence[str], known: Sequence[str]) -> list[str]:
 def check_enough(own: Sequence[str], known: Sequence[str], place: str) -> None:
     """Raise InputError where fewer than three landmarks are the dictionary's, and others are not.
 
-    The error has both lists of names, and the pairs that look alike.
+    The error has both lists of names, and the pairs that look alike where these are enough.
     """
     matching = [name for name in own if name in set(known)]
     if len(matching) >= FEWEST_LANDMARKS or len(matching) == len(own):
@@ -40,8 +40,14 @@ def check_enough(own: Sequence[str], known: Sequence[str], place: str) -> None:
         f"dictionary, and {FEWEST_LANDMARKS} must be; the files have {', '.join(own)}; the "
         f"dictionary has {', '.join(known)}"
     )
-    pairs = _likely_pairs([name for name in own if name not in set(known)], known)
-    raise input_error(place, found, f"name them alike: {pairs or '`rename: {FILE: DICTIONARY}`'}")
+    pairs = _likely_pairs(
+        [name for name in own if name not in set(known)],
+        [name for name in known if name not in set(own)],
+    )
+    if len(matching) + len(pairs) >= FEWEST_LANDMARKS:
+        raise input_error(place, found, f"name them alike: {_as_rename(pairs)}")
+    fix = "give a dictionary of such objects, or name landmarks alike: `rename: {FILE: DICTIONARY}`"
+    raise input_error(place, found, fix)
 
 
 def _same_joint(own: Sequence[str]) -> list[str]:
@@ -56,7 +62,9 @@ def name_warnings(own: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
     """Say which landmarks stand for joints of the dictionary, and which are left out."""
     joints = find_joints(own, known)
     strange = find_strange(joints.rename(own), known)
-    return joints.notes + left_out_landmarks(strange, () if joints.names else known)
+    return joints.notes + left_out_landmarks(
+        strange, () if joints.names else [name for name in known if name not in set(own)]
+    )
 
 
 def left_out_landmarks(strange: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
@@ -64,19 +72,24 @@ def left_out_landmarks(strange: Sequence[str], known: Sequence[str]) -> tuple[st
     if not strange:
         return ()
     pairs = _likely_pairs(strange, known)
-    hint = f"; if they are the same: {pairs}" if pairs else ""
+    hint = f"; if they are the same: {_as_rename(pairs)}" if pairs else ""
     found = f"{counted(len(strange), 'landmark')} left out, which the dictionary lacks"
     return (f"{found} ({abbreviate(strange)}){hint}",)
 
 
-def _likely_pairs(strange: Sequence[str], known: Sequence[str]) -> str:
-    """Return a `rename` of the names that look most alike; "" where none do."""
+def _likely_pairs(strange: Sequence[str], known: Sequence[str]) -> dict[str, str]:
+    """Return the names that look most alike, the file's to the dictionary's."""
     near = {
         name: [each for each in nearest_names(name, known) if not _opposite(name, each)]
         for name in strange
     }
-    pairs = [f"{name}: {close[0]}" for name, close in near.items() if close]
-    return f"`rename: {{{', '.join(pairs[:5])}}}`" if pairs else ""
+    return {name: close[0] for name, close in near.items() if close}
+
+
+def _as_rename(pairs: Mapping[str, str]) -> str:
+    """Return the first pairs as the key `rename`."""
+    first = [f"{name}: {meant}" for name, meant in list(pairs.items())[:5]]
+    return f"`rename: {{{', '.join(first)}}}`"
 
 
 def _opposite(name: str, other: str) -> bool:

@@ -94,12 +94,11 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
         + mismatch(config, dictionary)
         + find_renamed(source, config)
         + names
-        + rate_warnings(source.frame_rate, config)
         + find_doubts(source.head.extras, calibrated)
         + left_in
         + ambiguous.warnings
         + exports.warnings
-        + writer.summary.warnings,
+        + with_rate_warning(writer.summary.warnings, source.frame_rate, config),
         note="; ".join(filter(None, (exports.note, writer.summary.note))),
         written=(*(writer.summary.written or (config.output,)), *exports.folders, *exports.sheets),
     )
@@ -170,7 +169,7 @@ def find_chunks(source: LandmarkSource, config: FitConfig) -> Iterator[LandmarkS
     """
     if METHODS[config.method].sequences:
         return whole_sequences(map(with_sequences, source.chunks(READ_AHEAD)))
-    return source.chunks(math.ceil(config.chunk / STRETCH) * STRETCH)
+    return source.file_chunks(math.ceil(config.chunk / STRETCH) * STRETCH)
 
 
 def with_sequences(images: LandmarkSet) -> LandmarkSet:
@@ -186,13 +185,22 @@ def source_names(config: FitConfig) -> str:
     return ", ".join(str(path) for path in config.landmarks) + ": landmark names"
 
 
-def rate_warnings(rate: float | None, config: FitConfig) -> tuple[str, ...]:
-    """Warn where sequences are to be smoothed and nobody says how fast the images follow."""
+def with_rate_warning(
+    of_writer: tuple[str, ...], rate: float | None, config: FitConfig
+) -> tuple[str, ...]:
+    """Add a warning where sequences are to be smoothed and nobody says how fast the images follow.
+
+    It takes the place of the writer's about the same.
+    """
     if not METHODS[config.method].sequences or rate or config.sequences.frame_rate:
-        return ()
+        return of_writer
+    from shapefit.io.written.motion import NO_RATE
+
+    and_times = ", and times are numbers of frames" if NO_RATE in of_writer else ""
     return (
         "the frame rate is unknown, so the motion from image to image is taken for that of the "
-        "training shapes; set `sequences.frame_rate`, or the root attribute `frame_rate`",
+        f"training shapes{and_times}; set `sequences.frame_rate`",
+        *(each for each in of_writer if each != NO_RATE),
     )
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import logging
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from itertools import islice
 from typing import Any
 
 from shapefit.config import FitConfig
-from shapefit.errors import input_error
+from shapefit.errors import counted, input_error
 from shapefit.pipelines.parts.part import Done, Job, fit_part
 
 ADDRESS = "DASK_SCHEDULER_ADDRESS"
@@ -20,8 +23,11 @@ RETRIES = 2
 AHEAD = 4
 """Parts that each thread of the cluster has waiting; more would only fill the scheduler."""
 
-PATIENCE = 30
+PATIENCE = 10
 """Seconds to wait for the scheduler to answer."""
+
+CLOSING = 5
+"""Seconds to wait for it at the end."""
 
 
 def wants_cluster(config: FitConfig) -> bool:
@@ -36,64 +42,109 @@ def connected(config: FitConfig) -> Iterator[Any]:
 
     Raises InputError where Dask is not installed, and where no scheduler answers.
     """
-    try:
-        import distributed
-    except ImportError:
-        found = "a cluster needs dask distributed, which is not installed"
-        fix = "run `pip install 'shapefit[dask]'`, or leave out --workers and --scheduler"
-        raise input_error("fit", found, fix) from None
+    distributed = _dask()
     if config.workers is not None:
-        cluster = distributed.LocalCluster(
-            n_workers=config.workers, threads_per_worker=1, dashboard_address=":0"
-        )
-        with cluster, distributed.Client(cluster) as client:
+        with (
+            distributed.LocalCluster(
+                n_workers=config.workers,
+                threads_per_worker=1,
+                dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL,
+            ) as cluster,
+            distributed.Client(cluster) as client,
+        ):
             yield client
         return
-    where: dict[str, Any] = {"timeout": PATIENCE}
-    if config.scheduler_file:
-        where["scheduler_file"] = str(config.scheduler_file)
-    else:
-        where["address"] = config.scheduler or os.environ[ADDRESS]
-    name = where.get("scheduler_file") or where["address"]
+    address = address_of(config)
     try:
-        client = distributed.Client(**where)
-    except (OSError, ValueError, TimeoutError) as error:
+        client = distributed.Client(address, timeout=PATIENCE)
+    except (OSError, ValueError) as error:
         found = f"no scheduler answers ({str(error).partition(chr(10))[0]})"
-        raise input_error(name, found, "start one with `dask scheduler`, or check it") from None
-    with client:
+        raise input_error(address, found, "start one with `dask scheduler`, or check it") from None
+    try:
         yield client
+    finally:
+        with suppress(Exception):  # of a scheduler that is gone there is nothing to let go
+            client.close(timeout=CLOSING)
+
+
+def address_of(config: FitConfig) -> str:
+    """Return the address of the scheduler that the config or the environment names.
+
+    Raises InputError for a file that no scheduler wrote.
+    """
+    file = config.scheduler_file
+    if file is None:
+        return config.scheduler or os.environ[ADDRESS]
+    try:
+        return str(json.loads(file.read_text(encoding="utf-8"))["address"])
+    except (OSError, ValueError, KeyError, TypeError):
+        fix = "name the one that `dask scheduler --scheduler-file FILE` wrote"
+        raise input_error(file, "is not the file of a Dask scheduler", fix) from None
+
+
+def introduce(client: Any) -> str:
+    """Return one line on the cluster: how large it is, and where its dashboard is."""
+    workers = counted(len(client.nthreads()), "worker")
+    link = client.dashboard_link
+    return f"Dask: {workers}" + (f"; dashboard: {link}" if link else "")
 
 
 def on_cluster(client: Any, jobs: Iterable[Job]) -> Iterator[Done]:
     """Do the jobs on the workers of a cluster; yield what became of each, as they end.
 
     A worker that dies has its part done by another one. A part that fails again and again is
-    reported with its error.
+    reported with its error. Raises InputError where the scheduler is lost.
     """
-    from distributed import as_completed
+    from distributed import CancelledError, as_completed
 
     waiting = iter(jobs)
-    threads = sum(client.nthreads().values()) or 1
     parts: dict[str, Job] = {}
+    place = client.scheduler.address
 
     def submitted(most: int) -> list[Any]:
         new = []
-        for job in waiting:
+        for job in islice(waiting, most):
             future = client.submit(fit_part, job, pure=False, retries=RETRIES)
             parts[future.key] = job
             new.append(future)
-            if len(new) == most:
-                break
         return new
 
-    ended = as_completed(submitted(AHEAD * threads))
+    ended = as_completed(submitted(AHEAD * max(1, sum(client.nthreads().values()))))
     for future in ended:
         job = parts.pop(future.key)
-        yield future.result() if future.status == "finished" else failed(job, future.exception())
+        if future.status == "error":
+            yield failed(job, future.exception())
+        else:
+            try:
+                done = future.result()
+            except (OSError, CancelledError):  # all that is asked for ends with the connection
+                found = "the scheduler is gone; what is done stays"
+                fix = "start it and its workers again, and run the same command again"
+                raise input_error(place, found, fix) from None
+            yield done
         ended.update(submitted(1))
 
 
 def failed(job: Job, error: BaseException) -> Done:
     """Return that a part could not be done."""
+    kind = type(error).__name__
+    if kind == "KilledWorker":
+        deaths = error.allowed_failures + 1  # type: ignore[attr-defined]
+        text = f"{counted(deaths, 'worker')} died of it, one after another; see their logs, and "
+        return Done(job.part, error=text + "give them more memory or take a smaller `partition`")
     text = str(error).partition("\n")[0]
-    return Done(job.part, error=f"{type(error).__name__}: {text}" if text else type(error).__name__)
+    return Done(job.part, error=f"{kind}: {text}" if text else kind)
+
+
+def _dask() -> Any:
+    """Return the library, which leaves talking to the command line."""
+    try:
+        import distributed
+    except ImportError:
+        found = "a cluster needs dask distributed, which is not installed"
+        fix = "run `pip install 'shapefit[dask]'`, or leave out --workers and --scheduler"
+        raise input_error("fit", found, fix) from None
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    return distributed

@@ -59,6 +59,14 @@ def describe(part: Part) -> Entry:
     }
 
 
+def is_whole(path: Path, entry: Entry) -> bool:
+    """Whether the result of a part is still there, as long as it was."""
+    try:
+        return path.stat().st_size == entry.get("bytes")
+    except OSError:
+        return False
+
+
 def read_manifest(path: Path) -> Manifest | None:
     """Read a manifest; None where there is none. Raises InputError where it is something else."""
     try:

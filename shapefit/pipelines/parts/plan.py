@@ -8,13 +8,19 @@ from pathlib import Path
 
 from shapefit.config import FitConfig
 from shapefit.core import STRETCH
-from shapefit.errors import InputError, abbreviate, input_error
+from shapefit.errors import InputError, input_error
+from shapefit.io import open_landmarks
 from shapefit.io.foreign.opening import group_inputs
 from shapefit.io.formats import HDF5
 from shapefit.io.layout import LANDMARKS
+from shapefit.io.options import InputOptions
 from shapefit.io.sources import is_stream
 from shapefit.lifting.methods import METHODS
+from shapefit.pipelines.fit import run as single
 from shapefit.pipelines.reading import input_options
+
+AT_A_TIME = 4096
+"""Images that are read at a time for the names of their sequences."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +57,8 @@ def plan_parts(config: FitConfig) -> list[Part]:
     whole = METHODS[config.method].sequences
     parts: list[Part] = []
     holders: dict[str, Path] = {}
-    for known, paths in group_inputs(config.landmarks, input_options(config.input)):
+    options = input_options(config.input, single.default_track(config))
+    for known, paths in group_inputs(config.landmarks, options):
         state = tuple((each.st_size, each.st_mtime_ns) for each in map(Path.stat, paths))
         rows: list[tuple[int, int] | None] = [None]
         if known is HDF5 and _is_readable(paths[0]):
@@ -59,6 +66,9 @@ def plan_parts(config: FitConfig) -> list[Part]:
                 rows = _between_sequences(paths[0], config.partition, holders)
             else:
                 rows = _between_stretches(paths[0], config.partition)
+        elif whole:
+            for name in _named_sequences(paths, options):
+                _hold(name, paths[0], holders)
         parts += [
             Part(number, paths, each, state) for number, each in enumerate(rows, start=len(parts))
         ]
@@ -94,17 +104,35 @@ def _between_sequences(
     rows: list[tuple[int, int] | None] = []
     start = 0
     for name, first in _sequence_starts(path):
-        if name in holders:
-            where = {str(holders[name]), str(path)}
-            found = f"the sequence '{name}' is in {abbreviate(sorted(where))}, in two places"
-            raise input_error(path, found, "put its images together, in one file")
-        holders[name] = path
+        _hold(name, path, holders)
         if first - start >= size:
             rows.append((start, first))
             start = first
     if not rows:
         return [None]
     return [*rows, (start, _count(path))]
+
+
+def _hold(name: str, path: Path, holders: dict[str, Path]) -> None:
+    """Note the file of a sequence; raise InputError where it was in another one, or stopped."""
+    if name in holders:
+        where = sorted({str(holders[name]), str(path)})
+        found = f"the sequence '{name}' is in {' and in '.join(where)}"
+        found += ", in two places" if len(where) == 1 else ""
+        raise input_error(path, found, "put its images together, in one file")
+    holders[name] = path
+
+
+def _named_sequences(paths: tuple[Path, ...], options: InputOptions) -> Iterator[str]:
+    """Yield the names of the sequences in a recording that has to be read for them."""
+    try:
+        with open_landmarks(paths, options) as source:
+            names: dict[str, None] = {}
+            for images in source.chunks(AT_A_TIME):
+                names.update(dict.fromkeys(images.sequences or ()))
+    except InputError:  # whoever does the part reports it
+        return
+    yield from names
 
 
 def _sequence_starts(path: Path) -> Iterator[tuple[str, int]]:

@@ -16,9 +16,23 @@ from shapefit.config.paths import MANIFEST
 from shapefit.errors import abbreviate, counted, input_error, printable
 from shapefit.io import digest
 from shapefit.pipelines.fit import run as single
-from shapefit.pipelines.outcome import Failure, Outcome
-from shapefit.pipelines.parts.cluster import RETRIES, connected, failed, on_cluster, wants_cluster
-from shapefit.pipelines.parts.manifest import Manifest, describe, held_folder, read_manifest
+from shapefit.pipelines.outcome import Counted, Failure, Outcome
+from shapefit.pipelines.parts.cluster import (
+    RETRIES,
+    connected,
+    failed,
+    introduce,
+    on_cluster,
+    wants_cluster,
+)
+from shapefit.pipelines.parts.manifest import (
+    Manifest,
+    describe,
+    held_folder,
+    is_whole,
+    read_manifest,
+)
+from shapefit.pipelines.parts.pace import tell_pace
 from shapefit.pipelines.parts.part import Done, Job, fit_part
 from shapefit.pipelines.parts.plan import Part, plan_parts
 
@@ -82,15 +96,19 @@ def _known(config: FitConfig, terms: dict[str, str]) -> tuple[Manifest, str | No
     changed = [name for name, value in terms.items() if known.terms.get(name) != value]
     if changed:
         return Manifest(terms), f"all parts are done again: another {' and another '.join(changed)}"
+    known.parts = {
+        name: entry
+        for name, entry in known.parts.items()
+        if is_whole(config.output.parent / name, entry)
+    }
     return known, None
 
 
 def _dry(parts: Sequence[Part], manifest: Manifest) -> Outcome:
     """Say which parts would be done."""
     lines = [f"{part.file}: {_words(part)}" for part in parts if not manifest.holds(part)]
-    there = len(parts) - len(lines)
-    note = f"{counted(len(lines), 'part')} to do, {there} done\n" + "\n".join(lines)
-    return Outcome(unit="image", note=note.strip())
+    note = f"{counted(len(lines), 'part')} to do, {len(parts) - len(lines)} done"
+    return Outcome(note=note, listing=tuple(lines))
 
 
 def _words(part: Part) -> str:
@@ -107,14 +125,25 @@ def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Ite
     note = f"{len(parts) - len(todo)} of {counted(len(parts), 'part')} done before"
     yield Outcome(warnings=warnings, note=note)
     lost: list[Failure] = []
-    reached = len(parts) - len(todo)
-    wrote, took = time.monotonic(), 0.0
+    reached, images = len(parts) - len(todo), 0
+    began_all = wrote = time.monotonic()
+    took = 0.0
+
+    def pace() -> str:
+        before = len(parts) - len(todo)
+        seconds = time.monotonic() - began_all
+        return tell_pace(reached, len(parts), len(lost), images, reached - before, seconds)
+
     try:
         for done in _do(config, [Job(part, config, folder) for part in todo]):
+            if isinstance(done, str):
+                yield Outcome(line=done)
+                continue
             if done.error is not None:
                 lost.append(Failure(done.part.file, f"{_words(done.part)}: {done.error}"))
+                yield Outcome(note=pace())
                 continue
-            reached += 1
+            reached, images = reached + 1, images + done.images
             manifest.parts[done.part.file] = describe(done.part) | done.entry()
             if time.monotonic() - wrote >= took / SHARE_OF_WRITING:
                 began = time.monotonic()
@@ -125,27 +154,40 @@ def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Ite
                 done=done.images,
                 failures=done.failures,
                 warnings=done.warnings,
-                note=f"{reached} of {counted(len(parts), 'part')} done",
+                note=pace(),
             )
     finally:
         manifest.write(config.output)
     _remove_stale(folder, parts)
     yield Outcome(
         failures=tuple(lost),
+        warnings=_warn_of_equal([folder / name for name in sorted(manifest.parts)]),
         note=f"{reached} of {counted(len(parts), 'part')} done",
         written=(config.output,),
     )
 
 
-def _do(config: FitConfig, jobs: Sequence[Job]) -> Iterator[Done]:
-    """Do the jobs, on a cluster or one after the other."""
-    if not wants_cluster(config):
+def _warn_of_equal(results: Sequence[Path]) -> tuple[Counted, ...]:
+    """Warn of items that are in two parts."""
+    from shapefit.pipelines.parts.equal_items import find_equal
+
+    equal = find_equal(results)
+    if not equal.count:
+        return ()
+    text = "in more than one part: `eval` cannot tell them apart"
+    return (Counted(equal.count, "item", text, worst=str(equal)),)
+
+
+def _do(config: FitConfig, jobs: Sequence[Job]) -> Iterator[Done | str]:
+    """Do the jobs, on a cluster, which is introduced by one line, or one after the other."""
+    if not jobs or not wants_cluster(config):
         yield from map(_tried, jobs)
         return
     with connected(config) as client:
         if config.threads == 0:  # a worker's threads are the cluster's
             one = config.model_copy(update={"threads": 1})
             jobs = [Job(job.part, one, job.folder) for job in jobs]
+        yield introduce(client)
         yield from on_cluster(client, jobs)
 
 

@@ -56,7 +56,7 @@ def assemble(
     truth = read_truth(config, results, frames, landmarks) if config.truth else None
     seen = _seen(found)
     layers, meshes, edges = _layers(config, found, seen, truth, landmarks, notes)
-    _note_what_lacks(found, layers, seen, edges, notes)
+    _note_what_lacks(layers, seen, edges, notes)
     y_axis = agreed("y_axis", [(str(one.path), one.y_axis) for one in every], "up")
     return Scene(
         title=", ".join(listings) + (" and the truth" if truth else ""),
@@ -102,7 +102,7 @@ def _layers(
                     if path not in dictionaries:
                         dictionaries[path] = len(meshes)
                         meshes.append(MeshSet(dictionary.mesh_vertices, dictionary.mesh_faces))
-                    layer = with_mesh(layer, each, dictionary, dictionaries[path])
+                    layer = with_mesh(layer, each, dictionaries[path])
         layers.append(
             layer if truth is None else with_error(layer, truth.points, truth.shapes.unit)
         )
@@ -217,7 +217,6 @@ def _outliers(results: Sequence[Gathered]) -> NDArray[np.bool_] | None:
 
 
 def _note_what_lacks(
-    found: Sequence[Gathered],
     layers: Sequence[Layer],
     seen: Floats | None,
     edges: NDArray[np.int64] | None,

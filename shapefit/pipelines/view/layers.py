@@ -51,7 +51,7 @@ def result_layer(gathered: Gathered, seen: Floats | None) -> Layer:
     )
 
 
-def with_mesh(layer: Layer, gathered: Gathered, dictionary: Dictionary, mesh_set: int) -> Layer:
+def with_mesh(layer: Layer, gathered: Gathered, mesh_set: int) -> Layer:
     """Return a result's layer with the meshes of the atoms, mixed and placed as the shape is."""
     c = gathered.of_frames["coefficients"]
     pose = _pose(gathered)

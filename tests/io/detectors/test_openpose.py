@@ -98,6 +98,12 @@ def test_two_cameras_in_a_folder_are_two_videos(written, tmp_path):
     assert sorted(set(images.sequences)) == ["cam_a/person 1", "cam_b/person 2"]
 
 
+def test_a_person_who_was_not_found_is_an_error_that_names_the_others(written, tmp_path):
+    written("cam/0.json", frame(person(17), person(17, x=500.0)))
+    with pytest.raises(InputError, match=r"no individual 'person 7'.*person 1, person 2"):
+        read(tmp_path / "cam", track="nearest", individual="person 7")
+
+
 def test_names_without_numbers_are_images(written, tmp_path):
     for name in ("left.json", "right.json", "img2.json"):
         written(f"set/{name}", frame(person(17)))
@@ -165,7 +171,7 @@ def test_a_video_or_an_empty_folder_is_told(tmp_path):
     with pytest.raises(InputError, match=r"walk.mp4: is a video.*file of landmarks"):
         read(path)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match=r"it is a folder, and it holds no .*OpenPose"):
+    with pytest.raises(InputError, match=r"it is a folder, and holds none of these: .*OpenPose"):
         read(tmp_path / "empty")
 
 

@@ -6,7 +6,12 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io.skeletons import PEOPLE, SKELETONS
-from shapefit.pipelines.fit.landmark_names import check_enough, find_strange, left_out_landmarks
+from shapefit.pipelines.fit.landmark_names import (
+    check_enough,
+    find_strange,
+    left_out_landmarks,
+    name_warnings,
+)
 
 
 def test_three_names_that_match_are_enough():
@@ -24,6 +29,19 @@ def test_names_that_do_not_match_are_told_with_both_lists():
     assert line.startswith("here: 1 of the 4 landmarks of the files are in the dictionary, and 3")
     assert "the files have lft_hip, ankle_l, 2, rhip; the dictionary has pelvis, rhip" in line
     assert line.endswith("name them alike: `rename: {lft_hip: lhip, ankle_l: lankle}`")
+
+
+def test_names_of_another_object_are_not_paired():
+    with pytest.raises(InputError, match="give a dictionary of such objects, or name") as caught:
+        check_enough(("snout", "leftear", "rightear", "tailbase"), PEOPLE, "here")
+    assert "leftear: " not in str(caught.value)
+
+
+def test_no_hint_at_a_name_that_the_file_has_itself():
+    own = ("a1", "b", "c", "finger1", "finger3")
+    (warning,) = name_warnings(own, ("a1", "b", "c", "finger1"))
+    assert "finger3" in warning
+    assert "rename" not in warning
 
 
 def test_two_skeletons_are_told():

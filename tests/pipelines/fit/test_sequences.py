@@ -78,6 +78,66 @@ def test_shapes_move_and_have_deviations(people):
     np.testing.assert_array_equal(whole.landmarks_fitted, whole.shapes[:, :2])
 
 
+def test_error_bars_keep_what_frames_have_in_common(people):
+    single, _ = fitted(people, people / "views.h5", method="posterior")
+    whole, _ = fitted(people, people / "views.h5")
+    refined = np.isfinite(whole.extras["sequence_noise"])
+    assert refined.any()
+    assert (whole.shape_sd[refined] > 0.4 * single.shape_sd[refined]).all()
+    np.testing.assert_allclose(whole.shape_sd[~refined], single.shape_sd[~refined], rtol=1e-5)
+
+
+@pytest.mark.parametrize("camera", ["none", "perspective"])
+def test_covariances_agree_with_deviations_and_correlations(people, tmp_path, camera):
+    keys = {"model": camera, "focal": 1e6, "principal_point": [0.0, 0.0]}
+    keys = {"camera": keys} if camera == "perspective" else {}
+    images = images_of(people / "views.h5")
+    first = np.flatnonzero(np.array(images.sequences) == images.sequences[0])
+    path = written(tmp_path / "first.h5", images.take(first))
+    found, _ = fitted(people, path, posterior={"covariance": True}, **keys)
+    assert np.isfinite(found.extras["sequence_noise"]).any()
+    n, p, _ = found.extras["shape_correlation"].shape
+    own = np.einsum("njajb->njab", found.extras["shape_covariance"].reshape(n, p, 3, p, 3))
+    sd = np.sqrt(np.einsum("njaa->naj", own))
+    np.testing.assert_allclose(sd, found.shape_sd, rtol=1e-6)
+    for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
+        mixed = own[:, :, a, b] / (sd[:, a] * sd[:, b])
+        np.testing.assert_allclose(mixed, found.extras["shape_correlation"][:, :, row], atol=1e-5)
+
+
+def test_a_body_that_hardly_turns_is_but_steadied(people, project, tmp_path):
+    images = images_of(people / "views.h5").take([7] * 24)
+    jitter = 0.01 * np.random.default_rng(2).standard_normal(images.landmarks.shape)
+    size = np.ptp(images.landmarks[0], axis=1).max()
+    still = replace(
+        images,
+        landmarks=images.landmarks + size * jitter,
+        items=tuple(map(str, range(24))),
+        sequences=("still",) * 24,
+    )
+    path = written(tmp_path / "still.h5", still)
+    single, _ = fitted(people, path, method="posterior")
+    whole, _ = fitted(people, path)
+    assert np.isnan(whole.extras["sequence_noise"]).all()
+    np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
+    jumps = [np.abs(np.diff(each.shapes, axis=0)).mean() for each in (single, whole)]
+    assert jumps[1] < 0.9 * jumps[0]
+    known = {"lengths": project / "sample_data/people_test.h5"}
+    measured, _ = fitted(people, path, sequences=known)
+    assert np.isfinite(measured.extras["sequence_noise"]).all()
+
+
+def test_the_program_that_sequences_start_from_is_proved(people):
+    fitted(people, people / "views.h5")
+    request = verify.Request(people / "result.h5", people / "dictionary.h5", ())
+    assert not any(outcome.failures for outcome in verify.run(request))
+    with h5py.File(people / "result.h5", "r+") as file:
+        file["dual"][3] *= 0.9
+    failures = [failure for outcome in verify.run(request) for failure in outcome.failures]
+    assert len(failures) == 1
+    assert "the convex gap" in failures[0].reason
+
+
 def test_sequences_of_one_image_are_single_images(people, tmp_path):
     images = images_of(people / "views.h5").take(slice(0, 20))
     alone = replace(images, sequences=tuple(map(str, range(20))))

@@ -81,6 +81,15 @@ def test_what_the_result_stores(tmp_path, films, measured):
     np.testing.assert_allclose(total(metres.swapaxes(1, 2)), 0.6)
 
 
+def test_an_unknown_frame_rate_is_one_warning(project, tmp_path):
+    overrides = ("keypoints=body_25", "method=sequences")
+    given = {"landmarks": [project / "sample_data/openpose"], "dictionary": "people"}
+    config = load_config("fit", None, overrides, {"output": tmp_path / "walk.trc", **given})
+    said = [str(text) for outcome in fit(config) for text in outcome.warnings]
+    (warning,) = [text for text in said if "frame rate" in text]
+    assert "of the training shapes, and times are numbers of frames; set" in warning
+
+
 def test_without_a_size_height_is_asked_for(tmp_path, films, dictionary):
     given = {"landmarks": [films], "dictionary": dictionary}
     with pytest.raises(InputError, match=r"man\.trc: .*--set height=1\.78"):

@@ -121,7 +121,8 @@ def test_another_dictionary_does_all(folder):
 
 def test_a_dry_run_lists_and_writes_nothing(folder):
     (outcome,) = fit("out/", "partition=100", "dry_run=true")
-    assert outcome.note.startswith("5 parts to do, 0 done")
+    assert outcome.note == "5 parts to do, 0 done"
+    assert len(outcome.listing) == 5
     assert not Path("out").exists()
 
 
@@ -248,3 +249,25 @@ class TestTheFolderIsOneResult:
     def test_shown(self):
         assert self.command("view", "out/", "-o", "page.html") == 0
         assert Path("page.html").stat().st_size > 10_000
+
+
+def test_a_missing_or_shortened_result_is_done_again(folder):
+    fit("out/", "partition=100")
+    Path("out/part-00001.h5").unlink()
+    with Path("out/part-00003.h5").open("r+b") as file:
+        file.truncate(1000)
+    assert done(fit("out/", "partition=100")) == 128 + 16
+    same_as_one_run()
+
+
+def test_a_dry_run_prints_a_line_per_part(folder, capsys):
+    from shapefit_cli.main import run as shapefit
+
+    line = "fit one.h5 two.h5 -d dict.h5 -o out/ --set partition=200 --dry-run"
+    assert shapefit(line.split()) == 0
+    printed, told = capsys.readouterr()
+    names = [each.partition(":")[0] for each in printed.splitlines()]
+    assert names == [f"part-{n:05}.h5" for n in range(3)]
+    assert "rows 256 to 399" in printed
+    assert told.rstrip().endswith("3 parts to do, 0 done")
+    assert len(told.splitlines()) == 1

@@ -206,3 +206,20 @@ def test_frame_rates_come_from_the_config_the_result_or_the_truth(desk):
     assert desk.view(result, frame_rate=12.5).data["frameRate"] == 12.5
     plain = desk.view(desk.result(sequences=("s",) * 6)).data
     assert (plain["frameRate"], plain["rateKnown"]) == (25, False)
+
+
+def test_shapes_of_another_tool_may_have_gaps(tmp_path):
+    names = "a,,,b,,,c,,"
+    rows = [f"{n},{n / 10},0,1,{n},1,0,0,{',,' if n % 2 else '2,1,1'}" for n in range(1, 9)]
+    head = [
+        "PathFileType,4,(X/Y/Z),gaps.trc",
+        "DataRate,CameraRate,NumFrames,NumMarkers,Units,OrigDataRate,OrigDataStartFrame,OrigNumFrames",
+        "10,10,8,3,m,10,1,8",
+        f"Frame#,Time,{names}",
+        ",,X1,Y1,Z1,X2,Y2,Z2,X3,Y3,Z3",
+    ]
+    file = tmp_path / "gaps.trc"
+    file.write_text("\n".join([*head, *rows, ""]).replace(",", "\t"), encoding="utf-8")
+    scene = make_page(ViewConfig(files={"gaps": (file,)}, output=tmp_path / "page.html")).scene
+    (layer,) = scene.layers
+    assert np.isnan(layer.points[:, 0, 2]).sum() == 4

@@ -49,7 +49,7 @@ def test_y_axes_that_differ(desk):
 def test_a_dictionary_is_not_shown(desk, made_dictionary):
     path = desk.folder / "dict.h5"
     write_dictionary(path, made_dictionary)
-    assert "is a shapefit-dictionary file; give one of shapefit-result" in refused(desk, path)
+    assert "is a shapefit-dictionary file; give results, shapes or landmarks" in refused(desk, path)
 
 
 def test_two_files_of_one_name_with_the_same_item(desk):

@@ -1,0 +1,301 @@
+"""A fit on a Dask cluster: the same bits as in one process, whoever is killed meanwhile."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.config import load_config
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import landmark_writer, write_dictionary
+from shapefit.io.records import LandmarkSet
+from shapefit.pipelines.parts import cluster as module
+from shapefit.pipelines.parts.part import Done, Job
+from shapefit.pipelines.parts.plan import Part
+
+pytest.importorskip("distributed")
+
+BIN = Path(sys.executable).parent
+NAMES = tuple("abcdefgh")
+PARTS, SIZE = 10, 64
+SLOW = ("--set", "method=alternate", "--set", "alternation.views=1000")
+LIMIT = 60
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A scheduler on loopback and its workers, which a test may kill."""
+
+    address: str
+    file: Path
+    scheduler: subprocess.Popen[bytes]
+    workers: list[subprocess.Popen[bytes]]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    """A folder with a dictionary, landmarks, and their result in one run."""
+    folder = tmp_path_factory.mktemp("cluster")
+    rng = np.random.default_rng(0)
+    atoms = rng.normal(size=(6, 3, len(NAMES)))
+    atoms -= atoms.mean(axis=2, keepdims=True)
+    write_dictionary(folder / "dict.h5", Dictionary(atoms, NAMES, atoms[0]))
+    count = PARTS * SIZE
+    points = rng.normal(size=(count, 2, len(NAMES)))
+    with landmark_writer(folder / "views.h5") as writer:
+        items = tuple(f"i{n}" for n in range(count))
+        writer.append(LandmarkSet(landmarks=points, landmark_names=NAMES, items=items))
+    done = fit(folder, "whole.h5")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def cluster(data) -> Iterator[Cluster]:
+    with started(data / "shared") as own:
+        yield own
+
+
+@contextmanager
+def started(folder: Path) -> Iterator[Cluster]:
+    """Start a scheduler and two workers; stop them in the end."""
+    folder.mkdir()
+    file = folder / "scheduler.json"
+    host = ("--host", "127.0.0.1", "--no-dashboard")
+    scheduler = dask("scheduler", *host, "--port", "0", "--scheduler-file", file)
+    workers: list[subprocess.Popen[bytes]] = []
+    try:
+        until(file.exists, scheduler)
+        address = json.loads(file.read_text())["address"]
+        cluster = Cluster(address, file, scheduler, workers)
+        workers += [start_worker(cluster), start_worker(cluster)]
+        yield cluster
+    finally:
+        for process in (*workers, scheduler):
+            process.kill()
+            process.wait()
+
+
+def start_worker(cluster: Cluster) -> subprocess.Popen[bytes]:
+    """Start a worker of one thread, which is one process: no nanny starts it again."""
+    options = ("--nthreads", "1", "--no-nanny", "--host", "127.0.0.1", "--no-dashboard")
+    folder = ("--local-directory", cluster.file.parent)
+    return dask("worker", cluster.address, *options, *folder)
+
+
+def dask(*arguments: object) -> subprocess.Popen[bytes]:
+    quiet = subprocess.DEVNULL
+    return subprocess.Popen([BIN / "dask", *map(str, arguments)], stdout=quiet, stderr=quiet)
+
+
+def until(holds: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
+    """Wait for something that a process does."""
+    ends = time.monotonic() + LIMIT
+    while not holds():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < ends
+        time.sleep(0.02)
+
+
+def command(output: str, *options: object) -> list[str]:
+    sizes = ("--set", f"partition={SIZE}")
+    words = (BIN / "shapefit", "fit", "views.h5", "-d", "dict.h5", "-o", output, *SLOW, *sizes)
+    return [*map(str, words), *map(str, options)]
+
+
+def fit(folder: Path, output: str, *options: object) -> subprocess.CompletedProcess[str]:
+    """Run fit to its end."""
+    words = command(output, *options)
+    return subprocess.run(
+        words, cwd=folder, capture_output=True, text=True, timeout=LIMIT, check=False
+    )
+
+
+@contextmanager
+def in_the_middle(folder: Path, output: str, *options: object) -> Iterator[subprocess.Popen[bytes]]:
+    """Start fit, and wait until some parts are done."""
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(command(output, *options), cwd=folder, stdout=pipe, stderr=pipe)
+    try:
+        until(lambda: len(results(folder / output)) >= 2, process)
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def results(folder: Path) -> list[Path]:
+    return sorted(folder.glob("part-*.h5"))
+
+
+def listed(folder: Path) -> Sequence[str]:
+    return [part["file"] for part in json.loads((folder / "manifest.json").read_text())["parts"]]
+
+
+def same_bits(data: Path, output: str) -> None:
+    """Fail unless the parts together are the result of one run, and nothing else is there."""
+    parts = results(data / output)
+    assert [part.name for part in parts] == listed(data / output)
+    assert len(parts) == PARTS
+    others = {path.name for path in (data / output).iterdir()} - {part.name for part in parts}
+    assert others == {"manifest.json", ".lock"}
+    with h5py.File(data / "whole.h5") as whole:
+        names = [n for n, each in whole.items() if each.shape[:1] == (PARTS * SIZE,)]
+        assert {"item", "shapes", "coefficients", "objective"} <= set(names)
+        for name in names:
+            pieces = []
+            for part in parts:
+                with h5py.File(part) as file:
+                    pieces.append(file[name][:])
+            np.testing.assert_array_equal(np.concatenate(pieces), whole[name][:], err_msg=name)
+
+
+def test_processes_of_this_machine(data):
+    done = fit(data, "local/", "--workers", 2)
+    assert done.returncode == 0, done.stderr
+    same_bits(data, "local/")
+    lines = done.stderr.splitlines()
+    assert lines[0].startswith("Dask: 2 workers; dashboard: http://127.0.0.1:")
+    assert f"{PARTS} of {PARTS} parts done" in lines[-1]
+    assert all(line.startswith("fit: ") for line in lines[1:]), done.stderr  # none of Dask's own
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize("by", ["--scheduler", "--scheduler-file", "environment"])
+def test_a_running_cluster(data, cluster, by, monkeypatch):
+    options = {
+        "--scheduler": (by, cluster.address),
+        "--scheduler-file": (by, cluster.file),
+        "environment": (),
+    }
+    if by == "environment":
+        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.address)
+    output = f"by{by}/"
+    done = fit(data, output, *options[by])
+    assert done.returncode == 0, done.stderr
+    assert "Dask: 2 workers" in done.stderr
+    same_bits(data, output)
+
+
+def test_a_killed_worker(data, cluster):
+    with in_the_middle(data, "worker/", "--scheduler", cluster.address) as process:
+        assert len(results(data / "worker")) < PARTS - 2
+        cluster.workers[0].send_signal(signal.SIGKILL)
+        _, told = process.communicate(timeout=LIMIT)
+        assert process.returncode == 0, told
+    cluster.workers[0].wait()
+    cluster.workers[0] = start_worker(cluster)
+    same_bits(data, "worker/")
+
+
+def test_a_killed_client(data):
+    with in_the_middle(data, "client/", "--workers", 2) as process:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    time.sleep(1)  # its workers notice
+    there = results(data / "client")
+    assert 2 <= len(there) < PARTS
+    for path in there:
+        with h5py.File(path) as file:  # whole
+            assert len(file["item"]) == SIZE
+    missing = f"part-{PARTS - 1:05}"
+    litter = data / "client" / f".{missing}-0123abcd.partial.h5"
+    litter.write_bytes(b"left by a killed worker")
+    before = listed(data / "client") if (data / "client/manifest.json").exists() else []
+    stamps = {name: (data / "client" / name).stat().st_mtime_ns for name in before}
+    done = fit(data, "client/", "--workers", 2)
+    assert done.returncode == 0, done.stderr
+    assert f"fit: {(PARTS - len(before)) * SIZE} images" in done.stderr
+    for name, stamp in stamps.items():
+        assert (data / "client" / name).stat().st_mtime_ns == stamp
+    same_bits(data, "client/")
+
+
+def test_a_killed_scheduler(data):
+    with started(data / "doomed") as own:
+        with in_the_middle(data, "scheduler/", "--scheduler", own.address) as process:
+            own.scheduler.send_signal(signal.SIGKILL)
+            _, told = process.communicate(timeout=LIMIT)
+        lines = told.decode().splitlines()
+        assert process.returncode == 2, told
+        assert lines[-1].startswith(f"Error: {own.address}: the scheduler is gone"), told
+        assert not any("distributed" in line for line in lines), told
+    before = listed(data / "scheduler")
+    assert 1 <= len(before) < PARTS
+    done = fit(data, "scheduler/")
+    assert done.returncode == 0, done.stderr
+    assert f"fit: {(PARTS - len(before)) * SIZE} images" in done.stderr
+    same_bits(data, "scheduler/")
+
+
+def test_no_scheduler_at_the_address(data):
+    done = fit(data, "nobody/", "--scheduler", "tcp://127.0.0.1:9")
+    assert done.returncode == 2
+    assert done.stderr.startswith("Error: tcp://127.0.0.1:9: no scheduler answers")
+    assert not results(data / "nobody")
+
+
+def test_a_file_that_is_not_of_a_scheduler(data):
+    (data / "empty.json").write_text("{}")
+    done = fit(data, "nobody/", "--scheduler-file", "empty.json")
+    assert done.returncode == 2, done.stderr
+    assert "empty.json: is not the file of a Dask scheduler" in done.stderr
+
+
+def test_without_dask(data):
+    code = (
+        "import sys; sys.modules['distributed'] = None; sys.modules['dask'] = None\n"
+        "from shapefit_cli.main import run; sys.exit(run(sys.argv[1:]))"
+    )
+    words = [sys.executable, "-c", code, *command("none/", "--workers", 2)[1:]]
+    done = subprocess.run(words, cwd=data, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "pip install 'shapefit[dask]'" in done.stderr
+
+
+@pytest.fixture
+def job(data) -> Job:
+    arguments = {"landmarks": (data / "views.h5",), "dictionary": data / "dict.h5"}
+    config = load_config("fit", None, (), {**arguments, "output": f"{data}/direct/"})
+    return Job(Part(7, (data / "views.h5",), None, ()), config, data / "direct")
+
+
+@pytest.mark.parametrize(("bad", "error"), [(2, None), (9, "OSError: busy")])
+def test_a_part_that_raises_is_tried_three_times(cluster, job, tmp_path, monkeypatch, bad, error):
+    from distributed import Client
+
+    tries = tmp_path / "tries"
+
+    def raises(one: Job) -> Done:
+        with tries.open("a") as file:
+            file.write(".")
+            number = file.tell()
+        if number <= bad:
+            raise OSError("busy")
+        return Done(one.part, images=1)
+
+    monkeypatch.setattr(module, "fit_part", raises)
+    with Client(cluster.address) as client:
+        (done,) = module.on_cluster(client, [job])
+    assert (done.part, done.error) == (job.part, error)
+    assert tries.read_text() == "..."
+
+
+def test_a_part_that_kills_its_workers_is_named(job):
+    from distributed.scheduler import KilledWorker
+
+    done = module.failed(job, KilledWorker("fit_part-1", None, 3))
+    assert done.part.file == "part-00007.h5"
+    assert done.error is not None
+    assert done.error.startswith("4 workers died of it")
