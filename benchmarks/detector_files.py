@@ -102,7 +102,20 @@ def write_yolo(path: Path, points: Floats, confidence: Floats) -> None:
         (path / f"image_{frame:05d}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def write_alphapose(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write AlphaPose's one file of all images."""
+    images = {
+        f"{frame}.jpg": {
+            "version": "AlphaPose",
+            "people": [{"pose_keypoints_2d": p} for p in people],
+        }
+        for frame, people in enumerate(_flat(points, confidence))
+    }
+    _write(path, images)
+
+
 WRITERS: Mapping[str, Callable[[Path, Floats, Floats], None]] = {
+    "alphapose.json": write_alphapose,
     "openpose": write_openpose,
     "results.json": write_results,
     "annotations.json": write_annotations,

@@ -65,7 +65,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
             else keypoints
         )
         detections.frames.append(frames[image])
-        detections.identities.append(entry.get("track_id"))
+        detections.identities.append(_identity(entry))
     labels = labels_of(called)
     detections.labels = [labels[frame] for frame in detections.frames]
     values = detections.values(str(path))
@@ -110,6 +110,14 @@ def _names(category: dict[str, Any], place: str) -> list[str] | None:
         found = f"landmarks of {category.get('name')!r} with the same name"
         raise input_error(f"{place}:categories", found, "give every landmark a unique name")
     return names
+
+
+def _identity(entry: dict[str, Any]) -> Any:
+    """Return who an annotation is of: CVAT's and sleap-io's stand among its attributes."""
+    attributes = entry.get("attributes")
+    if "track_id" in entry or not isinstance(attributes, dict):
+        return entry.get("track_id")
+    return attributes.get("track_id", attributes.get("object_id"))
 
 
 def _spread(

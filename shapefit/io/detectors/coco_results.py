@@ -31,7 +31,8 @@ SURELY_NOT_OF_1 = 2.0
 def is_coco_results(path: Path, head: bytes) -> bool:
     """Whether a file is a list of objects with `image_id` and `keypoints`."""
     own = outline(head)
-    return own.kind == "[" and {"image_id", "keypoints"} <= own.keys
+    seen = {"image_id", "keypoints"} <= own.keys or own.points == "flat"
+    return own.kind == "[" and seen
 
 
 @without_collection

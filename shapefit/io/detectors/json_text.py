@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import orjson
 
@@ -30,6 +30,7 @@ BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 _NUMBERS = re.compile(rb"[-+\d.eE,\s]{8,}")
 _TOKENS = re.compile(rb'"((?:[^"\\]|\\.)*)"\s*(:?)|[{}\[\]]', re.DOTALL)
+_KEYPOINTS = re.compile(rb'\[\s*\{\s*"keypoints"\s*:\s*\[\s*([-\d\[])')
 _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 
 _KNOWN = {
@@ -46,11 +47,14 @@ MEDIAPIPE = {"landmarks", "pose_landmarks", "pose_world_landmarks", "poseLandmar
 class Outline:
     """What the beginning of a JSON file shows: `kind` is { or [, "" where it is no JSON.
 
-    keys are those of the outermost object, or of the objects in the outermost list.
+    keys are those of the outermost object, or of the objects in the outermost list; `points` is
+    pairs or flat, as the keypoints of the first of these, where they are so many that no other
+    key is seen.
     """
 
     kind: str
     keys: frozenset[str]
+    points: Literal["pairs", "flat", ""] = ""
 
 
 @lru_cache(maxsize=4)
@@ -69,7 +73,14 @@ def outline(head: bytes) -> Outline:
             depth -= 1
         elif token[2] and depth == level:
             keys.add(token[1].decode("utf-8", "replace"))
-    return Outline(kind, frozenset(keys))
+    return Outline(kind, frozenset(keys), _points(text) if keys == {"keypoints"} else "")
+
+
+def _points(text: bytes) -> Literal["pairs", "flat", ""]:
+    found = _KEYPOINTS.match(text)
+    if not found:
+        return ""
+    return "pairs" if found[1] == b"[" else "flat"
 
 
 def first_outline(folder: Path, suffix: str = ".json", head_bytes: int = 4096) -> list[Outline]:
@@ -82,6 +93,16 @@ def first_outline(folder: Path, suffix: str = ".json", head_bytes: int = 4096) -
             with path.open("rb") as file:
                 found.append(outline(file.read(head_bytes)))
     return found
+
+
+def json_files(folder: Path) -> tuple[Path, ...]:
+    """Return the JSON files of a folder, in any order; folders in it do not count."""
+    with os.scandir(folder) as entries:
+        return tuple(
+            folder / entry.name
+            for entry in entries
+            if entry.name.lower().endswith(".json") and not entry.is_dir()
+        )
 
 
 def read_json(path: Path) -> Any:

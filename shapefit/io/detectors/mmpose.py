@@ -16,7 +16,14 @@ import numpy as np
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording
 from shapefit.io.detectors.frame_files import frame_files
-from shapefit.io.detectors.json_text import first_outline, outline, read_json, without_collection
+from shapefit.io.detectors.json_text import (
+    Outline,
+    first_outline,
+    json_files,
+    outline,
+    read_json,
+    without_collection,
+)
 from shapefit.io.foreign.recording import Recording
 
 FIX = "give the predictions of MMPose's inferencer"
@@ -34,8 +41,8 @@ def is_image(path: Path, head: bytes) -> bool:
     """Whether a file, or the first files of a folder, are a list of instances of one image."""
     if head:
         nobody = head.strip() == b"[]"
-        return nobody or _is_list_of_instances(outline(head).kind, outline(head).keys)
-    return any(_is_list_of_instances(own.kind, own.keys) for own in first_outline(path))
+        return nobody or _is_list_of_instances(outline(head))
+    return any(_is_list_of_instances(own) for own in first_outline(path))
 
 
 @without_collection
@@ -64,7 +71,7 @@ def record_images(paths: tuple[Path, ...]) -> Recording:
     """Return the images of a folder, or these files, as one recording."""
     folder = paths[0] if paths[0].is_dir() else paths[0].parent
     if paths[0].is_dir():
-        paths = tuple(each for each in folder.iterdir() if each.name.lower().endswith(".json"))
+        paths = json_files(folder)
     video = folder.resolve().name
     detections = Detections(step=2, videos=[])
     files = frame_files(paths, video)
@@ -80,8 +87,9 @@ def record_images(paths: tuple[Path, ...]) -> Recording:
     return _recorded(detections, name, video, len(files), {})
 
 
-def _is_list_of_instances(kind: str, keys: frozenset[str]) -> bool:
-    return kind == "[" and {"keypoints", "keypoint_scores"} <= keys and "instances" not in keys
+def _is_list_of_instances(own: Outline) -> bool:
+    seen = {"keypoints", "keypoint_scores"} <= own.keys and "instances" not in own.keys
+    return own.kind == "[" and (seen or own.points == "pairs")
 
 
 def _add(detections: Detections, instances: list[Any], frame: int, label: str, path: Path) -> None:

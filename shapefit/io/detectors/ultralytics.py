@@ -54,7 +54,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     """Return the images of a folder of labels, or these files, as one recording."""
     folder = paths[0] if paths[0].is_dir() else paths[0].parent
     if paths[0].is_dir():
-        own = (each for each in folder.iterdir() if each.name.lower().endswith(".txt"))
+        own = (each for each in folder.glob("*.[tT][xX][tT]") if not each.is_dir())
         paths = tuple(each for each in own if each.name != "classes.txt")
     name = str(paths[0] if len(paths) == 1 else folder)
     files = frame_files(paths, folder.resolve().name)

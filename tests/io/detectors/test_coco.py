@@ -61,10 +61,14 @@ def test_what_annotations_lack_is_counted(written):
     ]
 
 
-def test_track_ids_are_identities(written):
+@pytest.mark.parametrize(
+    "identity",
+    [{"track_id": 3}, {"attributes": {"track_id": 3}}, {"attributes": {"object_id": 3}}],
+)
+def test_track_ids_are_identities(written, identity):
     path = written(
         "a.json",
-        annotations(*(entry(n, 1, 1, 2, 2, 3, 4, 2, track_id=3) for n in range(2))),
+        annotations(*(entry(n, 1, 1, 2, 2, 3, 4, 2, **identity) for n in range(2))),
     )
     assert set(read(path)[0].sequences) == {"a/id 3"}
 

@@ -180,3 +180,9 @@ def test_other_json_is_not_openpose(written):
     assert (
         find_format(written("b.json", {"images": [], "people": 1})) is not FORMATS["mmpose-video"]
     )
+
+
+def test_a_folder_named_like_a_file_does_not_count(written, tmp_path):
+    written("cam/0.json", frame(person(17)))
+    (tmp_path / "cam" / "1.json").mkdir()
+    assert names(read(tmp_path / "cam")[0]) == ["cam/0/0"]
