@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import fields
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from shapefit import io
 from shapefit.config.dictionaries import find_dictionaries
+from shapefit.errors import input_error, listed
 from shapefit.face.records import (
     Dictionary,
     Fit,
@@ -20,18 +24,27 @@ from shapefit.face.records import (
     shape_set,
 )
 from shapefit.io.layout import DICTIONARY, LANDMARKS, SHAPES
+from shapefit.io.options import InputOptions
 
 File = str | PathLike[str]
 
 
-def read_shapes(*paths: File) -> Shapes:
-    """Read files of 3D shapes, in any format of `learn-dict`, as one set."""
-    return rows_of(io.read_shapes(_paths(paths)), Shapes, SHAPES)
+def read_shapes(*paths: File, **options: Any) -> Shapes:
+    """Read files of 3D shapes, in any format of `learn-dict`, as one set.
+
+    Shapes that lack a landmark are left out. options are keys of the section `input` of the
+    commands, as `rename={"LHip": "lhip"}`. Raises InputError.
+    """
+    return rows_of(io.read_shapes(_paths(paths), _input(options)), Shapes, SHAPES)
 
 
-def read_landmarks(*paths: File) -> Landmarks:
-    """Read files of 2D landmarks, in any format of `fit`, as one set."""
-    with io.open_landmarks(_paths(paths)) as source:
+def read_landmarks(*paths: File, **options: Any) -> Landmarks:
+    """Read files of 2D landmarks, in any format of `fit`, as one set.
+
+    options are keys of the section `input` of the commands, as `keypoints="body_25"` or
+    `track="nearest"`. Raises InputError.
+    """
+    with io.open_landmarks(_paths(paths), _input(options)) as source:
         landmarks = source.whole()
     return rows_of(landmarks, Landmarks, LANDMARKS)
 
@@ -71,6 +84,15 @@ def write_results(path: File, result: Fit) -> None:
     with io.result_writer(Path(path)) as writer:
         writer.append(record)
         writer.attributes.update(record.attributes)
+
+
+def _input(options: Mapping[str, Any]) -> InputOptions:
+    """Return how files are read; raises InputError for keys that the section does not have."""
+    known = [field.name for field in fields(InputOptions)]
+    for key in options:
+        if key not in known:
+            raise input_error(key, "is not a key of `input`", f"use {listed(known)}")
+    return InputOptions(**options)
 
 
 def _paths(paths: tuple[File, ...]) -> list[Path]:

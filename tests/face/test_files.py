@@ -93,3 +93,12 @@ def test_importing_the_package_imports_nothing_else():
     loaded = set(done.stdout.split())
     assert not loaded & {"numpy", "pydantic", "h5py", "scipy"}
     assert not [name for name in loaded if name.startswith("shapefit.")]
+
+
+def test_keys_of_input_say_how_files_are_read(project):
+    people = project / "sample_data/openpose"
+    images = shapefit.read_landmarks(people, keypoints="body_25", track="nearest")
+    assert images.landmark_names[:2] == ("Nose", "Neck")
+    assert set(images.sequences) == {"openpose/person 1", "openpose/person 2"}
+    with pytest.raises(shapefit.InputError, match="`input`; use format, keypoints"):
+        shapefit.read_landmarks(people, keypoint="body_25")
