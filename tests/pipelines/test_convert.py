@@ -134,3 +134,13 @@ def test_a_file_that_is_something_else(tmp_path, content, found):
     (tmp_path / "clip.mp4").write_bytes(content)
     with pytest.raises(InputError, match=found):
         convert(tmp_path / "clip.mp4", output=tmp_path / "x.h5")
+
+
+def test_a_mixture_of_formats_is_counted(tmp_path):
+    (tmp_path / "mouse.csv").write_text(
+        "scorer,a,a,a\nbodyparts,nose,nose,nose\ncoords,x,y,likelihood\n0,1.0,2.0,0.9\n"
+    )
+    files = (tmp_path / "mouse.csv", SAMPLES / "openpose")
+    (warning,) = convert(*files, output=tmp_path / "both.h5", keypoints="body_25")
+    assert warning.startswith("several formats in one call: a DeepLabCut or Lightning Pose CSV (1)")
+    assert "a set of OpenPose files (1)" in warning

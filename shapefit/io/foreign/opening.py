@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
@@ -25,6 +26,15 @@ def group_inputs(
         key = (known.title, str(path.parent)) if shared else ("", str(path))
         groups.setdefault(key, (known, []))[1].append(path)
     return [(known, tuple(own)) for known, own in groups.values()]
+
+
+def mixture(groups: Sequence[tuple[FileFormat, tuple[Path, ...]]]) -> tuple[str, ...]:
+    """Warn of inputs in several formats, some of them of other tools, whose names may not agree."""
+    counts = Counter(known.title for known, _ in groups)
+    if len(counts) < 2 or all(known.recorder is None for known, _ in groups):
+        return ()
+    found = listed((f"{title} ({number})" for title, number in counts.items()), "and")
+    return (f"several formats in one call: {found}; landmarks are matched by their names",)
 
 
 def open_either(known: FileFormat, paths: tuple[Path, ...]) -> Recording:

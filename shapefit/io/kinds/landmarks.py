@@ -16,7 +16,7 @@ from shapefit.io.chunked import ChunkedSource, SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
 from shapefit.io.foreign.file_format import FileFormat
-from shapefit.io.foreign.opening import group_inputs, open_recording
+from shapefit.io.foreign.opening import group_inputs, mixture, open_recording
 from shapefit.io.formats import find_reader
 from shapefit.io.layout import LANDMARKS, UNKNOWN_UNIT
 from shapefit.io.options import AS_THEY_ARE, InputOptions
@@ -50,7 +50,9 @@ def open_landmarks(
         (path,) = paths
         files = [hiding(open_hdf5(path, rows), options.likelihood_below)]
     else:
-        files = [_open(known, own, options) for known, own in group_inputs(paths, options)]
+        groups = group_inputs(paths, options)
+        files = [_open(known, own, options) for known, own in groups]
+        files[0] = replace(files[0], notes=files[0].notes + mixture(groups))
     rename = options.rename
     check_known(rename, [(file.name, file.head.landmark_names) for file in files])
     return LandmarkSource([_renamed(file, rename) for file in files])
