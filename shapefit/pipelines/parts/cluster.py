@@ -30,7 +30,7 @@ CLOSING = 5
 """Seconds to wait for it at the end."""
 
 OF_A_NANNY = {"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}
-"""By default workers give every free page back, which took a sixth of the processor's time."""
+"""By default workers give every free page back, which takes time of the system."""
 
 
 def wants_cluster(config: FitConfig) -> bool:
