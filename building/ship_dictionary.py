@@ -29,13 +29,13 @@ def main() -> None:
         for name, dataset in learned.items():
             if name not in LEFT_OUT:
                 copy(shipped, name, dataset[()])
-        for name, value in learned.attrs.items():
+        attributes = dict(learned.attrs)
+        attributes["config"] = json.dumps(without_folders(json.loads(attributes["config"])))
+        digests = json.loads(attributes["inputs"])
+        attributes["inputs"] = json.dumps({Path(key).name: text for key, text in digests.items()})
+        # Written once: what an attribute held before would stay in the bytes of the file.
+        for name, value in attributes.items():
             shipped.attrs[name] = value
-        shipped.attrs["config"] = json.dumps(without_folders(json.loads(learned.attrs["config"])))
-        digests = json.loads(learned.attrs["inputs"])
-        shipped.attrs["inputs"] = json.dumps(
-            {Path(key).name: text for key, text in digests.items()}
-        )
     read_dictionary(target)
     print(f"{target}: {target.stat().st_size:,} bytes")
 

@@ -71,6 +71,8 @@ def test_it_names_no_folder():
     with h5py.File(FILE) as file:
         texts = [str(value) for value in file.attrs.values()]
     assert not [text for text in texts if re.search(r"[\"' ]/|\\\\|\.\./", text)]
+    # nor in bytes that HDF5 no longer uses: the only paths are those of groups and filters
+    assert not re.search(rb"/[a-z]+/[a-z0-9_/]+\.h5", FILE.read_bytes())
 
 
 def test_it_was_learned_by_the_config_of_the_project(people, project):
