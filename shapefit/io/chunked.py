@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Generic, Self, TypeVar
 
 from shapefit.io.duplicates import ItemList, check_unique_items
 from shapefit.io.records import LandmarkSet, ShapeSet, concatenate
+from shapefit.io.renaming import renamed
 
 Record = TypeVar("Record", ShapeSet, LandmarkSet)
 
@@ -30,6 +32,22 @@ class SourceFile(Generic[Record]):
 
 
 File = TypeVar("File", bound=SourceFile[Any])
+
+
+def changed(file: File, change: Callable[[Any], Any]) -> File:
+    """Return a file that gives its records out changed, its head too."""
+
+    @contextmanager
+    def opened() -> Iterator[Callable[[slice], Any]]:
+        with file.open() as read:
+            yield lambda rows: change(read(rows))
+
+    return replace(file, head=change(file.head), open=opened)
+
+
+def with_names(file: File, rename: Mapping[str, str]) -> File:
+    """Return a file that gives its landmarks out under their new names (`renamed`)."""
+    return changed(file, partial(renamed, rename=rename, place=file.name)) if rename else file
 
 
 class ChunkedSource(ABC, Generic[Record, File]):

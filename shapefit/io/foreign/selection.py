@@ -126,17 +126,16 @@ def _chosen(
         confidence = np.where(placed, _weights(confidence), 0.0)
     rows = placed.any(axis=1)
     counts[NOBODY] += int((~rows).sum())
-    known_names = {number: _name(recording, number) for number in set(block.individuals.tolist())}
-    who = [known_names[number] for number in block.individuals.tolist()]
+    numbered = block.individuals.tolist()
+    known_names = {number: _name(recording, number) for number in set(numbered)}
+    who = [known_names[number] for number in numbered]
     if options.individual is not None:
         rows &= np.array([name == options.individual for name in who], dtype=bool)
     videos = block.videos or [recording.video] * len(block)
     items, sequences = [], []
     anonymous = f"{UNTRACKED}/" if recording.individuals else ""
     known: dict[tuple[str, str], str] = {}
-    for video, name, number, label in zip(
-        videos, who, block.individuals.tolist(), block.labels, strict=True
-    ):
+    for video, name, number, label in zip(videos, who, numbered, block.labels, strict=True):
         if number == ANYBODY:
             frame = (video, label)
             items.append(f"{video}/{anonymous}{label}/{numbers[frame]}")

@@ -33,6 +33,8 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
         raise input_error("-", found, "save it to a file and name that")
     known = find_format(path, options.format)
     if known.recorder is not None:
+        if len(known.records) == 1:  # JSON, for one, would be read whole to say so
+            return known.records[0]  # type: ignore[return-value]
         recording = open_either(known, (path,))
         return "landmarks" if recording.dimensions == 2 else "shapes"
     if known is HDF5:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from shapefit.io.agreement import agreed, agreed_rate, check_same_extras
-from shapefit.io.chunked import ChunkedSource, SourceFile
+from shapefit.io.chunked import ChunkedSource, SourceFile, changed, with_names
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
 from shapefit.io.foreign.file_format import FileFormat
@@ -21,7 +20,7 @@ from shapefit.io.formats import find_reader
 from shapefit.io.layout import LANDMARKS, UNKNOWN_UNIT
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.records import LandmarkSet
-from shapefit.io.renaming import check_known, renamed
+from shapefit.io.renaming import check_known
 from shapefit.io.sources import source_name
 
 Read = Callable[[slice], LandmarkSet]
@@ -55,7 +54,7 @@ def open_landmarks(
         files[0] = replace(files[0], notes=files[0].notes + mixture(groups))
     rename = options.rename
     check_known(rename, [(file.name, file.head.landmark_names) for file in files])
-    return LandmarkSource([_renamed(file, rename) for file in files])
+    return LandmarkSource([with_names(file, rename) for file in files])
 
 
 class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
@@ -136,22 +135,6 @@ def _stated_unit(head: LandmarkSet) -> str | None:
     return None if head.unit == UNKNOWN_UNIT else head.unit
 
 
-def _renamed(file: _File, rename: Mapping[str, str]) -> _File:
-    """Return a file that gives its landmarks out under their new names."""
-    return _changed(file, partial(renamed, rename=rename, place=file.name)) if rename else file
-
-
-def _changed(file: _File, change: Callable[[LandmarkSet], LandmarkSet]) -> _File:
-    """Return a file that gives out its images changed."""
-
-    @contextmanager
-    def opened() -> Iterator[Read]:
-        with file.open() as read:
-            yield lambda rows: change(read(rows))
-
-    return replace(file, head=change(file.head), open=opened)
-
-
 def hiding(file: _File, least: float) -> _File:
     """Return a file that hides landmarks whose confidence is below `least`."""
     if not least or file.head.confidence is None:
@@ -166,7 +149,7 @@ def hiding(file: _File, least: float) -> _File:
             confidence=np.where(doubtful, 0.0, images.confidence),
         )
 
-    return _changed(file, hidden)
+    return changed(file, hidden)
 
 
 def _open(known: FileFormat, paths: tuple[Path, ...], options: InputOptions) -> _File:

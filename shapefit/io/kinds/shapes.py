@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 
 from shapefit.errors import input_error
 from shapefit.io.agreement import agreed, agreed_rate, check_same_array, check_same_extras
-from shapefit.io.chunked import ChunkedSource, SourceFile
+from shapefit.io.chunked import ChunkedSource, SourceFile, with_names
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Array, Extras
 from shapefit.io.foreign.file_format import FileFormat
@@ -23,7 +23,7 @@ from shapefit.io.layout import SHAPES, UNKNOWN_UNIT
 from shapefit.io.magnitudes import Axis, check_magnitudes
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.records import ShapeSet, match_landmarks
-from shapefit.io.renaming import check_known, renamed
+from shapefit.io.renaming import check_known
 from shapefit.io.sources import source_name
 from shapefit.io.writing import record_writer
 
@@ -60,7 +60,7 @@ def open_shapes(
     files = [_open(known, own, options, gaps) for known, own in group_inputs(paths, options)]
     rename = options.rename
     check_known(rename, [(file.name, file.head.landmark_names) for file in files])
-    return ShapeSource([_renamed(file, rename) for file in files])
+    return ShapeSource([with_names(file, rename) for file in files])
 
 
 class ShapeSource(ChunkedSource[ShapeSet, _File]):
@@ -105,19 +105,6 @@ def write_shapes(path: Path, shapes: ShapeSet) -> None:
     """
     with record_writer(path, SHAPES) as writer:
         writer.append(shapes)
-
-
-def _renamed(file: _File, rename: Mapping[str, str]) -> _File:
-    """Return a file that gives its landmarks out under their new names."""
-
-    @contextmanager
-    def opened() -> Iterator[Callable[[slice], ShapeSet]]:
-        with file.open() as read:
-            yield lambda rows: renamed(read(rows), rename, file.name)
-
-    return (
-        replace(file, head=renamed(file.head, rename, file.name), open=opened) if rename else file
-    )
 
 
 def _open(known: FileFormat, paths: tuple[Path, ...], options: InputOptions, gaps: bool) -> _File:

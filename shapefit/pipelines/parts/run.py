@@ -122,15 +122,15 @@ def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Ite
     _drop_stale(parts, manifest)
     todo = [part for part in parts if not manifest.holds(part)]
     warnings = () if again is None else (again,)
-    note = f"{len(parts) - len(todo)} of {counted(len(parts), 'part')} done before"
+    before = len(parts) - len(todo)
+    note = f"{before} of {counted(len(parts), 'part')} done before"
     yield Outcome(warnings=warnings, note=note)
     lost: list[Failure] = []
-    reached, images = len(parts) - len(todo), 0
+    reached, images = before, 0
     began_all = wrote = time.monotonic()
     took = 0.0
 
     def pace() -> str:
-        before = len(parts) - len(todo)
         seconds = time.monotonic() - began_all
         return tell_pace(reached, len(parts), len(lost), images, reached - before, seconds)
 
@@ -191,17 +191,12 @@ def _do(config: FitConfig, jobs: Sequence[Job]) -> Iterator[Done | str]:
         yield from on_cluster(client, jobs)
 
 
-def _tried(job: Job) -> Done:
+def _tried(job: Job, retries: int = RETRIES) -> Done:
     """Do a job in this process, again where it fails."""
-    for _ in range(RETRIES):
-        try:
-            return fit_part(job)
-        except Exception:  # a full disk may have room a moment later
-            continue
     try:
         return fit_part(job)
-    except Exception as error:
-        return failed(job, error)
+    except Exception as error:  # a full disk may have room a moment later
+        return _tried(job, retries - 1) if retries else failed(job, error)
 
 
 def _drop_stale(parts: Sequence[Part], manifest: Manifest) -> None:
