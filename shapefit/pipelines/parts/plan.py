@@ -87,10 +87,7 @@ def _is_readable(path: Path) -> bool:
 
 
 def _between_stretches(path: Path, size: int) -> list[tuple[int, int] | None]:
-    from shapefit.io.hdf5.reading import Hdf5Reader
-
-    with Hdf5Reader(path, LANDMARKS) as reader:
-        count = reader.count
+    count = _count(path)
     size = -(-size // STRETCH) * STRETCH
     if count <= size:
         return [None]
