@@ -30,7 +30,7 @@ def input_error(place: str | PathLike[str], found: str, fix: str) -> InputError:
 
 def path_text(path: str | PathLike[str]) -> str:
     r"""Return a path as text that any file can hold: bytes that are not UTF-8 as \xe9."""
-    return os.fsencode(path).decode("utf-8", "backslashreplace")
+    return os.fsencode(str(path)).decode("utf-8", "backslashreplace")
 
 
 def printable(text: object) -> str:

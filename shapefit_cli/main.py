@@ -109,14 +109,16 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def _internal_error(error: Exception) -> int:
+    from shapefit.stores.options import masked
+
     if os.environ.get(TRACEBACK_VARIABLE) == "1":
         import traceback
 
-        traceback.print_exception(error)
+        sys.stderr.write(masked("".join(traceback.format_exception(error))))
         hint = "this is a bug in shapefit"
     else:
         hint = f"this is a bug in shapefit; --traceback or {TRACEBACK_VARIABLE}=1 shows where"
-    text = " ".join(str(error).split())
+    text = masked(" ".join(str(error).split()))
     tell(f"Internal error: {type(error).__name__}: {text} ({hint})")
     return INTERNAL_ERROR
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -43,6 +43,16 @@ class _ConfigPath(click.Path):
         names = [name for name in find_presets(self._command) if name.startswith(incomplete)]
         files = super().shell_complete(ctx, param, incomplete)
         return [CompletionItem(name, help="installed config") for name in names] or files
+
+
+class LocationPath(click.Path):
+    """A file, or a URL of an object store."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Return the path of what was given."""
+        from shapefit.stores.locations import location
+
+        return location(value)
 
 
 class DictionaryPath(click.types.StringParamType):

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from .command import follow
-from .options import DictionaryPath, reporting_options
+from .options import DictionaryPath, LocationPath, reporting_options
 from .report import Report
 from .streams import tell
 
@@ -30,7 +30,9 @@ def _verify(
 
 def _find(dictionary: str) -> Path:
     """Return the file at a path, or the installed dictionary of that name."""
-    path = Path(dictionary)
+    from shapefit.stores.locations import location
+
+    path = location(dictionary)
     if path.is_file():
         return path
     from shapefit.config.dictionaries import find_dictionaries
@@ -42,7 +44,7 @@ verify = click.Command(
     "verify",
     callback=_verify,
     params=[
-        click.Argument(["result"], metavar="RESULT", type=click.Path(path_type=Path)),
+        click.Argument(["result"], metavar="RESULT", type=LocationPath()),
         click.Option(
             ["-d", "--dictionary"],
             metavar="DICT.h5",
@@ -54,7 +56,7 @@ verify = click.Command(
             ["--landmarks"],
             metavar="FILE",
             multiple=True,
-            type=click.Path(path_type=Path),
+            type=LocationPath(),
             help="Landmarks of the fit, to compare with those in the result. Repeatable.",
         ),
         *reporting_options(),

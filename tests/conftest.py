@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
+from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+
+_numbers = count()
 
 PROJECT = Path(__file__).resolve().parents[1]
 REAL_DATA = Path(os.environ.get("SHAPEFIT_REAL_DATA", PROJECT.parent / "shared" / "data"))
@@ -33,6 +40,33 @@ def real_data() -> Path:
             pytest.fail(reason)
         pytest.skip(reason)
     return REAL_DATA
+
+
+@pytest.fixture(scope="session")
+def store_address() -> Iterator[str]:
+    """The address of an object store on loopback."""
+    server = pytest.importorskip("moto.server").ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    server.start()
+    host, port = server.get_host_and_port()
+    yield f"http://{host}:{port}"
+    server.stop()
+
+
+@pytest.fixture
+def bucket(store_address, monkeypatch) -> Iterator[Any]:
+    """An empty bucket: its URL, and what a test puts into it beside the product."""
+    s3fs = pytest.importorskip("s3fs")
+    s3fs.S3FileSystem.clear_instance_cache()
+    monkeypatch.setenv("AWS_ENDPOINT_URL", store_address)
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "key-of-the-tests")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret-of-the-tests")
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    files = s3fs.S3FileSystem(use_listings_cache=False)
+    name = f"bucket-{next(_numbers)}"
+    files.mkdir(name)
+    yield SimpleNamespace(name=name, url=f"s3://{name}", files=files)
+    s3fs.S3FileSystem.clear_instance_cache()
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from shapefit.config.presets import ConfigFile
 from shapefit.config.problems import schema_problems
 from shapefit.config.settings import Settings
 from shapefit.errors import InputError
+from shapefit.stores.options import STORAGE_OPTIONS, use_storage_options
 
 SHORT = ("input", ("keypoints", "individual", "track", "likelihood_below", "rename"))
 """A section, and its keys that may be given beside it, in short."""
@@ -54,6 +55,9 @@ def check(model: type[Config], settings: Settings) -> Config:
     problems = settings.problems
     for at in _short_places(model):
         settings.fold(at, *SHORT)
+    options = settings.values.get(STORAGE_OPTIONS)
+    if isinstance(options, dict):  # what paths name is looked up while they are checked
+        use_storage_options(options)
     if not settings.readable:  # what the schema misses may well be there
         raise InputError(problems)
     try:

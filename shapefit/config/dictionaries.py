@@ -48,7 +48,7 @@ def find_dictionary(value: Any) -> Path:
 
 def expand_named(value: Any) -> tuple[Path, ...]:
     """Return the files that a path or glob names, or the installed dictionary of that name."""
-    if not absolute_path(value).exists() and str(value) in find_dictionaries():
+    if str(value) in find_dictionaries() and not absolute_path(value).exists():
         return (find_dictionary(value),)
     return expand_path(value)
 

@@ -13,6 +13,7 @@ from shapefit.config.paths import STANDARD_STREAM
 from shapefit.config.presets import ConfigFile
 from shapefit.config.settings import STANDARD_INPUT
 from shapefit.errors import input_error
+from shapefit.stores.options import use_storage_options
 
 
 class Schemas(Mapping[str, type[CommandConfig]]):
@@ -63,6 +64,7 @@ def load_config(
     place, and where standard input would be read twice.
     """
     file = ConfigFile(file) if isinstance(file, Path) else file
+    use_storage_options({})  # those of an earlier config do not count
     config = load_model(CONFIGS[command], file, overrides, arguments)
     readers = ["the config"] if file and file.path == STANDARD_STREAM else []
     readers += [f"`{key}`" for key, file in config.inputs() if file == STANDARD_STREAM]

@@ -13,10 +13,18 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from shapefit.config.expectation import Expected
 from shapefit.config.paths import STANDARD_STREAM, Folder
 from shapefit.errors import path_text
+from shapefit.stores.options import MASK, STORAGE_OPTIONS
+from shapefit.stores.urls import UrlPath
 
 
 def _tuples(value: Any) -> Any:
     return tuple(_tuples(item) for item in value) if isinstance(value, list) else value
+
+
+def _options(value: Any) -> Any:
+    if not isinstance(value, Mapping):  # which may be a secret: it is not repeated
+        raise ValueError(f"`{STORAGE_OPTIONS}` should be a mapping of options to values")
+    return value
 
 
 FromLists = BeforeValidator(_tuples)
@@ -61,19 +69,26 @@ class CommandConfig(ConfigModel):
         description="Folder that replaces `{data}` at the beginning of any other path.",
     )
 
+    storage_options: Annotated[Mapping[str, Any], BeforeValidator(_options)] = Field(
+        default_factory=dict,
+        repr=False,
+        description="Options for s3:// and gs:// URLs beside what the environment says, as fsspec "
+        "takes them: a mapping such as {endpoint_url: ...}. Shown as *** everywhere.",
+    )
+
     @model_validator(mode="after")
     def _keeps_its_inputs(self) -> Self:
         """Refuse an output that would take the place of an input."""
         output = getattr(self, "output", None) or STANDARD_STREAM
         for _, path in self.inputs():
-            if path != STANDARD_STREAM and os.path.realpath(path) == os.path.realpath(output):
+            if path != STANDARD_STREAM and _real(path) == _real(output):
                 raise ValueError(f"`output` would replace an input, {path}; name another file")
         return self
 
     def inputs(self) -> Iterator[tuple[str, Path]]:
         """Yield the files to read, those in sections aside, each with its key."""
         for key in type(self).model_fields:
-            if key not in ("output", "data"):
+            if key not in ("output", "data", STORAGE_OPTIONS):
                 for path in _paths((getattr(self, key),)):
                     yield key, path
 
@@ -82,8 +97,17 @@ class CommandConfig(ConfigModel):
         return json.dumps(self.as_plain(), ensure_ascii=False, separators=(",", ":"))
 
     def as_plain(self) -> dict[str, Any]:
-        """Return the config as JSON has it; a path that is not UTF-8 with escapes (`path_text`)."""
-        return {key: plain(value, path_text) for key, value in self.model_dump().items()}
+        """Return the config as JSON has it, for others to see.
+
+        A path that is not UTF-8 has escapes (`path_text`), and the storage options are masked.
+        """
+        values: dict[str, Any] = plain(self.model_dump(), path_text)
+        return values
+
+
+def _real(path: Path) -> str:
+    """Return what a path leads to, links followed; a URL as it is."""
+    return path.url if isinstance(path, UrlPath) else os.path.realpath(path)
 
 
 def plain(value: Any, text: Callable[[Path], str]) -> Any:
@@ -91,7 +115,10 @@ def plain(value: Any, text: Callable[[Path], str]) -> Any:
     if isinstance(value, Path):
         return text(value)
     if isinstance(value, Mapping):
-        return {key: plain(inner, text) for key, inner in value.items()}
+        return {
+            key: dict.fromkeys(inner, MASK) if key == STORAGE_OPTIONS else plain(inner, text)
+            for key, inner in value.items()
+        }
     if isinstance(value, tuple | list):
         return [plain(item, text) for item in value]
     return value

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-from shapefit.config.paths import InputPaths, PathWords, absolute_path, expand_path
+from shapefit.config.paths import InputPaths, PathWords, absolute_path, expand_path, result_parts
 from shapefit.errors import path_text
 
 _EXPECTED = "a path or glob, a list of them, or a mapping name -> path(s)"
@@ -39,7 +39,8 @@ def _results(pattern: Any) -> tuple[Path, ...]:
     """Return the files that a pattern names; a folder of results stays one of them."""
     files = expand_path(pattern)
     folder = absolute_path(pattern)
-    return (folder,) if files != (folder,) and folder.is_dir() else files
+    whole = files != (folder,) and (folder.is_dir() or files == result_parts(folder))
+    return (folder,) if whole else files
 
 
 NamedFiles = Annotated[Mapping[str, InputPaths], PathWords(_EXPECTED), BeforeValidator(_named)]

@@ -13,6 +13,10 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, PlainValidator
 
 from shapefit.config.expectation import Expected
+from shapefit.stores.listing import matching
+from shapefit.stores.locations import location
+from shapefit.stores.reading import look_up, read_bytes
+from shapefit.stores.urls import UrlPath, is_url
 
 STANDARD_STREAM = Path("-")
 DATA = "{data}"
@@ -69,7 +73,7 @@ def change_paths(
 def anchored(value: Any, folder: Path) -> Any:
     """Return `value` with every path in it taken relative to `folder`.
 
-    `value` is what YAML gives: a text, or lists and mappings of texts. `-`, an empty text and
+    `value` is what YAML gives: a text, or lists and mappings of texts. `-`, an empty text, URLs and
     paths that begin with `{data}` stay as they are.
     """
     if isinstance(value, list):
@@ -78,10 +82,10 @@ def anchored(value: Any, folder: Path) -> Any:
         return {key: anchored(item, folder) for key, item in value.items()}
     if not isinstance(value, str) or value in ("", "-") or value.startswith(DATA):
         return value
-    return Anchored.of(value, folder)
+    return value if is_url(value) else Anchored.of(value, folder)
 
 
-def with_data(value: Any, data: Path) -> Any:
+def with_data(value: Any, data: str) -> Any:
     """Return `value` with `{data}` at the beginning of every path in it replaced by `data`."""
     if isinstance(value, list):
         return [with_data(item, data) for item in value]
@@ -89,11 +93,13 @@ def with_data(value: Any, data: Path) -> Any:
         return {key: with_data(item, data) for key, item in value.items()}
     if not isinstance(value, str) or not value.startswith(DATA):
         return value
-    return str(data) + value.removeprefix(DATA)
+    return data + value.removeprefix(DATA)
 
 
 def absolute_path(value: Any) -> Path:
-    """Return the absolute path of a text or path; `-` stays `-`. Raises ValueError."""
+    """Return the absolute path of a text or path; `-` and URLs stay. Raises ValueError."""
+    if isinstance(value, UrlPath):
+        return value
     if not isinstance(value, str | Path):
         raise ValueError(f"expected a path, found {value!r}")
     text = str(value)
@@ -106,8 +112,12 @@ def absolute_path(value: Any) -> Path:
                 "set it in the config or with --set data=FOLDER"
             )
         raise ValueError(f"{text!r} has {DATA} inside; it is allowed at the beginning only")
-    path = Path(text)
-    return path if path == STANDARD_STREAM else Path(os.path.abspath(os.path.expanduser(path)))
+    path = location(text)
+    return (
+        path
+        if path == STANDARD_STREAM or isinstance(path, UrlPath)
+        else Path(os.path.abspath(os.path.expanduser(path)))
+    )
 
 
 def expand_path(value: Any) -> tuple[Path, ...]:
@@ -117,6 +127,8 @@ def expand_path(value: Any) -> tuple[Path, ...]:
     files may be one recording; but not for a glob.
     """
     path = absolute_path(value)
+    if isinstance(path, UrlPath):
+        return _expand_url(path)
     kind = None if path == STANDARD_STREAM else _kind(path)
     if kind == stat.S_IFDIR:
         return result_parts(path) or (path,)
@@ -133,17 +145,32 @@ def expand_path(value: Any) -> tuple[Path, ...]:
     return files
 
 
+def _expand_url(path: UrlPath) -> tuple[Path, ...]:
+    """Return the objects that a URL or glob names, or the results below it. Raises ValueError."""
+    if glob.has_magic(path.url):
+        matches = matching(path)
+        if not matches:
+            raise ValueError(f"no object matches {path}; check the pattern")
+        return matches
+    if look_up(path) is not None:
+        return (path,)
+    parts = result_parts(path)
+    if not parts:
+        raise ValueError(f"no object {path}; check the spelling, or name several as {path}/*")
+    return parts
+
+
 def result_parts(folder: Path) -> tuple[Path, ...]:
     """Return the results in a folder that `fit` wrote part by part; none for any other folder.
 
     Raises ValueError where the manifest does not say which they are.
     """
     manifest = folder / MANIFEST
-    if not manifest.is_file():
-        return ()
     try:
-        parts = json.loads(manifest.read_text(encoding="utf-8"))["parts"]
+        parts = json.loads(read_bytes(manifest))["parts"]
         return tuple(folder / name for name in sorted(part["file"] for part in parts))
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+        return ()
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{manifest} is not a manifest of results ({error}); fit again") from None
 

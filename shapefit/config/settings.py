@@ -14,6 +14,8 @@ from typing import Any
 from shapefit.config.paths import STANDARD_STREAM, PathKeys, anchored, change_paths, with_data
 from shapefit.config.places import Location, Place
 from shapefit.errors import input_error
+from shapefit.stores.options import MASK, STORAGE_OPTIONS
+from shapefit.stores.urls import is_url
 
 COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"
 
@@ -92,6 +94,8 @@ class Settings:
         place = f"--set {option}"
         path, equals, text = option.partition("=")
         keys = path.strip().split(".")
+        if STORAGE_OPTIONS in keys:
+            place = f"--set {path}={MASK}"
         if not equals or not all(keys):
             self.problems.append(f"{place}: expected key=value or key.key=value")
             return
@@ -146,7 +150,7 @@ class Settings:
         data = self.values.get("data")
         if not isinstance(data, str):
             return self.values
-        folder = Path.cwd() / os.path.expanduser(data)
+        folder = data if is_url(data) else str(Path.cwd() / os.path.expanduser(data))
         return change_paths(self.values, self.path_keys, partial(with_data, data=folder))
 
     def said(self, location: Location) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import fields
 from os import PathLike
@@ -25,6 +26,9 @@ from shapefit.face.records import (
 )
 from shapefit.io.layout import DICTIONARY, LANDMARKS, SHAPES
 from shapefit.io.options import InputOptions
+from shapefit.stores.copies import forget
+from shapefit.stores.locations import location
+from shapefit.stores.urls import UrlPath
 
 File = str | PathLike[str]
 
@@ -51,37 +55,37 @@ def read_landmarks(*paths: File, **options: Any) -> Landmarks:
 
 def read_dictionary(path: File) -> Dictionary:
     """Read a dictionary: a file, or the installed one of that name, such as "people"."""
-    found = Path(path)
-    if not found.exists():
+    found = _path(path)
+    if not (isinstance(found, UrlPath) or found.exists()):
         found = find_dictionaries().get(str(path), found)
     return rows_of(io.read_dictionary(found), Dictionary, DICTIONARY)
 
 
 def read_results(path: File) -> Fit:
     """Read a result; what proves it stays in the file, for `shapefit verify`."""
-    return fit_of(io.read_results(Path(path)), {})
+    return fit_of(io.read_results(_path(path)), {})
 
 
 def write_shapes(path: File, shapes: Shapes) -> None:
     """Write shapes to HDF5, or to CSV where the name ends in .csv."""
-    io.write_shapes(Path(path), shape_set(shapes))
+    io.write_shapes(_path(path), shape_set(shapes))
 
 
 def write_landmarks(path: File, landmarks: Landmarks) -> None:
     """Write landmarks to HDF5, or to CSV where the name ends in .csv."""
-    with io.landmark_writer(Path(path)) as writer:
+    with io.landmark_writer(_path(path)) as writer:
         writer.append(landmark_set(landmarks))
 
 
 def write_dictionary(path: File, dictionary: Dictionary) -> None:
     """Write a dictionary to HDF5."""
-    io.write_dictionary(Path(path), dictionary_model(dictionary))
+    io.write_dictionary(_path(path), dictionary_model(dictionary))
 
 
 def write_results(path: File, result: Fit) -> None:
     """Write a fit to HDF5 as `fit` does, or its shapes to CSV where the name ends in .csv."""
     record = result_set(result)
-    with io.result_writer(Path(path)) as writer:
+    with io.result_writer(_path(path)) as writer:
         writer.append(record)
         writer.attributes.update(record.attributes)
 
@@ -96,4 +100,12 @@ def _input(options: Mapping[str, Any]) -> InputOptions:
 
 
 def _paths(paths: tuple[File, ...]) -> list[Path]:
-    return [Path(path) for path in paths]
+    return [_path(path) for path in paths]
+
+
+def _path(path: File) -> Path:
+    """Return a path, or that of a URL, of which nothing is remembered from before."""
+    found = path if isinstance(path, Path) else location(os.fspath(path))
+    if isinstance(found, UrlPath):
+        forget(found)
+    return found

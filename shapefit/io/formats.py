@@ -19,6 +19,7 @@ from shapefit.io.motion import table as motion
 from shapefit.io.sources import HDF5_SIGNATURE, is_stream, require_file, source_name
 from shapefit.io.trackers import table as trackers
 from shapefit.io.written import table as written
+from shapefit.stores.reading import read_head
 
 HEAD_BYTES = 4096
 """Of a file that a recogniser sees."""
@@ -87,8 +88,7 @@ def find_format(path: Path, name: str = "auto") -> FileFormat:
     require_file(path)
     if not path.is_file():
         return CSV
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
+    head = read_head(path, HEAD_BYTES)
     for known in _likely_first(path):
         if _load(known.recogniser)(path, head):
             return known

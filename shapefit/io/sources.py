@@ -9,6 +9,8 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from shapefit.errors import input_error
+from shapefit.stores.reading import find_state
+from shapefit.stores.urls import UrlPath
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 STREAM = "-"
@@ -29,6 +31,9 @@ def source_name(path: Path) -> str:
 
 def require_file(path: Path) -> None:
     """Raise InputError unless `path` is a file that can be read and is not empty."""
+    if isinstance(path, UrlPath):
+        _require_object(path)
+        return
     if not os.path.exists(path):
         raise input_error(path, "there is no such file", _missing_fix(path))
     if os.path.isdir(path):
@@ -37,6 +42,14 @@ def require_file(path: Path) -> None:
         raise input_error(path, "may not be read", "change its permissions")
     if path.is_file() and path.stat().st_size == 0:
         raise input_error(path, "is empty (0 bytes)", "make or copy the file again")
+
+
+def _require_object(path: UrlPath) -> None:
+    state = find_state(path)
+    if state is None:
+        raise input_error(path, "there is no such object", "check its name")
+    if state[0] == 0:
+        raise input_error(path, "is empty (0 bytes)", "make or copy it again")
 
 
 def read_text_blocks(path: Path) -> Iterator[bytes]:

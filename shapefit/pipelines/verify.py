@@ -24,6 +24,7 @@ from shapefit.io import (
 )
 from shapefit.io.kinds.proofs import ProofFile, open_proofs
 from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.stores.urls import UrlPath
 from shapefit.verification.check import Check
 from shapefit.verification.claims import verify_images
 from shapefit.verification.inputs import check_landmarks, false_inputs
@@ -65,7 +66,8 @@ def run(request: Request) -> Generator[Outcome, None, None]:
 
 def find_results(request: Request) -> tuple[Path, ...]:
     """Return the files of a result: those in the folder, where it was fitted part by part."""
-    if not request.result.is_dir():
+    in_store = isinstance(request.result, UrlPath)
+    if request.result.is_file() or not (in_store or request.result.is_dir()):
         return (request.result,)
     try:
         parts = result_parts(request.result)

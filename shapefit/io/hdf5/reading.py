@@ -31,6 +31,7 @@ from shapefit.io.layout import (
 from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.problems import input_problems
 from shapefit.io.sources import source_name
+from shapefit.stores.reading import for_h5py
 
 BLOCK, BLOCK_BYTES = 16384, 1 << 24
 """Most items, and most bytes of them, that a check reads at a time."""
@@ -56,7 +57,7 @@ class Hdf5Reader:
             found = "is not an HDF5 file" if path.is_file() else "is not a file on a disk"
             raise input_error(source_name(path), found, f"give a {form.name} file")
         with self._damage():
-            self._file = h5py.File(path, "r")
+            self._file = h5py.File(for_h5py(path), "r")
         try:
             self._check_format()
             self._check_datasets()

@@ -13,6 +13,7 @@ from shapefit.io.formats import CSV, HDF5, find_format
 from shapefit.io.layout import DICTIONARY, LANDMARKS, RESULTS, SHAPES, Format
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.sources import is_stream
+from shapefit.stores.reading import for_h5py
 
 Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
@@ -59,7 +60,7 @@ def hdf5_form(path: Path) -> Format:
     from shapefit.io.hdf5.strangers import stranger
 
     try:
-        with h5py.File(path, "r") as file:
+        with h5py.File(for_h5py(path), "r") as file:
             stated = file.attrs.get("format")
             wrong = stranger(file) if stated is None else None
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:

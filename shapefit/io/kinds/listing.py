@@ -17,6 +17,7 @@ from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
+from shapefit.stores.reading import for_h5py
 
 ListedKind = Literal["result", "shapes", "landmarks"]
 Records = ResultSet | ShapeSet | LandmarkSet
@@ -159,7 +160,7 @@ def _result_chunks(path: Path, wanted: Collection[str]) -> Iterator[ResultSet]:
 def _datasets(path: Path) -> frozenset[str]:
     import h5py
 
-    with h5py.File(path, "r") as file:
+    with h5py.File(for_h5py(path), "r") as file:
         return frozenset(file)
 
 

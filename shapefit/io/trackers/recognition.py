@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from shapefit.io.sources import HDF5_SIGNATURE
+from shapefit.stores.copies import State
+from shapefit.stores.reading import find_state, for_h5py
 
 OWN_FORMAT = "shapefit-"
 """What the root attribute `format` of our own HDF5 files begins with."""
@@ -41,19 +42,17 @@ def look(path: Path, head: bytes) -> Look:
     """Return what an HDF5 file of others holds; nothing for all other files, and damaged ones."""
     if not head.startswith(HDF5_SIGNATURE):
         return NOTHING
-    with suppress(OSError):
-        state = path.stat()
-        return _look(str(path), state.st_mtime_ns, state.st_size)
-    return NOTHING
+    state = find_state(path)
+    return NOTHING if state is None else _look(path, state)
 
 
 @lru_cache(maxsize=1)
-def _look(path: str, _time: int, _size: int) -> Look:
+def _look(path: Path, _state: State) -> Look:
     """Open a file; the same state of it is not opened again for the next recogniser."""
     import h5py
 
     try:
-        with h5py.File(path, "r") as file:
+        with h5py.File(for_h5py(path), "r") as file:
             return _describe(file)
     except Exception:  # h5py has many kinds of error for damaged files; their reader names them
         return NOTHING

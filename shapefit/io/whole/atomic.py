@@ -16,6 +16,9 @@ from typing import TYPE_CHECKING
 from shapefit.errors import input_error, path_text
 from shapefit.io.sources import is_stream, require_file
 from shapefit.io.whole.litter import lock, lock_new, remove_litter
+from shapefit.stores.reading import open_bytes
+from shapefit.stores.urls import UrlPath
+from shapefit.stores.writing import check_target, uploaded
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
@@ -49,6 +52,9 @@ def check_output(target: Path) -> Path:
     or some other thing that cannot be replaced by a file. Nothing is written. `-` is always good.
     """
     if is_stream(target):
+        return target
+    if isinstance(target, UrlPath):
+        check_target(target)
         return target
     if os.path.exists(target) and not os.path.isfile(target) and not os.path.isdir(target):
         # Before links are followed: those of /dev/stdout and the like can lead to no path at all.
@@ -124,8 +130,13 @@ def atomic_path(target: Path) -> Iterator[Path]:
 
     The temporary lies beside the target and is hidden; on any error it is removed and the target
     stays as it was. Its name ends in the suffix of the target. Missing folders are made. Raises
-    InputError as `check_output` does, and where the disk is full.
+    InputError as `check_output` does, and where the disk is full. For a URL it lies in the folder
+    of temporary files.
     """
+    if isinstance(target, UrlPath):
+        with uploaded(target) as local, storage_errors(local):
+            yield local
+        return
     resolved = check_output(target)
     with new_folders(resolved.parent), _atomic_path(target, resolved) as temporary:
         yield temporary
@@ -158,6 +169,10 @@ def atomic_file(target: Path) -> Iterator[FileIO]:
     As `atomic_path`; moreover the file has no name before it is complete, where the system can do
     that (Linux), so that not even a killed process leaves a part of it behind.
     """
+    if isinstance(target, UrlPath):
+        with uploaded(target) as local, _Output(local, local) as file, storage_errors(local):
+            yield file
+        return
     resolved = check_output(target)
     with new_folders(resolved.parent), _atomic_file(target, resolved) as file:
         yield file
@@ -222,8 +237,8 @@ def digest(path: Path) -> str:
     require_file(path)
     if not path.is_file():
         return "stream"
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    with open_bytes(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def _temporary_name(target: Path) -> Path:

@@ -11,6 +11,7 @@ from shapefit.errors import input_error
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import check_output
 from shapefit.io.whole.folder import staged_files
+from shapefit.stores.writing import refuse_folder
 
 Writer = Callable[[Path], object]
 
@@ -19,6 +20,7 @@ def check_folder(folder: Path) -> None:
     """Raise InputError unless the folder can be made or written to; change nothing."""
     if is_stream(folder):
         raise input_error("output", "a report is several files", "give the name of a folder")
+    refuse_folder(folder)
     if os.path.exists(folder) and not os.path.isdir(folder):
         raise input_error(folder, "it is not a folder", "give the name of a folder")
     check_output(folder / "report" if os.path.isdir(folder) else folder)

@@ -17,6 +17,7 @@ from shapefit.io.whole.folder import staged_files
 from shapefit.io.whole.item_files import file_stem
 from shapefit.io.written.motion import Motion, find_motion
 from shapefit.io.written.tracks import Solid, find_tracks, points_of
+from shapefit.stores.urls import UrlPath
 
 Write = Callable[[Path, Sequence[Motion]], None]
 """Fills a new file with motions that belong in one."""
@@ -58,6 +59,9 @@ def motion_output(
     if is_stream(target):
         found = "files of this format cannot go to standard output"
         raise input_error("output", found, "name a file")
+    if isinstance(target, UrlPath):
+        found = "motion can be several files, which do not appear together in an object store"
+        raise input_error(target, found, "write it to this machine, and copy it there")
     check_output(target)
     writer = MotionWriter()
     yield writer

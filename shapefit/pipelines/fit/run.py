@@ -41,6 +41,7 @@ from shapefit.pipelines.fit.searched import Ambiguous
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, nothing_in
 from shapefit.pipelines.reading import input_options
+from shapefit.stores.copies import keep_copies
 
 READ_AHEAD = 4096
 """Images that are read before the first whole sequences of them are lifted."""
@@ -60,6 +61,9 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     ambiguous = Ambiguous(config.search.modes)
     options = input_options(config.input, default_track(config))
     solve_seconds, done = 0.0, 0
+    # A part of a file is known by the manifest: nobody reads the whole file for each part.
+    read = config.landmarks if rows is None else ()
+    keep_copies(read)  # their digests take the whole of them
     with (
         open_landmarks(config.landmarks, options, rows) as source,
         open_exports(config, dictionary, source.count) as exports,
@@ -81,8 +85,6 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
             )
         names = name_warnings(source.landmark_names, dictionary.landmark_names)
         left_in = unknown.warnings if unknown else ()
-        # A part of a file is known by the manifest: nobody reads the whole file for each part.
-        read = config.landmarks if rows is None else ()
         inputs = digests((*read, config.dictionary))
         writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
         # Taken back where the result cannot be completed, which happens on leaving this block.

@@ -11,8 +11,9 @@ from itertools import islice
 from typing import Any
 
 from shapefit.config import FitConfig
-from shapefit.errors import counted, input_error
+from shapefit.errors import InputError, counted, input_error
 from shapefit.pipelines.parts.part import Done, Job, fit_part
+from shapefit.stores.options import masked
 
 ADDRESS = "DASK_SCHEDULER_ADDRESS"
 """Variable of the environment that names a running scheduler."""
@@ -139,7 +140,9 @@ def failed(job: Job, error: BaseException) -> Done:
         deaths = error.allowed_failures + 1  # type: ignore[attr-defined]
         text = f"{counted(deaths, 'worker')} died of it, one after another; see their logs, and "
         return Done(job.part, error=text + "give them more memory or take a smaller `partition`")
-    text = str(error).partition("\n")[0]
+    text = masked(str(error).partition("\n")[0])
+    if isinstance(error, InputError):
+        return Done(job.part, error=text)
     return Done(job.part, error=f"{kind}: {text}" if text else kind)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from shapefit.io.hdf5.reading import Hdf5Reader
 from shapefit.io.layout import RESULTS
+from shapefit.stores.urls import UrlPath
 
 BUCKETS = 256
 """Files that the hashes go to, one of which is in memory at a time: 0.3 MB of 10^7 items."""
@@ -66,7 +67,8 @@ def find_equal(parts: Sequence[Path]) -> Equal:
 def _met_twice(parts: Sequence[Path]) -> Iterator[np.ndarray]:
     """Yield the hashes that are there twice, a limited number at a time."""
     with ExitStack() as files:
-        buckets = [files.enter_context(TemporaryFile(dir=parts[0].parent)) for _ in range(BUCKETS)]
+        beside = None if isinstance(parts[0], UrlPath) else parts[0].parent
+        buckets = [files.enter_context(TemporaryFile(dir=beside)) for _ in range(BUCKETS)]
         for part in parts:
             for names in _items(part):
                 _sort_out(_hashed(names), buckets)

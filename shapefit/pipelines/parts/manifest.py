@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from shapefit import __version__
-from shapefit.errors import input_error, path_text
+from shapefit.errors import InputError, input_error, path_text
 from shapefit.io.whole.atomic import atomic_path
 from shapefit.pipelines.parts.plan import Part
+from shapefit.stores.reading import read_bytes
+from shapefit.stores.urls import UrlPath
 
 VERSION = 1
 LOCK = ".lock"
@@ -59,18 +61,10 @@ def describe(part: Part) -> Entry:
     }
 
 
-def is_whole(path: Path, entry: Entry) -> bool:
-    """Whether the result of a part is still there, as long as it was."""
-    try:
-        return path.stat().st_size == entry.get("bytes")
-    except OSError:
-        return False
-
-
 def read_manifest(path: Path) -> Manifest | None:
     """Read a manifest; None where there is none. Raises InputError where it is something else."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_bytes(path))
         if content["version"] != VERSION:
             found = f"is a manifest of version {content['version']}, this is version {VERSION}"
             raise input_error(path, found, "choose another folder")
@@ -89,6 +83,14 @@ def read_manifest(path: Path) -> Manifest | None:
 @contextmanager
 def held_folder(folder: Path) -> Iterator[None]:
     """Hold a folder of results for this run. Raises InputError where another run holds it."""
+    if isinstance(folder, UrlPath):
+        from shapefit.stores.lock import held_object
+
+        with held_object(folder / LOCK) as held:
+            if not held:
+                raise _busy(folder)
+            yield
+        return
     folder.mkdir(parents=True, exist_ok=True)
     try:
         import fcntl
@@ -100,8 +102,12 @@ def held_folder(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            found = "another run is writing results to it"
-            raise input_error(folder, found, "wait until it ends, or choose another") from None
+            raise _busy(folder) from None
         except OSError:  # a file system without locks
             pass
         yield
+
+
+def _busy(folder: Path) -> InputError:
+    found = "another run is writing results to it"
+    return input_error(folder, found, "wait until it ends, or choose another")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,10 @@ from shapefit.errors import InputError
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.outcome import Counted, Failure, add_up
 from shapefit.pipelines.parts.plan import Part
+from shapefit.stores.copies import own_copies
+from shapefit.stores.opening import StoreError
+from shapefit.stores.options import use_storage_options
+from shapefit.stores.reading import find_state
 
 MOST_TOLD = 20
 """Failures and warnings of a part that its worker reports one by one."""
@@ -58,6 +61,12 @@ def fit_part(job: Job) -> Done:
     can be tried again.
     """
     began = time.perf_counter()
+    use_storage_options(job.config.storage_options)
+    with own_copies():
+        return _fit(job, began)
+
+
+def _fit(job: Job, began: float) -> Done:
     target = job.folder / job.part.file
     update = {"landmarks": job.part.inputs, "output": target}
     config = job.config.model_copy(update=update)
@@ -72,8 +81,11 @@ def fit_part(job: Job) -> Done:
             failures += outcome.failures[: MOST_TOLD - len(failures)]
             for warning in outcome.warnings[: MOST_TOLD - len(warnings)]:
                 add_up(warnings, warning)
+    except StoreError:  # which may be over when it is tried again
+        raise
     except InputError as error:
         return Done(job.part, error="; ".join(error.problems))
+    size, _ = find_state(target) or (0, "")
     return Done(
         job.part,
         images,
@@ -81,5 +93,5 @@ def fit_part(job: Job) -> Done:
         tuple(failures),
         tuple(warnings.values()),
         time.perf_counter() - began,
-        os.path.getsize(target),
+        size,
     )

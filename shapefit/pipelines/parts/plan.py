@@ -18,6 +18,8 @@ from shapefit.io.sources import is_stream
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit import run as single
 from shapefit.pipelines.reading import input_options
+from shapefit.stores.copies import State
+from shapefit.stores.reading import find_state
 
 AT_A_TIME = 4096
 """Images that are read at a time for the names of their sequences."""
@@ -30,13 +32,13 @@ class Part:
     number    counts the parts of a run, from 0
     inputs    the file, or the files that are one recording
     rows      of the one HDF5 file: from the first to before the second; None for all of it
-    state     size and time of change of the inputs, by which a changed file is known
+    state     size and time of change (or etag) of the inputs, by which a changed file is known
     """
 
     number: int
     inputs: tuple[Path, ...]
     rows: tuple[int, int] | None
-    state: tuple[tuple[int, int], ...]
+    state: tuple[State, ...]
 
     @property
     def file(self) -> str:
@@ -59,7 +61,7 @@ def plan_parts(config: FitConfig) -> list[Part]:
     holders: dict[str, Path] = {}
     options = input_options(config.input, single.default_track(config))
     for known, paths in group_inputs(config.landmarks, options):
-        state = tuple((each.st_size, each.st_mtime_ns) for each in map(Path.stat, paths))
+        state = tuple(state for state in map(find_state, paths) if state is not None)
         rows: list[tuple[int, int] | None] = [None]
         if known is HDF5 and _is_readable(paths[0]):
             if whole:

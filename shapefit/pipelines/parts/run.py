@@ -9,6 +9,7 @@ import hashlib
 import json
 import time
 from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from shapefit.config import FitConfig
@@ -29,16 +30,18 @@ from shapefit.pipelines.parts.manifest import (
     Manifest,
     describe,
     held_folder,
-    is_whole,
     read_manifest,
 )
 from shapefit.pipelines.parts.pace import tell_pace
 from shapefit.pipelines.parts.part import Done, Job, fit_part
 from shapefit.pipelines.parts.plan import Part, plan_parts
+from shapefit.stores.listing import files_in
+from shapefit.stores.options import STORAGE_OPTIONS
+from shapefit.stores.writing import remove
 
 OF_THE_RUN = (
     *("landmarks", "output", "dictionary", "data", "threads", "chunk"),
-    *("scheduler", "scheduler_file", "workers", "dry_run"),
+    *("scheduler", "scheduler_file", "workers", "dry_run", STORAGE_OPTIONS),
 )
 """Keys that do not change what a part holds."""
 
@@ -96,10 +99,9 @@ def _known(config: FitConfig, terms: dict[str, str]) -> tuple[Manifest, str | No
     changed = [name for name, value in terms.items() if known.terms.get(name) != value]
     if changed:
         return Manifest(terms), f"all parts are done again: another {' and another '.join(changed)}"
+    there = files_in(config.output.parent)
     known.parts = {
-        name: entry
-        for name, entry in known.parts.items()
-        if is_whole(config.output.parent / name, entry)
+        name: entry for name, entry in known.parts.items() if there.get(name) == entry.get("bytes")
     }
     return known, None
 
@@ -208,6 +210,6 @@ def _drop_stale(parts: Sequence[Part], manifest: Manifest) -> None:
 def _remove_stale(folder: Path, parts: Sequence[Part]) -> None:
     """Remove the results of an earlier run that this one does not have."""
     own = {part.file for part in parts}
-    for path in folder.glob("part-*.h5"):
-        if path.name not in own:
-            path.unlink()
+    for name in files_in(folder):
+        if fnmatchcase(name, "part-*.h5") and name not in own:
+            remove(folder / name)

@@ -1,0 +1,87 @@
+"""The store of a URL, and its errors in the words of a user."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from shapefit.errors import InputError, input_error, printable
+from shapefit.stores.options import STORAGE_OPTIONS, masked, storage_options
+from shapefit.stores.urls import UrlPath
+
+EXTRAS = {"s3": "s3", "s3a": "s3", "gs": "gs", "gcs": "gs"}
+"""Schemes of URLs -> the extra that reads and writes them."""
+
+PATIENCE: Mapping[str, Mapping[str, Any]] = {
+    "s3": {
+        "config_kwargs": {
+            "connect_timeout": 5,
+            "read_timeout": 60,
+            "retries": {"mode": "standard", "max_attempts": 3},
+        }
+    }
+}
+"""Protocol -> options that bound how long its store is waited for."""
+
+ACCESS = f"check the credentials in the environment, or set `{STORAGE_OPTIONS}`"
+
+
+class StoreError(InputError):
+    """A store does not answer, or cannot do what it should: this may pass."""
+
+
+def open_store(path: UrlPath) -> tuple[Any, str]:
+    """Return the file system of fsspec that a URL is in, and its name there.
+
+    Raises InputError where what speaks to it is not installed, or does not know the options.
+    """
+    extra = EXTRAS.get(path.scheme)
+    try:
+        import fsspec
+
+        kind = fsspec.get_filesystem_class(path.scheme)
+    except ImportError as error:
+        needs = f"shapefit[{extra}]" if extra else "fsspec"
+        found = f"cannot be opened ({first_line(error)})"
+        raise input_error(path, found, f"run `pip install '{needs}'`") from None
+    except ValueError:
+        found = f"there is no kind of store {path.scheme!r}"
+        raise input_error(path, found, "give s3:// or gs://, or a file") from None
+    patience = PATIENCE.get(path.scheme.replace("s3a", "s3"), {})
+    options = {**patience, "use_listings_cache": False, **storage_options()}
+    with store_errors(path):
+        try:
+            system, name = fsspec.url_to_fs(path.url, **options)
+        except TypeError as error:
+            found = f"{kind.__name__} does not take these options ({first_line(error)})"
+            raise input_error(STORAGE_OPTIONS, found, "give those of this store only") from None
+    return system, name
+
+
+@contextmanager
+def store_errors(path: UrlPath, done: str = "read") -> Iterator[None]:
+    """Turn what a store raises into InputErrors at the URL; `done` is what cannot be done."""
+    try:
+        yield
+    except InputError:
+        raise
+    except FileNotFoundError as error:
+        missing = "bucket" if "bucket" in str(error).lower() else "object"
+        raise input_error(path, f"there is no such {missing}", "check its name") from None
+    except PermissionError as error:
+        found = f"cannot be {done}: access is denied ({first_line(error)})"
+        raise input_error(path, found, ACCESS) from None
+    except Exception as error:  # each library of a store has kinds of its own
+        if "Credential" in type(error).__name__:
+            found = f"cannot be {done}: there are no credentials ({first_line(error)})"
+            raise input_error(path, found, ACCESS) from None
+        fix = "check the connection, and try again"
+        line = f"{path}: cannot be {done} ({first_line(error)}); {fix}"
+        raise StoreError(line) from None
+
+
+def first_line(error: BaseException) -> str:
+    """Return what an error says, on one line, without secrets."""
+    said = str(error).strip().partition("\n")[0]
+    return printable(masked(said)) or type(error).__name__
