@@ -15,7 +15,8 @@ from pydantic import AfterValidator, BeforeValidator, PlainValidator
 from shapefit.config.expectation import Expected
 from shapefit.stores.listing import matching
 from shapefit.stores.locations import location
-from shapefit.stores.reading import look_up, read_bytes
+from shapefit.stores.reading import read_bytes
+from shapefit.stores.states import look_up
 from shapefit.stores.urls import UrlPath, is_url
 
 STANDARD_STREAM = Path("-")

@@ -26,8 +26,8 @@ from shapefit.face.records import (
 )
 from shapefit.io.layout import DICTIONARY, LANDMARKS, SHAPES
 from shapefit.io.options import InputOptions
-from shapefit.stores.copies import forget
 from shapefit.stores.locations import location
+from shapefit.stores.shelf import current_shelf
 from shapefit.stores.urls import UrlPath
 
 File = str | PathLike[str]
@@ -107,5 +107,5 @@ def _path(path: File) -> Path:
     """Return a path, or that of a URL, of which nothing is remembered from before."""
     found = path if isinstance(path, Path) else location(os.fspath(path))
     if isinstance(found, UrlPath):
-        forget(found)
+        current_shelf().forget(found)
     return found

@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from shapefit.errors import input_error
-from shapefit.stores.reading import find_state
+from shapefit.stores.states import find_state
 from shapefit.stores.urls import UrlPath
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"

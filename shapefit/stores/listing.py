@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from shapefit.stores.copies import State
 from shapefit.stores.opening import open_store, store_errors
-from shapefit.stores.reading import remember, state_of
+from shapefit.stores.shelf import State, current_shelf
+from shapefit.stores.states import state_of
 from shapefit.stores.urls import UrlPath
 
 
@@ -35,7 +35,7 @@ def _taken(asked: UrlPath, system: Any, found: dict[str, dict[str, Any]]) -> dic
             bare = str(system.unstrip_protocol(name)).partition("://")[2]
             path = type(asked)(f"{asked.scheme}://{bare}")
             objects[path] = state_of(entry)
-            remember(path, objects[path])
+            current_shelf().remember(path, objects[path])
     return objects
 
 

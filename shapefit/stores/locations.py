@@ -6,7 +6,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from shapefit.stores.copies import local_copy
-from shapefit.stores.reading import find_state
+from shapefit.stores.states import find_state
 from shapefit.stores.urls import UrlPath, is_url
 
 

@@ -1,13 +1,14 @@
-"""What a path names, here or in a store: its state, its first bytes, files to read it from."""
+"""Files read here or in a store, of which no more is fetched than is asked for."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import IO
 
-from shapefit.stores.copies import State, current_shelf, forget, has_copy, local_copy
+from shapefit.stores.copies import has_copy, local_copy
 from shapefit.stores.opening import open_store, store_errors
+from shapefit.stores.shelf import current_shelf
+from shapefit.stores.states import look_up
 from shapefit.stores.urls import UrlPath
 
 BLOCK_BYTES = 1 << 20
@@ -17,60 +18,17 @@ MOST_BLOCKS = 32
 """Of them that are kept."""
 
 
-def look_up(path: Path) -> State | None:
-    """Return the state of a file, as it is now; None where there is none.
-
-    What is known of the object from before is dropped if it changed. Raises InputError where the
-    store does not answer.
-    """
-    if not isinstance(path, UrlPath):
-        try:
-            found = os.stat(path)
-        except OSError:
-            return None
-        return found.st_size, found.st_mtime_ns
-    system, name = open_store(path)
-    state = None
-    with store_errors(path):
-        try:
-            entry = system.info(name)
-            state = None if entry["type"] == "directory" else state_of(entry)
-        except FileNotFoundError:
-            pass
-    remember(path, state)
-    return state
-
-
-def find_state(path: Path) -> State | None:
-    """Return the state of a file; that of an object as it was when it was looked up."""
-    if isinstance(path, UrlPath) and path in current_shelf().states:
-        return current_shelf().states[path]
-    return look_up(path)
-
-
-def state_of(entry: dict[str, object]) -> State:
-    """Return the state in what a store says of an object."""
-    keys = ("ETag", "etag", "mtime", "LastModified", "created")
-    version = next((entry[key] for key in keys if entry.get(key)), "")
-    return int(str(entry.get("size") or 0)), str(version).strip('"')
-
-
-def remember(path: UrlPath, state: State | None) -> None:
-    """Note the state of an object; drop the copy of another one."""
-    states = current_shelf().states
-    if states.get(path) != state:
-        forget(path)
-    if state is not None:
-        states[path] = state
-
-
 def read_head(path: Path, size: int) -> bytes:
     """Return the first bytes of a file; of an object, only these are fetched."""
     if not isinstance(path, UrlPath) or has_copy(path):
         with path.open("rb") as file:
             return file.read(size)
-    system, name = open_store(path)
+    known = current_shelf().opened.get(path)
     with store_errors(path):
+        if known is not None:
+            known.seek(0)
+            return known.read(size)
+        system, name = open_store(path)
         head: bytes = system.cat_file(name, start=0, end=size)
     return head
 
@@ -109,7 +67,13 @@ def open_bytes(path: Path) -> IO[bytes]:
 
 
 def for_h5py(path: Path) -> Path | IO[bytes]:
-    """Return what h5py opens a file by: its path, or an object as `open_bytes` gives it."""
+    """Return what h5py opens a file by: its path, or an object as `open_bytes` gives it.
+
+    It is the same for several that open one after another, who share its blocks.
+    """
     if not isinstance(path, UrlPath) or has_copy(path):
         return path
-    return open_bytes(path)
+    shelf = current_shelf()
+    if path not in shelf.opened:
+        shelf.keep_open(path, open_bytes(path))
+    return shelf.opened[path]

@@ -8,8 +8,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from shapefit.errors import input_error
-from shapefit.stores.copies import forget
 from shapefit.stores.opening import EXTRAS, open_store, store_errors
+from shapefit.stores.shelf import current_shelf
 from shapefit.stores.urls import UrlPath
 
 READ_ONLY = frozenset({"http", "https"})
@@ -52,7 +52,7 @@ def uploaded(target: UrlPath) -> Iterator[Path]:
         system, name = open_store(target)
         with store_errors(target, "written"):
             system.put_file(str(local), name)
-        forget(target)
+        current_shelf().forget(target)
 
 
 def remove(path: Path) -> None:
@@ -63,7 +63,7 @@ def remove(path: Path) -> None:
     system, name = open_store(path)
     with store_errors(path, "removed"), suppress(FileNotFoundError):
         system.rm_file(name)
-    forget(path)
+    current_shelf().forget(path)
 
 
 def refuse_folder(folder: Path) -> None:

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.io.sources import HDF5_SIGNATURE
-from shapefit.stores.copies import State
-from shapefit.stores.reading import find_state, for_h5py
+from shapefit.stores.reading import for_h5py
+from shapefit.stores.shelf import State
+from shapefit.stores.states import find_state
 
 OWN_FORMAT = "shapefit-"
 """What the root attribute `format` of our own HDF5 files begins with."""

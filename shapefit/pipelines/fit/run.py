@@ -50,6 +50,9 @@ READ_AHEAD = 4096
 def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     """Lift every image of the landmark files, or these rows of the one; an Outcome per chunk."""
     check_holds_all(config)
+    # A part of a file is known by the manifest: nobody reads the whole file for each part.
+    read = (*(config.landmarks if rows is None else ()), config.dictionary)
+    keep_copies(read)  # their digests take the whole of them
     calibrated = find_calibrated(config.camera)
     dictionary = read_dictionary(config.dictionary)
     chain = choose_chain(config, dictionary)
@@ -61,9 +64,6 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     ambiguous = Ambiguous(config.search.modes)
     options = input_options(config.input, default_track(config))
     solve_seconds, done = 0.0, 0
-    # A part of a file is known by the manifest: nobody reads the whole file for each part.
-    read = config.landmarks if rows is None else ()
-    keep_copies(read)  # their digests take the whole of them
     with (
         open_landmarks(config.landmarks, options, rows) as source,
         open_exports(config, dictionary, source.count) as exports,
@@ -85,7 +85,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
             )
         names = name_warnings(source.landmark_names, dictionary.landmark_names)
         left_in = unknown.warnings if unknown else ()
-        inputs = digests((*read, config.dictionary))
+        inputs = digests(read)
         writer.attributes.update(attributes_of(config, inputs, solve_seconds, done))
         # Taken back where the result cannot be completed, which happens on leaving this block.
         exports.publish()

@@ -12,10 +12,10 @@ from shapefit.errors import InputError
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.outcome import Counted, Failure, add_up
 from shapefit.pipelines.parts.plan import Part
-from shapefit.stores.copies import own_copies
 from shapefit.stores.opening import StoreError
 from shapefit.stores.options import use_storage_options
-from shapefit.stores.reading import find_state
+from shapefit.stores.shelf import own_shelf
+from shapefit.stores.states import find_state
 
 MOST_TOLD = 20
 """Failures and warnings of a part that its worker reports one by one."""
@@ -62,7 +62,7 @@ def fit_part(job: Job) -> Done:
     """
     began = time.perf_counter()
     use_storage_options(job.config.storage_options)
-    with own_copies():
+    with own_shelf():
         return _fit(job, began)
 
 

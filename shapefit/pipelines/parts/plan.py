@@ -18,8 +18,8 @@ from shapefit.io.sources import is_stream
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit import run as single
 from shapefit.pipelines.reading import input_options
-from shapefit.stores.copies import State
-from shapefit.stores.reading import find_state
+from shapefit.stores.shelf import State
+from shapefit.stores.states import find_state
 
 AT_A_TIME = 4096
 """Images that are read at a time for the names of their sequences."""
