@@ -1,4 +1,4 @@
-"""`fit` of very many images on Dask workers of this machine: seconds, memory, files, bytes an image.
+"""`fit` of very many images on Dask workers of this machine: seconds, memory, files, and bytes.
 
 The sample data is tiled with noise into files of a million images each; a fit lifts them to a
 folder with two workers. Then the same command runs again, which has nothing to do.
@@ -84,7 +84,8 @@ def main(count: int = 10_000_000, workers: int = 2, folder: str | None = None) -
             f"{seconds:.0f} s with {workers} workers, {count / seconds:,.0f} images/s; "
             f"{spent:.0f} s of processor, {count / spent:,.0f} images/s a core"
         )
-        print(f"{len(results)} results, {written / 1e9:.1f} GB, {written / count:.0f} bytes an image")
+        each = written / count
+        print(f"{len(results)} results, {written / 1e9:.1f} GB, {each:.0f} bytes an image")
         manifest = (place / "results/manifest.json").stat().st_size
         print(f"the manifest has {manifest / len(results):.0f} bytes a part")
         largest = sorted((peak for number, peak in peaks.items() if number), reverse=True)[:workers]

@@ -11,7 +11,7 @@ from itertools import islice
 from typing import Any
 
 from shapefit.config import FitConfig
-from shapefit.errors import counted, input_error
+from shapefit.errors import InputError, counted, input_error
 from shapefit.pipelines.parts.part import Done, Job, fit_part
 
 ADDRESS = "DASK_SCHEDULER_ADDRESS"
@@ -100,7 +100,8 @@ def on_cluster(client: Any, jobs: Iterable[Job]) -> Iterator[Done]:
     """Do the jobs on the workers of a cluster; yield what became of each, as they end.
 
     A worker that dies has its part done by another one. A part that fails again and again is
-    reported with its error. Raises InputError where the scheduler is lost.
+    reported with its error. Raises InputError where the scheduler is lost, and for workers without
+    this version of shapefit.
     """
     from distributed import CancelledError, as_completed
 
@@ -120,7 +121,9 @@ def on_cluster(client: Any, jobs: Iterable[Job]) -> Iterator[Done]:
     for future in ended:
         job = parts.pop(future.key)
         if future.status == "error":
-            yield failed(job, future.exception())
+            error = future.exception()
+            _check_worker(error, place)
+            yield failed(job, error)
         else:
             try:
                 done = future.result()
@@ -130,6 +133,15 @@ def on_cluster(client: Any, jobs: Iterable[Job]) -> Iterator[Done]:
                 raise input_error(place, found, fix) from None
             yield done
         ended.update(submitted(1))
+
+
+def _check_worker(error: BaseException, place: str) -> None:
+    """Raise InputError for an error that no other part or try would spare."""
+    if isinstance(error, InputError):  # of the version; what a part finds wrong is in its Done
+        raise error
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").startswith("shapefit"):
+        fix = "install shapefit where the workers run, in the version of this one"
+        raise input_error(place, f"its workers cannot import {error.name}", fix) from None
 
 
 def failed(job: Job, error: BaseException) -> Done:

@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -18,6 +18,7 @@ import pytest
 
 from shapefit.config import load_config
 from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError
 from shapefit.io import landmark_writer, write_dictionary
 from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.parts import cluster as module
@@ -299,3 +300,19 @@ def test_a_part_that_kills_its_workers_is_named(job):
     assert done.part.file == "part-00007.h5"
     assert done.error is not None
     assert done.error.startswith("4 workers died of it")
+
+
+def test_a_worker_of_another_version_ends_the_run(cluster, job):
+    from distributed import Client
+
+    with (
+        Client(cluster.address) as client,
+        pytest.raises(InputError, match=r"is a worker with shapefit .*, but `fit` is version 0\.0"),
+    ):
+        list(module.on_cluster(client, [replace(job, version="0.0")]))
+
+
+def test_workers_without_shapefit_end_the_run():
+    error = ModuleNotFoundError("No module named 'shapefit'", name="shapefit")
+    with pytest.raises(InputError, match="its workers cannot import shapefit; install"):
+        module._check_worker(error, "tcp://host:8786")
