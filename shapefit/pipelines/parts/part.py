@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import platform
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from shapefit import __version__
 from shapefit.config import FitConfig
-from shapefit.errors import InputError
+from shapefit.errors import InputError, input_error
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.outcome import Counted, Failure, add_up
 from shapefit.pipelines.parts.plan import Part
+from shapefit.pipelines.parts.spans import Span
 from shapefit.stores.opening import StoreError
-from shapefit.stores.options import use_storage_options
+from shapefit.stores.options import masked, use_storage_options
 from shapefit.stores.shelf import own_shelf
 from shapefit.stores.states import find_state
 
@@ -23,16 +26,23 @@ MOST_TOLD = 20
 
 @dataclass(frozen=True)
 class Job:
-    """A part, the config of the whole run, as a worker gets them, and where its result goes."""
+    """A part, the config of the whole run, as a worker gets them, and where its result goes.
+
+    version of the program that planned it.
+    """
 
     part: Part
     config: FitConfig
     folder: Path
+    version: str = __version__
 
 
 @dataclass(frozen=True)
 class Done:
-    """What became of a part; `error` says why it has no result."""
+    """What became of a part; `error` says why it has no result.
+
+    passing   whether another try, or another machine, may do better
+    """
 
     part: Part
     images: int = 0
@@ -41,7 +51,9 @@ class Done:
     warnings: tuple[str | Counted, ...] = ()
     seconds: float = 0.0
     bytes: int = 0
+    span: Span | None = None
     error: str | None = None
+    passing: bool = False
 
     def entry(self) -> dict[str, Any]:
         """Return what the manifest says of the part, beside its inputs."""
@@ -51,15 +63,19 @@ class Done:
             "failures": [[failure.item, failure.reason] for failure in self.failures],
             "seconds": round(self.seconds, 3),
             "bytes": self.bytes,
+            "items": None if self.span is None else asdict(self.span),
         }
 
 
 def fit_part(job: Job) -> Done:
     """Lift the images of a part and write its result, whole or not at all.
 
-    `error` says what is wrong with its input; everything else propagates, so that the part
-    can be tried again.
+    `error` says why it could not be done; what a full disk or a library raises may pass, what is
+    wrong with the input stays. Raises InputError where this is not the version that planned it.
     """
+    if job.version != __version__:
+        found = f"is a worker with shapefit {__version__}, but `fit` is version {job.version}"
+        raise input_error(platform.node(), found, "install the same version on all machines")
     began = time.perf_counter()
     use_storage_options(job.config.storage_options)
     with own_shelf():
@@ -72,20 +88,27 @@ def _fit(job: Job, began: float) -> Done:
     config = job.config.model_copy(update=update)
     rows = None if job.part.rows is None else slice(*job.part.rows)
     images, failed = 0, 0
+    span: Span | None = None
     failures: list[Failure] = []
     warnings: dict[str, str | Counted] = {}
     try:
         for outcome in run(config, rows):
             images += outcome.done
             failed += len(outcome.failures)
+            if outcome.items:
+                met = Span.of(outcome.items)
+                span = span | met if span else met
             failures += outcome.failures[: MOST_TOLD - len(failures)]
             for warning in outcome.warnings[: MOST_TOLD - len(warnings)]:
                 add_up(warnings, warning)
-    except StoreError:  # which may be over when it is tried again
-        raise
+        size, _ = find_state(target) or (0, "")
     except InputError as error:
-        return Done(job.part, error="; ".join(error.problems))
-    size, _ = find_state(target) or (0, "")
+        cause = error.__cause__
+        of_system = isinstance(cause, OSError) and cause.errno is not None
+        passing = of_system or isinstance(error, StoreError)
+        return Done(job.part, error="; ".join(error.problems), passing=passing)
+    except Exception as error:
+        return Done(job.part, error=describe(error), passing=True)
     return Done(
         job.part,
         images,
@@ -94,4 +117,11 @@ def _fit(job: Job, began: float) -> Done:
         tuple(warnings.values()),
         time.perf_counter() - began,
         size,
+        span,
     )
+
+
+def describe(error: BaseException) -> str:
+    """Return an unexpected error in one line."""
+    kind, text = type(error).__name__, masked(str(error).partition("\n")[0])
+    return f"{kind}: {text}" if text else kind
