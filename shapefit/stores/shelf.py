@@ -15,7 +15,7 @@ from shapefit.stores.urls import UrlPath
 State = tuple[int, int | str]
 """Bytes of a file, and by what else a change of it is known: time, or the etag of an object."""
 
-MOST_OPEN = 4
+MOST_OPEN = 2
 """Objects whose blocks are kept."""
 
 

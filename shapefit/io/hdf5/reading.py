@@ -15,6 +15,7 @@ import numpy as np
 from shapefit.errors import input_error, printable
 from shapefit.io.extras import Extras, is_per_item
 from shapefit.io.formats import HDF5, find_format
+from shapefit.io.hdf5.opening import open_hdf5
 from shapefit.io.hdf5.pieces import read_rows
 from shapefit.io.hdf5.sizes import Stored, size_in_memory
 from shapefit.io.hdf5.strangers import stranger
@@ -31,7 +32,6 @@ from shapefit.io.layout import (
 from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.problems import input_problems
 from shapefit.io.sources import source_name
-from shapefit.stores.reading import for_h5py
 
 BLOCK, BLOCK_BYTES = 16384, 1 << 24
 """Most items, and most bytes of them, that a check reads at a time."""
@@ -57,7 +57,7 @@ class Hdf5Reader:
             found = "is not an HDF5 file" if path.is_file() else "is not a file on a disk"
             raise input_error(source_name(path), found, f"give a {form.name} file")
         with self._damage():
-            self._file = h5py.File(for_h5py(path), "r")
+            self._file = open_hdf5(path)
         try:
             self._check_format()
             self._check_datasets()

@@ -13,7 +13,6 @@ from shapefit.io.formats import CSV, HDF5, find_format
 from shapefit.io.layout import DICTIONARY, LANDMARKS, RESULTS, SHAPES, Format
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.sources import is_stream
-from shapefit.stores.reading import for_h5py
 
 Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
@@ -55,12 +54,11 @@ def has_depth(path: Path) -> bool:
 
 def hdf5_form(path: Path) -> Format:
     """Return the layout that an HDF5 file says it has. Raises InputError where it is not ours."""
-    import h5py
-
+    from shapefit.io.hdf5.opening import open_hdf5
     from shapefit.io.hdf5.strangers import stranger
 
     try:
-        with h5py.File(for_h5py(path), "r") as file:
+        with open_hdf5(path) as file:
             stated = file.attrs.get("format")
             wrong = stranger(file) if stated is None else None
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:

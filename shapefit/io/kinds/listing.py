@@ -17,7 +17,6 @@ from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
-from shapefit.stores.reading import for_h5py
 
 ListedKind = Literal["result", "shapes", "landmarks"]
 Records = ResultSet | ShapeSet | LandmarkSet
@@ -158,9 +157,9 @@ def _result_chunks(path: Path, wanted: Collection[str]) -> Iterator[ResultSet]:
 
 
 def _datasets(path: Path) -> frozenset[str]:
-    import h5py
+    from shapefit.io.hdf5.opening import open_hdf5
 
-    with h5py.File(for_h5py(path), "r") as file:
+    with open_hdf5(path) as file:
         return frozenset(file)
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.io.sources import HDF5_SIGNATURE
-from shapefit.stores.reading import for_h5py
 from shapefit.stores.shelf import State
 from shapefit.stores.states import find_state
 
@@ -50,10 +49,10 @@ def look(path: Path, head: bytes) -> Look:
 @lru_cache(maxsize=1)
 def _look(path: Path, _state: State) -> Look:
     """Open a file; the same state of it is not opened again for the next recogniser."""
-    import h5py
+    from shapefit.io.hdf5.opening import open_hdf5
 
     try:
-        with h5py.File(for_h5py(path), "r") as file:
+        with open_hdf5(path) as file:
             return _describe(file)
     except Exception:  # h5py has many kinds of error for damaged files; their reader names them
         return NOTHING
