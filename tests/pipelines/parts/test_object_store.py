@@ -138,3 +138,124 @@ def test_a_second_client_is_refused(store):
 def load_config_output(store) -> Path:
     arguments = {"landmarks": "one.h5", "dictionary": "dict.h5", "output": f"{store.url}/results/"}
     return load_config("fit", None, (), arguments).output
+
+
+class TestAPutThatFails:
+    @pytest.fixture
+    def puts(self, store, monkeypatch):
+        """Let PUTs of these objects fail as often as is said; count them."""
+        from s3fs import S3FileSystem
+
+        real = S3FileSystem._put_file
+        left: dict[str, int] = {}
+
+        async def put(self, local, name, *arguments, **options):
+            key = name.rpartition("/")[2]
+            if left.get(key, 0):
+                left[key] -= 1
+                raise OSError(5, "We encountered an internal error")
+            return await real(self, local, name, *arguments, **options)
+
+        monkeypatch.setattr(S3FileSystem, "_put_file", put)
+        return left
+
+    def test_it_is_tried_again(self, store, puts):
+        puts["part-00001.h5"] = 2
+        outcomes = fit(store)
+        assert failures(outcomes) == []
+        assert done(outcomes) == 300
+        assert puts["part-00001.h5"] == 0
+
+    def test_after_three_times_the_part_is_listed_and_the_others_are_done(self, store, puts):
+        puts["part-00001.h5"] = 3
+        (failure,) = failures(fit(store))
+        assert failure.item == "part-00001.h5"
+        assert f"{store.url}/results/part-00001.h5: cannot be written" in failure.reason
+        assert names(store) == ["manifest.json", "part-00000.h5", "part-00002.h5"]
+        assert done(fit(store)) == 72
+        same_as_on_a_disk(store)
+
+    def test_an_earlier_result_stays(self, store, puts):
+        fit(store, f"{store.url}/whole.h5")
+        before = store.files.cat_file(f"{store.name}/whole.h5")
+        puts["whole.h5"] = 1
+        with pytest.raises(InputError, match=r"whole.h5: cannot be written .*internal error"):
+            fit(store, f"{store.url}/whole.h5", "lambda=0.2")
+        assert store.files.cat_file(f"{store.name}/whole.h5") == before
+
+
+def test_two_workers_write_the_same_bits(store):
+    pytest.importorskip("distributed")
+    assert done(fit(store, "", "workers=2")) == 300
+    assert names(store) == parts(3)
+    same_as_on_a_disk(store)
+
+
+def test_a_part_of_a_large_file_fetches_a_part_of_it(store, rng, monkeypatch):
+    from s3fs import S3FileSystem
+
+    from shapefit.io import open_landmarks
+    from shapefit.stores.locations import location
+
+    count = 40_000
+    with landmark_writer(Path("large.h5")) as writer:
+        items = tuple(f"image{n:06}" for n in range(count))
+        points = rng.normal(size=(count, 2, 8))
+        writer.append(LandmarkSet(landmarks=points, landmark_names=NAMES, items=items))
+    store.files.put_file("large.h5", f"{store.name}/large.h5")
+    real = S3FileSystem._cat_file
+    monkeypatch.setattr(S3FileSystem, "_get_file", None)
+    fetched = []
+
+    def count_bytes(fs, bucket, key, version, start, end, **options):
+        fetched.append(end - start)
+        return module(fs, bucket, key, version, start, end, **options)
+
+    import s3fs.core
+
+    module = s3fs.core._fetch_range
+    monkeypatch.setattr(s3fs.core, "_fetch_range", count_bytes)
+    assert real is S3FileSystem._cat_file
+    with open_landmarks([location(f"{store.url}/large.h5")], rows=slice(20_032, 24_064)) as source:
+        images = source.whole()
+    np.testing.assert_array_equal(images.landmarks, points[20_032:24_064])
+    assert 0 < sum(fetched) < Path("large.h5").stat().st_size / 2
+
+
+class TestTheFolderIsOneResult:
+    @pytest.fixture(autouse=True)
+    def fitted(self, store):
+        fit(store)
+        fit(store, "whole.h5")
+        self.folder = f"{store.url}/results/"
+
+    def command(self, *arguments: str) -> int:
+        from shapefit_cli.main import run as shapefit
+
+        return shapefit([*arguments, "-q"])
+
+    def test_converted_verified_shown_and_judged(self, store, rng, capsys):
+        assert self.command("convert", self.folder, "-o", "joined.csv") == 0
+        assert self.command("convert", "whole.h5", "-o", "whole.csv") == 0
+        assert Path("joined.csv").read_text() == Path("whole.csv").read_text()
+        assert self.command("verify", self.folder, "-d", f"{store.url}/dict.h5") == 0
+        assert self.command("view", self.folder, "-o", f"{store.url}/page.html") == 0
+        assert store.files.size(f"{store.name}/page.html") > 10_000
+        assert self.command("info", self.folder) == 0
+        assert store.url in capsys.readouterr().out
+        self.judge(store, rng)
+
+    def judge(self, store, rng):
+        from shapefit.io import write_shapes
+        from shapefit.io.records import ShapeSet
+
+        truth = ShapeSet(rng.normal(size=(300, 3, 8)), NAMES, tuple(f"i{n}" for n in range(300)))
+        write_shapes(Path("truth.h5"), truth)
+        store.files.put_file("truth.h5", f"{store.name}/truth.h5")
+        truth_url = f"{store.url}/truth.h5"
+        assert self.command("eval", self.folder, "whole.h5", "--truth", truth_url, "-o", "r") == 0
+        lines = Path("r/per_image.csv").read_text().splitlines()
+        own = [line.split(",", 1)[1] for line in lines if line.startswith("results,")]
+        other = [line.split(",", 1)[1] for line in lines if line.startswith("whole,")]
+        assert own == other
+        assert len(own) >= 300
