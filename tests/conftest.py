@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shapefit.stores.options import use_storage_options
+
 _numbers = count()
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -58,6 +60,7 @@ def bucket(store_address, monkeypatch) -> Iterator[Any]:
     """An empty bucket: its URL, and what a test puts into it beside the product."""
     s3fs = pytest.importorskip("s3fs")
     s3fs.S3FileSystem.clear_instance_cache()
+    use_storage_options({})
     monkeypatch.setenv("AWS_ENDPOINT_URL", store_address)
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "key-of-the-tests")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret-of-the-tests")

@@ -40,7 +40,7 @@ def open_store(path: UrlPath) -> tuple[Any, str]:
     try:
         import fsspec
 
-        kind = fsspec.get_filesystem_class(path.scheme)
+        fsspec.get_filesystem_class(path.scheme)
     except ImportError as error:
         needs = f"shapefit[{extra}]" if extra else "fsspec"
         found = f"cannot be opened ({first_line(error)})"
@@ -51,11 +51,7 @@ def open_store(path: UrlPath) -> tuple[Any, str]:
     patience = PATIENCE.get(path.scheme.replace("s3a", "s3"), {})
     options = {**patience, "use_listings_cache": False, **storage_options()}
     with store_errors(path):
-        try:
-            system, name = fsspec.url_to_fs(path.url, **options)
-        except TypeError as error:
-            found = f"{kind.__name__} does not take these options ({first_line(error)})"
-            raise input_error(STORAGE_OPTIONS, found, "give those of this store only") from None
+        system, name = fsspec.url_to_fs(path.url, **options)
     return system, name
 
 
@@ -67,11 +63,16 @@ def store_errors(path: UrlPath, done: str = "read") -> Iterator[None]:
     except InputError:
         raise
     except FileNotFoundError as error:
-        missing = "bucket" if "bucket" in str(error).lower() else "object"
+        missing = "bucket" if "bucket does not exist" in str(error) else "object"
         raise input_error(path, f"there is no such {missing}", "check its name") from None
     except PermissionError as error:
         found = f"cannot be {done}: access is denied ({first_line(error)})"
         raise input_error(path, found, ACCESS) from None
+    except TypeError as error:
+        if not storage_options():
+            raise
+        found = f"the store of {path} does not take them ({first_line(error)})"
+        raise input_error(STORAGE_OPTIONS, found, "give those that it knows") from None
     except Exception as error:  # each library of a store has kinds of its own
         if "Credential" in type(error).__name__:
             found = f"cannot be {done}: there are no credentials ({first_line(error)})"

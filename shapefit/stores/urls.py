@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")  # not C://, which is a drive of Windows
 _USER = re.compile(r"^[^/@]*:[^/@]*@")
@@ -36,6 +36,10 @@ class UrlPath(_Path):
         """The URL as it was given, for the store; never for messages."""
         scheme, *rest = self.parts
         return f"{scheme}//{'/'.join(rest)}"
+
+    def resolve(self, strict: bool = False) -> Self:
+        """Return the URL, which is complete."""
+        return self
 
     def is_dir(self) -> bool:
         """Return False: a store has names with `/` in them, and no folders."""
