@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from pathlib import Path
+from typing import Self
 from urllib.parse import unquote, urlsplit
 
 from shapefit.stores.copies import local_copy
+from shapefit.stores.listing import objects_in
 from shapefit.stores.states import find_state
 from shapefit.stores.urls import UrlPath, is_url
 
@@ -24,6 +27,10 @@ class ObjectPath(UrlPath):
     def is_file(self) -> bool:
         """Whether there is such an object."""
         return find_state(self) is not None
+
+    def iterdir(self) -> Generator[Self, None, None]:
+        """Yield the objects right below the URL."""
+        yield from (self / name for name in objects_in(self))
 
 
 def location(text: str) -> Path:

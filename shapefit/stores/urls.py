@@ -41,6 +41,10 @@ class UrlPath(_Path):
         """Return the URL, which is complete."""
         return self
 
+    def as_uri(self) -> str:
+        """Return the URL."""
+        return str(self)
+
     def is_dir(self) -> bool:
         """Return False: a store has names with `/` in them, and no folders."""
         return False

@@ -16,7 +16,10 @@ NOT_FOR_HELP = {
     *("h5py", "numba", "numpy", "orjson", "pydantic", "ruamel", "scipy", "tqdm", "trimesh"),
 }
 
+OF_STORES = {"aiobotocore", "aiohttp", "boto3", "botocore", "fsspec", "gcsfs", "pyarrow", "s3fs"}
+
 NOT_FOR_A_FIT_OF_CSV = (
+    *sorted(OF_STORES),
     "concurrent.futures",
     "dask",
     "distributed",
@@ -85,10 +88,11 @@ def of_a_fit(tmp_path_factory) -> set[str]:
     return modules
 
 
-def test_parts_without_a_cluster_import_no_dask(of_a_fit, tmp_path_factory):
+def test_parts_without_a_cluster_or_a_store_import_nothing_for_them(of_a_fit, tmp_path_factory):
     folder = next(tmp_path_factory.getbasetemp().glob("start-up*"))
     files = (folder / "one.csv", "-d", folder / "dictionary.h5")
-    assert not {"dask", "distributed"} & imported("fit", *files, "-o", f"{folder}/parts/")
+    modules = imported("fit", *files, "-o", f"{folder}/parts/")
+    assert not ({"dask", "distributed"} | OF_STORES) & modules
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("fit", "--help")])

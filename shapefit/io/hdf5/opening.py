@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import gc
 import threading
 from pathlib import Path
@@ -98,9 +97,11 @@ def _pause() -> None:
             _was_enabled = gc.isenabled()
             gc.disable()
         _open += 1
+    from asyncio import sleep
+
     from fsspec.asyn import get_loop, sync
 
-    sync(get_loop(), asyncio.sleep, 0)  # what it was at is done
+    sync(get_loop(), sleep, 0)  # what it was at is done
 
 
 def _resume() -> None:

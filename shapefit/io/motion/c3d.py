@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import struct
 from collections.abc import Iterator, Mapping
 from importlib import import_module
@@ -185,7 +186,7 @@ def _read(path: Path) -> Any:
         found = "is a C3D file, which ezc3d reads, and that is not installed"
         raise input_error(path, found, "run `pip install 'shapefit[c3d]'`") from error
     try:
-        return ezc3d.c3d(str(path))
+        return ezc3d.c3d(os.fspath(path))
     except Exception as error:  # ezc3d has many kinds of error for damaged files
         found = f"cannot be read by ezc3d ({error})"
         raise input_error(path, found, "give a whole C3D file") from error
