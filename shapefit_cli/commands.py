@@ -107,7 +107,8 @@ work, - is stdin (CSV).""",
         text="""Lift 2D landmarks in single images to 3D shapes.
 
 LANDMARKS are files of 2D landmarks in any format that can be read, or folders with one file per
-frame; docs/formats.md lists them. Globs work, - is stdin (CSV).""",
+frame; docs/formats.md lists them. Globs work, - is stdin (CSV). Files may be URLs of an object
+store (s3://, gs://).""",
         examples="""\
   shapefit fit views.h5 -d dict.h5 -o result.h5
   shapefit fit -c fit.yaml 'views/*.h5' -d dict.h5 -o result.h5 --set lambda=0.2

@@ -11,6 +11,7 @@ from pydantic.fields import FieldInfo
 from shapefit.config.expectation import expectation, field_keys, in_words, submodel
 from shapefit.config.loader import CONFIGS
 from shapefit.config.paths import OfTheData
+from shapefit.stores.options import STORAGE_OPTIONS
 
 _INTRODUCTION = """\
 # Config keys
@@ -23,6 +24,10 @@ Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no
 - `-` is standard input or output, as CSV.
 - A path may begin with `{data}`: it is replaced by the folder that the key `data` names. Every
   command has this key.
+- A path may be a URL of an object store, `s3://BUCKET/NAME` or `gs://BUCKET/NAME` \
+([scale.md](scale.md#object-stores)).
+  Credentials come from the environment; `storage_options`, a key of every command, maps further
+  options of fsspec to their values, which are shown as `***` wherever a config is printed or stored.
 - `-c NAME` stands for the command's own file of an installed folder: `-c cars` of `fit` is
   `configs/cars/fit.yaml`, and `-c sequences` is `configs/people/sequences.yaml`. An existing file
   of that name is preferred. The settings of an installed file are used; what applies only to its
@@ -49,7 +54,7 @@ def _section(command: str, model: type[BaseModel]) -> str:
 
 def _rows(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
     for key, field in field_keys(model).items():
-        if key == "data":
+        if key in ("data", STORAGE_OPTIONS):
             continue
         inner = submodel(field)
         if inner is None or in_words(field):
