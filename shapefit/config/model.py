@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -14,7 +13,7 @@ from shapefit.config.expectation import Expected
 from shapefit.config.paths import STANDARD_STREAM, Folder
 from shapefit.errors import path_text
 from shapefit.stores.options import MASK, STORAGE_OPTIONS
-from shapefit.stores.urls import UrlPath
+from shapefit.stores.urls import real_path
 
 
 def _tuples(value: Any) -> Any:
@@ -81,7 +80,7 @@ class CommandConfig(ConfigModel):
         """Refuse an output that would take the place of an input."""
         output = getattr(self, "output", None) or STANDARD_STREAM
         for _, path in self.inputs():
-            if path != STANDARD_STREAM and _real(path) == _real(output):
+            if path != STANDARD_STREAM and real_path(path) == real_path(output):
                 raise ValueError(f"`output` would replace an input, {path}; name another file")
         return self
 
@@ -103,11 +102,6 @@ class CommandConfig(ConfigModel):
         """
         values: dict[str, Any] = plain(self.model_dump(), path_text)
         return values
-
-
-def _real(path: Path) -> str:
-    """Return what a path leads to, links followed; a URL as it is."""
-    return path.url if isinstance(path, UrlPath) else os.path.realpath(path)
 
 
 def plain(value: Any, text: Callable[[Path], str]) -> Any:

@@ -27,7 +27,8 @@ Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no
 - A path may be a URL of an object store, `s3://BUCKET/NAME` or `gs://BUCKET/NAME` \
 ([scale.md](scale.md#object-stores)).
   Credentials come from the environment; `storage_options`, a key of every command, maps further
-  options of fsspec to their values, which are shown as `***` wherever a config is printed or stored.
+  options of fsspec to their values, which are shown as `***` wherever a config is printed or
+  stored.
 - `-c NAME` stands for the command's own file of an installed folder: `-c cars` of `fit` is
   `configs/cars/fit.yaml`, and `-c sequences` is `configs/people/sequences.yaml`. An existing file
   of that name is preferred. The settings of an installed file are used; what applies only to its

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -48,6 +49,11 @@ class UrlPath(_Path):
     def is_dir(self) -> bool:
         """Return False: a store has names with `/` in them, and no folders."""
         return False
+
+
+def real_path(path: Path) -> Path:
+    """Return what a path leads to, links followed; a URL as it is."""
+    return path if isinstance(path, UrlPath) else Path(os.path.realpath(path))
 
 
 def is_url(text: str) -> bool:

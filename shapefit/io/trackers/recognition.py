@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.io.sources import HDF5_SIGNATURE
+from shapefit.stores.opening import StoreError
 from shapefit.stores.shelf import State
 from shapefit.stores.states import find_state
 
@@ -54,6 +55,8 @@ def _look(path: Path, _state: State) -> Look:
     try:
         with open_hdf5(path) as file:
             return _describe(file)
+    except StoreError:
+        raise
     except Exception:  # h5py has many kinds of error for damaged files; their reader names them
         return NOTHING
 

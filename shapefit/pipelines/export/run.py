@@ -20,6 +20,8 @@ from shapefit.io.sources import is_stream
 from shapefit.io.whole.folder import StagedFiles, staged_files
 from shapefit.io.whole.report_folder import check_folder
 from shapefit.pipelines.drawing import check_can_draw
+from shapefit.stores.urls import real_path
+from shapefit.stores.writing import refuse_folder
 
 if TYPE_CHECKING:
     from shapefit.pipelines.export.meshes import MeshExport
@@ -107,7 +109,8 @@ def open_exports(config: FitConfig, dictionary: Dictionary, count: int) -> Itera
 def _check_folder(folder: Path, key: str, output: Path) -> None:
     if is_stream(folder):
         raise input_error(key, "- is standard output", "give the name of a folder")
-    if os.path.realpath(folder) == os.path.realpath(output):
+    refuse_folder(folder)
+    if real_path(folder) == real_path(output):
         found = f"{folder} is also the output"
         raise input_error(key, found, "give the folder a different name")
     if os.path.islink(folder) and not os.path.exists(folder):
@@ -118,10 +121,7 @@ def _check_folder(folder: Path, key: str, output: Path) -> None:
 
 def _check_output(output: Path, folder: Path, suffix: str) -> None:
     """Raise InputError where the result could replace a file that is exported."""
-    resolved = Path(os.path.realpath(output))
-    if (
-        resolved.is_relative_to(os.path.realpath(folder))
-        and resolved.suffix.lower() == f".{suffix}"
-    ):
+    resolved = real_path(output)
+    if resolved.is_relative_to(real_path(folder)) and resolved.suffix.lower() == f".{suffix}":
         found = f"has the same name as the .{suffix} files that go into {folder}"
         raise input_error(output, found, "name it .h5 or .csv")

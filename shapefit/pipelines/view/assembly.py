@@ -29,6 +29,7 @@ from shapefit.pipelines.view.layers import (
 )
 from shapefit.pipelines.view.pictures import embed, find_images
 from shapefit.pipelines.view.truth import Truth, read_truth, renamed_edges
+from shapefit.stores.locations import location
 from shapefit.viewer.scene import Layer, MeshSet, Picture, Scene
 
 Floats = NDArray[np.float64]
@@ -151,7 +152,7 @@ def _dictionary(
     stated = fit_config(result).get("dictionary")
     if not isinstance(stated, str):
         return None, None
-    path = Path(stated)
+    path = location(stated)
     inputs = str(result.attributes.get("inputs", ""))
     try:
         if digest(path) in inputs:
