@@ -68,7 +68,7 @@ def children(process: psutil.Process) -> list[psutil.Process]:
         return []
 
 
-def main(count: int = 10_000_000, workers: int = 2, folder: str | None = None) -> None:
+def main(count: int, workers: int, folder: str | None = None) -> None:
     """Print what a fit of so many images takes."""
     with TemporaryDirectory(dir=folder) as name:
         place = Path(name)
@@ -96,4 +96,5 @@ def main(count: int = 10_000_000, workers: int = 2, folder: str | None = None) -
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:3]), *sys.argv[3:4])
+    images, workers, *place = sys.argv[1:] + ["10000000", "2"][len(sys.argv) - 1 :]
+    main(int(images), int(workers), *place)
