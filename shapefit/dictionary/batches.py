@@ -18,7 +18,7 @@ from shapefit.dictionary.learning import BOUND, find_worst, of_norm_one, reach_b
 
 Floats = NDArray[np.float64]
 
-SETTLED = 0.002
+SETTLED = 0.001
 """Rounds end after one that lowers the objective by a smaller share."""
 
 

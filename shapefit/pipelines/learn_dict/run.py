@@ -30,9 +30,6 @@ from shapefit.pipelines.reading import input_options
 Floats = NDArray[np.float64]
 
 
-IN_MEMORY = 20
-"""Numbers a landmark of each shape that learning holds at most; and 8 for each atom."""
-
 Making = Generator[Outcome, None, Dictionary]
 """Yields an outcome a round, and returns the dictionary; the last outcome sums up."""
 
@@ -68,11 +65,18 @@ def read_training(source: ShapeSource, config: LearnDictConfig) -> TrainingShape
     if 0 < config.batch < source.count:
         return find_training_batches(source, config)
     if config.method == "sparse-coding":
-        numbers = IN_MEMORY * len(source.head.landmark_names) + 8 * config.k
-        fix = "set `batch`, the number of shapes in memory (docs/scale.md)"
         place = ", ".join(map(str, config.shapes))
-        check_fits(place, 8 * numbers * source.count, "learning from it", fix)
+        fix = "set `batch`, the number of shapes in memory at a time (docs/scale.md)"
+        check_fits(place, size_at_once(source, config), "learning from all shapes at once", fix)
     return find_training_shapes(source.whole(), config)
+
+
+def size_at_once(source: ShapeSource, config: LearnDictConfig) -> int:
+    """Bytes that sparse coding of all shapes at once takes, as measured: benchmarks/batches.py."""
+    p, every = len(source.head.landmark_names), config.every
+    step = every if isinstance(every, int) else max(every.values())
+    copies = 2 if config.symmetry == "double" else 1
+    return 8 * source.count * (6 * p + copies * (9 * p + 4 * config.k) // step)
 
 
 def make_dictionary(
