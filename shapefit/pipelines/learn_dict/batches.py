@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from tempfile import gettempdir
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,7 @@ def find_training_batches(source: ShapeSource, config: LearnDictConfig) -> Train
     """
     head = source.head
     partners = None if config.symmetry == "none" else find_partners(head, config)
+    doubled = config.symmetry == "double"
     lateral = 0 if partners is None else find_lateral(source, config, partners)
     spill = partial(Spill, existing_folder(config.output), batch=config.batch)
     points, scale, sizes = spill((3, len(head.landmark_names))), spill(()), spill(())
@@ -77,17 +78,18 @@ def find_training_batches(source: ShapeSource, config: LearnDictConfig) -> Train
         failures += failed
         motion.add(fine.shapes, fine.sequences or ("",) * len(fine))
         sizes.append(normalise(fine.shapes).scale)
+        if not len(usable):
+            continue
         shapes = usable.shapes
-        if partners is not None and config.symmetry == "symmetrise":
+        if partners is not None and not doubled:
             shapes = symmetrise(shapes, partners, lateral)
         normalised = normalise(shapes)
         points.append(normalised.points)
         scale.append(normalised.scale)
-        if len(shapes):
-            length += len(shapes) * find_edge_length(shapes, edges)
-        if len(shapes) and partners is not None and config.symmetry == "double":
+        length += len(shapes) * find_edge_length(shapes, edges)
+        if partners is not None and doubled:
             length += len(shapes) * find_edge_length(mirror(shapes, partners, lateral), edges)
-    if partners is not None and config.symmetry == "double":
+    if partners is not None and doubled:
         points.extend(mirror(batch, partners, lateral) for batch in points)
         scale.extend(scale)
     check_number(len(points), failures, config)
@@ -149,5 +151,5 @@ def align_batches(
 
 
 def existing_folder(output: Path) -> Path:
-    """Return the folder of an output, or the one in which it will be made."""
-    return next(folder for folder in Path(os.path.realpath(output)).parents if folder.is_dir())
+    """Return the folder of an output or where it will be made; for a URL, that of the system."""
+    return next((folder for folder in output.parents if folder.is_dir()), Path(gettempdir()))
