@@ -41,11 +41,10 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     cannot be read or written, and as `make_dictionary` does.
     """
     check_output(config.output)
-    inputs = digests(config.shapes)
     with open_shapes(config.shapes, input_options(config.input)) as source:
         notes = source.notes
         training = read_training(source, config)
-    making = make_dictionary(training, config, inputs)
+    making = make_dictionary(training, config, digests(config.shapes))
     outcome = next(making)
     outcome = replace(outcome, warnings=notes + outcome.warnings)
     while True:
