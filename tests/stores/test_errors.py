@@ -51,8 +51,7 @@ def test_no_credentials(bucket, monkeypatch, tmp_path):
         fit(f"{bucket.url}/a.h5")
 
 
-def test_no_connection(bucket, monkeypatch):
-    monkeypatch.setattr("s3fs.S3FileSystem.retries", 1)
+def test_no_connection(bucket, impatient):
     with pytest.raises(StoreError, match=r"Could not connect .*; check the connection") as raised:
         fit(f"{bucket.url}/a.h5", endpoint_url="http://127.0.0.1:9")
     assert "127.0.0.1:9" not in str(raised.value)

@@ -76,8 +76,7 @@ def test_of_a_fit(bucket, config, tmp_path, capfd):
     ],
     ids=["bucket", "host", "options", "no-mapping", "no-yaml", "other-key"],
 )
-def test_of_errors(bucket, config, capfd, monkeypatch, changes):
-    monkeypatch.setattr("s3fs.S3FileSystem.retries", 1)
+def test_of_errors(bucket, config, capfd, impatient, changes):
     words = [word for change in changes for word in ("--set", change)]
     assert shapefit(["fit", "-c", str(config), *words]) == 2
     printed = capfd.readouterr()

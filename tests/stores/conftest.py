@@ -1,0 +1,15 @@
+"""Stores that do not answer, without the time that is given to them."""
+
+from __future__ import annotations
+
+import pytest
+
+from shapefit.stores import opening
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """Try each request once."""
+    once = {"config_kwargs": {"connect_timeout": 2, "retries": {"total_max_attempts": 1}}}
+    monkeypatch.setattr(opening, "PATIENCE", {"s3": once})
+    monkeypatch.setattr("s3fs.S3FileSystem.retries", 1)
