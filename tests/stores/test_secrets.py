@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from shapefit.config import load_config
 from shapefit_cli.main import run as shapefit
 
 pytest.importorskip("s3fs")
@@ -84,6 +85,12 @@ def test_of_errors(bucket, config, capfd, impatient, changes):
     for name in (KEY, SECRET, TOKEN, "planted-host", "planted-list", "planted-text", "{planted-"):
         if name != "planted-key" or "options" not in changes[0]:
             assert name not in printed.out + printed.err
+
+
+def test_of_what_dask_logs(config):
+    job = load_config("fit", config)
+    assert job.storage_options["secret"] == SECRET
+    assert PLANTED.decode() not in repr(job)
 
 
 def test_the_options_are_no_part_of_the_terms(bucket, config, capfd):

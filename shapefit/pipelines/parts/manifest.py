@@ -93,11 +93,12 @@ def read_manifest(path: Path) -> Manifest | None:
 def held_folder(folder: Path) -> Iterator[None]:
     """Hold a folder of results for this run. Raises InputError where another run holds it."""
     if isinstance(folder, UrlPath):
-        from shapefit.stores.lock import held_object
+        from shapefit.stores.lock import ABANDONED, held_object
 
         with held_object(folder / LOCK) as held:
             if not held:
-                raise _busy(folder)
+                minutes = ABANDONED / 60
+                raise _busy(folder, f" (or {minutes:.0f} minutes, if it was killed)")
             yield
         return
     folder.mkdir(parents=True, exist_ok=True)
@@ -117,6 +118,6 @@ def held_folder(folder: Path) -> Iterator[None]:
         yield
 
 
-def _busy(folder: Path) -> InputError:
+def _busy(folder: Path, until: str = "") -> InputError:
     found = "another run is writing results to it"
-    return input_error(folder, found, "wait until it ends, or choose another")
+    return input_error(folder, found, f"wait until it ends{until}, or choose another")
