@@ -49,7 +49,7 @@ def test_an_object_that_changed_is_downloaded_again_when_it_is_looked_up(bucket,
 
 
 def test_a_full_disk_is_named(path, monkeypatch):
-    def full(*_arguments, **_options):
+    async def full(*_arguments, **_options):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("s3fs.S3FileSystem._get_file", full)
