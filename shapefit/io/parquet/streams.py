@@ -1,0 +1,76 @@
+"""Columns of a Parquet file, read forwards, a batch of rows at a time."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from itertools import accumulate
+from typing import Any
+
+from shapefit.io.parquet.library import pyarrow
+
+BATCH = 16384
+"""Rows that are decoded at a time."""
+
+
+def row_group_starts(file: Any) -> list[int]:
+    """Return the first row of every row group of an open file, and the number of all rows."""
+    metadata = file.metadata
+    sizes = (metadata.row_group(group).num_rows for group in range(metadata.num_row_groups))
+    return [*accumulate(sizes, initial=0)]
+
+
+def stored_bytes(file: Any, column: str) -> int:
+    """Return how many bytes the values of a column have, encoded but not compressed."""
+    metadata = file.metadata
+    total = 0
+    for group in map(metadata.row_group, range(metadata.num_row_groups)):
+        for number in range(group.num_columns):
+            stored = group.column(number)
+            if stored.path_in_schema.split(".")[0] == column or stored.path_in_schema == column:
+                total += stored.total_uncompressed_size
+    return total
+
+
+class ColumnStream:
+    """Some columns of an open file.
+
+    Rows that follow those read last are decoded next; all others from the start of their row
+    group. So a file is decoded once where it is read in order, whatever its row groups.
+    """
+
+    def __init__(self, file: Any, columns: Sequence[str]) -> None:
+        self._file = file
+        self._columns = list(columns)
+        self._starts = row_group_starts(file)
+        self._batches: Iterator[Any] = iter(())
+        self._held: Any = None
+        self._row = 0
+
+    def read(self, start: int, stop: int) -> Any:
+        """Return these rows as a table, each of its columns in one piece."""
+        if self._held is None or start < self._row or self._group(start) > self._group(self._row):
+            self._row = self._starts[self._group(start)]
+            groups = range(self._group(start), len(self._starts) - 1)
+            self._held = self._file.schema_arrow.empty_table().select(self._columns)
+            self._batches = (
+                self._file.iter_batches(BATCH, groups, self._columns, use_threads=False)
+                if groups
+                else iter(())
+            )
+        parts = []
+        while self._row < stop:
+            if not len(self._held):
+                self._held = pyarrow.Table.from_batches([next(self._batches)])
+            skipped = min(max(start - self._row, 0), len(self._held))
+            taken = min(stop - self._row, len(self._held))
+            parts.append(self._held.slice(skipped, taken - skipped))
+            self._held = self._held.slice(taken)
+            self._row += taken
+        if not parts:
+            return self._held.slice(0, 0).combine_chunks()
+        return pyarrow.concat_tables(parts).combine_chunks()
+
+    def _group(self, row: int) -> int:
+        """Return the row group of a row; the last one for the end of the file."""
+        return max(min(bisect_right(self._starts, row), len(self._starts) - 1) - 1, 0)
