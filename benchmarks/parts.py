@@ -30,15 +30,15 @@ NOISE = 1.0
 """Pixels that tiles differ by, so that no two images are equal."""
 
 
-def tile(path: Path, count: int) -> None:
-    """Write `count` images: the people of the sample data again and again, with noise."""
-    rng = np.random.default_rng(0)
+def tile(path: Path, count: int, first: int = 0) -> None:
+    """Write `count` images from the `first`: the people of the sample data again, with noise."""
+    rng = np.random.default_rng(first)
     with open_landmarks((PROJECT / "sample_data/people_views.csv",)) as source:
         (one,) = source.chunks(count)
     block = len(one) * 1000
     with landmark_writer(path) as writer:
-        for start in range(0, count, block):
-            rows = np.arange(start, min(start + block, count))
+        for start in range(first, first + count, block):
+            rows = np.arange(start, min(start + block, first + count))
             points = one.landmarks[rows % len(one)]
             points = points + NOISE * rng.standard_normal(points.shape)
             items = tuple(f"image/{row:08}" for row in rows)

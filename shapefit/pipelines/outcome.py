@@ -45,6 +45,7 @@ class Outcome:
 
     `done` items of `total` (None where it is not known) were finished by this part, `failures`
     of them without a result; `unit` is what the items are, where that depends on the config;
+    `items` are the names of those that were done, where parts need them;
     `note` is a short state of the work for a progress bar, `line` is to be shown at once,
     `listing` the lines that the command was asked for, `written` the files that now stand complete.
     """
@@ -52,6 +53,7 @@ class Outcome:
     done: int = 0
     total: int | None = None
     failures: tuple[Failure, ...] = ()
+    items: tuple[str, ...] = ()
     warnings: tuple[str | Counted, ...] = ()
     unit: str = ""
     note: str = ""

@@ -77,6 +77,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
                 done=len(images),
                 total=source.count,
                 failures=find_failures(images, lifting, config),
+                items=images.items,
                 warnings=find_warnings(images, lifting, config),
             )
         names = name_warnings(source.landmark_names, dictionary.landmark_names)

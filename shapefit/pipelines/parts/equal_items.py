@@ -36,6 +36,10 @@ class Equal:
     count: int
     examples: tuple[tuple[str, Path, Path], ...]
 
+    def __add__(self, other: Equal) -> Equal:
+        examples = sorted((*self.examples, *other.examples))[:MOST_NAMED]
+        return Equal(self.count + other.count, tuple(examples))
+
     def __str__(self) -> str:
         named = ", ".join(f"'{item}' in {a.name} and {b.name}" for item, a, b in self.examples)
         more = self.count - len(self.examples)
@@ -44,10 +48,9 @@ class Equal:
 
 def find_equal(parts: Sequence[Path]) -> Equal:
     """Return the items that are in two or more of these results."""
-    count = 0
-    examples: list[tuple[str, Path, Path]] = []
+    found = Equal(0, ())
     if len(parts) < 2:
-        return Equal(0, ())
+        return found
     for hashes in _met_twice(parts):
         where: dict[str, tuple[Path, Path | None]] = {}
         for part in parts:
@@ -58,9 +61,8 @@ def find_equal(parts: Sequence[Path]) -> Equal:
                     if first != part and second is None:
                         where[name] = first, part
         both = [(name, a, b) for name, (a, b) in where.items() if b is not None]
-        count += len(both)
-        examples = sorted([*examples, *both])[:MOST_NAMED]
-    return Equal(count, tuple(examples))
+        found += Equal(len(both), tuple(sorted(both)[:MOST_NAMED]))
+    return found
 
 
 def _met_twice(parts: Sequence[Path]) -> Iterator[np.ndarray]:

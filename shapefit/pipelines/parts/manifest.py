@@ -13,6 +13,7 @@ from shapefit import __version__
 from shapefit.errors import input_error, path_text
 from shapefit.io.whole.atomic import atomic_path
 from shapefit.pipelines.parts.plan import Part
+from shapefit.pipelines.parts.spans import Span
 
 VERSION = 1
 LOCK = ".lock"
@@ -36,6 +37,14 @@ class Manifest:
         return known is not None and all(
             known.get(key) == value for key, value in describe(part).items()
         )
+
+    def spans(self, folder: Path) -> dict[Path, Span]:
+        """Return where the names of the items of each result lie, of those that have some."""
+        return {
+            folder / name: Span(**entry["items"])
+            for name, entry in self.parts.items()
+            if entry.get("items")
+        }
 
     def write(self, path: Path) -> None:
         """Write the manifest, whole or not at all."""

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import os
+import platform
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from shapefit import __version__
 from shapefit.config import FitConfig
-from shapefit.errors import InputError
+from shapefit.errors import InputError, input_error
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.outcome import Counted, Failure, add_up
 from shapefit.pipelines.parts.plan import Part
+from shapefit.pipelines.parts.spans import Span
 
 MOST_TOLD = 20
 """Failures and warnings of a part that its worker reports one by one."""
@@ -20,16 +23,23 @@ MOST_TOLD = 20
 
 @dataclass(frozen=True)
 class Job:
-    """A part, the config of the whole run, as a worker gets them, and where its result goes."""
+    """A part, the config of the whole run, as a worker gets them, and where its result goes.
+
+    version of the program that planned it.
+    """
 
     part: Part
     config: FitConfig
     folder: Path
+    version: str = __version__
 
 
 @dataclass(frozen=True)
 class Done:
-    """What became of a part; `error` says why it has no result."""
+    """What became of a part; `error` says why it has no result.
+
+    passing   whether another try, or another machine, may do better
+    """
 
     part: Part
     images: int = 0
@@ -38,7 +48,9 @@ class Done:
     warnings: tuple[str | Counted, ...] = ()
     seconds: float = 0.0
     bytes: int = 0
+    span: Span | None = None
     error: str | None = None
+    passing: bool = False
 
     def entry(self) -> dict[str, Any]:
         """Return what the manifest says of the part, beside its inputs."""
@@ -48,32 +60,44 @@ class Done:
             "failures": [[failure.item, failure.reason] for failure in self.failures],
             "seconds": round(self.seconds, 3),
             "bytes": self.bytes,
+            "items": None if self.span is None else asdict(self.span),
         }
 
 
 def fit_part(job: Job) -> Done:
     """Lift the images of a part and write its result, whole or not at all.
 
-    `error` says what is wrong with its input; everything else propagates, so that the part
-    can be tried again.
+    `error` says why it could not be done; what a full disk or a library raises may pass, what is
+    wrong with the input stays. Raises InputError where this is not the version that planned it.
     """
+    if job.version != __version__:
+        found = f"is a worker with shapefit {__version__}, but `fit` is version {job.version}"
+        raise input_error(platform.node(), found, "install the same version on all machines")
     began = time.perf_counter()
     target = job.folder / job.part.file
     update = {"landmarks": job.part.inputs, "output": target}
     config = job.config.model_copy(update=update)
     rows = None if job.part.rows is None else slice(*job.part.rows)
     images, failed = 0, 0
+    span: Span | None = None
     failures: list[Failure] = []
     warnings: dict[str, str | Counted] = {}
     try:
         for outcome in run(config, rows):
             images += outcome.done
             failed += len(outcome.failures)
+            if outcome.items:
+                met = Span.of(outcome.items)
+                span = span | met if span else met
             failures += outcome.failures[: MOST_TOLD - len(failures)]
             for warning in outcome.warnings[: MOST_TOLD - len(warnings)]:
                 add_up(warnings, warning)
     except InputError as error:
-        return Done(job.part, error="; ".join(error.problems))
+        cause = error.__cause__
+        of_system = isinstance(cause, OSError) and cause.errno is not None
+        return Done(job.part, error="; ".join(error.problems), passing=of_system)
+    except Exception as error:
+        return Done(job.part, error=describe(error), passing=True)
     return Done(
         job.part,
         images,
@@ -82,4 +106,11 @@ def fit_part(job: Job) -> Done:
         tuple(warnings.values()),
         time.perf_counter() - began,
         os.path.getsize(target),
+        span,
     )
+
+
+def describe(error: BaseException) -> str:
+    """Return an unexpected error in one line."""
+    kind, text = type(error).__name__, str(error).partition("\n")[0]
+    return f"{kind}: {text}" if text else kind

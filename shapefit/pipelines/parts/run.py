@@ -20,7 +20,6 @@ from shapefit.pipelines.outcome import Counted, Failure, Outcome
 from shapefit.pipelines.parts.cluster import (
     RETRIES,
     connected,
-    failed,
     introduce,
     on_cluster,
     wants_cluster,
@@ -35,6 +34,7 @@ from shapefit.pipelines.parts.manifest import (
 from shapefit.pipelines.parts.pace import tell_pace
 from shapefit.pipelines.parts.part import Done, Job, fit_part
 from shapefit.pipelines.parts.plan import Part, plan_parts
+from shapefit.pipelines.parts.spans import overlapping
 
 OF_THE_RUN = (
     *("landmarks", "output", "dictionary", "data", "threads", "chunk"),
@@ -116,6 +116,12 @@ def _words(part: Part) -> str:
     return abbreviate([printable(path) for path in part.inputs]) + rows
 
 
+def _lost(part: Part, error: str) -> Failure:
+    """Return that a part failed; its input is named where the error does not do so."""
+    named = any(str(path) in error for path in part.inputs)
+    return Failure(part.file, error if named else f"{_words(part)}: {error}")
+
+
 def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Iterator[Outcome]:
     folder = config.output.parent
     manifest, again = _known(config, terms)
@@ -140,7 +146,7 @@ def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Ite
                 yield Outcome(line=done)
                 continue
             if done.error is not None:
-                lost.append(Failure(done.part.file, f"{_words(done.part)}: {done.error}"))
+                lost.append(_lost(done.part, done.error))
                 yield Outcome(note=pace())
                 continue
             reached, images = reached + 1, images + done.images
@@ -161,17 +167,18 @@ def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Ite
     _remove_stale(folder, parts)
     yield Outcome(
         failures=tuple(lost),
-        warnings=_warn_of_equal([folder / name for name in sorted(manifest.parts)]),
+        warnings=_warn_of_equal(folder, manifest),
         note=f"{reached} of {counted(len(parts), 'part')} done",
         written=(config.output,),
     )
 
 
-def _warn_of_equal(results: Sequence[Path]) -> tuple[Counted, ...]:
-    """Warn of items that are in two parts."""
-    from shapefit.pipelines.parts.equal_items import find_equal
+def _warn_of_equal(folder: Path, manifest: Manifest) -> tuple[Counted, ...]:
+    """Warn of items that are in two parts; read only those whose names may be in another, too."""
+    from shapefit.pipelines.parts.equal_items import Equal, find_equal
 
-    equal = find_equal(results)
+    found = [find_equal(sorted(group)) for group in overlapping(manifest.spans(folder))]
+    equal = sum(found, Equal(0, ()))
     if not equal.count:
         return ()
     text = "in more than one part: `eval` cannot tell them apart"
@@ -192,11 +199,9 @@ def _do(config: FitConfig, jobs: Sequence[Job]) -> Iterator[Done | str]:
 
 
 def _tried(job: Job, retries: int = RETRIES) -> Done:
-    """Do a job in this process, again where it fails."""
-    try:
-        return fit_part(job)
-    except Exception as error:  # a full disk may have room a moment later
-        return _tried(job, retries - 1) if retries else failed(job, error)
+    """Do a job in this process, again where it fails for what may pass."""
+    done = fit_part(job)
+    return _tried(job, retries - 1) if done.passing and retries else done
 
 
 def _drop_stale(parts: Sequence[Part], manifest: Manifest) -> None:
