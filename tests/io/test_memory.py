@@ -17,10 +17,10 @@ from shapefit.io import (
     read_shapes,
     write_shapes,
 )
-from shapefit.io.stored import reader
 from shapefit.io.hdf5.reading import Hdf5Reader
 from shapefit.io.layout import SHAPES
 from shapefit.io.records import ShapeSet
+from shapefit.io.stored import reader
 
 MANY = 10**11
 

@@ -55,7 +55,7 @@ class ProofFile:
 def open_proofs(path: Path) -> Iterator[ProofFile]:
     """Open a result for its proofs. Raises InputError where it is CSV, or not a result."""
     if find_format(path).reader is None:
-        found = "is neither HDF5 nor Parquet; other formats hold points only"
+        found = "is neither HDF5 nor Parquet, and CSV holds points only"
         fix = "give a result that `shapefit fit` wrote to a name in .h5 or .parquet"
         raise input_error(path, found, fix)
     with open_stored(path, RESULTS) as reader:

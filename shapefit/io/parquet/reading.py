@@ -69,9 +69,9 @@ class ParquetReader(StoredReader):
         return frozenset({*self._present, *per_item, *whole})
 
     @property
-    def row_groups(self) -> list[int]:
-        """First row of every row group, and the number of all rows."""
-        return row_group_starts(self._file)
+    def groups(self) -> list[int]:
+        """First row of every row group."""
+        return row_group_starts(self._file)[:-1]
 
     def place(self, name: str, row: int | None = None) -> str:
         """Name the columns of a dataset, or a row of them, in messages."""

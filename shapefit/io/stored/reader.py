@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -64,6 +64,11 @@ class StoredReader(ABC):
     @abstractmethod
     def is_written(self, name: str) -> bool:
         """Whether anything was ever written to a dataset."""
+
+    @property
+    def groups(self) -> Sequence[int]:
+        """First rows of what is decoded as one; none where any row can be read by itself."""
+        return ()
 
     @property
     @abstractmethod

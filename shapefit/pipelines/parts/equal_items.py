@@ -16,8 +16,8 @@ from typing import IO
 
 import numpy as np
 
-from shapefit.io.hdf5.reading import Hdf5Reader
 from shapefit.io.layout import RESULTS
+from shapefit.io.stored.opening import open_stored
 
 BUCKETS = 256
 """Files that the hashes go to, one of which is in memory at a time: 0.3 MB of 10^7 items."""
@@ -99,5 +99,5 @@ def _hashed(names: Sequence[str]) -> np.ndarray:
 
 
 def _items(part: Path) -> Iterator[Sequence[str]]:
-    with Hdf5Reader(part, RESULTS) as reader:
+    with open_stored(part, RESULTS) as reader:
         yield from reader.read_blocks("item")
