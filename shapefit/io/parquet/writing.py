@@ -143,6 +143,7 @@ class ParquetWriter:
 
     def _write(self, rows: int) -> None:
         table = pyarrow.concat_tables(self._waiting)
-        self._writer.write_table(table.slice(0, rows), row_group_size=rows)
+        one = table.slice(0, rows).combine_chunks()  # pages end where the pieces of a table end
+        self._writer.write_table(one, row_group_size=rows)
         rest = table.slice(rows)
         self._waiting = [rest] if len(rest) else []
