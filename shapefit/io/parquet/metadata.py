@@ -22,12 +22,7 @@ OF_PANDAS = "PANDAS_ATTRS"
 """Where pandas puts `DataFrame.attrs`, as JSON."""
 
 
-def file_metadata(
-    form: Format,
-    record: Any,
-    whole: Mapping[str, Array],
-    attributes: Mapping[str, str | float | int],
-) -> dict[str, str]:
+def file_metadata(form: Format, record: Any, whole: Mapping[str, Array]) -> dict[str, str]:
     """Return the metadata of a file; `record` has what is not per item, `whole` what is beside."""
     datasets = {
         dataset.name: np.asarray(value)
@@ -48,10 +43,13 @@ def file_metadata(
     stored = {name: _to_json(values) for name, values in {**datasets, **whole}.items()}
     if stored:
         said[DATASETS] = json.dumps(stored, ensure_ascii=False)
-    if attributes:
-        plain = {name: _plain(value) for name, value in attributes.items()}
-        said[ATTRIBUTES] = json.dumps(plain, ensure_ascii=False)
     return said
+
+
+def attribute_metadata(attributes: Mapping[str, str | float | int]) -> dict[str, str]:
+    """Return the metadata that says what a fit says of itself."""
+    plain = {name: _plain(value) for name, value in attributes.items()}
+    return {ATTRIBUTES: json.dumps(plain, ensure_ascii=False)} if plain else {}
 
 
 def read_metadata(stored: Mapping[bytes, bytes] | None) -> dict[str, str]:

@@ -13,7 +13,7 @@ from shapefit.io.extras import Extras
 from shapefit.io.layout import NOTHING_APPENDED, Format
 from shapefit.io.options import Summary
 from shapefit.io.parquet.library import pyarrow
-from shapefit.io.parquet.metadata import file_metadata
+from shapefit.io.parquet.metadata import attribute_metadata, file_metadata
 from shapefit.io.parquet.schema import Column, to_columns
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_file, write_all
@@ -71,8 +71,8 @@ class _Sink:
 class ParquetWriter:
     """Appends records of one layout to a Parquet file.
 
-    What is not per item comes from the first record. `attributes` go to the metadata at the end;
-    records that have attributes add theirs. Row groups depend on what is written, and not on how
+    What is not per item comes from the first record. `attributes` are added to the metadata at the
+    end; records that have attributes add theirs. Row groups depend on what is written, and not on how
     it is divided into records.
     """
 
@@ -117,9 +117,7 @@ class ParquetWriter:
         rest = sum(map(len, self._waiting))
         if rest:
             self._write(rest)
-        self._writer.add_key_value_metadata(
-            file_metadata(self._form, self._first, self._whole, self.attributes)
-        )
+        self._writer.add_key_value_metadata(attribute_metadata(self.attributes))
         self.close()
 
     def close(self) -> None:
@@ -128,7 +126,8 @@ class ParquetWriter:
             self._writer.close()
 
     def _begin(self, columns: list[Column]) -> None:
-        self._schema = pyarrow.schema([column.field for column in columns])
+        said = file_metadata(self._form, self._first, self._whole)
+        self._schema = pyarrow.schema([column.field for column in columns], said)
         row_bytes = max(sum(column.row_bytes for column in columns), 1)
         self._group = min(max(GROUP_BYTES // row_bytes // STEP, 1) * STEP, MOST_ROWS)
         plain = [c.field.name for c in columns if not pyarrow.types.is_nested(c.field.type)]
