@@ -204,7 +204,12 @@ class ParquetReader(StoredReader):
 
     def _arrays(self, columns: tuple[str, ...], start: int, stop: int) -> list[Array]:
         """Return rows of columns, which are decoded together."""
-        return self._read(columns, start, stop, to_array)
+        arrays = self._read(columns, start, stop, to_array)
+        for name, values in zip(columns, arrays, strict=True):
+            if values.dtype.kind == "O" and "\0" in "".join(values.ravel()):
+                place, found = f"{self.path}: column {name}", "holds a text with a zero byte"
+                raise input_error(place, found, "remove it")
+        return arrays
 
     def _read(
         self, columns: tuple[str, ...], start: int, stop: int, convert: Callable[..., Any]

@@ -72,8 +72,8 @@ class ParquetWriter:
     """Appends records of one layout to a Parquet file.
 
     What is not per item comes from the first record. `attributes` are added to the metadata at the
-    end; records that have attributes add theirs. Row groups depend on what is written, and not on how
-    it is divided into records.
+    end; records that have attributes add theirs. The file depends on what is written, and not on
+    how it is divided into records.
     """
 
     def __init__(self, sink: _Sink, form: Format) -> None:
