@@ -120,7 +120,7 @@ class SearchConfig(ConfigModel):
         ge=0,
         le=MOST_STEPS,
         description="Also store the proof of every so many images, for `shapefit verify` (HDF5 "
-        "only; some 100 KB for each); 0 stores none.",
+        "and Parquet; some 100 KB for each); 0 stores none.",
     )
 
 
@@ -266,7 +266,7 @@ class FitConfig(CommandConfig):
     proof: bool = Field(
         default=True,
         description="Also write the proof of the optimum of the convex program (the dual and "
-        "the active transforms) for `shapefit verify` (HDF5 only).",
+        "the active transforms) for `shapefit verify` (HDF5 and Parquet).",
     )
 
     @property

@@ -1,4 +1,4 @@
-"""What a Parquet file says in its footer: layout, unit, names, and all that is not per item."""
+"""The metadata of a Parquet file: layout, unit, names, and all that is not per item."""
 
 from __future__ import annotations
 

@@ -51,6 +51,7 @@ class ParquetReader(StoredReader):
 
     def __init__(self, path: Path, form: Format) -> None:
         super().__init__(path, form)
+        self._streams: dict[tuple[str, ...], ColumnStream] = {}
         self._file, self._said = open_file(path)
         try:
             self._check(form)
@@ -59,8 +60,10 @@ class ParquetReader(StoredReader):
             raise
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file, and let go of what was decoded of it, which pyarrow does not."""
+        self._streams.clear()
         self._file.close()
+        self._file = None
 
     @property
     def names(self) -> frozenset[str]:
@@ -100,7 +103,6 @@ class ParquetReader(StoredReader):
             self._whole = whole_datasets(self._said)
         if stated:
             self._check_version()
-        self._streams: dict[tuple[str, ...], ColumnStream] = {}
         self._known_bytes: dict[str, int] = {}
         self._columns: dict[str, str] = {}
         self._sizes["n"] = self._file.metadata.num_rows

@@ -17,7 +17,7 @@ from shapefit.io.parquet.library import pyarrow
 from shapefit.io.stored.arrays import as_stored, storable
 
 COORDINATES = ("x", "y", "z")
-"""Columns of the landmarks of an image, or of its shape: a list each, with one entry a landmark."""
+"""Columns of the landmarks of an image, or of its shape: a list each, one number per landmark."""
 
 SHAPE, NAME, COMPLEX = "shape", "dataset", "complex"
 """Metadata of a column: the shape of a row, as JSON, where it has several axes; the name of the

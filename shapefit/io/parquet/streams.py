@@ -51,7 +51,7 @@ class ColumnStream:
         """Return these rows as a table, each of its columns in one piece."""
         if self._held is None or start < self._row or self._group(start) > self._group(self._row):
             self._row = self._starts[self._group(start)]
-            self._batches = self._decoded(self._group(start))
+            self._batches = _decoded(self._file, self._group(start), self._columns)
             self._held = self._file.schema_arrow.empty_table().select(self._columns)
         parts = []
         while self._row < stop:
@@ -66,14 +66,15 @@ class ColumnStream:
             return self._held.slice(0, 0).combine_chunks()
         return pyarrow.concat_tables(parts).combine_chunks()
 
-    def _decoded(self, first: int) -> Iterator[Any]:
-        """Yield what the row groups from the first on hold.
-
-        Of each by itself: pyarrow decodes the lists of all groups that it is asked for at once.
-        """
-        for group in range(first, len(self._starts) - 1):
-            yield from self._file.iter_batches(BATCH, [group], self._columns, use_threads=False)
-
     def _group(self, row: int) -> int:
         """Return the row group of a row; the last one for the end of the file."""
         return max(min(bisect_right(self._starts, row), len(self._starts) - 1) - 1, 0)
+
+
+def _decoded(file: Any, first: int, columns: list[str]) -> Iterator[Any]:
+    """Yield what the row groups from the first on hold.
+
+    Of each by itself: pyarrow decodes the lists of all groups that it is asked for at once.
+    """
+    for group in range(first, file.metadata.num_row_groups):
+        yield from file.iter_batches(BATCH, [group], columns, use_threads=False)

@@ -213,8 +213,13 @@ def test_a_writing_that_fails_leaves_the_old_file(tmp_path, landmarks):
     path = tmp_path / "views.parquet"
     path.write_bytes(b"old")
     other = replace(landmarks, confidence=None)
-    with pytest.raises(ValueError, match="not those of the first"), landmark_writer(path) as writer:
-        for record in (landmarks, other):
-            writer.append(record)
+
+    def write():
+        with landmark_writer(path) as writer:
+            writer.append(landmarks)
+            writer.append(other)
+
+    with pytest.raises(ValueError, match="not those of the first"):
+        write()
     assert path.read_bytes() == b"old"
     assert [each.name for each in tmp_path.iterdir()] == ["views.parquet"]

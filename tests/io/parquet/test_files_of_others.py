@@ -90,20 +90,3 @@ def test_a_table_with_z_holds_shapes_or_a_result(write):
     assert find_kind(path) == "shapes"
     np.testing.assert_array_equal(read_shapes([path]).shapes[1], [X[0], Y[0], X[0]])
     np.testing.assert_array_equal(read_results(path).shapes[1], [X[0], Y[0], X[0]])
-
-
-@pytest.mark.parametrize("size", [1, 7, 64, 1000])
-@pytest.mark.parametrize("groups", [10, 64, 300])
-def test_rows_are_the_same_whatever_the_row_groups(write, rng, groups, size):
-    x, y = rng.normal(size=(2, 300, 3))
-    items = [f"i{n}" for n in range(300)]
-    columns = {"item": items, "x": list(x), "y": list(y), "sequence": ["s"] * 300}
-    path = write(columns, row_group_size=groups)
-    images = read(path, size)
-    assert images.items == tuple(items)
-    np.testing.assert_array_equal(images.landmarks, np.stack([x, y], axis=1))
-    for first, last in ((0, 64), (64, 300), (299, 300), (10, 10), (63, 65)):
-        with open_landmarks([path], rows=slice(first, last)) as source:
-            part = source.whole()
-        np.testing.assert_array_equal(part.landmarks, images.landmarks[first:last])
-        assert part.items == images.items[first:last]
