@@ -13,7 +13,6 @@ import numpy as np
 
 from shapefit.errors import input_error, printable
 from shapefit.io.extras import is_per_item
-from shapefit.io.formats import HDF5, find_format
 from shapefit.io.hdf5.counted import CountedRows
 from shapefit.io.hdf5.pieces import read_rows
 from shapefit.io.hdf5.sizes import Stored, size_in_memory
@@ -21,8 +20,7 @@ from shapefit.io.hdf5.strangers import stranger
 from shapefit.io.layout import FORMATS, PER_ITEM_FLAG, Dataset, Format
 from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.problems import input_problems
-from shapefit.io.sources import source_name
-from shapefit.io.stored.reader import StoredReader, wanted
+from shapefit.io.stored.reader import StoredReader, is_text, wanted
 
 MOST_COMPRESSED = 2000
 """No filter of HDF5 makes data smaller by more: beyond that they were never written."""
@@ -37,9 +35,6 @@ class Hdf5Reader(StoredReader):
         super().__init__(path, form)
         self._counted = CountedRows(self)
         self._asked: dict[str, Stored] = {}
-        if find_format(path) is not HDF5:
-            found = "is not an HDF5 file" if path.is_file() else "is not a file on a disk"
-            raise input_error(source_name(path), found, f"give a {form.name} file")
         with self._damage():
             self._file = h5py.File(path, "r")
         try:
@@ -77,7 +72,7 @@ class Hdf5Reader(StoredReader):
         per_item: list[str] = []
         whole: list[str] = []
         for name, dataset in found:
-            if not isinstance(name, str) or not _is_text_of_files(name):
+            if not isinstance(name, str) or not is_text(name):
                 strange = f"there is a name that is not plain UTF-8: {printable(name)}"
                 raise input_error(self.path, strange, "rename it or remove it")
             if name in self.form.names or not isinstance(dataset, h5py.Dataset):
@@ -144,10 +139,7 @@ class Hdf5Reader(StoredReader):
         with self._damage():
             stored = {name: _plain(value) for name, value in self._file.attrs.items()}
         self._root = {name: value for name, value in stored.items() if value is not None}
-        for name, value in self._root.items():
-            if isinstance(value, str) and not _is_text_of_files(value):
-                place, fix = f"{self.path}: root attribute {name}", "write it as UTF-8"
-                raise input_error(place, "is not UTF-8 text, or has a zero byte", fix)
+        self._check_texts()
         found = self._root.get("format")
         if found is None:
             with self._damage():
@@ -230,11 +222,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, bytes):
         return value.decode("utf-8", "replace")
     return value.item() if isinstance(value, np.generic) else value
-
-
-def _is_text_of_files(text: str) -> bool:
-    # h5py gives bytes that are not UTF-8 as lone surrogates, which no file can hold.
-    return not any("\ud800" <= letter <= "\udfff" or letter == "\0" for letter in text)
 
 
 def hdf5_form(path: Path) -> Format:

@@ -19,10 +19,10 @@ from shapefit.io.parquet.columns import Place, column_type, in_one, to_array, to
 from shapefit.io.parquet.library import damage, pyarrow
 from shapefit.io.parquet.metadata import NAMES, read_metadata, root_attributes, whole_datasets
 from shapefit.io.parquet.row_shapes import find_row_shapes, fits_kind
-from shapefit.io.parquet.schema import COMPLEX, NAME, SHAPE, columns_of, said_of
+from shapefit.io.parquet.schema import COMPLEX, NAME, SHAPE, columns_of, main_points, said_of
 from shapefit.io.parquet.streams import ColumnStream, row_group_starts, stored_bytes
 from shapefit.io.problems import input_problems
-from shapefit.io.stored.reader import StoredReader, wanted
+from shapefit.io.stored.reader import StoredReader, is_text, wanted
 
 TEXT = 100
 """Bytes of a short text in memory, and of the place where it is held."""
@@ -80,10 +80,9 @@ class ParquetReader(StoredReader):
         """Name the columns of a dataset, or a row of them, in messages."""
         known = next((each for each in self.form.datasets if each.name == name), None)
         columns = columns_of(known, self.form) if known else (self._columns.get(name, name),)
+        noun = "column" if len(columns) == 1 else "columns"
         number = "" if row is None else f", row {row}"
-        return f"{self.path}: {'column' if len(columns) == 1 else 'columns'} " + (
-            f"{', '.join(columns)}{number}"
-        )
+        return f"{self.path}: {noun} {', '.join(columns)}{number}"
 
     def is_written(self, name: str) -> bool:
         """Whether the dataset has values: in Parquet all have."""
@@ -101,6 +100,7 @@ class ParquetReader(StoredReader):
         with damage(self.path):
             self._root = root_attributes(self._said)
             self._whole = whole_datasets(self._said)
+        self._check_texts()
         if stated:
             self._check_version()
         self._known_bytes: dict[str, int] = {}
@@ -119,7 +119,8 @@ class ParquetReader(StoredReader):
                 names = json.loads(self._said[NAMES])
             except ValueError:
                 names = None
-            if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
+            if not texts or not all(map(is_text, names)):
                 found = "the metadata landmark_names is not a JSON list of texts"
                 raise input_error(self.path, found, NAME_THEM)
             return tuple(names)
@@ -129,6 +130,20 @@ class ParquetReader(StoredReader):
         if kind.kind != "O" or len(kind.sizes) != 1:
             raise input_error(self.place(NAMES), "does not hold lists of texts", NAME_THEM)
         return tuple(self._arrays((NAMES,), 0, 1)[0][0])
+
+    def _check_same_names(self, start: int, stop: int) -> None:
+        """Raise InputError where rows name the landmarks otherwise than the first one."""
+        ((names, lengths),) = self._read((NAMES,), start, stop, to_ragged)
+        p = len(self.landmark_names)
+        wrong = np.flatnonzero(lengths != p)
+        if not len(wrong):
+            wrong = np.flatnonzero(
+                (names.reshape(-1, p) != np.array(self.landmark_names)).any(axis=1)
+            )
+        if len(wrong):
+            place = self.place(NAMES, start + int(wrong[0]))
+            found = "names other landmarks than the first row, or in another order"
+            raise input_error(place, found, "arrange all rows alike")
 
     def _check_whole(self) -> None:
         """Raise InputError where a dataset that is not per item is none of its layout."""
@@ -173,6 +188,8 @@ class ParquetReader(StoredReader):
             return self._further(name, start, stop)
         if dataset.counted_by:
             return self._counted(dataset, start, stop)
+        if dataset == main_points(self.form) and NAMES not in self._said:
+            self._check_same_names(start, stop)
         shape = (stop - start, *self._row_shapes[name])
         arrays = self._arrays(columns_of(dataset, self.form), start, stop)
         if len(arrays) == 1:

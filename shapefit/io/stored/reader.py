@@ -215,6 +215,13 @@ class StoredReader(ABC):
             said, fix = f"has the version '{version}' as text", f"store the number {VERSION}"
         raise input_error(self.path, said, fix)
 
+    def _check_texts(self) -> None:
+        """Raise InputError for an attribute that no file of ours could hold."""
+        for name, value in self._root.items():
+            if isinstance(value, str) and not is_text(value):
+                place, fix = f"{self.path}: {self.ATTRIBUTE} {name}", "write it as UTF-8"
+                raise input_error(place, "is not UTF-8 text, or has a zero byte", fix)
+
     def _check_landmark_names(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names. Raises InputError where one is empty or there twice."""
         known: set[str] = set()
@@ -227,6 +234,11 @@ class StoredReader(ABC):
                 raise input_error(place, f"repeats the name '{name}'", fix)
             known.add(name)
         return names
+
+
+def is_text(text: str) -> bool:
+    """Whether files can hold a text: h5py and JSON have lone surrogates for what is not UTF-8."""
+    return not any("\ud800" <= letter <= "\udfff" or letter == "\0" for letter in text)
 
 
 def wanted(dataset: Dataset) -> str:

@@ -111,6 +111,11 @@ METADATA = {
     ),
     "y_axis": (NAMED | {"y_axis": "left"}, "the metadata y_axis is 'left'; set it to up or down"),
     "frame_rate": (NAMED | {"frame_rate": "0"}, "the metadata frame_rate is 0; set it to frames"),
+    "a zero byte": (NAMED | {"unit": "p\0"}, "metadata unit: is not UTF-8 text, or has a zero"),
+    "no text": (
+        {"landmark_names": '["a", "\\ud800"]'},
+        "the metadata landmark_names is not a JSON list of texts; add the metadata landmark",
+    ),
     "datasets": (NAMED | {"datasets": '{"a": 1}'}, "cannot be read ("),
 }
 

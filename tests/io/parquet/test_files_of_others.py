@@ -66,6 +66,14 @@ def test_names_in_a_column(write):
     assert not read(path).extras
 
 
+def test_rows_that_name_other_landmarks(write, problems):
+    rows = [NAMES, NAMES, [NAMES[1], NAMES[0], NAMES[2]]]
+    path = write({"item": ITEMS, "x": X, "y": Y, "landmark_names": rows}, {})
+    (line,) = problems(read, path)
+    found = "names other landmarks than the first row, or in another order; arrange all rows alike"
+    assert line == f"{path}: column landmark_names, row 2: {found}"
+
+
 def test_names_among_the_attributes_of_pandas(write):
     attrs = {"landmark_names": NAMES, "unit": "px", "frame_rate": 25}
     images = read(write({"item": ITEMS, "x": X, "y": Y}, {"PANDAS_ATTRS": json.dumps(attrs)}))
