@@ -89,7 +89,8 @@ class ParquetReader(StoredReader):
         return True
 
     def _check(self, form: Format) -> None:
-        fields = list(self._file.schema_arrow)
+        with damage(self.path):
+            fields = list(self._file.schema_arrow)
         self._fields = {field.name: field for field in fields}
         if len(self._fields) < len(fields):
             raise input_error(self.path, "has two columns of one name", "rename one of them")
@@ -256,8 +257,9 @@ class ParquetReader(StoredReader):
         """Return the bytes of a row in memory, by what the file holds of it before compression."""
         if column not in self._known_bytes:
             text = column_type(self._fields[column]).kind == "O"
-            size = TEXT if text else COPIES * stored_bytes(self._file, column) // max(self.count, 1)
-            self._known_bytes[column] = size
+            with damage(f"{self.path}: column {column}"):
+                stored = stored_bytes(self._file, column)
+            self._known_bytes[column] = TEXT if text else COPIES * stored // max(self.count, 1)
         return self._known_bytes[column]
 
     def _find_row_shapes(self) -> dict[str, tuple[int, ...]]:
