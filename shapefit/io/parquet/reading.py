@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from functools import cached_property
 from math import prod
@@ -104,7 +105,6 @@ class ParquetReader(StoredReader):
         self._check_texts()
         if stated:
             self._check_version()
-        self._known_bytes: dict[str, int] = {}
         self._columns: dict[str, str] = {}
         self._sizes["n"] = self._file.metadata.num_rows
         self.landmark_names = self._check_landmark_names(self._read_landmark_names())
@@ -255,12 +255,14 @@ class ParquetReader(StoredReader):
 
     def _row_bytes(self, column: str) -> int:
         """Return the bytes of a row in memory, by what the file holds of it before compression."""
-        if column not in self._known_bytes:
-            text = column_type(self._fields[column]).kind == "O"
-            with damage(f"{self.path}: column {column}"):
-                stored = stored_bytes(self._file, column)
-            self._known_bytes[column] = TEXT if text else COPIES * stored // max(self.count, 1)
-        return self._known_bytes[column]
+        if column_type(self._fields[column]).kind == "O":
+            return TEXT
+        return COPIES * self._stored_bytes[column] // max(self.count, 1)
+
+    @cached_property
+    def _stored_bytes(self) -> Counter[str]:
+        with damage(self.path):
+            return stored_bytes(self._file)
 
     def _find_row_shapes(self) -> dict[str, tuple[int, ...]]:
         """Return the shape of a row of each dataset per item that is there."""

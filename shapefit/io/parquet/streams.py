@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import accumulate
 from typing import Any
@@ -20,15 +21,15 @@ def row_group_starts(file: Any) -> list[int]:
     return [*accumulate(sizes, initial=0)]
 
 
-def stored_bytes(file: Any, column: str) -> int:
-    """Return how many bytes the values of a column have, encoded but not compressed."""
-    metadata = file.metadata
-    total = 0
-    for group in map(metadata.row_group, range(metadata.num_row_groups)):
-        for number in range(group.num_columns):
-            stored = group.column(number)
-            if stored.path_in_schema.split(".")[0] == column or stored.path_in_schema == column:
-                total += stored.total_uncompressed_size
+def stored_bytes(file: Any) -> Counter[str]:
+    """Return how many bytes the values of each column have, encoded but not compressed."""
+    names = file.schema_arrow.names
+    total: Counter[str] = Counter()
+    for group in map(file.metadata.row_group, range(file.metadata.num_row_groups)):
+        for stored in map(group.column, range(group.num_columns)):
+            path = stored.path_in_schema
+            name = path if path in names else path.partition(".")[0]
+            total[name] += stored.total_uncompressed_size
     return total
 
 
@@ -56,7 +57,10 @@ class ColumnStream:
         parts = []
         while self._row < stop:
             if not len(self._held):
-                self._held = pyarrow.Table.from_batches([next(self._batches)])
+                batch = next(self._batches, None)
+                if batch is None:
+                    raise ValueError("a row group has fewer rows than it says")
+                self._held = pyarrow.Table.from_batches([batch])
             skipped = min(max(start - self._row, 0), len(self._held))
             taken = min(stop - self._row, len(self._held))
             parts.append(self._held.slice(skipped, taken - skipped))
