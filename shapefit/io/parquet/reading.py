@@ -36,7 +36,6 @@ NAME_THEM = (
     "name with that list in every row (docs/files.md)"
 )
 
-
 LAYOUT = (
     "give columns item (text), x and y (lists of numbers, one for each landmark), for shapes also z"
 )
