@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import re
+import sys
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
@@ -75,3 +76,11 @@ def bucket(store_address, monkeypatch) -> Iterator[Any]:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20150607)
+
+
+@pytest.fixture
+def without_pyarrow(monkeypatch) -> None:
+    """Make pyarrow a library that is not installed."""
+    for name in [name for name in sys.modules if name.startswith("shapefit.io.parquet.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)

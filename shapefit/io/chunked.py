@@ -10,10 +10,10 @@ from functools import partial
 from typing import Any, Generic, Self, TypeVar
 
 from shapefit.io.duplicates import ItemList, check_unique_items
-from shapefit.io.records import LandmarkSet, ShapeSet, concatenate
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, concatenate
 from shapefit.io.renaming import renamed
 
-Record = TypeVar("Record", ShapeSet, LandmarkSet)
+Record = TypeVar("Record", ShapeSet, LandmarkSet, ResultSet)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,18 @@ from shapefit.io import landmark_writer, write_dictionary
 from shapefit.io.records import LandmarkSet
 
 NOT_FOR_HELP = {
-    *("h5py", "numba", "numpy", "orjson", "pydantic", "ruamel", "scipy", "tqdm", "trimesh"),
+    *(
+        "h5py",
+        "numba",
+        "numpy",
+        "orjson",
+        "pyarrow",
+        "pydantic",
+        "ruamel",
+        "scipy",
+        "tqdm",
+        "trimesh",
+    ),
 }
 
 OF_STORES = {"aiobotocore", "aiohttp", "boto3", "botocore", "fsspec", "gcsfs", "pyarrow", "s3fs"}
@@ -33,6 +44,7 @@ NOT_FOR_A_FIT_OF_CSV = (
     "numpy.random",
     "numpy.testing",
     "polars",
+    "pyarrow",
     "ruamel",
     "scipy",
     "shapefit.config.commands.evaluate",

@@ -16,8 +16,8 @@ from typing import IO
 
 import numpy as np
 
-from shapefit.io.hdf5.reading import Hdf5Reader
 from shapefit.io.layout import RESULTS
+from shapefit.io.stored.opening import open_stored
 from shapefit.stores.urls import UrlPath
 
 BUCKETS = 256
@@ -101,5 +101,5 @@ def _hashed(names: Sequence[str]) -> np.ndarray:
 
 
 def _items(part: Path) -> Iterator[Sequence[str]]:
-    with Hdf5Reader(part, RESULTS) as reader:
+    with open_stored(part, RESULTS) as reader:
         yield from reader.read_blocks("item")
