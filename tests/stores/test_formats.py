@@ -8,7 +8,7 @@ import pytest
 from shapefit.config import load_config
 from shapefit.errors import InputError
 from shapefit.face import files
-from shapefit.io import open_landmarks
+from shapefit.io import landmark_writer, open_landmarks
 from shapefit.stores.locations import location
 
 pytest.importorskip("s3fs")
@@ -72,3 +72,17 @@ def test_messages_name_the_url(bucket, text, message):
     bucket.files.pipe_file(f"{bucket.name}/a.csv", text.encode())
     with pytest.raises(InputError, match=f"^{bucket.url}/{message}"):
         read([location(f"{bucket.url}/a.csv")])
+
+
+def test_rows_of_parquet(samples, project, tmp_path):
+    pytest.importorskip("pyarrow")
+    local = read([project / "sample_data" / "cars_views.h5"])
+    with landmark_writer(tmp_path / "views.parquet") as writer:
+        writer.append(local)
+    samples.files.put_file(str(tmp_path / "views.parquet"), f"{samples.name}/views.parquet")
+    with open_landmarks([location(f"{samples.url}/views.parquet")], rows=slice(2, 5)) as source:
+        there = source.whole()
+    np.testing.assert_array_equal(there.landmarks, local.landmarks[2:5])
+    with landmark_writer(location(f"{samples.url}/written.parquet")) as writer:
+        writer.append(there)
+    assert read([location(f"{samples.url}/written.parquet")]).items == local.items[2:5]

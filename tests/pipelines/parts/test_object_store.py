@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from io import BytesIO
 from pathlib import Path
 
 import h5py
@@ -73,7 +74,8 @@ def manifest(store) -> dict:
 def datasets(store, *objects: str) -> dict[str, np.ndarray]:
     read = []
     for name in objects:
-        with store.files.open(f"{store.name}/{name}") as file, h5py.File(file) as content:
+        stored = BytesIO(store.files.cat_file(f"{store.name}/{name}"))
+        with h5py.File(stored) as content:
             read.append({name: content[name][:] for name in DATASETS})
     return {name: np.concatenate([each[name] for each in read]) for name in DATASETS}
 
