@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -57,10 +56,9 @@ def store_address() -> Iterator[str]:
 
 
 @pytest.fixture
-def bucket(store_address, monkeypatch) -> Iterator[Any]:
+def bucket(store_address, monkeypatch) -> SimpleNamespace:
     """An empty bucket: its URL, and what a test puts into it beside the product."""
     s3fs = pytest.importorskip("s3fs")
-    s3fs.S3FileSystem.clear_instance_cache()
     use_storage_options({})
     monkeypatch.setenv("AWS_ENDPOINT_URL", store_address)
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "key-of-the-tests")
@@ -69,8 +67,16 @@ def bucket(store_address, monkeypatch) -> Iterator[Any]:
     files = s3fs.S3FileSystem(use_listings_cache=False)
     name = f"bucket-{next(_numbers)}"
     files.mkdir(name)
-    yield SimpleNamespace(name=name, url=f"s3://{name}", files=files)
-    s3fs.S3FileSystem.clear_instance_cache()
+    return SimpleNamespace(name=name, url=f"s3://{name}", files=files)
+
+
+@pytest.fixture
+def reopened(bucket) -> Iterator[None]:
+    """Let stores be opened anew, as this test changes their library or its environment."""
+    kind = type(bucket.files)
+    kind.clear_instance_cache()
+    yield
+    kind.clear_instance_cache()
 
 
 @pytest.fixture

@@ -48,7 +48,7 @@ def test_an_object_that_changed_is_downloaded_again_when_it_is_looked_up(bucket,
         assert path.read_text() == "other"
 
 
-def test_a_full_disk_is_named(path, monkeypatch):
+def test_a_full_disk_is_named(path, reopened, monkeypatch):
     async def full(*_arguments, **_options):
         raise OSError(errno.ENOSPC, "No space left on device")
 

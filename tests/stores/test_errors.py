@@ -43,7 +43,7 @@ def test_a_missing_bucket(bucket):
         fit("s3://no-such-bucket/a.h5")
 
 
-def test_no_credentials(bucket, monkeypatch, tmp_path):
+def test_no_credentials(bucket, reopened, monkeypatch, tmp_path):
     monkeypatch.delenv("AWS_ACCESS_KEY_ID")
     monkeypatch.delenv("AWS_SECRET_ACCESS_KEY")
     monkeypatch.setenv("HOME", str(tmp_path))

@@ -144,7 +144,7 @@ def load_config_output(store) -> Path:
 
 class TestAPutThatFails:
     @pytest.fixture
-    def puts(self, store, monkeypatch):
+    def puts(self, store, reopened, monkeypatch):
         """Let PUTs of these objects fail as often as is said; count them."""
         from s3fs import S3FileSystem
 
@@ -193,7 +193,7 @@ def test_two_workers_write_the_same_bits(store):
     same_as_on_a_disk(store)
 
 
-def test_a_part_of_a_large_file_fetches_a_part_of_it(store, rng, monkeypatch):
+def test_a_part_of_a_large_file_fetches_a_part_of_it(store, reopened, rng, monkeypatch):
     from s3fs import core
 
     from shapefit.io import open_landmarks
