@@ -7,11 +7,16 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from typing import Any, Generic, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.io.duplicates import ItemList, check_unique_items
 from shapefit.io.records import LandmarkSet, ShapeSet, concatenate
 from shapefit.io.renaming import renamed
+from shapefit.io.spilled.columns import stretches
 
 Record = TypeVar("Record", ShapeSet, LandmarkSet)
 
@@ -97,6 +102,26 @@ class ChunkedSource(ABC, Generic[Record, File]):
         chunks = self._read_files(size)
         self._running.append(chunks)
         return chunks
+
+    def names(self) -> Iterator[Sequence[str]]:
+        """Read the items, block by block."""
+        return chain.from_iterable(file.items.blocks() for file in self._files)
+
+    def take(self, rows: NDArray[np.intp]) -> Record:
+        """Return the items of these rows, which ascend, none twice; near ones are read together."""
+        parts: list[Record] = []
+        start = 0
+        for file in self._files:
+            own = rows[slice(*np.searchsorted(rows, (start, start + file.count)))] - start
+            start += file.count
+            if len(own):
+                with file.open() as read:
+                    for part in stretches(own):
+                        first = own[part.start]
+                        near = read(slice(int(first), int(own[part.stop - 1]) + 1))
+                        chosen = near if len(near) == len(own[part]) else near.take(own[part] - first)
+                        parts.append(self._conform(chosen, file.name))
+        return concatenate(parts) if parts else self.head
 
     def whole(self) -> Record:
         """Return all items as one record."""
