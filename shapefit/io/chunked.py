@@ -116,11 +116,11 @@ class ChunkedSource(ABC, Generic[Record, File]):
             start += file.count
             if len(own):
                 with file.open() as read:
-                    for part in stretches(own):
-                        first = own[part.start]
-                        near = read(slice(int(first), int(own[part.stop - 1]) + 1))
-                        chosen = near if len(near) == len(own[part]) else near.take(own[part] - first)
-                        parts.append(self._conform(chosen, file.name))
+                    for near in (own[part] for part in stretches(own)):
+                        first, last = int(near[0]), int(near[-1])
+                        part = read(slice(first, last + 1))
+                        part = part if len(part) == len(near) else part.take(near - first)
+                        parts.append(self._conform(part, file.name))
         return concatenate(parts) if parts else self.head
 
     def whole(self) -> Record:

@@ -27,7 +27,7 @@ class Spill:
 
     def __init__(self, folder: Path | None = None) -> None:
         """Take the folder to make the file in; None for that of the system's temporary files."""
-        self._folder = folder or Path(gettempdir())
+        self.folder = folder or Path(gettempdir())
         self._file: IO[bytes] | None = None
         self._end = 0
 
@@ -39,12 +39,15 @@ class Spill:
             self._file.close()
 
     def write(self, block: NDArray[Any]) -> int:
-        """Write a block and return its place. Raises InputError where the disk is full."""
+        """Write a block, which lies in one piece; return its place.
+
+        Raises InputError where the disk is full.
+        """
         place = self._end
-        with storage_errors(self._folder, None, "used for temporary files"):
+        with storage_errors(self.folder, None, "used for temporary files"):
             if self._file is None:
-                self._file = TemporaryFile(dir=self._folder, buffering=0)
-            rest = memoryview(np.ascontiguousarray(block)).cast("B")
+                self._file = TemporaryFile(dir=self.folder, buffering=0)  # noqa: SIM115
+            rest = block.reshape(-1).view(np.uint8).data
             self._file.seek(place)
             while rest:
                 rest = rest[self._file.write(rest) :]
@@ -52,9 +55,9 @@ class Spill:
         return place
 
     def read(self, place: int, into: NDArray[Any]) -> None:
-        """Fill an array with the bytes from a place on."""
+        """Fill an array, which lies in one piece, with the bytes from a place on."""
         assert self._file is not None  # whoever has a place wrote to it
-        rest = memoryview(into).cast("B")
+        rest = into.reshape(-1).view(np.uint8).data
         self._file.seek(place)
         while rest:
             rest = rest[self._file.readinto(rest) :]  # type: ignore[attr-defined]

@@ -1,7 +1,7 @@
 """Names by their hashes: where a name is, and which are there twice, without holding them all.
 
-The 64-bit hashes of the names are sorted in runs of some ten thousand, which are looked up one by one. Two
-names may have the same hash, so that the names themselves are compared afterwards.
+The 64-bit hashes of the names are sorted in runs of some ten thousand, which are looked up one by
+one. Two names may have the same hash, so that the names themselves are compared afterwards.
 """
 
 from __future__ import annotations
@@ -43,6 +43,9 @@ class NameIndex:
         self._waiting: list[Hashes] = []
         self._count = 0
         self._latest = 0
+
+    def __len__(self) -> int:
+        return self._count
 
     def add(self, names: Sequence[str]) -> None:
         """Add names; the first ever has the row 0."""

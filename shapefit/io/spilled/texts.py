@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.io.spilled.columns import Column, Spill, stretches
 
-AT_A_TIME = 1 << 16
+AT_A_TIME = 1 << 14
 """Texts that are read at a time."""
 
 
@@ -42,11 +43,8 @@ class Texts:
         places = (ends - ends[0]).tolist()
         if letters.isascii():
             text = letters.decode("ascii")
-            return tuple(text[a:b] for a, b in zip(places, places[1:], strict=False))
-        return tuple(
-            letters[a:b].decode("utf-8", "surrogatepass")
-            for a, b in zip(places, places[1:], strict=False)
-        )
+            return tuple(text[a:b] for a, b in pairwise(places))
+        return tuple(letters[a:b].decode("utf-8", "surrogatepass") for a, b in pairwise(places))
 
     def take(self, rows: NDArray[np.intp]) -> tuple[str, ...]:
         """Return the texts of these rows, in their order."""
@@ -58,9 +56,7 @@ class Texts:
             found += [read[row] for row in (own - own[0]).tolist()]
         return tuple(found[place] for place in places.reshape(-1).tolist())
 
-    def blocks(self) -> Iterator[Sequence[str]]:
-        """Read all texts, some thousand at a time."""
-        return (
-            self[start : min(start + AT_A_TIME, len(self))]
-            for start in range(0, len(self), AT_A_TIME)
-        )
+    def blocks(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[str, ...]]:
+        """Read the texts of these rows, some thousand at a time."""
+        end = len(self) if stop is None else stop
+        return (self[row : min(row + AT_A_TIME, end)] for row in range(start, end, AT_A_TIME))
