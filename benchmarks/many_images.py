@@ -68,12 +68,12 @@ def children(process: psutil.Process) -> list[psutil.Process]:
         return []
 
 
-def main(count: int = 10_000_000, workers: int = 2, folder: str | None = None) -> None:
+def main(count: int, workers: int, folder: str | None = None) -> None:
     """Print what a fit of so many images takes."""
     with TemporaryDirectory(dir=folder) as name:
         place = Path(name)
         size = make_inputs(place, count)
-        print(f"{count:,} images in {-(-count // FILE)} files, {size / count:.0f} bytes an image")
+        print(f"{count:,} images in {-(-count // FILE)} files, {size / count:.0f} bytes per image")
         command = [str(SHAPEFIT), "fit", *sorted(path.name for path in place.glob("views-*.h5"))]
         command += ["-d", "dict.h5", "-o", "results/", "--workers", str(workers)]
         command += ["--set", f"partition={PARTITION}", "-q"]
@@ -85,7 +85,7 @@ def main(count: int = 10_000_000, workers: int = 2, folder: str | None = None) -
             f"{spent:.0f} s of processor, {count / spent:,.0f} images/s a core"
         )
         each = written / count
-        print(f"{len(results)} results, {written / 1e9:.1f} GB, {each:.0f} bytes an image")
+        print(f"{len(results)} results, {written / 1e9:.1f} GB, {each:.0f} bytes per image")
         manifest = (place / "results/manifest.json").stat().st_size
         print(f"the manifest has {manifest / len(results):.0f} bytes a part")
         largest = sorted((peak for number, peak in peaks.items() if number), reverse=True)[:workers]
@@ -96,4 +96,5 @@ def main(count: int = 10_000_000, workers: int = 2, folder: str | None = None) -
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:3]), *sys.argv[3:4])
+    images, workers, *place = sys.argv[1:] + ["10000000", "2"][len(sys.argv) - 1 :]
+    main(int(images), int(workers), *place)

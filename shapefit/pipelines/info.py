@@ -26,7 +26,9 @@ from shapefit.io.options import InputOptions
 from shapefit.io.skeletons import PEOPLE, SKELETONS, people_joints
 from shapefit.io.sources import is_stream, source_name
 from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.parts.manifest import Manifest
 from shapefit.pipelines.reading import input_options
+from shapefit.pipelines.result_folder import find_folders, sum_up
 
 BLOCK = 16384
 """Items that are read at a time."""
@@ -63,7 +65,15 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
         failures.append(Failure(source_name(path), "; ".join(error.problems)))
 
     known: list[Path] = []
+    folders = find_folders(config.files)
+    for folder, manifest in folders.items():
+        try:
+            texts.append(_as_text(_of_folder(folder, manifest)))
+        except InputError as error:
+            fail(folder, error)
     for path in config.files:
+        if path.parent in folders:
+            continue
         try:
             find_format(path, options.format)
         except InputError as error:
@@ -168,6 +178,15 @@ def _of_records(head: LandmarkSet | ShapeSet, found: _Found, count: int, kind: s
     if camera:
         lines.append(("camera", listed(camera, "and")))
     return lines
+
+
+def _of_folder(folder: Path, manifest: Manifest) -> list[Line]:
+    """Describe a folder of results by its manifest, and what all of them share by the first."""
+    first = dict(_of_result(folder / min(manifest.parts)))
+    shared = [(name, first[name]) for name in ("landmarks", "unit")]
+    title = [("", source_name(folder)), ("kind", f"folder with {first['kind']}")]
+    following = [("go on with", f"shapefit eval {_typed(folder)} --truth SHAPES -o report")]
+    return title + sum_up(manifest.parts) + shared + following
 
 
 def _of_result(path: Path) -> list[Line]:

@@ -8,7 +8,9 @@ import pytest
 
 from shapefit.config import load_config
 from shapefit.errors import InputError
+from shapefit.io.memory import in_words
 from shapefit.pipelines.info import run
+from shapefit.pipelines.parts.run import run as fit
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 
@@ -93,3 +95,20 @@ def test_commands_are_as_they_are_typed(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     told = lines(info(file).note)
     assert told["go on with"] == "shapefit learn-dict 'my walk.h5' -o dict.h5"
+
+
+def test_a_folder_of_results_is_one_input(tmp_path):
+    views = (SAMPLES / "people_views.csv", SAMPLES / "one_person.csv")
+    inputs = {"landmarks": views, "dictionary": "people", "output": f"{tmp_path}/out/"}
+    list(fit(load_config("fit", None, (), inputs)))
+    folder = tmp_path / "out"
+    results = sorted(folder.glob("part-*"))
+    size = sum(path.stat().st_size for path in results)
+    note = info(folder).note
+    assert note.startswith(f"{folder}\n")
+    told = lines(note)
+    assert told["kind"] == "folder with result of convex"
+    assert told["parts"] == f"{len(results)}, {in_words(size)}"
+    assert int(told["images"]) == sum(int(lines(info(file).note)["images"]) for file in views)
+    assert told["landmarks"] == lines(info(results[0]).note)["landmarks"]
+    assert info(results[0]).note.startswith(f"{results[0]}\n")

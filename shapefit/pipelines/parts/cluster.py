@@ -12,13 +12,13 @@ from typing import Any
 
 from shapefit.config import FitConfig
 from shapefit.errors import InputError, counted, input_error
-from shapefit.pipelines.parts.part import Done, Job, fit_part
+from shapefit.pipelines.parts.part import Done, Job, describe, fit_part
 
 ADDRESS = "DASK_SCHEDULER_ADDRESS"
 """Variable of the environment that names a running scheduler."""
 
 RETRIES = 2
-"""Times that a part is tried again."""
+"""Times that a part is tried again, on other workers if there are some."""
 
 AHEAD = 4
 """Parts that each thread of the cluster has waiting; more would only fill the scheduler."""
@@ -99,30 +99,30 @@ def introduce(client: Any) -> str:
 def on_cluster(client: Any, jobs: Iterable[Job]) -> Iterator[Done]:
     """Do the jobs on the workers of a cluster; yield what became of each, as they end.
 
-    A worker that dies has its part done by another one. A part that fails again and again is
-    reported with its error. Raises InputError where the scheduler is lost, and for workers without
-    this version of shapefit.
+    A worker that dies has its part done by another one, and so has one that fails for what may
+    pass, as a full disk. A part that fails again and again is reported with its error. Raises
+    InputError where the scheduler is lost, and for workers without this version of shapefit.
     """
     from distributed import CancelledError, as_completed
 
     waiting = iter(jobs)
-    parts: dict[str, Job] = {}
-    place = client.scheduler.address
+    parts: dict[str, tuple[Job, tuple[str, ...]]] = {}
+    address = client.scheduler.address
 
-    def submitted(most: int) -> list[Any]:
-        new = []
-        for job in islice(waiting, most):
-            future = client.submit(fit_part, job, pure=False, retries=RETRIES)
-            parts[future.key] = job
-            new.append(future)
-        return new
+    def submitted(job: Job, failed_on: tuple[str, ...] = ()) -> Any:
+        others = sorted(client.nthreads().keys() - set(failed_on)) if failed_on else None
+        place = {"workers": others, "allow_other_workers": True} if others else {}
+        future = client.submit(fit_part, job, pure=False, **place)
+        parts[future.key] = job, failed_on
+        return future
 
-    ended = as_completed(submitted(AHEAD * max(1, sum(client.nthreads().values()))))
+    first = islice(waiting, AHEAD * max(1, sum(client.nthreads().values())))
+    ended = as_completed(map(submitted, first))
     for future in ended:
-        job = parts.pop(future.key)
+        job, failed_on = parts.pop(future.key)
         if future.status == "error":
             error = future.exception()
-            _check_worker(error, place)
+            _check_worker(error, address)
             yield failed(job, error)
         else:
             try:
@@ -130,9 +130,13 @@ def on_cluster(client: Any, jobs: Iterable[Job]) -> Iterator[Done]:
             except (OSError, CancelledError):  # all that is asked for ends with the connection
                 found = "the scheduler is gone; what is done stays"
                 fix = "start it and its workers again, and run the same command again"
-                raise input_error(place, found, fix) from None
+                raise input_error(address, found, fix) from None
+            if done.passing and len(failed_on) < RETRIES:
+                workers = next(iter(client.who_has([future]).values()), ())
+                ended.add(submitted(job, (*failed_on, next(iter(workers), ""))))
+                continue
             yield done
-        ended.update(submitted(1))
+        ended.update(map(submitted, islice(waiting, 1)))
 
 
 def _check_worker(error: BaseException, place: str) -> None:
@@ -151,8 +155,7 @@ def failed(job: Job, error: BaseException) -> Done:
         deaths = error.allowed_failures + 1  # type: ignore[attr-defined]
         text = f"{counted(deaths, 'worker')} died of it, one after another; see their logs, and "
         return Done(job.part, error=text + "give them more memory or take a smaller `partition`")
-    text = str(error).partition("\n")[0]
-    return Done(job.part, error=f"{kind}: {text}" if text else kind)
+    return Done(job.part, error=describe(error))
 
 
 def _dask() -> Any:

@@ -36,7 +36,10 @@ class Job:
 
 @dataclass(frozen=True)
 class Done:
-    """What became of a part; `error` says why it has no result."""
+    """What became of a part; `error` says why it has no result.
+
+    passing   whether another try, or another machine, may do better
+    """
 
     part: Part
     images: int = 0
@@ -47,6 +50,7 @@ class Done:
     bytes: int = 0
     span: Span | None = None
     error: str | None = None
+    passing: bool = False
 
     def entry(self) -> dict[str, Any]:
         """Return what the manifest says of the part, beside its inputs."""
@@ -63,8 +67,8 @@ class Done:
 def fit_part(job: Job) -> Done:
     """Lift the images of a part and write its result, whole or not at all.
 
-    `error` says what is wrong with its input; everything else propagates, so that the part
-    can be tried again. Raises InputError where this is not the version that planned it.
+    `error` says why it could not be done; what a full disk or a library raises may pass, what is
+    wrong with the input stays. Raises InputError where this is not the version that planned it.
     """
     if job.version != __version__:
         found = f"is a worker with shapefit {__version__}, but `fit` is version {job.version}"
@@ -89,7 +93,11 @@ def fit_part(job: Job) -> Done:
             for warning in outcome.warnings[: MOST_TOLD - len(warnings)]:
                 add_up(warnings, warning)
     except InputError as error:
-        return Done(job.part, error="; ".join(error.problems))
+        cause = error.__cause__
+        of_system = isinstance(cause, OSError) and cause.errno is not None
+        return Done(job.part, error="; ".join(error.problems), passing=of_system)
+    except Exception as error:
+        return Done(job.part, error=describe(error), passing=True)
     return Done(
         job.part,
         images,
@@ -100,3 +108,9 @@ def fit_part(job: Job) -> Done:
         os.path.getsize(target),
         span,
     )
+
+
+def describe(error: BaseException) -> str:
+    """Return an unexpected error in one line."""
+    kind, text = type(error).__name__, str(error).partition("\n")[0]
+    return f"{kind}: {text}" if text else kind

@@ -20,7 +20,6 @@ from shapefit.pipelines.outcome import Counted, Failure, Outcome
 from shapefit.pipelines.parts.cluster import (
     RETRIES,
     connected,
-    failed,
     introduce,
     on_cluster,
     wants_cluster,
@@ -201,11 +200,9 @@ def _do(config: FitConfig, jobs: Sequence[Job]) -> Iterator[Done | str]:
 
 
 def _tried(job: Job, retries: int = RETRIES) -> Done:
-    """Do a job in this process, again where it fails."""
-    try:
-        return fit_part(job)
-    except Exception as error:  # a full disk may have room a moment later
-        return _tried(job, retries - 1) if retries else failed(job, error)
+    """Do a job in this process, again where it fails for what may pass."""
+    done = fit_part(job)
+    return _tried(job, retries - 1) if done.passing and retries else done
 
 
 def _drop_stale(parts: Sequence[Part], manifest: Manifest) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import resource
 import signal
 import subprocess
 import sys
@@ -32,6 +34,8 @@ NAMES = tuple("abcdefgh")
 PARTS, SIZE = 10, 64
 SLOW = ("--set", "method=alternate", "--set", "alternation.views=1000")
 LIMIT = 60
+ROOM = 20_000
+"""Bytes that a worker without room can write to a file; results are longer."""
 
 
 @dataclass(frozen=True)
@@ -88,16 +92,32 @@ def started(folder: Path) -> Iterator[Cluster]:
             process.wait()
 
 
-def start_worker(cluster: Cluster) -> subprocess.Popen[bytes]:
+def start_worker(
+    cluster: Cluster, prepare: Callable[[], None] | None = None
+) -> subprocess.Popen[bytes]:
     """Start a worker of one thread, which is one process: no nanny starts it again."""
     options = ("--nthreads", "1", "--no-nanny", "--host", "127.0.0.1", "--no-dashboard")
     folder = ("--local-directory", cluster.file.parent)
-    return dask("worker", cluster.address, *options, *folder)
+    return dask("worker", cluster.address, *options, *folder, prepare=prepare)
 
 
-def dask(*arguments: object) -> subprocess.Popen[bytes]:
+def replace_worker(cluster: Cluster, prepare: Callable[[], None] | None = None) -> None:
+    """Start another worker in the place of the last, and wait until all are there."""
+    from distributed import Client
+
+    worker = cluster.workers.pop()
+    worker.kill()
+    worker.wait()
+    cluster.workers.append(start_worker(cluster, prepare))
+    with Client(cluster.address) as client:
+        wanted = {each.pid for each in cluster.workers}
+        until(lambda: set(client.run(os.getpid).values()) == wanted, cluster.workers[-1])
+
+
+def dask(*arguments: object, prepare: Callable[[], None] | None = None) -> subprocess.Popen[bytes]:
     quiet = subprocess.DEVNULL
-    return subprocess.Popen([BIN / "dask", *map(str, arguments)], stdout=quiet, stderr=quiet)
+    words = [BIN / "dask", *map(str, arguments)]
+    return subprocess.Popen(words, stdout=quiet, stderr=quiet, preexec_fn=prepare)
 
 
 def until(holds: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
@@ -223,6 +243,36 @@ def test_a_killed_client(data):
     same_bits(data, "client/")
 
 
+def no_room() -> None:
+    """Let this process write no file as long as a result, as on a disk that is almost full."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (ROOM, ROOM))
+
+
+def test_parts_of_a_worker_without_room_go_to_another(data, cluster):
+    replace_worker(cluster, no_room)
+    done = fit(data, "full/", "--scheduler", cluster.address)
+    assert done.returncode == 0, done.stderr
+    same_bits(data, "full/")
+    replace_worker(cluster)
+
+
+def test_workers_without_room(data):
+    with started(data / "crowded") as own:
+        own.workers.pop().kill()
+        replace_worker(own, no_room)
+        done = fit(data, "crowded/out/", "--scheduler", own.address)
+        lost = [line for line in done.stderr.splitlines() if line.startswith("Failed: ")]
+        assert done.returncode == 1, done.stderr
+        assert len(lost) == PARTS
+        for line in lost:
+            assert "File too large; free some space or choose another disk" in line
+        assert not results(data / "crowded/out")
+        replace_worker(own)
+        done = fit(data, "crowded/out/", "--scheduler", own.address)
+        assert done.returncode == 0, done.stderr
+    same_bits(data, "crowded/out/")
+
+
 def test_a_killed_scheduler(data):
     with started(data / "doomed") as own:
         with in_the_middle(data, "scheduler/", "--scheduler", own.address) as process:
@@ -273,7 +323,7 @@ def job(data) -> Job:
 
 
 @pytest.mark.parametrize(("bad", "error"), [(2, None), (9, "OSError: busy")])
-def test_a_part_that_raises_is_tried_three_times(cluster, job, tmp_path, monkeypatch, bad, error):
+def test_a_part_that_fails_is_tried_three_times(cluster, job, tmp_path, monkeypatch, bad, error):
     from distributed import Client
 
     tries = tmp_path / "tries"
@@ -283,7 +333,7 @@ def test_a_part_that_raises_is_tried_three_times(cluster, job, tmp_path, monkeyp
             file.write(".")
             number = file.tell()
         if number <= bad:
-            raise OSError("busy")
+            return Done(one.part, error="OSError: busy", passing=True)
         return Done(one.part, images=1)
 
     monkeypatch.setattr(module, "fit_part", raises)

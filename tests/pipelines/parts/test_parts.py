@@ -15,6 +15,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import landmark_writer, write_dictionary
 from shapefit.io.records import LandmarkSet
+from shapefit.pipelines.parts import part
 from shapefit.pipelines.parts import run as parts
 from shapefit.pipelines.parts.run import run
 
@@ -28,12 +29,17 @@ def folder(tmp_path, rng, monkeypatch) -> Path:
     atoms -= atoms.mean(axis=2, keepdims=True)
     write_dictionary(tmp_path / "dict.h5", Dictionary(atoms, NAMES, atoms[0]))
     points = rng.normal(size=(500, 2, 8))
-    for name, rows in (("one", slice(0, 400)), ("two", slice(400, 500))):
-        with landmark_writer(tmp_path / f"{name}.h5") as writer:
-            items = tuple(f"i{n}" for n in range(500))[rows]
-            writer.append(LandmarkSet(landmarks=points[rows], landmark_names=NAMES, items=items))
     monkeypatch.chdir(tmp_path)
+    write("one.h5", points[:400], 0)
+    write("two.h5", points[400:], 400)
     return tmp_path
+
+
+def write(name: str, points: np.ndarray, first: int) -> None:
+    """Write images that are numbered from the first."""
+    items = tuple(f"i{n}" for n in range(first, first + len(points)))
+    with landmark_writer(Path(name)) as writer:
+        writer.append(LandmarkSet(landmarks=points, landmark_names=NAMES, items=items))
 
 
 def fit(output: str, *overrides: str):
@@ -127,16 +133,16 @@ def test_a_dry_run_lists_and_writes_nothing(folder):
 
 
 def test_a_failing_part_is_listed_and_the_others_are_done(folder, monkeypatch):
-    real = parts.fit_part
+    real = part.run
     tries = []
 
-    def broken(job):
-        if job.part.number == 2:
-            tries.append(job)
+    def broken(config, rows):
+        if rows and rows.start == 256:
+            tries.append(rows)
             raise OSError("the disk is full")
-        return real(job)
+        return real(config, rows)
 
-    monkeypatch.setattr(parts, "fit_part", broken)
+    monkeypatch.setattr(part, "run", broken)
     outcomes = fit("out/", "partition=100")
     failures = [failure for outcome in outcomes for failure in outcome.failures]
     assert [failure.item for failure in failures] == ["part-00002.h5"]
@@ -149,18 +155,22 @@ def test_a_failing_part_is_listed_and_the_others_are_done(folder, monkeypatch):
     same_as_one_run()
 
 
-def test_a_corrupt_file_among_others(folder):
-    data = bytearray(Path("two.h5").read_bytes())
-    Path("three.h5").write_bytes(data[: len(data) // 2])
-    arguments = {
-        "landmarks": ("one.h5", "three.h5", "two.h5"),
-        "dictionary": "dict.h5",
-        "output": "out/",
-    }
-    outcomes = list(run(load_config("fit", None, (), arguments)))
+def test_a_corrupt_part_among_a_hundred(folder, rng):
+    for number in range(100):
+        write(f"many-{number:02}.h5", rng.normal(size=(3, 2, 8)), 3 * number)
+    whole = Path("many-37.h5").read_bytes()
+    Path("many-37.h5").write_bytes(whole[: len(whole) // 2])
+    arguments = {"landmarks": "many-*.h5", "dictionary": "dict.h5", "output": "out/"}
+    config = load_config("fit", None, (), arguments)
+    outcomes = list(run(config))
     (failure,) = [failure for outcome in outcomes for failure in outcome.failures]
-    assert "three.h5" in failure.reason
-    assert done(outcomes) == 500
+    assert failure.item == "part-00037.h5"
+    assert failure.reason.startswith(f"{Path.cwd()}/many-37.h5: cannot be read")
+    assert done(outcomes) == 99 * 3
+    assert len(names()) == len(manifest()["parts"]) == 99
+    Path("many-37.h5").write_bytes(whole)
+    assert done(list(run(config))) == 3
+    assert len(names()) == len(manifest()["parts"]) == 100
 
 
 def test_a_second_run_into_the_folder_is_refused(folder):
