@@ -53,7 +53,8 @@ def median(sample: Sample) -> float:
     """Return what `numpy.median` does, to the last bit; nan of nothing."""
     if not sample.count:
         return float("nan")
-    return float(np.median(in_order(sample, [(sample.count - 1) // 2, sample.count // 2])))
+    middle = sorted({(sample.count - 1) // 2, sample.count // 2})
+    return float(np.median(in_order(sample, middle)))
 
 
 def percentiles(sample: Sample, shares: Sequence[float]) -> tuple[float, ...]:

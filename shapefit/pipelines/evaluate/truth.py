@@ -51,7 +51,7 @@ class Truth:
     def count_gaps(self) -> list[str]:
         """Say how many landmarks of the truth are unknown."""
         shapes, landmarks = 0, 0
-        for part in self._source.chunks(AT_A_TIME):
+        for part in self._source.file_chunks(AT_A_TIME):
             gaps = np.asarray(np.isnan(part.shapes).any(axis=1))
             shapes += int(gaps.any(axis=1).sum())
             landmarks += int(gaps.sum())
