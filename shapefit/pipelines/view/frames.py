@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
-from shapefit.errors import input_error
-from shapefit.io.kinds.listing import Listing
-from shapefit.pipelines.items import ChosenItems
+from shapefit.pipelines.view.files import Listed
 
 
 @dataclass(frozen=True)
 class Frames:
     """Items in the order of the page; sequences (name, first frame) cover them all.
 
-    Every `step`-th frame of `count` is here.
+    About every `step`-th frame of `count` is here.
     """
 
     items: tuple[str, ...]
@@ -28,29 +26,24 @@ class Frames:
         return {item: frame for frame, item in enumerate(self.items)}
 
 
-def choose_frames(listings: Sequence[Listing], patterns: Sequence[str]) -> Frames:
-    """Return the items that the patterns choose, in order, those of a sequence together.
+def choose_frames(listed: Listed) -> Frames:
+    """Return the items of all files, in order, those of a sequence together.
 
-    Sequences of one frame each are no sequences. Raises InputError where nothing is left.
+    Sequences of one frame each are no sequences.
     """
-    chosen = ChosenItems("items", patterns)
     sequence_of: dict[str, str] = {}
-    for listing in listings:
-        sequences = listing.sequences or ("",) * len(listing.items)
-        for item, sequence in zip(listing.items, sequences, strict=True):
-            if patterns == ("*",) or item in chosen:
+    for own in listed.listings.values():
+        for listing in own:
+            sequences = listing.sequences or ("",) * len(listing.items)
+            for item, sequence in zip(listing.items, sequences, strict=True):
                 sequence_of.setdefault(item, sequence)
-    if not sequence_of:
-        places = ", ".join(str(listing.path) for listing in listings)
-        if any(listing.items for listing in listings):
-            raise input_error("items", f"no item of {places} fits", "correct the names or globs")
-        raise input_error(places, "holds no images", "check the run that wrote it")
     groups: dict[str, list[str]] = {}
     for item, sequence in sequence_of.items():
         groups.setdefault(sequence, []).append(item)
     if len(groups) == len(sequence_of):
         groups = {"": list(sequence_of)}
-    return _frames(groups, len(sequence_of))
+    count = max(listed.count, len(sequence_of))
+    return replace(_frames(groups, count), step=listed.step)
 
 
 def thin(frames: Frames, step: int, kept: Collection[str] = ()) -> Frames:
@@ -63,7 +56,7 @@ def thin(frames: Frames, step: int, kept: Collection[str] = ()) -> Frames:
         here = [f for f in range(start, end) if f % step == 0 or frames.items[f] in kept]
         if here:
             groups[name] = [frames.items[frame] for frame in here]
-    return replace(_frames(groups, frames.count), step=step)
+    return replace(_frames(groups, frames.count), step=step * frames.step)
 
 
 def _frames(groups: dict[str, list[str]], count: int) -> Frames:

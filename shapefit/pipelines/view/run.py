@@ -11,12 +11,13 @@ import numpy as np
 
 from shapefit.config import ViewConfig
 from shapefit.errors import input_error
-from shapefit.io.kinds.listing import Listing, list_file
+from shapefit.io.kinds.listing import Listing
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_path, check_output
 from shapefit.pipelines.outcome import Outcome
 from shapefit.pipelines.reading import input_options
 from shapefit.pipelines.view.assembly import assemble
+from shapefit.pipelines.view.files import list_files
 from shapefit.pipelines.view.frames import Frames, choose_frames, thin
 from shapefit.viewer.page import viewer_page
 from shapefit.viewer.scene import Scene
@@ -74,17 +75,14 @@ class Page:
 def make_page(config: ViewConfig, kept: Collection[str] = ()) -> Page:
     """Return the page; the items `kept` are never left out."""
     options = replace(input_options(config.input), rename={})  # which is for the truth
-    listings = {
-        name: tuple(list_file(file, options) for file in files)
-        for name, files in config.files.items()
-    }
-    every = [listing for own in listings.values() for listing in own]
-    whole = choose_frames(every, config.items)
+    listed = list_files(config, options, kept)
+    every = [listing for own in listed.listings.values() for listing in own]
+    whole = choose_frames(listed)
     most = config.megabytes * MEGABYTE
     step = math.ceil(_least_bytes(whole, every) / (most - CODE_BYTES)) or 1
     for _ in range(ROUNDS):
         frames = thin(whole, step, kept)
-        scene = assemble(config, listings, frames)
+        scene = assemble(config, listed.listings, frames)
         page = Page(viewer_page(scene).encode("utf-8", "xmlcharrefreplace"), scene)
         if len(page.html) <= most or len(frames.items) <= max(1, len(kept)):
             break

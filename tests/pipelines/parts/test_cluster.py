@@ -81,7 +81,7 @@ def started(folder: Path) -> Iterator[Cluster]:
     scheduler = dask("scheduler", *host, "--port", "0", "--scheduler-file", file)
     workers: list[subprocess.Popen[bytes]] = []
     try:
-        until(file.exists, scheduler)
+        until(lambda: file.exists() and file.stat().st_size > 0, scheduler)
         address = json.loads(file.read_text())["address"]
         cluster = Cluster(address, file, scheduler, workers)
         workers += [start_worker(cluster), start_worker(cluster)]

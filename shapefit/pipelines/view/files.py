@@ -1,0 +1,89 @@
+"""The files of a page, listed one after another; of very many images only some."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import ViewConfig
+from shapefit.errors import input_error
+from shapefit.io.kinds.listing import Listing, list_file
+from shapefit.io.options import InputOptions
+from shapefit.pipelines.items import ChosenItems
+
+EVERY = ("*",)
+"""Patterns that choose all items."""
+
+MOST_LISTED = 1_000_000
+"""Images of one name whose items are in memory: ten times what a page can show."""
+
+
+@dataclass(frozen=True)
+class Listed:
+    """The listings of each name, with the chosen items; every `step`-th where they are many.
+
+    count   the chosen images of the name that has most of them
+    """
+
+    listings: Mapping[str, tuple[Listing, ...]]
+    count: int
+    step: int = 1
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What is kept of a listing: `rows` of the file."""
+
+    listing: Listing
+    rows: NDArray[np.intp]
+
+    def take(self, chosen: NDArray[np.bool_]) -> _Part:
+        """Return some of it; the same where that is all."""
+        if chosen.all():
+            return self
+        of = self.listing
+        items, sequences = (
+            None if names is None else tuple(names[row] for row in np.flatnonzero(chosen))
+            for names in (of.items, of.sequences)
+        )
+        listing = replace(of, items=items or (), sequences=sequences)
+        return _Part(listing, self.rows[chosen])
+
+    def every(self, step: int, kept: Collection[str]) -> _Part:
+        """Leave out all rows but every `step`-th, and the items that are to be kept."""
+        here = np.array([item in kept for item in self.listing.items], dtype=bool)
+        return self.take(here | (self.rows % step == 0))
+
+
+def list_files(config: ViewConfig, options: InputOptions, kept: Collection[str] = ()) -> Listed:
+    """List the files of each name; the items `kept` are never left out.
+
+    Raises InputError for what is wrong with a file, and where no item is chosen.
+    """
+    chosen = ChosenItems("items", config.items)
+    held: dict[str, list[_Part]] = {name: [] for name in config.files}
+    found, counted, step = 0, 0, 1
+    for name, files in config.files.items():
+        own = 0
+        for file in files:
+            listing = list_file(file, options)
+            found += len(listing.items)
+            part = _Part(listing, np.arange(len(listing.items)))
+            if config.items != EVERY:
+                part = part.take(np.array([item in chosen for item in listing.items], dtype=bool))
+            own += len(part.rows)
+            held[name].append(part.every(step, kept))
+            while sum(len(each.rows) for each in held[name]) > max(MOST_LISTED, len(kept)):
+                step *= 2
+                held = {n: [each.every(step, kept) for each in parts] for n, parts in held.items()}
+        counted = max(counted, own)
+    if not counted:
+        places = ", ".join(str(file) for files in config.files.values() for file in files)
+        if found:
+            raise input_error("items", f"no item of {places} fits", "correct the names or globs")
+        raise input_error(places, "holds no images", "check the run that wrote it")
+    listings = {n: tuple(each.listing for each in parts) for n, parts in held.items()}
+    return Listed(listings, counted, step)
