@@ -85,7 +85,7 @@ def measure(python: str, folder: Path) -> tuple[float, float]:
 
 
 def main(counts: str = "200000,1000000", python: str = "", turns: str = "1") -> None:
-    """Print seconds, images a second and megabytes of each size, for each installation."""
+    """Print seconds, images per second and megabytes of each size, for each installation."""
     sides = [sys.executable, *([python] if python else [])]
     print("images\tpython\tseconds\timages/s\tMB")
     with TemporaryDirectory() as name:
