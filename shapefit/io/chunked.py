@@ -110,17 +110,16 @@ class ChunkedSource(ABC, Generic[Record, File]):
     def take(self, rows: NDArray[np.intp]) -> Record:
         """Return the items of these rows, which ascend, none twice; near ones are read together."""
         parts: list[Record] = []
-        start = 0
-        for file in self._files:
-            own = rows[slice(*np.searchsorted(rows, (start, start + file.count)))] - start
-            start += file.count
-            if len(own):
-                with file.open() as read:
-                    for near in (own[part] for part in stretches(own)):
-                        first, last = int(near[0]), int(near[-1])
-                        part = read(slice(first, last + 1))
-                        part = part if len(part) == len(near) else part.take(near - first)
-                        parts.append(self._conform(part, file.name))
+        starts = np.cumsum([0, *(file.count for file in self._files)])
+        numbers = np.searchsorted(starts, rows, "right") - 1
+        for number in np.unique(numbers).tolist():
+            file, own = self._files[number], rows[numbers == number] - starts[number]
+            with file.open() as read:
+                for near in (own[part] for part in stretches(own)):
+                    first, last = int(near[0]), int(near[-1])
+                    part = read(slice(first, last + 1))
+                    part = part if len(part) == len(near) else part.take(near - first)
+                    parts.append(self._conform(part, file.name))
         return concatenate(parts) if parts else self.head
 
     def whole(self) -> Record:

@@ -60,10 +60,7 @@ class Found:
             if self.floors:
                 self.floors.begin_method()
             for file in files:
-                results = read_results(file)
-                if hold and not file.is_file():
-                    self._held[file] = results
-                yield self._judge(images, file, results)
+                yield self._judge(images, file, hold=hold and not file.is_file())
             images.check_distinct(self._spill.folder)
             self.methods.append(images)
             self.errors += images.errors()
@@ -75,9 +72,12 @@ class Found:
         lifted, true = read_lifted(self._config, chosen, self.methods, self.truth, self._held)
         return examples_picture(chosen, lifted, true)
 
-    def _judge(self, images: MethodImages, file: Path, results: ResultSet) -> Outcome:
-        """Judge one file."""
+    def _judge(self, images: MethodImages, file: Path, *, hold: bool) -> Outcome:
+        """Judge one file, which is in memory no longer than that, unless it is to be held."""
         config, name = self._config, images.name
+        results = read_results(file)
+        if hold:
+            self._held[file] = results
         run = _run_of(results)
         sheet = contact_sheet(str(results.attributes.get("config", "")))
         if sheet is not None:
