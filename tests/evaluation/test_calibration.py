@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from shapefit.evaluation.calibration import Coverages, ErrorBars, find_levels, join
+from shapefit.evaluation.statistics import samples
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.trust import keep_trusted
 
@@ -123,3 +124,20 @@ def test_the_least_plausible_tenth_of_a_group_is_left_out():
     assert (first.kept, first.mean_kept) == (18, 9.5)
     assert first.plausibility == pytest.approx(1 - 0.17)
     assert (second.images, second.kept, second.mean_kept) == (1, 1, 100.0)
+
+
+@pytest.mark.parametrize("most", [7, 1 << 20])
+def test_of_equally_plausible_images_the_first_are_left_out(rng, monkeypatch, most):
+    monkeypatch.setattr(samples, "AT_ONCE", most)
+    values, trust = rng.random(300), np.round(rng.random(300), 1)
+    values[::17], trust[::13] = np.nan, np.nan
+    sequences = np.array(["a", "b", "c"])[rng.integers(0, 3, 300)]
+    errors = ImageErrors("m", "similarity", "m", ("",) * 300, tuple(sequences), values, trust)
+    (kept,) = keep_trusted(errors, {"A": ("a", "c"), "none": ("d",)})
+    rows = np.flatnonzero(~np.isnan(values + trust) & (sequences != "b"))
+    order = rows[np.argsort(trust[rows], kind="stable")]
+    expected = order[len(order) // 10 :]
+    assert (kept.images, kept.kept) == (len(order), len(expected))
+    assert kept.plausibility == trust[expected[0]]
+    assert kept.mean == pytest.approx(values[order].mean(), rel=1e-14)
+    assert kept.mean_kept == pytest.approx(values[expected].mean(), rel=1e-14)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import EvalConfig, SweepConfig
+from shapefit.evaluation.statistics import samples
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.tables.document import (
     Italic,
@@ -86,6 +87,20 @@ def test_the_worst_median_and_best_images_are_ranked(rng):
     assert abs(middle - np.nanmedian(values)) <= 1
     few = ImageErrors("m", "similarity", "m", items[:3], ("",) * 3, np.array([1.0, 3, 2]))
     assert rank(few) == {"all images, worst first": [(1, "i1", 3), (2, "i2", 2), (0, "i0", 1)]}
+
+
+@pytest.mark.parametrize("decimals", [0, 1, 9], ids=["all-equal", "ties", "no-ties"])
+def test_images_of_equal_errors_are_ranked_in_their_order(rng, monkeypatch, decimals):
+    monkeypatch.setattr(samples, "AT_ONCE", 11)
+    values = np.round(rng.random(150) / 3, decimals)
+    values[::7] = np.nan
+    items = tuple(f"i{i}" for i in range(150))
+    found = rank(ImageErrors("m", "similarity", "m", items, ("",) * 150, values))
+    known = np.flatnonzero(~np.isnan(values))
+    order = known[np.argsort(-values[known], kind="stable")].tolist()
+    middle = (len(order) - SHOWN) // 2
+    expected = order[:SHOWN], order[middle : middle + SHOWN], order[-SHOWN:]
+    assert tuple([image.row for image in found[kind]] for kind in found) == expected
 
 
 def test_contact_sheets_are_linked_where_they_are(tmp_path):

@@ -170,15 +170,15 @@ def test_examples_are_read_again_from_their_files(desk, results, truth, monkeypa
     )
     write_shapes(desk.folder / "truth.h5", truth)
     parts = divided(desk, results, [30, 60])
-    other = desk.write("other.h5", results.take([149, 129, 60, 45, 3]))
+    other = desk.write("other.h5", results.take([149, 129, 90, 45, 30]))
     desk.run(
         results={"m": parts, "other": [other]},
         metrics=("similarity",),
         plots=True,
-        examples=("item12?", "item45"),
+        examples=("item12?", "item45", "item30", "item90"),
     )
     ((poses, *_),) = drawn
-    assert [pose.title for pose in poses] == ["item129", "item45"]
+    assert [pose.title for pose in poses] == ["item129", "item45", "item30", "item90"]
     for pose in poses:
         row = truth.items.index(pose.title)
         np.testing.assert_array_equal(pose.shapes["m"], results.shapes[row])
