@@ -32,6 +32,7 @@ struct Kernels {
     void (*find_precisions)(const PrecisionData&, Range);
     void (*smooth_sequence)(const SequenceData&);  // of one sequence
     TreeSize (*record_tree)(const TreeData&);  // of one image
+    void (*add_products)(const ProductsData&);  // of all shapes, one after another
     void (*update_atoms)(const AtomUpdateData&);  // all at once
 };
 

@@ -55,6 +55,7 @@ const Level table = {
             .find_precisions = find_precisions,
             .smooth_sequence = smooth_sequence,
             .record_tree = record_tree,
+            .add_products = add_products,
             .update_atoms = update_atoms,
         },
     .parts =

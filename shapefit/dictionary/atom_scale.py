@@ -10,7 +10,7 @@ from shapefit.geometry.normalisation import spread
 Floats = NDArray[np.float64]
 
 
-def scale_of_atoms(atoms: Floats, coefficients: Floats, scale: Floats) -> Floats:
+def scale_of_atoms(atoms: Floats, use: Floats, measured: Floats, mean: float) -> Floats:
     """(sum_j C_ji s_j / sum_j C_ji) / spread(B_i): as large as the shapes that use the atom.
 
     A linear estimate from the sizes s: a learned atom has no size of its own, so that one alone
@@ -18,12 +18,11 @@ def scale_of_atoms(atoms: Floats, coefficients: Floats, scale: Floats) -> Floats
     average, each by its share in the atom's use. Where all s are equal, so are the sizes of the
     grown atoms. An atom that no shape uses is as large as all shapes are on average.
 
-    atoms B (k, 3, p), none 0; coefficients C (n, k) >= 0 of the normalised training shapes; scale
-    s (n,): shape j measures s_j times its normalised form -> (k,) > 0: atom i measures that times
-    B_i.
+    atoms B (k, 3, p), none 0; use sum_j C_ji and measured sum_j C_ji s_j (k,), sums over the
+    training shapes: coefficients C >= 0 of the normalised ones, shape j measures s_j times its
+    normalised form; mean of all s -> (k,) > 0: atom i measures that times B_i.
     """
-    use = coefficients.sum(axis=0)
-    size = np.full(len(atoms), scale.mean())
-    np.divide(scale @ coefficients, use, out=size, where=use > 0)
+    size = np.full(len(atoms), mean)
+    np.divide(measured, use, out=size, where=use > 0)
     sizes: Floats = size / spread(atoms)
     return sizes

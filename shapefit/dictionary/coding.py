@@ -38,7 +38,7 @@ def sparse_code(
     rest are independent, so at most 3p coefficients are positive. `duality_gaps` certifies the
     result. Warns (RuntimeWarning) where a shape could not be brought to stop.
     """
-    X, B = _flat(shapes), _flat(atoms)
+    X, B = flat(shapes), flat(atoms)
     C = np.zeros((len(X), len(B))) if start is None else np.array(start, dtype=np.float64)
     if C.shape != (len(X), len(B)) or (C < 0).any():
         raise ValueError(f"start must be {(len(X), len(B))} and >= 0, is {C.shape}")
@@ -65,8 +65,8 @@ def objectives(shapes: Floats, atoms: Floats, beta: float, coefficients: Floats)
     """1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum_i C_ji for each shape; (n,)."""
     found = np.empty(len(shapes))
     core.find_objectives(
-        shapes=_flat(shapes),
-        atoms=_flat(atoms),
+        shapes=flat(shapes),
+        atoms=flat(atoms),
         coefficients=np.ascontiguousarray(coefficients, dtype=np.float64),
         beta=beta,
         objectives=found,
@@ -82,7 +82,7 @@ def duality_gaps(shapes: Floats, atoms: Floats, beta: float, coefficients: Float
     residual R and the best t >= 0 that is feasible. Source: as for the lasso, e.g. Massias et al.
     2018 (celer); a negative <B_i, Y> is free because c >= 0.
     """
-    X, B = _flat(shapes), _flat(atoms)
+    X, B = flat(shapes), flat(atoms)
     R = X - coefficients @ B
     correlation = (R * X).sum(axis=1)
     energy = (R**2).sum(axis=1)
@@ -94,7 +94,8 @@ def duality_gaps(shapes: Floats, atoms: Floats, beta: float, coefficients: Float
     return 0.5 * energy + beta * coefficients.sum(axis=1) - dual
 
 
-def _flat(shapes: Floats) -> Floats:
+def flat(shapes: Floats) -> Floats:
+    """Return shapes (n, 3, p) as rows (n, 3p): a view where they lie in order in memory."""
     return np.ascontiguousarray(shapes, dtype=np.float64).reshape(
         len(shapes), prod(shapes.shape[1:])
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.dictionary.atoms import update_atoms
+from shapefit.dictionary.atoms import Products, update_atoms
 from shapefit.dictionary.coding import objectives, sparse_code
 
 Floats = NDArray[np.float64]
@@ -28,21 +28,6 @@ class Learned:
     atoms: Floats
     coefficients: Floats
     trace: Floats
-
-    @property
-    def active_atoms(self) -> float:
-        """Mean number of atoms with a positive coefficient, over the shapes."""
-        return float((self.coefficients > 0).sum(axis=1).mean())
-
-    @property
-    def dead_atoms(self) -> int:
-        """Number of atoms that no shape uses."""
-        return int((~self.coefficients.any(axis=0)).sum())
-
-    def relative_error(self, shapes: Floats) -> float:
-        """||S - C B||_F / ||S||_F over all training shapes together."""
-        residual = shapes - np.tensordot(self.coefficients, self.atoms, axes=1)
-        return float(np.linalg.norm(residual) / np.linalg.norm(shapes))
 
 
 def learn(
@@ -67,7 +52,7 @@ def learn(
     n = len(shapes)
     if not 1 <= k <= n:
         raise ValueError(f"k must be within 1..{n} (the number of shapes), is {k}")
-    chosen = shapes[np.linspace(0, n - 1, k).round().astype(int)]
+    chosen = shapes[evenly(n, k)]
 
     def total(B: Floats, C: Floats) -> float:
         return float(objectives(shapes, B, beta, C).sum())
@@ -78,12 +63,12 @@ def learn(
         C = sparse_code(shapes, B, beta, start=C)
         return total(B, C), B, C
 
-    objective, B, C = recode(_of_norm_one(chosen), None)
+    objective, B, C = recode(of_norm_one(chosen), None)
     trace = [objective]
     for _ in range(iterations):
-        updated = update_atoms(shapes, C, B, BOUND)
+        updated = update_atoms(Products.zero(B).add(shapes, C), B, BOUND)
         trace.append(total(updated, C))
-        beyond = _within_bound(updated + REACH * (updated - B))
+        beyond = reach_beyond(B, updated)
         coded = recode(updated, C), recode(beyond, C)
         objective, B, C = min(coded, key=lambda state: state[0])
         trace.append(objective)
@@ -103,18 +88,35 @@ def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> F
     if not len(dead):
         return atoms
     B = atoms.copy()
-    residual = shapes - np.tensordot(coefficients, atoms, axes=1)
-    for i in dead:
-        worst = np.linalg.norm(residual, axis=(1, 2)).argmax()
-        B[i] = _of_norm_one(shapes[worst])
-        part = np.tensordot(residual, B[i], axes=2)
-        residual -= np.maximum(part, 0.0)[:, None, None] * B[i]
+    worst = find_worst(shapes, coefficients, atoms, len(dead))
+    for i, row in zip(dead, worst, strict=True):
+        B[i] = of_norm_one(shapes[row])
     return B
 
 
-def _of_norm_one(shapes: Floats) -> Floats:
+def find_worst(shapes: Floats, coefficients: Floats, atoms: Floats, number: int) -> list[int]:
+    """Return rows of the shapes that new atoms serve best, each after the earlier ones."""
+    residual = shapes - np.tensordot(coefficients, atoms, axes=1)
+    found = []
+    for _ in range(number):
+        found.append(int(np.linalg.norm(residual, axis=(1, 2)).argmax()))
+        taken = of_norm_one(shapes[found[-1]])
+        part = np.tensordot(residual, taken, axes=2)
+        residual -= np.maximum(part, 0.0)[:, None, None] * taken
+    return found
+
+
+def evenly(n: int, number: int) -> NDArray[np.intp]:
+    """Return `number` rows of n at even distances, the first and the last among them."""
+    return np.linspace(0, n - 1, number).round().astype(np.intp)
+
+
+def of_norm_one(shapes: Floats) -> Floats:
+    """Return shapes (..., 3, p), none of them 0, scaled to the bound of atoms."""
     return shapes * (BOUND / np.linalg.norm(shapes, axis=(-2, -1), keepdims=True))
 
 
-def _within_bound(atoms: Floats) -> Floats:
-    return atoms * (BOUND / np.linalg.norm(atoms, axis=(1, 2), keepdims=True).clip(min=BOUND))
+def reach_beyond(atoms: Floats, updated: Floats) -> Floats:
+    """Return atoms (k, 3, p) beyond an update, on the line from the old ones, within the bound."""
+    B = updated + REACH * (updated - atoms)
+    return B * (BOUND / np.linalg.norm(B, axis=(1, 2), keepdims=True).clip(min=BOUND))

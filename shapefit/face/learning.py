@@ -15,6 +15,7 @@ from shapefit.face.records import Dictionary, Shapes, rows_of, shape_set
 from shapefit.io.kinds.given import given_shapes
 from shapefit.io.layout import DICTIONARY
 from shapefit.pipelines.learn_dict.run import make_dictionary
+from shapefit.pipelines.learn_dict.training_shapes import find_training_shapes
 from shapefit.pipelines.outcome import Failure, Outcome
 
 FILES = {"shapes": (Path("shapes"),), "output": Path("dictionary")}
@@ -37,8 +38,8 @@ def learn(
     # Those of another method do not know these keys: their defaults count as not given.
     given = {key: value for key, value in own.items() if value != default(LearnDictConfig, key)}
     config = config_of(LearnDictConfig, "learn", given, options, FILES)
-    training = given_shapes(shape_set(shapes), "shapes", config.input.rename)
-    making = make_dictionary(training, config, {})
+    given_set = given_shapes(shape_set(shapes), "shapes", config.input.rename)
+    making = make_dictionary(find_training_shapes(given_set, config), config, {})
     failures: list[Failure] = []
     messages: list[str] = []
     while True:

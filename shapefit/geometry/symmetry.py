@@ -31,9 +31,14 @@ def lateral_axis(shapes: Floats, mirror_index: Indices) -> int:
     shapes (..., 3, p) in frames that share their lateral axis -> 0, 1 or 2, as `lateral` of the
     other functions. Raises ValueError as `mirror` does.
     """
+    return int(lateral_squares(shapes, mirror_index).argmax())
+
+
+def lateral_squares(shapes: Floats, mirror_index: Indices) -> Floats:
+    """Return the sums (3,) that `lateral_axis` compares; those of several sets add up."""
     apart = shapes - shapes[..., _partners(mirror_index, shapes.shape[-1])]
-    square = (apart**2).sum(axis=-1).reshape(-1, 3).sum(axis=0)
-    return int(square.argmax())
+    square: Floats = (apart**2).sum(axis=-1).reshape(-1, 3).sum(axis=0)
+    return square
 
 
 def symmetrise(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:

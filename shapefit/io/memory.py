@@ -16,14 +16,18 @@ PROCESS, MACHINE = Path("/proc/self"), Path("/proc/meminfo")
 GROUPS = Path("/sys/fs/cgroup")
 
 
-def check_fits(place: str, size: int, found: str = "it") -> None:
+def check_fits(
+    place: str,
+    size: int,
+    found: str = "it",
+    fix: str = "divide the file, or use a machine with more memory",
+) -> None:
     """Raise InputError at `place` where `size` bytes are more than the memory that is free."""
     if size <= ALWAYS_FITS:
         return
     free = free_memory()
     if free is not None and size > free:
         taken = f"{found} takes {in_words(size)} of memory, and {in_words(free)} are free"
-        fix = "divide the file, or use a machine with more memory"
         raise input_error(place, taken, fix)
 
 

@@ -4,10 +4,16 @@ import cvxpy
 import numpy as np
 import pytest
 
-from shapefit.dictionary.atoms import update_atoms
+from shapefit.dictionary import atoms as atoms_module
+from shapefit.dictionary.atoms import Products
 from shapefit.geometry.rotations import random_rotations
 
 BOUND = 3.3  # between the norms of the best free atoms
+
+
+def update_atoms(shapes, coefficients, atoms, bound, sweeps=5):
+    products = Products.zero(atoms).add(shapes, coefficients)
+    return atoms_module.update_atoms(products, atoms, bound, sweeps)
 
 
 @pytest.fixture
@@ -103,3 +109,15 @@ def test_atoms_turn_with_the_shapes(shapes, coefficients, start, rng):
     turned = update_atoms(R @ shapes, coefficients, R @ start, 1.0)
     expected = R @ update_atoms(shapes, coefficients, start, 1.0)
     np.testing.assert_allclose(turned, expected, atol=1e-12)
+
+
+def test_products_do_not_depend_on_where_batches_end(shapes, coefficients, start):
+    whole = Products.zero(start).add(shapes, coefficients)
+    np.testing.assert_allclose(whole.overlaps, coefficients.T @ coefficients, rtol=1e-12)
+    expected = np.tensordot(coefficients, shapes, axes=(0, 0))
+    np.testing.assert_allclose(whole.pulls, expected, atol=1e-12)
+    parts = Products.zero(start)
+    for rows in (slice(0, 1), slice(1, 8), slice(8, 30)):
+        parts.add(shapes[rows], coefficients[rows])
+    np.testing.assert_array_equal(parts.overlaps, whole.overlaps)
+    np.testing.assert_array_equal(parts.pulls, whole.pulls)

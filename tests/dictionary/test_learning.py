@@ -7,7 +7,8 @@ import pytest
 
 from shapefit.dictionary import learning
 from shapefit.dictionary.coding import duality_gaps, objectives, sparse_code
-from shapefit.dictionary.learning import Learned, learn, replace_dead_atoms
+from shapefit.dictionary.learning import learn, replace_dead_atoms
+from shapefit.dictionary.summary import summarise
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations
@@ -18,6 +19,11 @@ BETA = 0.1
 def last(rounds):
     *_, state = rounds
     return state
+
+
+def summary(shapes, state, beta=BETA):
+    parts = [(shapes, state.coefficients, np.ones(len(shapes)))]
+    return summarise(parts, state.atoms, beta)
 
 
 def norms(shapes):
@@ -90,7 +96,7 @@ class TestPlanted:
         overlap = np.tensordot(state.atoms, atoms, axes=([1, 2], [1, 2]))
         np.testing.assert_allclose(np.diag(overlap), 1, atol=1e-4)
         np.testing.assert_allclose(state.coefficients, C, atol=0.05)
-        assert state.relative_error(shapes) < 1e-3
+        assert summary(shapes, state).relative_error < 1e-3
 
     def test_one_atom_is_the_leading_direction(self, shapes):
         # Without beta and with all overlaps positive, one atom is the first singular vector.
@@ -166,23 +172,10 @@ class TestDeadAtoms:
         shapes[np.linspace(0, 79, 8).round().astype(int)] = shapes[0]
         start = np.repeat(shapes[:1] / norms(shapes[0]), 8, axis=0)
         first = sparse_code(shapes, start, BETA)
-        assert Learned(start, first, np.empty(0)).dead_atoms == 7
+        assert (first.max(axis=0) == 0).sum() == 7
         state = next(learn(shapes, 8, BETA, iterations=1))
-        assert state.dead_atoms == 0
+        assert summary(shapes, state).dead_atoms == 0
         assert (np.diff(state.trace) < 0).all()
-
-
-class TestFigures:
-    def test_of_a_small_state(self):
-        atoms = np.zeros((3, 3, 1))
-        atoms[0, 0], atoms[1, 1], atoms[2, 2] = 1, 1, 1
-        C = np.array([[1.0, 2, 0], [0, 4, 0]])
-        state = Learned(atoms, C, np.empty(0))
-        assert state.active_atoms == 1.5
-        assert state.dead_atoms == 1
-        shapes = np.array([[[1.0], [2], [3]], [[0], [4], [4]]])
-        # The residual is (0, 0, 3) and (0, 0, 4); the shapes have 14 + 32.
-        assert state.relative_error(shapes) == pytest.approx(5 / np.sqrt(46))
 
 
 @pytest.mark.parametrize("k", [0, 81])
@@ -215,9 +208,10 @@ def test_motion_capture_is_reconstructed_with_few_atoms(real_data):
     assert len(shapes) == 3356
     shapes = generalised_procrustes(normalise(shapes).points).shapes
     state = last(learn(shapes, 64, 0.1, iterations=15))
-    assert state.relative_error(shapes) <= 0.030
-    assert state.active_atoms <= 14
-    assert state.dead_atoms == 0
+    found = summary(shapes, state)
+    assert found.relative_error <= 0.030
+    assert found.active_atoms <= 14
+    assert found.dead_atoms == 0
     assert (np.diff(state.trace) < 0).all()
     objective = objectives(shapes, state.atoms, 0.1, state.coefficients)
     gaps = duality_gaps(shapes, state.atoms, 0.1, state.coefficients)

@@ -131,6 +131,12 @@ class LearnDictConfig(CommandConfig):
         le=MOST_STEPS,
         description="Rounds of coding all shapes and updating all atoms (sparse-coding only).",
     )
+    batch: int = Field(
+        default=0,
+        ge=0,
+        description="Shapes in memory at a time, where a file holds more than fit; 0: all at once. "
+        "Learns from a sample of so many first, then from all (sparse-coding only).",
+    )
     bases: Annotated[float | int, Expected(_BASES), BeforeValidator(_share_or_number)] = Field(
         default=0.99,
         description="Bases of each sequence: their number, or, below 1, the share of the variation "
@@ -146,7 +152,7 @@ class LearnDictConfig(CommandConfig):
         description="The prior over shapes, for `method: posterior` of fit.",
     )
 
-    @field_validator("k", "beta", "iterations", "bases")
+    @field_validator("k", "beta", "iterations", "batch", "bases")
     @classmethod
     def _belongs_to_the_method(cls, value: object, info: ValidationInfo) -> object:
         key = str(info.field_name)
@@ -154,3 +160,20 @@ class LearnDictConfig(CommandConfig):
         if info.data.get("method", owner) != owner and value != cls.model_fields[key].default:
             raise ValueError(f"`{key}` belongs to `method: {owner}`; leave it out")
         return value
+
+    @field_validator("batch")
+    @classmethod
+    def _holds_as_many_shapes_as_atoms(cls, batch: int, info: ValidationInfo) -> int:
+        if 0 < batch < info.data.get("k", 0):
+            raise ValueError(f"{batch} shapes are fewer than the {info.data['k']} atoms; raise it")
+        return batch
+
+    @field_validator("prior")
+    @classmethod
+    def _is_learned_at_once(cls, prior: PriorConfig, info: ValidationInfo) -> PriorConfig:
+        if prior.components and info.data.get("batch"):
+            raise ValueError(
+                "a prior is learned from all shapes at once; leave out `batch` and take fewer "
+                "shapes with `every`"
+            )
+        return prior

@@ -6,15 +6,21 @@
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
-// The normal equations of the atoms: A (k, k) and D (k, width) in padded rows.
-struct Normal {
-    double *A, *D;
-    long width;
-};
+// The rows of a matrix, padded with zeros to whole vectors.
+double* padded_rows(Workspace& workspace, Matrix<const double> rows, long width) {
+    double* padded = workspace.zeros<double>(rows.size[0] * width);
+    for (long i = 0; i < rows.size[0]; ++i)
+        for (long j = 0; j < rows.size[1]; ++j) padded[i * width + j] = rows[i][j];
+    return padded;
+}
 
-// Coefficients are few: shape by shape, those that are not 0 add their products.
-void add_products(const AtomUpdateData& data, long* used, const Normal& normal) {
-    const long k = data.atoms.size[0], d = data.atoms.size[1];
+}  // namespace
+
+// Coefficients are few: those that are not 0 add their products.
+void add_products(const ProductsData& data) {
+    const long k = data.overlaps.size[0], d = data.pulls.size[1];
+    Workspace workspace;
+    long* used = workspace.zeros<long>(k + 1);
     for (long shape = 0; shape < data.shapes.size[0]; ++shape) {
         const double *c = data.coefficients[shape].data, *x = data.shapes[shape].data;
         long m = 0;
@@ -24,28 +30,23 @@ void add_products(const AtomUpdateData& data, long* used, const Normal& normal) 
         }
         for (long e = 0; e < m; ++e) {
             const double share = c[used[e]];
-            double* __restrict A = normal.A + used[e] * k;
-            double* __restrict D = normal.D + used[e] * normal.width;
+            double* __restrict A = data.overlaps[used[e]].data;
+            double* __restrict D = data.pulls[used[e]].data;
             for (long f = 0; f < m; ++f) A[used[f]] += share * c[used[f]];
             for (long j = 0; j < d; ++j) D[j] += share * x[j];
         }
     }
 }
 
-}  // namespace
-
 void update_atoms(const AtomUpdateData& data) {
     const long k = data.atoms.size[0], d = data.atoms.size[1], width = padded(d);
     Workspace workspace;
-    const Normal normal{workspace.zeros<double>(k * k), workspace.zeros<double>(k * width), width};
-    add_products(data, workspace.zeros<long>(k + 1), normal);
-    double* B = workspace.zeros<double>(k * width);
+    const double* pulls = padded_rows(workspace, data.pulls, width);
+    double* B = padded_rows(workspace, data.atoms, width);
     double* mixed = workspace.zeros<double>(width);
-    for (long i = 0; i < k; ++i)
-        for (long j = 0; j < d; ++j) B[i * width + j] = data.atoms[i][j];
     for (long sweep = 0; sweep < data.sweeps; ++sweep)
         for (long i = 0; i < k; ++i) {
-            const double *A = normal.A + i * k, *D = normal.D + i * width;
+            const double *A = data.overlaps[i].data, *D = pulls + i * width;
             if (!(A[i] > 0)) continue;
             double* __restrict one = B + i * width;
             mix_rows(A, k, B, width, width, mixed);

@@ -23,11 +23,19 @@ struct MisfitData {
     Vector<double> objectives;  // (n,)
 };
 
-// min_B 1/2 ||X - C B||_F^2 over rows ||B_i|| <= bound, some sweeps of it.
-struct AtomUpdateData {
+// A += C^T C and D += C^T X: all that the best atoms for coefficients C depend on.
+struct ProductsData {
     Matrix<const double> shapes;        // X (n, d)
     Matrix<const double> coefficients;  // C (n, k)
-    Matrix<double> atoms;               // B (k, d), overwritten
+    Matrix<double> overlaps;            // A (k, k)
+    Matrix<double> pulls;               // D (k, d)
+};
+
+// min_B 1/2 ||X - C B||_F^2 over rows ||B_i|| <= bound, some sweeps of it.
+struct AtomUpdateData {
+    Matrix<const double> overlaps;  // A = C^T C (k, k)
+    Matrix<const double> pulls;     // D = C^T X (k, d)
+    Matrix<double> atoms;           // B (k, d), overwritten
     double bound;
     long sweeps;
 };

@@ -35,13 +35,22 @@ void bind_dictionary(nb::module_& module) {
         "threads"_a);
 
     module.def(
+        "add_products",
+        [](In<2> shapes, In<2> coefficients, Out<2> overlaps, Out<2> pulls) {
+            const ProductsData data{view(shapes), view(coefficients), view(overlaps), view(pulls)};
+            const nb::gil_scoped_release released;
+            level().kernels.add_products(data);
+        },
+        nb::kw_only(), "shapes"_a, "coefficients"_a, "overlaps"_a, "pulls"_a);
+
+    module.def(
         "update_atoms",
-        [](In<2> shapes, In<2> coefficients, Out<2> atoms, double bound, long sweeps) {
-            const AtomUpdateData data{view(shapes), view(coefficients), view(atoms), bound, sweeps};
+        [](In<2> overlaps, In<2> pulls, Out<2> atoms, double bound, long sweeps) {
+            const AtomUpdateData data{view(overlaps), view(pulls), view(atoms), bound, sweeps};
             const nb::gil_scoped_release released;
             level().kernels.update_atoms(data);
         },
-        nb::kw_only(), "shapes"_a, "coefficients"_a, "atoms"_a, "bound"_a, "sweeps"_a);
+        nb::kw_only(), "overlaps"_a, "pulls"_a, "atoms"_a, "bound"_a, "sweeps"_a);
 }
 
 }  // namespace shapefit

@@ -11,10 +11,9 @@ from shapefit.dictionary.mixture_learning import cross_validate, learn_mixture
 from shapefit.dictionary.variations import find_skeleton, vary
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.procrustes import rotation_onto
-from shapefit.io import match_landmarks
+from shapefit.geometry.procrustes import choose, rotation_onto
 from shapefit.io.extras import Extras
-from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes
+from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, chosen_landmarks
 
 Floats = NDArray[np.float64]
 
@@ -89,21 +88,15 @@ def vary_shapes(config: LearnDictConfig, training: TrainingShapes) -> Floats:
         copies=options.copies,
         stretch=options.stretch,
         exchange=options.exchange,
-        partners=training.partners,
+        partners=training.dictionary.mirror_index,
     )
     varied = normalise(varied).points
     if config.align == "none":
         return varied
-    chosen = list(range(points))
-    if config.align != "all":
-        names = training.original.landmark_names
-        chosen = match_landmarks(names, config.align, place="align").tolist()
-    part = varied[:, :, chosen]
-    mean = training.alignment.mean[:, chosen]
-    onto = rotation_onto(
-        part - part.mean(axis=-1, keepdims=True), mean - mean.mean(axis=-1, keepdims=True)
-    )
-    turned: Floats = onto @ varied
+    # Landmarks that are indexed lie in another order in memory, in which sums round differently.
+    chosen = chosen_landmarks(training.original.landmark_names, config) or list(range(points))
+    mean = choose(training.alignment.mean, chosen)
+    turned: Floats = rotation_onto(choose(varied, chosen), mean) @ varied
     return turned
 
 

@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
-from shapefit.dictionary.atom_scale import scale_of_atoms
-from shapefit.dictionary.coding import duality_gaps, objectives
-from shapefit.dictionary.learning import Learned, learn
+from shapefit.dictionary.batches import improve
+from shapefit.dictionary.coding import sparse_code
+from shapefit.dictionary.learning import evenly, learn
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.pca_bases import principal_components
-from shapefit.dictionary.size import find_edge_length
+from shapefit.dictionary.summary import Summary, summarise
 from shapefit.errors import counted, input_error
-from shapefit.geometry.normalisation import normalise
-from shapefit.io import ShapeSet, check_output, digests, open_shapes, write_dictionary
+from shapefit.io import ShapeSource, check_output, digests, open_shapes, write_dictionary
+from shapefit.io.memory import check_fits
 from shapefit.meshes.dense import mesh_of_atoms
+from shapefit.pipelines.learn_dict.batches import TrainingBatches, find_training_batches
 from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
 from shapefit.pipelines.outcome import Outcome
@@ -40,8 +41,10 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     cannot be read or written, and as `make_dictionary` does.
     """
     check_output(config.output)
-    given, notes = read_given(config)
-    making = make_dictionary(given, config, digests(config.shapes))
+    with open_shapes(config.shapes, input_options(config.input)) as source:
+        notes = source.notes
+        training = read_training(source, config)
+    making = make_dictionary(training, config, digests(config.shapes))
     outcome = next(making)
     outcome = replace(outcome, warnings=notes + outcome.warnings)
     while True:
@@ -56,35 +59,51 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     yield replace(outcome, written=(config.output,))
 
 
-def read_given(config: LearnDictConfig) -> tuple[ShapeSet, tuple[str, ...]]:
-    """Read the shapes to learn from, and warnings of what was left out of their files."""
-    with open_shapes(config.shapes, input_options(config.input)) as source:
-        return source.whole(), source.notes
+def read_training(source: ShapeSource, config: LearnDictConfig) -> TrainingShapes | TrainingBatches:
+    """Read the shapes to learn from: all at once, or in batches where the config asks for them."""
+    if 0 < config.batch < source.count:
+        return find_training_batches(source, config)
+    if config.method == "sparse-coding":
+        place = ", ".join(map(str, config.shapes))
+        fix = "set `batch`, the number of shapes in memory at a time (docs/scale.md)"
+        check_fits(place, size_at_once(source, config), "learning from all shapes at once", fix)
+    return find_training_shapes(source.whole(), config)
 
 
-def make_dictionary(given: ShapeSet, config: LearnDictConfig, inputs: Mapping[str, str]) -> Making:
-    """Make the dictionary of shapes; `inputs` are the digests of their files.
+def size_at_once(source: ShapeSource, config: LearnDictConfig) -> int:
+    """Bytes that sparse coding of all shapes at once takes, as measured: benchmarks/batches.py."""
+    p, every = len(source.head.landmark_names), config.every
+    step = every if isinstance(every, int) else max(every.values())
+    copies = 2 if config.symmetry == "double" else 1
+    return 8 * source.count * (6 * p + copies * (9 * p + 4 * config.k) // step)
+
+
+def make_dictionary(
+    training: TrainingShapes | TrainingBatches, config: LearnDictConfig, inputs: Mapping[str, str]
+) -> Making:
+    """Make the dictionary of training shapes; `inputs` are the digests of their files.
 
     It has the landmarks and edges of the shapes; atoms that are shapes or mixtures of shapes have
-    meshes mixed alike. Raises InputError for what `find_training_shapes` refuses, and for bases of
-    sequences that all stand still.
+    meshes mixed alike. Raises InputError for bases of sequences that all stand still.
     """
-    training = find_training_shapes(given, config)
     yield Outcome(
         failures=training.failures,
         warnings=training.warnings,
         note=counted(len(training), "shape"),
     )
-    methods = {
-        "sparse-coding": _sparse_coding,
-        "exemplars": _exemplars,
-        "pca-bases": _pca_bases,
-    }
-    made = yield from methods[config.method](config, training)
     prior = None
-    if config.prior.components:
-        prior, note = learn_prior(config, training)
-        yield Outcome(note=note)
+    if isinstance(training, TrainingBatches):
+        made = yield from _sparse_coding_in_batches(config, training)
+    else:
+        methods = {
+            "sparse-coding": _sparse_coding,
+            "exemplars": _exemplars,
+            "pca-bases": _pca_bases,
+        }
+        made = yield from methods[config.method](config, training)
+        if config.prior.components:
+            prior, note = learn_prior(config, training)
+            yield Outcome(note=note)
     provenance = {
         "method": config.method,
         "version": __version__,
@@ -99,7 +118,8 @@ def _exemplars(config: LearnDictConfig, training: TrainingShapes) -> Making:
     """Make every shape an atom."""
     atoms = training.alignment.shapes
     dictionary = replace(
-        _dictionary(training, atoms),
+        training.dictionary,
+        atoms=atoms,
         mesh_vertices=training.mesh_vertices,
         mesh_faces=training.original.mesh_faces,
         atom_scale=training.scale,
@@ -121,38 +141,63 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Making:
     for learned in rounds:
         note = f"objective {learned.trace[-1]:.6g}"
         yield Outcome(done=1, total=config.iterations, unit="round", note=note)
+    summary = summarise(
+        [(shapes, learned.coefficients, training.scale)], learned.atoms, config.beta
+    )
     mesh_vertices = _mix_meshes(training, learned.atoms)
     dictionary = replace(
-        _dictionary(training, learned.atoms),
+        training.dictionary,
+        atoms=learned.atoms,
         mesh_vertices=mesh_vertices,
         mesh_faces=None if mesh_vertices is None else training.original.mesh_faces,
-        atom_scale=scale_of_atoms(learned.atoms, learned.coefficients, training.scale),
+        atom_scale=summary.atom_scale,
         objective_trace=learned.trace,
     )
-    warnings = [*_dead_atoms(learned)]
+    warnings = [*_dead_atoms(summary)]
     if training.mesh_vertices is not None and mesh_vertices is None:
         warnings.append("the meshes are left out: an atom is no combination of the training shapes")
-    yield Outcome(
-        total=config.iterations,
-        warnings=tuple(warnings),
-        note=(
-            f"objective {learned.trace[-1]:.6g}, "
-            f"relative error {learned.relative_error(shapes):.4f}, "
-            f"{_largest_gap(learned, shapes, config.beta)}"
-            f"{learned.active_atoms:.1f} active atoms per shape"
-        ),
-    )
+    yield Outcome(total=config.iterations, warnings=tuple(warnings), note=_note(summary))
     return dictionary
 
 
-def _largest_gap(learned: Learned, shapes: Floats, beta: float) -> str:
-    """Say how far the coding of any shape can be from its optimum; unknown where beta is 0."""
-    if beta == 0:
-        return ""
-    gaps = duality_gaps(shapes, learned.atoms, beta, learned.coefficients)
-    objective = objectives(shapes, learned.atoms, beta, learned.coefficients)
-    relative = np.divide(gaps, objective, out=np.zeros_like(gaps), where=objective > 0)
-    return f"relative gap of the coding at most {max(relative.max(), 0.0):.1g}, "
+def _sparse_coding_in_batches(config: LearnDictConfig, training: TrainingBatches) -> Making:
+    """Learn from a sample as large as a batch, then by rounds over all shapes.
+
+    The trace is that of all shapes, and starts with the atoms of the sample.
+    """
+    sample = training.shapes.take(evenly(len(training), min(config.batch, len(training))))
+    for learned in learn(sample, config.k, config.beta, iterations=config.iterations):
+        note = f"sample of {counted(len(sample), 'shape')}, objective {learned.trace[-1]:.6g}"
+        yield Outcome(done=1, unit="round", note=note)
+    atoms, trace = learned.atoms, learned.trace
+    if len(sample) < len(training):
+        del sample, learned
+        rounds = improve(training.shapes, atoms, config.beta, iterations=config.iterations)
+        for improved in rounds:
+            atoms, trace = improved.atoms, improved.trace
+            yield Outcome(done=1, unit="round", note=f"objective {trace[-1]:.6g}")
+    coded = (
+        (shapes, sparse_code(shapes, atoms, config.beta), scale)
+        for shapes, scale in zip(training.shapes, training.scale, strict=True)
+    )
+    summary = summarise(coded, atoms, config.beta)
+    yield Outcome(warnings=tuple(_dead_atoms(summary)), note=_note(summary))
+    return replace(
+        training.dictionary,
+        atoms=atoms,
+        atom_scale=summary.atom_scale,
+        objective_trace=trace,
+    )
+
+
+def _note(summary: Summary) -> str:
+    """Say how well the atoms code the shapes."""
+    gap = summary.largest_gap
+    of_coding = "" if gap is None else f"relative gap of the coding at most {gap:.1g}, "
+    return (
+        f"objective {summary.objective:.6g}, relative error {summary.relative_error:.4f}, "
+        f"{of_coding}{summary.active_atoms:.1f} active atoms per shape"
+    )
 
 
 def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Making:
@@ -173,7 +218,7 @@ def _pca_bases(config: LearnDictConfig, training: TrainingShapes) -> Making:
     if training.mesh_vertices is not None:
         warnings = ("the meshes are left out: bases are differences of shapes, not shapes",)
     yield Outcome(total=len(names), warnings=warnings, note=f"{len(bases)} bases")
-    return _dictionary(training, bases)
+    return replace(training.dictionary, atoms=bases)
 
 
 def _mix_meshes(training: TrainingShapes, atoms: Floats) -> Floats | None:
@@ -186,23 +231,7 @@ def _mix_meshes(training: TrainingShapes, atoms: Floats) -> Floats | None:
         return None
 
 
-def _dead_atoms(learned: Learned) -> Iterator[str]:
-    if learned.dead_atoms:
-        yield f"{learned.dead_atoms} of {len(learned.atoms)} atoms are used by no training shape"
-
-
-def _dictionary(training: TrainingShapes, atoms: Floats) -> Dictionary:
-    """Return what the dictionaries of all methods have."""
-    edges = training.original.edges
-    return Dictionary(
-        atoms=atoms,
-        landmark_names=training.original.landmark_names,
-        mean_shape=normalise(training.alignment.mean).points,
-        edges=edges,
-        mirror_index=training.partners,
-        unit=training.original.unit,
-        acceleration=training.acceleration,
-        edge_give=training.give,
-        edge_length=None if edges is None else find_edge_length(training.original.shapes, edges),
-        frame_rate=None if training.acceleration is None else training.original.frame_rate,
-    )
+def _dead_atoms(summary: Summary) -> Iterator[str]:
+    if summary.dead_atoms:
+        k = len(summary.atom_scale)
+        yield f"{summary.dead_atoms} of {k} atoms are used by no training shape"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.config import LearnDictConfig
+from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.motion import find_acceleration, find_give
+from shapefit.dictionary.size import find_edge_length
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import SMALLEST, normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
@@ -28,9 +30,9 @@ class TrainingShapes:
     """n training shapes: `original` in their unit, and `alignment` of the normalised ones.
 
     scale (n,): shape j measures scale[j] * alignment.shapes[j]; mesh_vertices (n, 3, q) in the
-    frame and on the scale of alignment.shapes, None where there are no meshes. Of all shapes given:
-    acceleration (p,), None where they are no sequences; give (e,), None without edges.
-    partners (p,): the other side of each landmark, None where the config asks for no symmetry.
+    frame and on the scale of alignment.shapes, None where there are no meshes. `dictionary` has no
+    atoms yet; its acceleration and edge_give are those of all shapes given, and its mirror_index
+    is None where the config asks for no symmetry.
     failures: the shapes that should have been among them; warnings about the rest.
     """
 
@@ -38,9 +40,7 @@ class TrainingShapes:
     alignment: Alignment
     scale: Floats
     mesh_vertices: Floats | None
-    acceleration: Floats | None
-    give: Floats | None
-    partners: NDArray[np.int64] | None
+    dictionary: Dictionary
     failures: tuple[Failure, ...]
     warnings: tuple[str, ...]
 
@@ -63,42 +63,79 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
     sequences = given.sequences or ("",) * len(given)
     kept = given.take(every_nth(sequences, config.every))
     usable, failures = separate(kept)
-    if not len(usable):
-        found = "there are 0 shapes to learn from"
-        if failures:
-            found += f"; {failures[0].item}, for one: {failures[0].reason}"
-        raise input_error("shapes", found, "give more shapes")
-    shapes = apply_symmetry(usable, config)
-    if config.method == "sparse-coding" and config.k > len(shapes):
-        found = f"{config.k} atoms are more than the {counted(len(shapes), 'shape')} to learn from"
-        raise input_error("k", found, "lower k or `every`, or give more shapes")
+    shapes = apply_symmetry(usable, config) if len(usable) else usable
+    check_number(len(shapes), failures, config)
     normalised = normalise(shapes.shapes)
     alignment = align(normalised.points, shapes.landmark_names, config)
-    mesh = shapes.mesh_vertices
+    mesh, edges = shapes.mesh_vertices, shapes.edges
     return TrainingShapes(
         original=shapes,
         alignment=alignment,
         scale=normalised.scale,
         mesh_vertices=None if mesh is None else carry_mesh(mesh, normalised, alignment.rotations),
-        acceleration=acceleration,
-        give=give,
-        partners=None if config.symmetry == "none" else find_partners(usable, config),
+        dictionary=dictionary_of(
+            shapes,
+            alignment.mean,
+            None if config.symmetry == "none" else find_partners(usable, config),
+            acceleration=acceleration,
+            give=give,
+            edge_length=None if edges is None else find_edge_length(shapes.shapes, edges),
+        ),
         failures=failures,
         warnings=tuple(find_warnings(usable, shapes, alignment)),
     )
 
 
-def every_nth(sequences: tuple[str, ...], n: int | Mapping[str, int]) -> list[int]:
+def check_number(number: int, failures: Sequence[Failure], config: LearnDictConfig) -> None:
+    """Raise InputError where there are no shapes, or not as many as atoms."""
+    if not number:
+        found = "there are 0 shapes to learn from"
+        if failures:
+            found += f"; {failures[0].item}, for one: {failures[0].reason}"
+        raise input_error("shapes", found, "give more shapes")
+    if config.method == "sparse-coding" and config.k > number:
+        found = f"{config.k} atoms are more than the {counted(number, 'shape')} to learn from"
+        raise input_error("k", found, "lower k or `every`, or give more shapes")
+
+
+def dictionary_of(
+    shapes: ShapeSet,
+    mean: Floats,
+    partners: NDArray[np.int64] | None,
+    *,
+    acceleration: Floats | None,
+    give: Floats | None,
+    edge_length: Floats | None,
+) -> Dictionary:
+    """Return a dictionary without atoms: what is the same for all methods. mean (3, p)."""
+    return Dictionary(
+        atoms=np.empty((0, *mean.shape)),
+        landmark_names=shapes.landmark_names,
+        mean_shape=normalise(mean).points,
+        edges=shapes.edges,
+        mirror_index=partners,
+        unit=shapes.unit,
+        acceleration=acceleration,
+        edge_give=give,
+        edge_length=edge_length,
+        frame_rate=None if acceleration is None else shapes.frame_rate,
+    )
+
+
+def every_nth(
+    sequences: tuple[str, ...], n: int | Mapping[str, int], seen: Counter[str] | None = None
+) -> list[int]:
     """Return the indices of every n-th item of each sequence, its first one included.
 
     In a mapping the first glob that fits the name of a sequence gives its n; 1 where none does.
+    `seen` counts the items of each sequence over several calls.
     """
     globs = {"*": n} if isinstance(n, int) else n
     steps = {
         name: next((step for glob, step in globs.items() if fnmatchcase(name, glob)), 1)
         for name in set(sequences)
     }
-    seen: Counter[str] = Counter()
+    seen = Counter() if seen is None else seen
     kept = []
     for index, sequence in enumerate(sequences):
         if seen[sequence] % steps[sequence] == 0:
@@ -129,16 +166,26 @@ def align(points: Floats, names: tuple[str, ...], config: LearnDictConfig) -> Al
     if config.align == "none":
         unturned = np.tile(np.eye(3), (len(points), 1, 1))
         return Alignment(points, points.mean(axis=0), unturned, rounds=0, still=True)
-    landmarks = None
-    if config.align != "all":
-        landmarks = match_landmarks(names, config.align, place="align").tolist()
-    return generalised_procrustes(points, landmarks)
+    return generalised_procrustes(points, chosen_landmarks(names, config))
+
+
+def chosen_landmarks(names: tuple[str, ...], config: LearnDictConfig) -> list[int] | None:
+    """Return the indices of the landmarks that shapes are aligned by; None for all."""
+    if config.align in ("all", "none"):
+        return None
+    indices: list[int] = match_landmarks(names, config.align, place="align").tolist()
+    return indices
+
+
+def still_moving(rounds: int) -> str:
+    """Say that the mean did not come to rest."""
+    return f"the mean of the aligned shapes was still moving after {rounds} rounds"
 
 
 def find_warnings(given: ShapeSet, shapes: ShapeSet, alignment: Alignment) -> Iterator[str]:
     """Say what became worse on the way from the shapes given to those to learn from."""
     if not alignment.still:
-        yield f"the mean of the aligned shapes was still moving after {alignment.rounds} rounds"
+        yield still_moving(alignment.rounds)
     if given.mesh_vertices is not None and shapes.mesh_vertices is None:
         yield (
             "the meshes are left out: `symmetry` mirrors landmarks, whose partners are known; "

@@ -1,0 +1,155 @@
+"""Training shapes that do not fit in memory: normalised and aligned in passes, kept on the disk."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tempfile import gettempdir
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config import LearnDictConfig
+from shapefit.dictionary.learning import evenly
+from shapefit.dictionary.model import Dictionary
+from shapefit.dictionary.motion import MotionSums
+from shapefit.dictionary.size import find_edge_length
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.procrustes import choose, rotation_onto, settle_mean
+from shapefit.geometry.symmetry import lateral_squares, mirror, symmetrise
+from shapefit.io import ShapeSet, ShapeSource
+from shapefit.pipelines.learn_dict.median import median
+from shapefit.pipelines.learn_dict.spill import Spill
+from shapefit.pipelines.learn_dict.symmetry import find_partners
+from shapefit.pipelines.learn_dict.training_shapes import (
+    align,
+    check_number,
+    chosen_landmarks,
+    dictionary_of,
+    every_nth,
+    separate,
+    still_moving,
+)
+from shapefit.pipelines.outcome import Failure
+
+Floats = NDArray[np.float64]
+Partners = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class TrainingBatches:
+    """n training shapes on the disk, normalised and aligned, and what is known about all of them.
+
+    shapes (n, 3, p) and scale (n,), as the alignment and the scale of `TrainingShapes`;
+    `dictionary` has no atoms yet. failures and warnings as there.
+    """
+
+    shapes: Spill
+    scale: Spill
+    dictionary: Dictionary
+    failures: tuple[Failure, ...]
+    warnings: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.shapes)
+
+
+def find_training_batches(source: ShapeSource, config: LearnDictConfig) -> TrainingBatches:
+    """Find what `find_training_shapes` does, `config.batch` shapes at a time, without the meshes.
+
+    The files are read once, and once more where `symmetry` has to find left and right. What is
+    learned from lies in unnamed temporary files in the folder of the output. The mean is settled
+    to 1e-4 of its norm, first on a sample of `config.batch` shapes. Raises InputError as
+    `find_training_shapes` does, and where the disk is full.
+    """
+    head = source.head
+    partners = None if config.symmetry == "none" else find_partners(head, config)
+    doubled = config.symmetry == "double"
+    lateral = 0 if partners is None else find_lateral(source, config, partners)
+    spill = partial(Spill, existing_folder(config.output), batch=config.batch)
+    points, scale, sizes = spill((3, len(head.landmark_names))), spill(()), spill(())
+    failures: list[Failure] = []
+    edges = np.empty((0, 2), np.int64) if head.edges is None else head.edges
+    motion, length = MotionSums(edges), np.zeros(len(edges))
+    for fine, usable, failed in read_batches(source, config):
+        failures += failed
+        motion.add(fine.shapes, fine.sequences or ("",) * len(fine))
+        sizes.append(normalise(fine.shapes).scale)
+        if not len(usable):
+            continue
+        shapes = usable.shapes
+        if partners is not None and not doubled:
+            shapes = symmetrise(shapes, partners, lateral)
+        normalised = normalise(shapes)
+        points.append(normalised.points)
+        scale.append(normalised.scale)
+        length += len(shapes) * find_edge_length(shapes, edges)
+        if partners is not None and doubled:
+            length += len(shapes) * find_edge_length(mirror(shapes, partners, lateral), edges)
+    if partners is not None and doubled:
+        points.extend(mirror(batch, partners, lateral) for batch in points)
+        scale.extend(scale)
+    check_number(len(points), failures, config)
+    mean, warnings = align_batches(points, head.landmark_names, config)
+    if head.mesh_vertices is not None:
+        warnings.append("the meshes are left out: leave out `batch` to keep them")
+    unit = median(sizes, len(sizes))
+    return TrainingBatches(
+        points,
+        scale,
+        dictionary_of(
+            head,
+            mean,
+            partners,
+            acceleration=None if head.sequences is None else motion.acceleration(unit),
+            give=None if head.edges is None else motion.give(unit),
+            edge_length=None if head.edges is None else length / len(points),
+        ),
+        tuple(failures),
+        tuple(warnings),
+    )
+
+
+def read_batches(
+    source: ShapeSource, config: LearnDictConfig
+) -> Iterator[tuple[ShapeSet, ShapeSet, Sequence[Failure]]]:
+    """Read the shapes that can be normalised, those of them that are kept, and the failures."""
+    seen: Counter[str] = Counter()
+    for given in source.chunks(config.batch):
+        sequences = given.sequences or ("",) * len(given)
+        kept = given.take(every_nth(sequences, config.every, seen))
+        yield separate(given)[0], *separate(kept)
+
+
+def find_lateral(source: ShapeSource, config: LearnDictConfig, partners: Partners) -> int:
+    """Return `lateral_axis` of all shapes that are kept."""
+    total = np.zeros(3)
+    for _, usable, _ in read_batches(source, config):
+        total += lateral_squares(usable.shapes, partners)
+    return int(total.argmax())
+
+
+def align_batches(
+    points: Spill, names: tuple[str, ...], config: LearnDictConfig
+) -> tuple[Floats, list[str]]:
+    """Turn normalised shapes onto each other in their place; return their mean, and warnings."""
+    landmarks = chosen_landmarks(names, config)
+    warnings = []
+    if config.align != "none":
+        sample = align(
+            points.take(evenly(len(points), min(config.batch, len(points)))), names, config
+        )
+        target, rounds, still = settle_mean(points, sample.mean, landmarks)
+        if not still:
+            warnings.append(still_moving(rounds))
+        points.replace(lambda batch: rotation_onto(choose(batch, landmarks), target) @ batch)
+    total: Floats = sum((batch.sum(axis=0) for batch in points), np.zeros((3, len(names))))
+    return total / len(points), warnings
+
+
+def existing_folder(output: Path) -> Path:
+    """Return the folder of an output or where it will be made; for a URL, that of the system."""
+    return next((folder for folder in output.parents if folder.is_dir()), Path(gettempdir()))
