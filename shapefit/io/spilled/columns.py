@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from tempfile import TemporaryFile, gettempdir
+from tempfile import TemporaryFile
 from typing import IO, Any, Self
 
 import numpy as np
@@ -27,7 +27,7 @@ class Spill:
 
     def __init__(self, folder: Path | None = None) -> None:
         """Take the folder to make the file in; None for that of the system's temporary files."""
-        self.folder = folder or Path(gettempdir())
+        self.folder = folder
         self._file: IO[bytes] | None = None
         self._end = 0
 
@@ -44,7 +44,7 @@ class Spill:
         Raises InputError where the disk is full.
         """
         place = self._end
-        with storage_errors(self.folder, None, "used for temporary files"):
+        with storage_errors(self.folder or Path("TMPDIR"), None, "used for temporary files"):
             if self._file is None:
                 self._file = TemporaryFile(dir=self.folder, buffering=0)  # noqa: SIM115
             rest = block.reshape(-1).view(np.uint8).data

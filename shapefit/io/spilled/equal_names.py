@@ -42,10 +42,10 @@ class Equal:
         return named + (f" and {more} more" if more else "")
 
 
-def find_equal_names(lists: Mapping[Path, Blocks], folder: Path) -> Equal:
+def find_equal_names(lists: Mapping[Path, Blocks], folder: Path | None) -> Equal:
     """Return the names that are in two or more of these lists, each of which a file holds.
 
-    Hashes that do not fit in memory go to an unnamed file in the folder.
+    Hashes that do not fit in memory go to an unnamed file in the folder, as a `Spill` takes it.
     """
     found = Equal(0, ())
     if len(lists) < 2:
@@ -64,7 +64,7 @@ def find_equal_names(lists: Mapping[Path, Blocks], folder: Path) -> Equal:
     return found
 
 
-def _met_twice(lists: Mapping[Path, Blocks], folder: Path) -> Iterator[Hashes]:
+def _met_twice(lists: Mapping[Path, Blocks], folder: Path | None) -> Iterator[Hashes]:
     """Yield the hashes that are there twice, a limited number at a time."""
     with Spill(folder) as spill:
         index = NameIndex(spill)

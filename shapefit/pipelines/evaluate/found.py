@@ -61,7 +61,7 @@ class Found:
                 self.floors.begin_method()
             for file in files:
                 yield self._judge(images, file, hold=hold and not file.is_file())
-            images.check_distinct(self._spill.folder)
+            images.check_distinct()
             self.methods.append(images)
             self.errors += images.errors()
             self.shares += images.shares()

@@ -158,14 +158,14 @@ class MethodImages:
         number = bisect_right(self._ends, row)
         return self.files[number], row - (self._ends[number - 1] if number else 0)
 
-    def check_distinct(self, folder: Path) -> None:
+    def check_distinct(self) -> None:
         """Raise InputError where two files have the same item."""
         starts = [0, *self._ends]
         blocks = {
             file: partial(self.items.blocks, start, end)
             for file, start, end in zip(self.files, starts, self._ends, strict=False)
         }
-        for item, first, second in find_equal_names(blocks, folder).examples[:1]:
+        for item, first, second in find_equal_names(blocks, self._spill.folder).examples[:1]:
             found = f"has the item '{item}', which {first} has too"
             fix = "give each file a unique name in `results`, or leave one out"
             raise input_error(second, found, fix)
