@@ -57,11 +57,15 @@ class NameIndex:
     def repeated(self) -> Iterator[Hashes]:
         """Yield the hashes that are there twice or more, which names with the same one share."""
         self._sort_waiting()
-        for share in range(SHARES):
-            ends = [(run.start + run.shares[share : share + 2]).tolist() for run in self._runs]
+        width = SHARES if len(self._runs) == 1 else 1  # what is sorted as a whole needs no shares
+        for share in range(0, SHARES, width):
+            ends = [(run.start + run.shares[[share, share + width]]).tolist() for run in self._runs]
             parts = [self._hashes[start:stop] for start, stop in ends]
             together = np.sort(np.concatenate([np.empty(0, np.uint64), *parts]))
-            yield np.unique(together[1:][together[1:] == together[:-1]])
+            twice = together[1:][together[1:] == together[:-1]]
+            new = np.ones(len(twice), np.bool_)  # np.unique would import numpy.ma
+            new[1:] = twice[1:] != twice[:-1]
+            yield twice[new]
 
     def find(self, names: Sequence[str], known: Texts) -> NDArray[np.intp]:
         """Row of each name, -1 for one that was not added; `known` are the names by row."""
