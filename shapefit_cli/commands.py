@@ -201,7 +201,9 @@ lists them. The format of the output follows from its name, or --to.""",
         parameters=(
             _files("files", "INPUT..."),
             _output("OUTPUT", "File to write; - is stdout (CSV)."),
-            click.Option(["--to"], metavar="FORMAT", help="Format to write, such as hdf5 or csv."),
+            click.Option(
+                ["--to"], metavar="FORMAT", help="Format to write, such as parquet or csv."
+            ),
         ),
     ),
     Spec(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -38,3 +39,11 @@ def real_data() -> Path:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20150607)
+
+
+@pytest.fixture
+def without_pyarrow(monkeypatch) -> None:
+    """Make pyarrow a library that is not installed."""
+    for name in [name for name in sys.modules if name.startswith("shapefit.io.parquet.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)

@@ -63,12 +63,12 @@ def read_results(path: File) -> Fit:
 
 
 def write_shapes(path: File, shapes: Shapes) -> None:
-    """Write shapes to HDF5, or to CSV where the name ends in .csv."""
+    """Write shapes to HDF5, or to CSV or Parquet where the name ends in .csv or .parquet."""
     io.write_shapes(Path(path), shape_set(shapes))
 
 
 def write_landmarks(path: File, landmarks: Landmarks) -> None:
-    """Write landmarks to HDF5, or to CSV where the name ends in .csv."""
+    """Write landmarks to HDF5, or to CSV or Parquet where the name ends in .csv or .parquet."""
     with io.landmark_writer(Path(path)) as writer:
         writer.append(landmark_set(landmarks))
 
@@ -79,7 +79,7 @@ def write_dictionary(path: File, dictionary: Dictionary) -> None:
 
 
 def write_results(path: File, result: Fit) -> None:
-    """Write a fit to HDF5 as `fit` does, or its shapes to CSV where the name ends in .csv."""
+    """Write a fit to HDF5, or Parquet by its name, as `fit` does, or its shapes to .csv."""
     record = result_set(result)
     with io.result_writer(Path(path)) as writer:
         writer.append(record)

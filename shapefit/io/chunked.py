@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.io.duplicates import ItemList, check_unique_items
-from shapefit.io.records import LandmarkSet, ShapeSet, concatenate
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, concatenate
 from shapefit.io.renaming import renamed
 from shapefit.io.spilled.columns import stretches
 
-Record = TypeVar("Record", ShapeSet, LandmarkSet)
+Record = TypeVar("Record", ShapeSet, LandmarkSet, ResultSet)
 
 
 @dataclass(frozen=True)

@@ -16,27 +16,52 @@ from shapefit.errors import input_error, listed
 from shapefit.io.detectors import table as detectors
 from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.motion import table as motion
-from shapefit.io.sources import HDF5_SIGNATURE, is_stream, require_file, source_name
+from shapefit.io.sources import (
+    HDF5_SIGNATURE,
+    PARQUET_SIGNATURE,
+    is_stream,
+    require_file,
+    source_name,
+)
 from shapefit.io.trackers import table as trackers
 from shapefit.io.written import table as written
 
 HEAD_BYTES = 4096
 """Of a file that a recogniser sees."""
 
+STORED = {
+    "landmarks": "shapefit.io.kinds.landmarks:open_stored_file",
+    "shapes": "shapefit.io.kinds.shapes:open_stored_file",
+    "result": "shapefit.io.kinds.results:open_stored_file",
+}
+"""Readers of the formats that hold every dataset, by kind."""
 
 HDF5 = FileFormat(
     title="an HDF5 file",
     suffixes=(".h5", ".hdf5", ".hdf", ".he5"),
     recogniser="shapefit.io.formats:begins_like_hdf5",
     readers={
-        "landmarks": "shapefit.io.kinds.landmarks:open_hdf5",
-        "shapes": "shapefit.io.kinds.shapes:open_hdf5",
-        "result": "shapefit.io.kinds.results:read_hdf5",
+        **STORED,
         "dictionary": "shapefit.io.kinds.dictionaries:read_hdf5",
     },
-    lister="shapefit.io.kinds.listing:list_hdf5",
+    reader="shapefit.io.hdf5.reading:Hdf5Reader",
+    form="shapefit.io.hdf5.reading:hdf5_form",
+    lister="shapefit.io.kinds.listing:list_stored",
     writer="shapefit.io.hdf5.writing:hdf5_output",
     writes=("landmarks", "shapes", "result", "dictionary"),
+    points_only=False,
+)
+
+PARQUET = FileFormat(
+    title="a Parquet file",
+    suffixes=(".parquet", ".pq"),
+    recogniser="shapefit.io.formats:begins_like_parquet",
+    readers=STORED,
+    reader="shapefit.io.parquet.reading:ParquetReader",
+    form="shapefit.io.parquet.reading:parquet_form",
+    lister="shapefit.io.kinds.listing:list_stored",
+    writer="shapefit.io.parquet.writing:parquet_output",
+    writes=("landmarks", "shapes", "result"),
     points_only=False,
 )
 
@@ -57,6 +82,7 @@ CSV = FileFormat(
 
 FORMATS: dict[str, FileFormat] = {
     "hdf5": HDF5,
+    "parquet": PARQUET,
     "csv": CSV,
     **trackers.FORMATS,
     **detectors.FORMATS,
@@ -90,18 +116,18 @@ def find_format(path: Path, name: str = "auto") -> FileFormat:
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
     for known in _likely_first(path):
-        if _load(known.recogniser)(path, head):
+        if load(known.recogniser)(path, head):
             return known
     if HDF5.has_suffix(path):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
-    other = _load("shapefit.io.foreign.unknown:stranger")(path, head)
+    other = load("shapefit.io.foreign.unknown:stranger")(path, head)
     if other is not None:
         raise other
     if b"\0" in head and not CSV.has_suffix(path):
-        raise _load("shapefit.io.foreign.unknown:unknown")(path, FORMATS.values())
+        raise load("shapefit.io.foreign.unknown:unknown")(path, FORMATS.values())
     if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"["):
-        raise _load("shapefit.io.detectors.json_text:unknown_json")(path, head)
+        raise load("shapefit.io.detectors.json_text:unknown_json")(path, head)
     return CSV
 
 
@@ -117,7 +143,7 @@ def _find_folder_format(path: Path) -> FileFormat:
     """Return the format of a folder whose files are one recording."""
     folders = [known for known in FORMATS.values() if known.folders]
     for known in folders:
-        if _load(known.recogniser)(path, b""):
+        if load(known.recogniser)(path, b""):
             return known
     looked = f", and holds none of these: {listed(known.title for known in folders)}"
     raise input_error(path, f"it is a folder{looked}", f"name the files in it, e.g. '{path}/*.h5'")
@@ -130,13 +156,13 @@ def find_reader(path: Path, kind: str) -> Callable[..., Any]:
         titles = listed(each.title for each in FORMATS.values() if kind in each.readers)
         found = f"is {known.title}, not {titles}" if path.is_file() else "is not a file on a disk"
         raise input_error(source_name(path), found, f"give a shapefit-{kind} file")
-    return _load(known.readers[kind])
+    return load(known.readers[kind])
 
 
 def find_lister(path: Path) -> Callable[[Path], Any] | None:
     """Return what lists a file without reading all of it, if its format has such a thing."""
     lister = find_format(path).lister
-    return None if lister is None else _load(lister)
+    return None if lister is None else load(lister)
 
 
 def find_target_format(path: Path, name: str = "auto") -> FileFormat:
@@ -161,12 +187,17 @@ def find_writer(path: Path, kind: str, name: str = "auto") -> Callable[..., Any]
             fix = "lift them with `shapefit fit` first, or write .h5, .csv or .json"
             raise input_error(path, f"2D landmarks cannot be {name}", fix)
         raise input_error(path, f"a {kind} cannot be {name}", "give it a name in .h5")
-    return _load(known.writer)
+    return load(known.writer)
 
 
 def begins_like_hdf5(path: Path, head: bytes) -> bool:
     """Whether a file begins with the signature of HDF5."""
     return head.startswith(HDF5_SIGNATURE)
+
+
+def begins_like_parquet(path: Path, head: bytes) -> bool:
+    """Whether a file begins with the signature of Parquet."""
+    return head.startswith(PARQUET_SIGNATURE)
 
 
 def begins_like_tidy_csv(path: Path, head: bytes) -> bool:
@@ -187,7 +218,7 @@ def _likely_first(path: Path) -> Iterator[FileFormat]:
     yield from (known for known in ordered if not known.has_suffix(path))
 
 
-def _load(place: str) -> Callable[..., Any]:
+def load(place: str) -> Callable[..., Any]:
     """Import a function by its place, "module:function"."""
     module, _, name = place.partition(":")
     function: Callable[..., Any] = getattr(import_module(module), name)

@@ -230,6 +230,9 @@ DICTIONARY = Format(
     ),
 )
 
+FORMATS = {form.name: form for form in (LANDMARKS, SHAPES, RESULTS, DICTIONARY)}
+"""The layouts by what a file says of itself."""
+
 
 def stored_name(attribute: str) -> str:
     """Name of the root attribute that holds a record's attribute."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from shapefit.errors import input_error
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+PARQUET_SIGNATURE = b"PAR1"
 STREAM = "-"
 
 BLOCK_BYTES = 1 << 16
@@ -51,9 +52,10 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
         if not block:
             fix = "write a CSV with a header line"
             raise input_error(source_name(path), "is empty (0 bytes)", fix)
-        if block.startswith(HDF5_SIGNATURE):
-            fix = "name the file itself, or send CSV"
-            raise input_error(source_name(path), "is HDF5, which cannot come through a pipe", fix)
+        for name, signature in (("HDF5", HDF5_SIGNATURE), ("Parquet", PARQUET_SIGNATURE)):
+            if block.startswith(signature):
+                found = f"is {name}, which cannot come through a pipe"
+                raise input_error(source_name(path), found, "name the file itself, or send CSV")
         while block:
             yield block
             block = file.read(BLOCK_BYTES)

@@ -31,9 +31,10 @@ class RecordWriter(Protocol[R_contra]):
 def landmark_writer(target: Path) -> AbstractContextManager[RecordWriter[LandmarkSet]]:
     """Give a writer of landmarks for use in a `with`; `append` takes chunk after chunk.
 
-    A name that ends in .csv and `-` (standard output) give CSV, all others HDF5. The file
-    replaces `target` on a clean exit and leaves nothing behind on an error. At least one record
-    must be appended; it may be empty. Raises InputError where the target cannot be written.
+    A name that ends in .csv and `-` (standard output) give CSV, one in .parquet or .pq Parquet,
+    all others HDF5. The file replaces `target` on a clean exit and leaves nothing behind on an
+    error. At least one record must be appended; it may be empty. Raises InputError where the
+    target cannot be written.
     """
     return record_writer(target, LANDMARKS)
 

@@ -9,22 +9,12 @@ from typing import Any
 
 from shapefit.config import ConvertConfig
 from shapefit.errors import input_error
-from shapefit.io import (
-    LandmarkSet,
-    LandmarkSource,
-    ResultSet,
-    ShapeSet,
-    ShapeSource,
-    open_landmarks,
-    open_shapes,
-)
-from shapefit.io.duplicates import ItemList, check_unique_items
+from shapefit.io import LandmarkSource, ShapeSource, open_landmarks, open_shapes
 from shapefit.io.formats import find_target_format
 from shapefit.io.kinds.kind import Kind, find_kind
-from shapefit.io.kinds.results import read_results
+from shapefit.io.kinds.results import ResultSource, open_results
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.options import InputOptions, OutputOptions
-from shapefit.io.records import concatenate
 from shapefit.io.sources import is_stream
 from shapefit.io.writing import record_writer
 from shapefit.pipelines.outcome import Outcome, nothing_in
@@ -32,7 +22,7 @@ from shapefit.pipelines.reading import input_options
 
 FORMS = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
 
-Records = LandmarkSet | ShapeSet | ResultSet
+Source = LandmarkSource | ShapeSource | ResultSource
 
 
 def run(config: ConvertConfig) -> Iterator[Outcome]:
@@ -46,21 +36,15 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
     sized = OutputOptions(
         height=config.height, unit=config.unit, up=config.up, world_unit=config.world_unit
     )
-    with record_writer(config.output, FORMS[kind], config.to, sized) as writer:
-        if kind == "result":
-            yield from _results(config, writer)
-        else:
-            opened: LandmarkSource | ShapeSource = (
-                open_landmarks(config.files, options)
-                if kind == "landmarks"
-                else open_shapes(config.files, options, gaps=True)
-            )
-            with opened as source:
-                for chunk in source.chunks(config.chunk):
-                    writer.append(_with_rate(chunk, config))
-                    yield Outcome(done=len(chunk), total=source.count, unit=_unit(kind))
-                warnings = source.notes + nothing_in(source.count, _unit(kind) + "s")
-                yield Outcome(total=source.count, warnings=warnings)
+    with (
+        record_writer(config.output, FORMS[kind], config.to, sized) as writer,
+        _open(kind, config.files, options) as source,
+    ):
+        for chunk in source.chunks(config.chunk):
+            writer.append(_with_rate(chunk, config))
+            yield Outcome(done=len(chunk), total=source.count, unit=_unit(kind))
+        warnings = source.notes + nothing_in(source.count, _unit(kind) + "s")
+        yield Outcome(total=source.count, warnings=warnings)
     said = writer.summary
     yield Outcome(warnings=said.warnings, note=said.note, written=said.written or (config.output,))
 
@@ -78,20 +62,12 @@ def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
     return first
 
 
-def _results(config: ConvertConfig, writer: Any) -> Iterator[Outcome]:
-    """Write results whole, with what proves them."""
-    results = [read_results(path, proofs=True) for path in config.files]
-    names = [str(path) for path in config.files]
-    check_unique_items(
-        [
-            ItemList(lambda own=own: [own.items], lambda _, name=name: name)  # type: ignore[misc]
-            for own, name in zip(results, names, strict=True)
-        ]
-    )
-    result = results[0] if len(results) == 1 else concatenate(results)
-    writer.append(_with_rate(result, config))
-    writer.attributes.update(result.attributes)
-    yield Outcome(done=len(result), total=len(result), unit="image")
+def _open(kind: Kind, files: Sequence[Path], options: InputOptions) -> Source:
+    if kind == "landmarks":
+        return open_landmarks(files, options)
+    if kind == "shapes":
+        return open_shapes(files, options, gaps=True)
+    return open_results(files, proofs=True)
 
 
 def _with_rate(records: Any, config: ConvertConfig) -> Any:

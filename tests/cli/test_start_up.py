@@ -13,7 +13,18 @@ from shapefit.io import landmark_writer, write_dictionary
 from shapefit.io.records import LandmarkSet
 
 NOT_FOR_HELP = {
-    *("h5py", "numba", "numpy", "orjson", "pydantic", "ruamel", "scipy", "tqdm", "trimesh"),
+    *(
+        "h5py",
+        "numba",
+        "numpy",
+        "orjson",
+        "pyarrow",
+        "pydantic",
+        "ruamel",
+        "scipy",
+        "tqdm",
+        "trimesh",
+    ),
 }
 
 NOT_FOR_A_FIT_OF_CSV = (
@@ -30,6 +41,7 @@ NOT_FOR_A_FIT_OF_CSV = (
     "numpy.random",
     "numpy.testing",
     "polars",
+    "pyarrow",
     "ruamel",
     "scipy",
     "shapefit.config.commands.evaluate",

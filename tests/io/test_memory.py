@@ -17,10 +17,10 @@ from shapefit.io import (
     read_shapes,
     write_shapes,
 )
-from shapefit.io.hdf5 import reading
 from shapefit.io.hdf5.reading import Hdf5Reader
 from shapefit.io.layout import SHAPES
 from shapefit.io.records import ShapeSet
+from shapefit.io.stored import reader
 
 MANY = 10**11
 
@@ -91,7 +91,7 @@ def test_shapes_can_be_read_in_chunks_where_they_do_not_fit_as_a_whole(
     monkeypatch.setattr(memory, "ALWAYS_FITS", 0)
     monkeypatch.setattr(memory, "free_memory", lambda: 300_000)
     problems(read_shapes, [tmp_path / "many.h5"])
-    monkeypatch.setattr(reading, "BLOCK_BYTES", 10_000)
+    monkeypatch.setattr(reader, "BLOCK_BYTES", 10_000)
     with open_shapes([tmp_path / "many.h5"]) as source:
         assert sum(map(len, source.chunks(100))) == 2000
 

@@ -164,8 +164,9 @@ def check_table(same, found, record, kept):
 @settings(deadline=None, max_examples=30)
 @given(record=shape_sets())
 def test_shapes(folder, same, record):
-    write_shapes(folder / "shapes.h5", record)
-    same(read_shapes([folder / "shapes.h5"]), record)
+    for path in (folder / "shapes.h5", folder / "shapes.parquet"):
+        write_shapes(path, record)
+        same(read_shapes([path]), record)
     write_shapes(folder / "shapes.csv", record)
     kept = {"shapes", "landmark_names", "items", "sequences"}
     check_table(same, read_shapes([folder / "shapes.csv"]), record, kept)
@@ -175,14 +176,14 @@ def test_shapes(folder, same, record):
 @given(record=landmark_sets(), size=st.integers(1, 5))
 def test_landmarks(folder, same, record, size):
     kept = {"landmarks", "confidence", "landmark_names", "items", "sequences"}
-    for suffix in ("h5", "csv"):
+    for suffix in ("h5", "parquet", "csv"):
         path = folder / f"views.{suffix}"
         with landmark_writer(path) as writer:
             for start in range(0, max(len(record), 1), size):
                 writer.append(record.take(slice(start, start + size)))
         with open_landmarks([path]) as source:
             found = concatenate(list(source.chunks(size)))
-        if suffix == "h5":
+        if suffix != "csv":
             same(found, record)
         else:
             check_table(same, found, record, kept)
@@ -192,12 +193,12 @@ def test_landmarks(folder, same, record, size):
 @given(record=result_sets(), size=st.integers(1, 5))
 def test_results(folder, same, record, size):
     kept = {"shapes", "landmark_names", "items", "sequences"}
-    for suffix in ("h5", "csv"):
+    for suffix in ("h5", "parquet", "csv"):
         path = folder / f"result.{suffix}"
         with result_writer(path) as writer:
             for start in range(0, max(len(record), 1), size):
                 writer.append(record.take(slice(start, start + size)))
-        if suffix == "h5":
+        if suffix != "csv":
             same(read_results(path), record)
         else:
             check_table(same, read_results(path), record, kept)

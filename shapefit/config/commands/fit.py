@@ -120,8 +120,11 @@ class SearchConfig(ConfigModel):
         ge=0,
         le=MOST_STEPS,
         description="Also store the proof of every so many images, for `shapefit verify` (HDF5 "
-        "only; some 100 KB for each); 0 stores none.",
+        "and Parquet; some 100 KB for each); 0 stores none.",
     )
+
+
+PartFormat = Literal["hdf5", "parquet"]
 
 
 class FitConfig(CommandConfig):
@@ -138,9 +141,9 @@ class FitConfig(CommandConfig):
         default_factory=InputConfig.model_construct, description="How the files are read."
     )
     output: OutputOrFolder = Field(
-        description="Result file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout), "
-        "or TRC, C3D or JSON by its ending (docs/export.md). A name that ends in / is a folder: of "
-        "one result file per part, and manifest.json."
+        description="Result file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV if "
+        "it ends in .csv or is - (stdout), or TRC, C3D or JSON by its ending (docs/export.md). A "
+        "name that ends in / is a folder: of one result file per part, and manifest.json."
     )
     height: float | None = Field(
         default=None,
@@ -152,8 +155,12 @@ class FitConfig(CommandConfig):
     partition: int = Field(
         default=100_000,
         ge=1,
-        description="With a folder as output, images per part of a large HDF5 file, rounded up to "
-        "a multiple of 64, or to whole sequences where those are lifted.",
+        description="With a folder as output, images per part of a large HDF5 or Parquet file, "
+        "rounded up to a multiple of 64, or to whole sequences where those are lifted; of Parquet "
+        "up to twice as many, to the end of a row group.",
+    )
+    part_format: PartFormat = Field(
+        default="hdf5", description="With a folder as output, the format of its results."
     )
     scheduler: str | None = Field(
         default=None,
@@ -259,7 +266,7 @@ class FitConfig(CommandConfig):
     proof: bool = Field(
         default=True,
         description="Also write the proof of the optimum of the convex program (the dual and "
-        "the active transforms) for `shapefit verify` (HDF5 only).",
+        "the active transforms) for `shapefit verify` (HDF5 and Parquet).",
     )
 
     @property

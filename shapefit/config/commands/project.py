@@ -85,7 +85,8 @@ class ProjectConfig(CommandConfig):
         default_factory=InputConfig.model_construct, description="How the files are read."
     )
     output: OutputPath = Field(
-        description="Landmark file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."
+        description="Landmark file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV "
+        "if it ends in .csv or is - (stdout)."
     )
     camera: CameraConfig = Field(
         default_factory=CameraConfig.model_construct, description="The camera that sees the shapes."

@@ -43,7 +43,7 @@ class PosteriorConfig(ConfigModel):
     covariance: bool = Field(
         default=PosteriorOptions.covariance,
         description="Also write the covariance of all landmarks together, `shape_covariance` (n, "
-        "3p, 3p) (large; HDF5 only).",
+        "3p, 3p) (large; HDF5 and Parquet).",
     )
     csv_deviations: bool = Field(
         default=False,

@@ -24,6 +24,9 @@ class FileFormat:
     readers      by kind (landmarks, shapes, result, dictionary): takes a path, returns the record,
                  or a SourceFile that gives out parts of it. A reader of shapes takes `gaps`, too:
                  whether landmarks may be unknown
+    reader       of a format of ours that holds every dataset: takes a path and a layout, opens a
+                 StoredReader
+    form         of such a format: takes a path, returns the layout that the file says it has
     lister       takes a path, returns a Listing; without one the whole file is read
     writer       takes a path and the layout of the records, gives a RecordWriter in a `with`
     writes       the kinds that it can write
@@ -41,6 +44,8 @@ class FileFormat:
     together: bool = False
     folders: bool = False
     readers: Mapping[str, str] = field(default_factory=dict)
+    reader: str | None = None
+    form: str | None = None
     lister: str | None = None
     writer: str | None = None
     writes: tuple[str, ...] = ()

@@ -18,11 +18,11 @@ from shapefit.io.layout import (
     NOTHING_APPENDED,
     PER_ITEM_FLAG,
     VERSION,
-    Dataset,
     Format,
     stored_name,
 )
 from shapefit.io.options import Summary
+from shapefit.io.stored.arrays import as_stored, storable
 from shapefit.io.whole.atomic import atomic_file
 
 CHUNK_BYTES = 1 << 18
@@ -102,9 +102,9 @@ class Hdf5Writer:
         for dataset in self._form.datasets:
             value = getattr(record, dataset.attribute)
             if value is not None and not dataset.grows:
-                self._whole(dataset.name, _in_file(dataset, value))
+                self._whole(dataset.name, as_stored(dataset, value))
         for name, value in self._extras(record).whole.items():
-            self._whole(name, _storable(value)).attrs[PER_ITEM_FLAG] = False
+            self._whole(name, storable(value)).attrs[PER_ITEM_FLAG] = False
 
     def _finish(self) -> None:
         if self._first is None:
@@ -127,14 +127,14 @@ class Hdf5Writer:
         items as they have rows.
         """
         rows = {
-            dataset.name: _in_file(dataset, getattr(record, dataset.attribute))
+            dataset.name: as_stored(dataset, getattr(record, dataset.attribute))
             for dataset in self._form.growing
             if getattr(record, dataset.attribute) is not None
         }
         whole = set() if self._first is None else set(self._extras(self._first).whole)
         for name, values in self._extras(record).per_item.items():
             if name not in whole:
-                rows[name] = _storable(values)
+                rows[name] = storable(values)
         return rows
 
     def _extras(self, record: Any) -> Extras:
@@ -170,17 +170,6 @@ class Hdf5Writer:
     def _check_spool(self) -> None:
         if self._spool.error:
             raise self._spool.error
-
-
-def _in_file(dataset: Dataset, value: Any) -> Array:
-    """Return a field of a record as it stands in the file: one point per row."""
-    array = np.asarray(value, object) if dataset.kind == "text" else _storable(np.asarray(value))
-    array = array.astype(dataset.stored) if dataset.stored else array
-    return array.swapaxes(-1, -2) if dataset.points else array
-
-
-def _storable(values: Array) -> Array:
-    return values.astype(object) if values.dtype.kind == "U" else values
 
 
 def _file_type(values: Array) -> Any:

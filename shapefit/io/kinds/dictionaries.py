@@ -16,8 +16,8 @@ from shapefit.io.layout import DICTIONARY
 from shapefit.io.writing import record_writer
 
 if TYPE_CHECKING:
-    from shapefit.io.hdf5.checks import Datasets
     from shapefit.io.hdf5.reading import Hdf5Reader
+    from shapefit.io.stored.checks import Datasets
 
 
 def read_dictionary(path: Path) -> Dictionary:
@@ -74,7 +74,7 @@ def _read_prior(reader: Hdf5Reader, fields: dict[str, Any]) -> Mixture | None:
 
 def check_dictionary(reader: Datasets) -> None:
     """Raise InputError for a dictionary with which no fit is possible."""
-    from shapefit.io.hdf5 import checks
+    from shapefit.io.stored import checks
 
     atoms, mean = reader.read("atoms"), reader.read("mean_shape")
     if atoms.size == 0:

@@ -11,12 +11,12 @@ import numpy as np
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.io.duplicates import ItemList, check_unique_items
-from shapefit.io.hdf5 import checks
 from shapefit.io.kinds.dictionaries import check_dictionary
 from shapefit.io.kinds.landmarks import LandmarkSource, one_file
 from shapefit.io.layout import DICTIONARY, LANDMARKS, SHAPES, Format
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.renaming import check_known, renamed
+from shapefit.io.stored import checks
 
 
 class Given:

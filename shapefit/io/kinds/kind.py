@@ -5,18 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal, get_args
 
-import numpy as np
-
 from shapefit.errors import input_error
 from shapefit.io.foreign.opening import open_either
-from shapefit.io.formats import CSV, HDF5, find_format
-from shapefit.io.layout import DICTIONARY, LANDMARKS, RESULTS, SHAPES, Format
+from shapefit.io.formats import CSV, find_format
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.sources import is_stream
+from shapefit.io.stored.opening import stored_form
 
 Kind = Literal["landmarks", "shapes", "result", "dictionary"]
-
-FORMS: dict[str, Format] = {form.name: form for form in (LANDMARKS, SHAPES, RESULTS, DICTIONARY)}
 
 LONGEST_HEADER = 1 << 16
 """Characters of a first line that are looked at: a device may never end it."""
@@ -37,8 +33,8 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
             return known.records[0]  # type: ignore[return-value]
         recording = open_either(known, (path,))
         return "landmarks" if recording.dimensions == 2 else "shapes"
-    if known is HDF5:
-        return hdf5_form(path).kind  # type: ignore[return-value]
+    if known.form is not None:
+        return stored_form(path).kind  # type: ignore[return-value]
     if known is CSV:
         return "shapes" if has_depth(path) else "landmarks"
     kinds: tuple[Kind, ...] = get_args(Kind)
@@ -50,26 +46,3 @@ def has_depth(path: Path) -> bool:
     with path.open(encoding="utf-8", errors="replace") as file:
         columns = file.readline(LONGEST_HEADER).lstrip("\ufeff").strip().split(",")
     return "z" in {column.strip(' "') for column in columns}
-
-
-def hdf5_form(path: Path) -> Format:
-    """Return the layout that an HDF5 file says it has. Raises InputError where it is not ours."""
-    import h5py
-
-    from shapefit.io.hdf5.strangers import stranger
-
-    try:
-        with h5py.File(path, "r") as file:
-            stated = file.attrs.get("format")
-            wrong = stranger(file) if stated is None else None
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
-        found = f"cannot be read ({str(error).partition(chr(10))[0]})"
-        fix = "the file may be cut off or damaged: copy or make it again"
-        raise input_error(path, found, fix) from error
-    if wrong is not None:
-        raise input_error(path, *wrong)
-    name = stated.decode("utf-8", "replace") if isinstance(stated, bytes | np.bytes_) else stated
-    if not isinstance(name, str) or name not in FORMS:
-        found = f"is a {name} file" if isinstance(name, str) else "has a format that is no text"
-        raise input_error(path, found, f"give one of {', '.join(FORMS)}")
-    return FORMS[name]

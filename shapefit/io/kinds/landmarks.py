@@ -22,6 +22,9 @@ from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.records import LandmarkSet
 from shapefit.io.renaming import check_known
 from shapefit.io.sources import source_name
+from shapefit.io.stored.checks import check_confidence, check_named, check_not_infinite
+from shapefit.io.stored.opening import open_stored
+from shapefit.io.stored.reader import StoredReader
 
 Read = Callable[[slice], LandmarkSet]
 Direction = Literal["up", "down"]
@@ -42,12 +45,12 @@ def open_landmarks(
     Everything is checked before the first image is given out. Raises InputError for what is
     wrong with a file, for items that occur twice, and for files that do not go together (other
     units, directions of y, frame rates, or further datasets), and for names of landmarks to rename
-    that no file has. HDF5 is read a chunk at a time, CSV whole. `rows` are those of the one HDF5
-    file that are given out: nothing else of it is read.
+    that no file has. HDF5 and Parquet are read a chunk at a time, all else whole. `rows` are those
+    of the one HDF5 or Parquet file that are given out: nothing else of it is read.
     """
     if rows is not None:
         (path,) = paths
-        files = [hiding(open_hdf5(path, rows), options.likelihood_below)]
+        files = [hiding(open_stored_file(path, rows), options.likelihood_below)]
     else:
         groups = group_inputs(paths, options)
         files = [_open(known, own, options) for known, own in groups]
@@ -182,32 +185,30 @@ def one_file(
     return _File(name, head, len(landmarks), items, opened, y_axis=y_axis)
 
 
-def open_hdf5(path: Path, part: slice | None = None) -> _File:
-    """Open an HDF5 file, or a part of its rows, which is read a chunk at a time."""
-    from shapefit.io.hdf5 import checks as hdf5_checks
-    from shapefit.io.hdf5.reading import Hdf5Reader
+def open_stored_file(path: Path, part: slice | None = None) -> _File:
+    """Open an HDF5 or Parquet file, or a part of its rows, which is read a chunk at a time."""
 
     @contextmanager
     def opened() -> Iterator[Read]:
-        with Hdf5Reader(path, LANDMARKS) as reader:
+        with open_stored(path, LANDMARKS) as reader:
             yield lambda rows: _read_rows(reader, slice(start + rows.start, start + rows.stop))
 
     def items() -> Iterator[tuple[str, ...]]:
-        with Hdf5Reader(path, LANDMARKS) as reader:
+        with open_stored(path, LANDMARKS) as reader:
             yield from reader.read_blocks("item", part)
 
-    with Hdf5Reader(path, LANDMARKS) as reader:
+    with open_stored(path, LANDMARKS) as reader:
         start, stop, _ = (part or slice(None)).indices(reader.count)
-        hdf5_checks.check_named(reader, reader.read_blocks("item", part))
-        hdf5_checks.check_not_infinite(reader, "landmarks", reader.read_blocks("landmarks", part))
+        check_named(reader, reader.read_blocks("item", part))
+        check_not_infinite(reader, "landmarks", reader.read_blocks("landmarks", part))
         if reader.has("confidence"):
-            hdf5_checks.check_confidence(reader, reader.read_blocks("confidence", part))
+            check_confidence(reader, reader.read_blocks("confidence", part))
         head = _read_rows(reader, slice(0))
-        item_list = ItemList(items, lambda row: f"{path}:/item[{start + row}]")
+        item_list = ItemList(items, lambda row: reader.place("item", start + row))
         return _File(str(path), head, stop - start, item_list, opened, y_axis=head.y_axis)
 
 
-def _read_rows(reader: Any, rows: slice) -> LandmarkSet:
+def _read_rows(reader: StoredReader, rows: slice) -> LandmarkSet:
     fields = reader.fields(rows)
     landmarks = fields["landmarks"]
     unseen = np.isnan(landmarks).any(axis=1, keepdims=True)

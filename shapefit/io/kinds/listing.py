@@ -9,14 +9,15 @@ from typing import Any, Literal
 
 from shapefit.errors import input_error
 from shapefit.io.formats import find_format, find_lister
-from shapefit.io.kinds.kind import find_kind, has_depth, hdf5_form
+from shapefit.io.kinds.kind import find_kind, has_depth
 from shapefit.io.kinds.landmarks import open_landmarks
-from shapefit.io.kinds.results import read_results
+from shapefit.io.kinds.results import read_results, read_rows
 from shapefit.io.kinds.shapes import read_shapes
-from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
+from shapefit.io.layout import DICTIONARY, RESULTS, UNKNOWN_UNIT
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
+from shapefit.io.stored.opening import open_stored, stored_form
 
 ListedKind = Literal["result", "shapes", "landmarks"]
 Records = ResultSet | ShapeSet | LandmarkSet
@@ -30,7 +31,7 @@ class Listing:
     """A file of results, shapes or landmarks: n items, and the root attributes.
 
     y_axis is None for shapes; frame_rate as in the records; datasets are the names of all that an
-    HDF5 file holds.
+    HDF5 or Parquet file holds.
     """
 
     path: Path
@@ -93,15 +94,13 @@ def _listing(
     )
 
 
-def list_hdf5(path: Path) -> Listing:
-    """List an HDF5 file of results, shapes or landmarks."""
-    from shapefit.io.hdf5.reading import Hdf5Reader
-
-    form = hdf5_form(path)
-    kind: Any = form.kind
-    if kind == "dictionary":
+def list_stored(path: Path) -> Listing:
+    """List an HDF5 or Parquet file of results, shapes or landmarks."""
+    form = stored_form(path)
+    if form is DICTIONARY:
         raise input_error(path, f"is a {form.name} file", "give results, shapes or landmarks")
-    with Hdf5Reader(path, form) as reader:
+    kind: Any = form.kind
+    with open_stored(path, form) as reader:
         return Listing(
             path=path,
             kind=kind,
@@ -112,7 +111,7 @@ def list_hdf5(path: Path) -> Listing:
             y_axis=None if kind == "shapes" else reader.y_axis,
             frame_rate=reader.frame_rate,
             attributes=reader.attributes,
-            datasets=_datasets(path),
+            datasets=reader.names,
         )
 
 
@@ -134,33 +133,10 @@ def read_chunks(listing: Listing, of_results: Collection[str]) -> Iterator[Recor
 
 
 def _result_chunks(path: Path, wanted: Collection[str]) -> Iterator[ResultSet]:
-    from shapefit.io.hdf5.reading import Hdf5Reader
-
-    with Hdf5Reader(path, RESULTS) as reader:
+    without = [each for each in RESULTS.datasets if not each.required and each.name not in wanted]
+    with open_stored(path, RESULTS) as reader:
         for start in range(0, max(1, reader.count), BLOCK):
-            rows = slice(start, min(start + BLOCK, reader.count))
-            fields = {
-                dataset.attribute: reader.read(
-                    dataset.name, rows if dataset.per_item else slice(None)
-                )
-                for dataset in RESULTS.datasets
-                if dataset.required or dataset.name in wanted
-            }
-            yield ResultSet(
-                **fields,
-                extras=reader.extras(rows),
-                unit=reader.unit,
-                y_axis=reader.y_axis,
-                frame_rate=reader.frame_rate,
-                attributes=reader.attributes,
-            )
-
-
-def _datasets(path: Path) -> frozenset[str]:
-    import h5py
-
-    with h5py.File(path, "r") as file:
-        return frozenset(file)
+            yield read_rows(reader, slice(start, min(start + BLOCK, reader.count)), without)
 
 
 def list_table(path: Path) -> Listing:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,6 +24,9 @@ from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.records import ShapeSet, match_landmarks
 from shapefit.io.renaming import check_known
 from shapefit.io.sources import source_name
+from shapefit.io.stored import checks
+from shapefit.io.stored.opening import open_stored
+from shapefit.io.stored.reader import StoredReader
 from shapefit.io.writing import record_writer
 
 
@@ -52,7 +54,8 @@ def open_shapes(
     the files; where only some files have sequences, those of the others are empty texts.
     Everything is checked before the first shape is given out. Raises InputError for what is wrong
     with a file, for items that occur twice, and for files that do not go together (other
-    landmarks, units, meshes or further datasets). HDF5 is read a chunk at a time, CSV whole.
+    landmarks, units, meshes or further datasets). HDF5 and Parquet are read a chunk at a time,
+    all else whole.
 
     With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where it is in
     one, and may lack its row in CSV. Without, that is wrong. `rename` as in `open_landmarks`.
@@ -137,40 +140,38 @@ def _open(known: FileFormat, paths: tuple[Path, ...], options: InputOptions, gap
     )
 
 
-def open_hdf5(path: Path, *, gaps: bool) -> _File:
-    """Open an HDF5 file, which is read a chunk at a time."""
-    from shapefit.io.hdf5 import checks as hdf5_checks
-    from shapefit.io.hdf5.reading import Hdf5Reader
+def open_stored_file(path: Path, *, gaps: bool) -> _File:
+    """Open an HDF5 or Parquet file, which is read a chunk at a time."""
 
     @contextmanager
     def opened() -> Iterator[Callable[[slice], ShapeSet]]:
-        with Hdf5Reader(path, SHAPES) as reader:
+        with open_stored(path, SHAPES) as reader:
             yield lambda rows: _read_rows(reader, rows)
 
     def texts(name: str) -> Iterator[tuple[str, ...]]:
-        with Hdf5Reader(path, SHAPES) as reader:
+        with open_stored(path, SHAPES) as reader:
             yield from reader.read_blocks(name)
 
-    with Hdf5Reader(path, SHAPES) as reader:
-        hdf5_checks.check_named(reader, reader.read_blocks("item"))
-        check_known = hdf5_checks.check_finite_or_gap if gaps else hdf5_checks.check_finite
-        check_known(reader, "shapes", reader.read_blocks("shapes"))
+    with open_stored(path, SHAPES) as reader:
+        checks.check_named(reader, reader.read_blocks("item"))
+        check_points = checks.check_finite_or_gap if gaps else checks.check_finite
+        check_points(reader, "shapes", reader.read_blocks("shapes"))
         if reader.has("mesh_vertices"):
-            hdf5_checks.check_finite(reader, "mesh_vertices", reader.read_blocks("mesh_vertices"))
-        hdf5_checks.check_indices(reader, "edges", "p")
-        hdf5_checks.check_indices(reader, "mesh_faces", "q")
+            checks.check_finite(reader, "mesh_vertices", reader.read_blocks("mesh_vertices"))
+        checks.check_indices(reader, "edges", "p")
+        checks.check_indices(reader, "mesh_faces", "q")
         return _File(
             str(path),
             _read_rows(reader, slice(0)),
             reader.count,
-            ItemList(lambda: texts("item"), lambda row: f"{path}:/item[{row}]"),
+            ItemList(lambda: texts("item"), lambda row: reader.place("item", row)),
             opened,
             (),
             lambda: texts("sequence"),
         )
 
 
-def _read_rows(reader: Any, rows: slice) -> ShapeSet:
+def _read_rows(reader: StoredReader, rows: slice) -> ShapeSet:
     fields = reader.fields(rows)
     unknown = np.isnan(fields["shapes"]).any(axis=1, keepdims=True)
     fields["shapes"] = np.where(unknown, np.nan, fields["shapes"])

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from shapefit.io.hdf5.reading import Hdf5Reader
 from shapefit.io.layout import RESULTS
 from shapefit.io.spilled.equal_names import Equal, find_equal_names
+from shapefit.io.stored.opening import open_stored
 
 
 def find_equal(parts: Sequence[Path]) -> Equal:
@@ -19,5 +19,5 @@ def find_equal(parts: Sequence[Path]) -> Equal:
 
 
 def _items(part: Path) -> Iterator[Sequence[str]]:
-    with Hdf5Reader(part, RESULTS) as reader:
+    with open_stored(part, RESULTS) as reader:
         yield from reader.read_blocks("item")

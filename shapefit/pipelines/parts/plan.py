@@ -1,4 +1,4 @@
-"""Which parts a fit has: files, or row ranges of large HDF5 files."""
+"""Which parts a fit has: files, or row ranges of large HDF5 and Parquet files."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from shapefit.core import STRETCH
 from shapefit.errors import InputError, input_error
 from shapefit.io import open_landmarks
 from shapefit.io.foreign.opening import group_inputs
-from shapefit.io.formats import HDF5
+from shapefit.io.formats import FORMATS, HDF5
 from shapefit.io.layout import LANDMARKS
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import is_stream
+from shapefit.io.stored.opening import open_stored
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit import run as single
 from shapefit.pipelines.reading import input_options
@@ -29,27 +30,29 @@ class Part:
 
     number    counts the parts of a run, from 0
     inputs    the file, or the files that are one recording
-    rows      of the one HDF5 file: from the first to before the second; None for all of it
+    rows      of the one HDF5 or Parquet file: from the first to before the second; None for all
     state     size and time of change of the inputs, by which a changed file is known
+    suffix    of the result
     """
 
     number: int
     inputs: tuple[Path, ...]
     rows: tuple[int, int] | None
     state: tuple[tuple[int, int], ...]
+    suffix: str = HDF5.suffixes[0]
 
     @property
     def file(self) -> str:
         """Name of its result."""
-        return f"part-{self.number:05}.h5"
+        return f"part-{self.number:05}{self.suffix}"
 
 
 def plan_parts(config: FitConfig) -> list[Part]:
     """Return the parts of a fit, in the order of the inputs.
 
-    A large HDF5 file is cut where no result changes: after whole stretches of images, which start
-    from one another's solutions, and between sequences where those are lifted whole. Raises
-    InputError for standard input, and for sequences over two files.
+    A large HDF5 or Parquet file is cut where no result changes: after whole stretches of images,
+    which start from one another's solutions, and between sequences where those are lifted whole.
+    Raises InputError for standard input, and for sequences over two files.
     """
     if any(map(is_stream, config.landmarks)):
         found = "standard input cannot be divided into parts"
@@ -57,11 +60,12 @@ def plan_parts(config: FitConfig) -> list[Part]:
     whole = METHODS[config.method].sequences
     parts: list[Part] = []
     holders: dict[str, Path] = {}
+    suffix = FORMATS[config.part_format].suffixes[0]
     options = input_options(config.input, single.default_track(config))
     for known, paths in group_inputs(config.landmarks, options):
         state = tuple((each.st_size, each.st_mtime_ns) for each in map(Path.stat, paths))
         rows: list[tuple[int, int] | None] = [None]
-        if known is HDF5 and _is_readable(paths[0]):
+        if known.reader is not None and _is_readable(paths[0]):
             if whole:
                 rows = _between_sequences(paths[0], config.partition, holders)
             else:
@@ -70,28 +74,45 @@ def plan_parts(config: FitConfig) -> list[Part]:
             for name in _named_sequences(paths, options):
                 _hold(name, paths[0], holders)
         parts += [
-            Part(number, paths, each, state) for number, each in enumerate(rows, start=len(parts))
+            Part(number, paths, each, state, suffix)
+            for number, each in enumerate(rows, start=len(parts))
         ]
     return parts
 
 
 def _is_readable(path: Path) -> bool:
     """Whether a file can be divided; whoever does a part of one that cannot reports why."""
-    from shapefit.io.hdf5.reading import Hdf5Reader
-
     try:
-        with Hdf5Reader(path, LANDMARKS):
+        with open_stored(path, LANDMARKS):
             return True
     except InputError:
         return False
 
 
 def _between_stretches(path: Path, size: int) -> list[tuple[int, int] | None]:
-    count = _count(path)
-    size = -(-size // STRETCH) * STRETCH
-    if count <= size:
+    """Return row ranges of `size` images or more; where there are row groups, best of whole ones.
+
+    Between groups there is a part of up to twice that size rather than one that begins in the
+    middle of a group, which is decoded from its start.
+    """
+    with open_stored(path, LANDMARKS) as reader:
+        count, groups = reader.count, reader.groups
+    size = _whole_stretches(size)
+    cuts = [_whole_stretches(first) for first in groups]
+    rows: list[tuple[int, int] | None] = []
+    start = 0
+    while count - start > size:
+        near = (cut for cut in cuts if start + size <= cut <= start + 2 * size)
+        stop = min(next(near, start + size), count)
+        rows.append((start, stop))
+        start = stop
+    if not rows:
         return [None]
-    return [(start, min(start + size, count)) for start in range(0, count, size)]
+    return [*rows, (start, count)] if start < count else rows
+
+
+def _whole_stretches(images: int) -> int:
+    return -(-images // STRETCH) * STRETCH
 
 
 def _between_sequences(
@@ -134,9 +155,7 @@ def _named_sequences(paths: tuple[Path, ...], options: InputOptions) -> Iterator
 
 def _sequence_starts(path: Path) -> Iterator[tuple[str, int]]:
     """Yield the name and the first row of every run of images of one sequence."""
-    from shapefit.io.hdf5.reading import Hdf5Reader
-
-    with Hdf5Reader(path, LANDMARKS) as reader:
+    with open_stored(path, LANDMARKS) as reader:
         row, last = 0, None
         blocks: Iterator[Sequence[str]] = (
             reader.read_blocks("sequence") if reader.has("sequence") else iter(())
@@ -149,7 +168,5 @@ def _sequence_starts(path: Path) -> Iterator[tuple[str, int]]:
 
 
 def _count(path: Path) -> int:
-    from shapefit.io.hdf5.reading import Hdf5Reader
-
-    with Hdf5Reader(path, LANDMARKS) as reader:
+    with open_stored(path, LANDMARKS) as reader:
         return reader.count

@@ -10,11 +10,15 @@ import json
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import get_args
 
 from shapefit.config import FitConfig
+from shapefit.config.commands.fit import PartFormat
 from shapefit.config.paths import MANIFEST
 from shapefit.errors import abbreviate, counted, input_error, printable
 from shapefit.io import digest
+from shapefit.io.formats import FORMATS, find_writer
+from shapefit.io.layout import RESULTS
 from shapefit.pipelines.fit import run as single
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
 from shapefit.pipelines.parts.cluster import (
@@ -71,7 +75,8 @@ def wants_cluster_only(config: FitConfig) -> bool:
 
 
 def check_parts(config: FitConfig) -> None:
-    """Raise InputError for what cannot be done part by part."""
+    """Raise InputError for what cannot be done part by part, and for a library that is missing."""
+    find_writer(config.output, RESULTS.kind, config.part_format)
     for key in ("export", "pictures"):
         if getattr(config, key).folder is not None:
             fix = "leave it out, and fit the images to be shown once more into a file"
@@ -214,6 +219,7 @@ def _drop_stale(parts: Sequence[Part], manifest: Manifest) -> None:
 def _remove_stale(folder: Path, parts: Sequence[Part]) -> None:
     """Remove the results of an earlier run that this one does not have."""
     own = {part.file for part in parts}
-    for path in folder.glob("part-*.h5"):
-        if path.name not in own:
-            path.unlink()
+    for name in get_args(PartFormat):
+        for path in folder.glob(f"part-*{FORMATS[name].suffixes[0]}"):
+            if path.name not in own:
+                path.unlink()

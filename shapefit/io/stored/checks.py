@@ -1,4 +1,4 @@
-"""Checks of the values in an HDF5 file: finite, not negative, indices in range, named items."""
+"""Checks of the values in a file: finite, not negative, indices in range, named items."""
 
 from __future__ import annotations
 

@@ -1,0 +1,106 @@
+"""Which columns a dataset of a record becomes, and what is said of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from math import prod
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from shapefit.errors import input_error
+from shapefit.io.extras import Array, Extras, names_apart
+from shapefit.io.layout import Dataset, Format
+from shapefit.io.parquet.columns import to_column, to_ragged_column
+from shapefit.io.parquet.library import pyarrow
+from shapefit.io.stored.arrays import as_stored, storable
+
+COORDINATES = ("x", "y", "z")
+"""Columns of the landmarks of an image, or of its shape: a list each, one number per landmark."""
+
+SHAPE, NAME, COMPLEX = "shape", "dataset", "complex"
+"""Metadata of a column: the shape of a row, as JSON, where it has several axes; the name of the
+dataset, where the column could not have it; the type of complex numbers, which are stored as pairs.
+"""
+
+TEXT_BYTES = 32
+"""That a text counts for, whatever it is: row groups do not depend on how the items are called."""
+
+
+class Column(NamedTuple):
+    """A column to be written: its field, its values, and the bytes of a row before compression."""
+
+    field: Any
+    values: Any
+    row_bytes: int
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it holds a text per item."""
+        return bool(pyarrow.types.is_string(self.field.type))
+
+
+def main_points(form: Format) -> Dataset:
+    """Return the dataset that becomes the columns of coordinates."""
+    return next(known for known in form.datasets if known.required and known.points)
+
+
+def columns_of(dataset: Dataset, form: Format) -> tuple[str, ...]:
+    """Return the names of the columns that hold a dataset of the layout."""
+    if dataset != main_points(form):
+        return (dataset.name,)
+    return COORDINATES[: int(dataset.axes[-1])]
+
+
+def further_names(names: Iterator[str], form: Format) -> dict[str, str]:
+    """Return the column of each further dataset: x, y and z are taken."""
+    return names_apart(names, {*form.names, *COORDINATES})
+
+
+def to_columns(record: Any, extras: Extras, form: Format) -> Iterator[Column]:
+    """Yield all that a record has for each of its items, as columns."""
+    for dataset in form.growing:
+        value = getattr(record, dataset.attribute)
+        if value is None:
+            continue
+        values = as_stored(dataset, value)
+        names = columns_of(dataset, form)
+        if dataset.counted_by:
+            counts = next(each for each in form.datasets if each.name == dataset.counted_by)
+            numbers = getattr(record, counts.attribute)
+            yield _column(dataset.name, values, to_ragged_column(values, numbers))
+        elif len(names) > 1:
+            for axis, name in enumerate(names):
+                yield _column(name, values[..., axis])
+        else:
+            yield _column(dataset.name, values)
+    columns = further_names(iter(extras.per_item), form)
+    for name, values in extras.per_item.items():
+        metadata = {} if columns[name] == name else {NAME: name}
+        stored = storable(values)
+        if stored.dtype.kind == "c":
+            metadata[COMPLEX] = stored.dtype.newbyteorder("=").name
+            stored = np.stack([stored.real, stored.imag], axis=-1)
+        if stored.dtype.kind == "f" and stored.dtype.itemsize > np.dtype(float).itemsize:
+            found = f"the dataset {name} has numbers of {8 * stored.dtype.itemsize} bits"
+            raise input_error("Parquet", found, "store them as float64, or write HDF5")
+        yield _column(columns[name], stored, metadata=metadata)
+
+
+def _column(
+    name: str, values: Array, column: Any = None, metadata: dict[str, str] | None = None
+) -> Column:
+    row = values.shape[1:]
+    said = dict(metadata or {})
+    if len(row) > 1:
+        said[SHAPE] = json.dumps(row)
+    column = to_column(values) if column is None else column
+    each = TEXT_BYTES if values.dtype.kind == "O" else values.itemsize
+    return Column(pyarrow.field(name, column.type, metadata=said or None), column, prod(row) * each)
+
+
+def said_of(field: Any, key: str) -> str | None:
+    """Return what the metadata of a column says."""
+    said = (field.metadata or {}).get(key.encode())
+    return None if said is None else said.decode("utf-8", "replace")

@@ -1,0 +1,148 @@
+"""Write records to a Parquet file in row groups."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from io import FileIO
+from pathlib import Path
+from typing import Any
+
+from shapefit.errors import input_error
+from shapefit.io.extras import Extras
+from shapefit.io.layout import NOTHING_APPENDED, Format
+from shapefit.io.options import Summary
+from shapefit.io.parquet.library import pyarrow
+from shapefit.io.parquet.metadata import attribute_metadata, file_metadata
+from shapefit.io.parquet.schema import Column, to_columns
+from shapefit.io.sources import is_stream
+from shapefit.io.whole.atomic import atomic_file, write_all
+
+GROUP_BYTES = 1 << 25
+"""Of the rows of a group, before compression: what a reader has of it in memory."""
+
+STEP, MOST_ROWS = 64, 1 << 17
+"""A group has a multiple of STEP rows, so that a fit can be divided between groups."""
+
+COMPRESSION = "zstd"
+
+
+@contextmanager
+def parquet_output(target: Path, form: Format) -> Iterator[ParquetWriter]:
+    """Give a writer to a file that appears on a clean exit."""
+    if is_stream(target):
+        found = "files of this format cannot go to standard output"
+        raise input_error("output", found, "name a file")
+    with atomic_file(target) as file:
+        sink = _Sink(file)
+        writer = ParquetWriter(sink, form)
+        try:
+            yield writer
+            writer.finish()
+        except BaseException:
+            sink.open = False
+            with suppress(Exception):
+                writer.close()
+            raise
+
+
+class _Sink:
+    """What pyarrow writes to: the file, until it is not `open` any more."""
+
+    closed = False
+
+    def __init__(self, file: FileIO) -> None:
+        self._file = file
+        self.open = True
+
+    def write(self, data: Any) -> int:
+        """Write every byte."""
+        if self.open:
+            write_all(self._file, memoryview(data).cast("B"))
+        return len(data)
+
+    def flush(self) -> None:
+        """Do nothing: the file is unbuffered."""
+
+    def close(self) -> None:
+        """Do nothing: whoever opened the file closes it."""
+
+
+class ParquetWriter:
+    """Appends records of one layout to a Parquet file.
+
+    What is not per item comes from the first record. `attributes` are added to the metadata at the
+    end; records that have attributes add theirs. The file depends on what is written, and not on
+    how it is divided into records.
+    """
+
+    def __init__(self, sink: _Sink, form: Format) -> None:
+        self.attributes: dict[str, str | float | int] = {}
+        self.summary = Summary()
+        self._sink = sink
+        self._form = form
+        self._first: Any = None
+        self._whole = Extras()
+        self._writer: Any = None
+        self._waiting: list[Any] = []
+
+    def append(self, record: Any) -> None:
+        """Write the items of a record after those that are there.
+
+        Raises ValueError where its landmarks or datasets are not those of the first record.
+        """
+        extras = record.extras.apart_from(self._form.names)
+        if self._first is None:
+            self._first = record.take(slice(0))
+            self._whole = Extras(whole=extras.whole)
+        by_chance = self._whole.keys() & extras.per_item  # as many rows as this chunk has items
+        per_item = {k: values for k, values in extras.per_item.items() if k not in by_chance}
+        columns = list(to_columns(record, Extras(per_item), self._form))
+        if self._writer is None:
+            self._begin(columns)
+        if [column.field.name for column in columns] != self._schema.names:
+            raise ValueError("the datasets of this record are not those of the first")
+        if record.landmark_names != self._first.landmark_names:
+            raise ValueError("the landmarks of this record are not those of the first")
+        arrays = [column.values for column in columns]
+        self._waiting.append(pyarrow.Table.from_arrays(arrays, schema=self._schema))
+        while sum(map(len, self._waiting)) >= self._group:
+            self._write(self._group)
+        self.attributes.update(getattr(record, "attributes", {}))
+
+    def finish(self) -> None:
+        """Write what waits, and the metadata. Raises ValueError where nothing was appended."""
+        if self._writer is None:
+            raise ValueError(NOTHING_APPENDED)
+        rest = sum(map(len, self._waiting))
+        if rest:
+            self._write(rest)
+        self._writer.add_key_value_metadata(attribute_metadata(self.attributes))
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._writer is not None:
+            self._writer.close()
+
+    def _begin(self, columns: list[Column]) -> None:
+        said = file_metadata(self._form, self._first, self._whole)
+        self._schema = pyarrow.schema([column.field for column in columns], said)
+        row_bytes = max(sum(column.row_bytes for column in columns), 1)
+        self._group = min(max(GROUP_BYTES // row_bytes // STEP, 1) * STEP, MOST_ROWS)
+        plain = [c.field.name for c in columns if not pyarrow.types.is_nested(c.field.type)]
+        texts = [column.field.name for column in columns if column.is_text]
+        self._writer = pyarrow.parquet.ParquetWriter(
+            self._sink,
+            self._schema,
+            compression=COMPRESSION,
+            use_dictionary=[name for name in texts if name != "item"],
+            write_statistics=plain,
+        )
+
+    def _write(self, rows: int) -> None:
+        table = pyarrow.concat_tables(self._waiting)
+        one = table.slice(0, rows).combine_chunks()  # pages end where the pieces of a table end
+        self._writer.write_table(one, row_group_size=rows)
+        rest = table.slice(rows)
+        self._waiting = [rest] if len(rest) else []
