@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import tracemalloc
 from dataclasses import replace
@@ -210,8 +209,6 @@ def test_memory_does_not_grow_with_the_number_of_parts(desk, results, truth, mon
     rows = np.resize(np.arange(50, COUNT), 800)  # of which none failed: failures are listed
     results, truth = results.take(rows), truth.take(rows)
 
-    thresholds = gc.get_threshold()
-
     def peak(count: int) -> int:
         """Bytes of an evaluation of the same part so many times, under other names."""
         parts, true = [], []
@@ -220,16 +217,13 @@ def test_memory_does_not_grow_with_the_number_of_parts(desk, results, truth, mon
             parts.append(desk.write(f"part{n}.h5", replace(results, items=items)))
             true.append(desk.folder / f"truth{n}.h5")
             write_shapes(true[-1], replace(truth, items=items))
-        gc.collect()
-        gc.set_threshold(200, 2, 2)  # cycles that hold arrays are to go at once
         tracemalloc.start()
         try:
             desk.run(results={"m": parts}, truth=true, view=False, metrics=("similarity",))
             return tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()
-            gc.set_threshold(*thresholds)
 
     peak(1)  # what is imported and remembered for good
     few, many = peak(2), peak(6)
-    assert many < few + 4 * 100_000  # what is read of a part takes 600 kB
+    assert many < few + 4 * 60_000  # what is read of a part takes 600 kB
