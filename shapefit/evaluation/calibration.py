@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.evaluation.metric_table import SHARE
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, placed_apart, visible_in_both
-from shapefit.evaluation.summary import ImageErrors
+from shapefit.evaluation.summary import group_sequences
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +24,12 @@ QUANTILE = 6.251388631170325
 
 INSIDE = f"inside_{100 * WIDTH_OF:.0f}"
 """What the share of an image is called."""
+
+CURVE = tuple(np.linspace(0, 1, 41).tolist())
+"""Nominal levels at which the share of all landmarks is drawn."""
+
+TOGETHER = 1 << 15
+"""Images whose error bars are added up together."""
 
 SMALLEST = 1e-12
 """Share of a variance that is left where correlations leave none."""
@@ -47,6 +52,16 @@ class ErrorBars:
     level: Floats
     width: Mapping[str, Floats]
     parallel: bool
+
+    def take(self, rows: slice) -> ErrorBars:
+        """Return those of some images."""
+        return replace(
+            self,
+            items=self.items[rows],
+            sequences=self.sequences[rows],
+            level=self.level[rows],
+            width={unit: values[rows] for unit, values in self.width.items()},
+        )
 
 
 @dataclass(frozen=True)
@@ -112,42 +127,98 @@ def cumulative(square: Floats) -> Floats:
     return level
 
 
-def inside(level: Floats, nominal: Sequence[float]) -> tuple[float, ...]:
-    """Share of the levels, nan left out, within each nominal one; nan where there are none."""
-    known = level[~np.isnan(level)]
-    if not len(known):
-        return (float("nan"),) * len(nominal)
-    return tuple(float((known <= each).mean()) for each in nominal)
+class Coverages:
+    """Adds up how the truth lies in the error bars of one method, group by group.
+
+    parallel: whether those of any file are.
+
+    Images are added up some thousand at a time, wherever one file ends and the next begins, so that
+    results divided into files have the same sums to the last bit.
+    """
+
+    def __init__(self, groups: Mapping[str, str]) -> None:
+        """Take the groups, name -> glob, as `group_sequences` does."""
+        self.parallel = False
+        self._groups = groups
+        self._waiting: list[ErrorBars] = []
+        self._sums: dict[str, dict[str | None, _Sums]] = {}
+        self._curves: dict[str, NDArray[np.int64]] = {}
+
+    def add(self, bars: ErrorBars) -> None:
+        """Add the images of a file."""
+        self.parallel |= bars.parallel
+        self._waiting.append(bars)
+        while sum(len(each.items) for each in self._waiting) >= TOGETHER:
+            joined = join(self._waiting)
+            self._waiting = [joined.take(slice(TOGETHER, None))]
+            self._add_up(joined.take(slice(TOGETHER)))
+
+    def cover(self, method: str, grouping: Mapping[str, Sequence[str]]) -> list[Coverage]:
+        """Sum up each group: all its landmarks, then one by one; groups without any are left out.
+
+        The groups are those of `grouping`, in its order.
+        """
+        if self._waiting:
+            self._add_up(join(self._waiting))
+            self._waiting = []
+        return [
+            sums.coverage(method, group, name)
+            for group in grouping
+            for name, sums in self._sums.get(group, {}).items()
+            if self._sums[group][None].judged
+        ]
+
+    def curve(self, group: str) -> list[float]:
+        """Share of the truth of a group inside the ellipsoid of each level of `CURVE`."""
+        return [int(count) / self._sums[group][None].judged for count in self._curves[group]]
+
+    def _add_up(self, bars: ErrorBars) -> None:
+        for group, members in group_sequences(self._groups, filter(None, bars.sequences)).items():
+            rows = of_sequences(bars, members)
+            if not rows.any():
+                continue
+            level = bars.level[rows]
+            width = {unit: values[rows] for unit, values in bars.width.items()}
+            sums = self._sums.setdefault(group, {})
+            columns: list[tuple[str | None, slice]] = [(None, slice(None))]
+            columns += [(name, slice(j, j + 1)) for j, name in enumerate(bars.landmarks)]
+            for name, column in columns:
+                own = {unit: values[:, column] for unit, values in width.items()}
+                sums.setdefault(name, _Sums()).add(level[:, column], own)
+            counts = np.array([(level <= nominal).sum() for nominal in CURVE])
+            self._curves[group] = self._curves.get(group, 0) + counts
 
 
-def cover(bars: ErrorBars, grouping: Mapping[str, Sequence[str]]) -> list[Coverage]:
-    """Sum up each group: all its landmarks, then one by one; groups without any are left out."""
-    found = []
-    for group, members in grouping.items():
-        rows = of_sequences(bars, members)
-        level = bars.level[rows]
-        if np.isnan(level).all():
-            continue
-        columns: list[tuple[str | None, slice]] = [(None, slice(None))]
-        columns += [(name, slice(j, j + 1)) for j, name in enumerate(bars.landmarks)]
-        for name, column in columns:
-            judged = ~np.isnan(level[:, column])
-            width = {
-                unit: float(values[rows][:, column][judged].mean()) if judged.any() else np.nan
-                for unit, values in bars.width.items()
-            }
-            shares = inside(level[:, column], LEVELS)
-            found.append(Coverage(bars.method, group, name, int(judged.sum()), shares, width))
-    return found
+@dataclass
+class _Sums:
+    """Landmarks that were judged, those inside each of `LEVELS`, and their widths, added up."""
+
+    judged: int = 0
+    inside: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(LEVELS), np.int64))
+    width: dict[str, float] = field(default_factory=dict)
+
+    def add(self, level: Floats, width: Mapping[str, Floats]) -> None:
+        judged = ~np.isnan(level)
+        self.judged += int(judged.sum())
+        self.inside += [int((level <= nominal).sum()) for nominal in LEVELS]
+        for unit, values in width.items():
+            self.width[unit] = self.width.get(unit, 0.0) + float(values[judged].sum())
+
+    def coverage(self, method: str, group: str, landmark: str | None) -> Coverage:
+        n = self.judged
+        shares = tuple(int(count) / n if n else float("nan") for count in self.inside)
+        width = {unit: total / n if n else float("nan") for unit, total in self.width.items()}
+        return Coverage(method, group, landmark, n, shares, width)
 
 
-def image_shares(bars: ErrorBars) -> ImageErrors:
-    """Share of the landmarks of each image inside the 90% ellipsoids, where any can be judged."""
+def image_shares(bars: ErrorBars) -> tuple[NDArray[np.intp], Floats]:
+    """Images of which a landmark can be judged, and the share of these inside the 90% ellipsoids.
+
+    Returns rows (m,) and shares (m,).
+    """
     judged = ~np.isnan(bars.level)
     rows = np.flatnonzero(judged.any(axis=1))
-    within = (bars.level[rows] <= WIDTH_OF).sum(axis=1) / judged[rows].sum(axis=1)
-    items, sequences = (tuple(names[row] for row in rows) for names in (bars.items, bars.sequences))
-    return ImageErrors(bars.method, INSIDE, SHARE, items, sequences, within)
+    return rows, (bars.level[rows] <= WIDTH_OF).sum(axis=1) / judged[rows].sum(axis=1)
 
 
 def of_sequences(bars: ErrorBars, members: Sequence[str]) -> NDArray[np.bool_]:

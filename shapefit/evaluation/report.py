@@ -22,7 +22,8 @@ PUBLISHED = ("similarity", NORMALISED)
 class Method:
     """One method that was judged: where its results lie, how many images, and which failed.
 
-    `failures` maps an item to the reason; `solving` sums up how the fit went.
+    `failures` maps an item to the reason; `unlisted` images failed, too, beyond those that are
+    listed; `solving` sums up how the fit went.
     """
 
     name: str
@@ -30,6 +31,12 @@ class Method:
     images: int
     failures: Mapping[str, str]
     solving: Solving = field(default_factory=Solving)
+    unlisted: int = 0
+
+    @property
+    def failed(self) -> int:
+        """Number of images that failed."""
+        return len(self.failures) + self.unlisted
 
 
 @dataclass(frozen=True)

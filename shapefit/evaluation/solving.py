@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.convex.solution import Status
+from shapefit.evaluation.statistics.samples import Floats, Sample, Sliced, mean, slices
 from shapefit.geometry.normalisation import LARGEST
-
-Floats = NDArray[np.float64]
 
 SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)
 """Words of the images that the method finished within its tolerance."""
@@ -20,14 +19,15 @@ SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)
 
 @dataclass(frozen=True)
 class Run:
-    """What one result file says about the fit of its n images, None where it says nothing.
+    """What the result files of a method say about the fit of n images, None where one says nothing.
 
-    objective (n), nan where an image failed; status (n) of texts; seconds for all images.
+    objective (n), nan where an image failed; solved, how many are optimal or converged; seconds for
+    all images.
     """
 
     images: int
-    objective: Floats | None = None
-    status: NDArray[Any] | None = None
+    objective: Sliced | None = None
+    solved: int | None = None
     seconds: float | None = None
 
 
@@ -49,17 +49,27 @@ class Solving:
         return 1000 / self.milliseconds if self.milliseconds else None
 
 
-def sum_up(runs: Sequence[Run]) -> Solving:
-    """Sum up the files of one method; each image weighs the same."""
-    images = sum(run.images for run in runs)
-    objectives = [run.objective for run in runs if run.objective is not None]
-    statuses = [run.status for run in runs if run.status is not None]
-    seconds = [run.seconds for run in runs if run.seconds is not None]
-    known = np.concatenate(objectives) if len(objectives) == len(runs) else np.empty(0)
-    known = known[np.abs(known) <= LARGEST]
-    solved = [np.isin(np.asarray(status, dtype=str), SOLVED).sum() for status in statuses]
+def count_solved(status: NDArray[Any]) -> int:
+    """Count the images that are optimal or converged, by their words."""
+    return int(np.isin(np.asarray(status, dtype=str), SOLVED).sum())
+
+
+def sum_up(run: Run) -> Solving:
+    """Sum up a method; each image weighs the same."""
     return Solving(
-        mean_objective=float(known.mean()) if len(known) else None,
-        milliseconds=1000 * sum(seconds) / images if len(seconds) == len(runs) else None,
-        solved=float(sum(solved) / images) if len(statuses) == len(runs) else None,
+        mean_objective=None if run.objective is None else _mean(run.objective),
+        milliseconds=None if run.seconds is None else 1000 * run.seconds / run.images,
+        solved=None if run.solved is None else run.solved / run.images,
     )
+
+
+def _mean(objective: Sliced) -> float | None:
+    """Mean of the objectives that are known."""
+
+    def blocks() -> Iterator[Floats]:
+        for rows in slices(len(objective)):
+            block = objective[rows]
+            yield block[np.abs(block) <= LARGEST]
+
+    count = sum(map(len, blocks()))
+    return mean(Sample(count, blocks)) if count else None

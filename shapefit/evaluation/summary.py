@@ -3,31 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from shapefit.evaluation.statistics.labels import Labels, by_name, labels_of
+from shapefit.evaluation.statistics.samples import Sample, Sliced, mean, median, percentiles
 
 ALL = "all"
 """Name of the one group, and of the one sequence, where none are named."""
+
+
+class Names(Protocol):
+    """Names (n) that are read by slices: a tuple, or a column in a file."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, rows: slice, /) -> Sequence[str]: ...
 
 
 @dataclass(frozen=True)
 class ImageErrors:
     """Errors of one method in one metric and unit, one per image; nan = failed.
 
-    items and sequences (n), values (n,).
+    items and sequences (n), values (n,), all read by slices, so that they need not be in memory;
+    plausibility (n,) where the method has it, nan where it has none of an image.
     """
 
     method: str
     metric: str
     unit: str
-    items: tuple[str, ...]
-    sequences: tuple[str, ...]
-    values: Floats
+    items: Names
+    sequences: Labels
+    values: Sliced
+    plausibility: Sliced | None = None
+
+    def __post_init__(self) -> None:
+        """Take the sequences as a tuple, too."""
+        if not isinstance(self.sequences, Labels):
+            object.__setattr__(self, "sequences", labels_of(self.sequences))
 
 
 @dataclass(frozen=True)
@@ -73,28 +89,23 @@ def summarise(errors: ImageErrors, grouping: Mapping[str, Sequence[str]]) -> lis
 
     A sequence or group of which the errors have no image at all is left out.
     """
-    names, codes = np.unique(np.array(errors.sequences, dtype=object), return_inverse=True)
-    starts = np.searchsorted(np.sort(codes), np.arange(1, len(names)))
-    values = np.split(errors.values[np.argsort(codes, kind="stable")], starts)
-    by_sequence = dict(zip(names, values, strict=True))
+    by_sequence = {
+        name: _sequence(errors, name, count, sample)
+        for name, count, sample in by_name(errors.values, errors.sequences)
+    }
     summaries = []
     for group, members in grouping.items():
-        rows = [_sequence(errors, group, s, by_sequence[s]) for s in members if s in by_sequence]
+        rows = [replace(by_sequence[s], group=group) for s in members if s in by_sequence]
         if rows:
             summaries += [_group(errors, group, rows), *rows]
     return summaries
 
 
-def _sequence(errors: ImageErrors, group: str, sequence: str, values: Floats) -> Summary:
-    known = values[~np.isnan(values)]
-    statistics = (
-        (known.mean(), np.median(known), np.percentile(known, 90))
-        if len(known)
-        else (np.nan, np.nan, np.nan)
-    )
-    counts = (len(known), len(values) - len(known))
-    labels = (errors.method, errors.metric, errors.unit, group, sequence)
-    return Summary(*labels, *counts, *map(float, statistics))
+def _sequence(errors: ImageErrors, sequence: str, count: int, known: Sample) -> Summary:
+    """Sum up a sequence of so many images; its group is not known yet."""
+    labels = (errors.method, errors.metric, errors.unit, "", sequence)
+    counts = (known.count, count - known.count)
+    return Summary(*labels, *counts, mean(known), median(known), *percentiles(known, (90,)))
 
 
 def _group(errors: ImageErrors, group: str, rows: Sequence[Summary]) -> Summary:

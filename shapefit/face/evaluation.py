@@ -80,7 +80,7 @@ def evaluate(
         true = type(true)(**{**vars(true), "items": record.items})
     record, messages = visible_enough(Path("result"), record, config.least_visible)
     judged = judge(Path("result"), record, true, config.match, config.metrics)
-    errors = image_errors("result", [judged])
+    errors = image_errors("result", judged)
     grouping, ungrouped = find_grouping(config.groups, errors)
     for message in (*messages, *judged.warnings, *ungrouped):
         warnings.warn(message, stacklevel=2)

@@ -7,11 +7,16 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from typing import Any, Generic, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.io.duplicates import ItemList, check_unique_items
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, concatenate
 from shapefit.io.renaming import renamed
+from shapefit.io.spilled.columns import stretches
 
 Record = TypeVar("Record", ShapeSet, LandmarkSet, ResultSet)
 
@@ -97,6 +102,25 @@ class ChunkedSource(ABC, Generic[Record, File]):
         chunks = self._read_files(size)
         self._running.append(chunks)
         return chunks
+
+    def names(self) -> Iterator[Sequence[str]]:
+        """Read the items, block by block."""
+        return chain.from_iterable(file.items.blocks() for file in self._files)
+
+    def take(self, rows: NDArray[np.intp]) -> Record:
+        """Return the items of these rows, which ascend, none twice; near ones are read together."""
+        parts: list[Record] = []
+        starts = np.cumsum([0, *(file.count for file in self._files)])
+        numbers = np.searchsorted(starts, rows, "right") - 1
+        for number in np.unique(numbers).tolist():
+            file, own = self._files[number], rows[numbers == number] - starts[number]
+            with file.open() as read:
+                for near in (own[part] for part in stretches(own)):
+                    first, last = int(near[0]), int(near[-1])
+                    part = read(slice(first, last + 1))
+                    part = part if len(part) == len(near) else part.take(near - first)
+                    parts.append(self._conform(part, file.name))
+        return concatenate(parts) if parts else self.head
 
     def whole(self) -> Record:
         """Return all items as one record."""

@@ -9,6 +9,8 @@ from itertools import chain
 import numpy as np
 
 from shapefit.io.problems import LIMIT, input_problems
+from shapefit.io.spilled.columns import Spill
+from shapefit.io.spilled.name_index import NameIndex
 
 
 @dataclass(frozen=True)
@@ -22,17 +24,13 @@ class ItemList:
 def check_unique_items(files: Sequence[ItemList]) -> None:
     """Raise InputError for items that occur more than once, naming both places.
 
-    Holds 8 bytes per item; only where two hashes agree are the items read again and compared.
+    Only where two hashes agree are the items read again and compared.
     """
-    hashes = [
-        np.fromiter(map(hash, block), np.int64, len(block))
-        for file in files
-        for block in file.blocks()
-    ]
-    if not hashes:
-        return
-    ordered = np.sort(np.concatenate(hashes))
-    suspects = frozenset(ordered[1:][ordered[1:] == ordered[:-1]].tolist())
+    with Spill() as spill:
+        index = NameIndex(spill)
+        for names in chain.from_iterable(file.blocks() for file in files):
+            index.add(names)
+        suspects = frozenset(chain.from_iterable(map(np.ndarray.tolist, index.repeated())))
     if suspects:
         _compare(files, suspects)
 
@@ -43,7 +41,7 @@ def _compare(files: Sequence[ItemList], suspects: frozenset[int]) -> None:
     count = 0
     for file in files:
         for row, item in enumerate(chain.from_iterable(file.blocks())):
-            if hash(item) not in suspects:
+            if hash(item) % (1 << 64) not in suspects:
                 continue
             if item not in first:
                 first[item] = file.place(row)

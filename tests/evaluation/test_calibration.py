@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from shapefit.evaluation.calibration import ErrorBars, cover, find_levels, inside, join
+from shapefit.evaluation.calibration import Coverages, ErrorBars, find_levels, join
+from shapefit.evaluation.statistics import samples
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.trust import keep_trusted
 
@@ -59,7 +60,7 @@ def test_truth_drawn_from_the_error_bars_is_inside_as_often_as_they_say(rng):
     narrow, _ = find_levels(estimate, truth, 0.8 * sd, correlation)
     for nominal in (0.1, 0.5, 0.9):
         error = BINOMIAL * np.sqrt(nominal * (1 - nominal) / (n * p))
-        (share,), (less,) = inside(level, [nominal]), inside(narrow, [nominal])
+        share, less = (np.mean(each[~np.isnan(each)] <= nominal) for each in (level, narrow))
         assert share == pytest.approx(nominal, abs=error + 0.01)
         assert less < nominal - error - 0.01
 
@@ -91,7 +92,9 @@ def test_groups_and_landmarks_are_summed_up():
     bars = ErrorBars(
         "posterior", ("hip", "knee"), tuple("abc"), ("13_1", "13_1", "14_1"), level, width, False
     )
-    whole, hip, knee, *other = cover(bars, {"13": ("13_1",), "14": ("14_1",), "15": ("15_1",)})
+    found = Coverages({"13": "13_*", "14": "14_*", "15": "15_*"})
+    found.add(bars)
+    whole, hip, knee, *other = found.cover("m", {"13": ("13_1",), "14": ("14_1",), "15": ()})
     assert (whole.group, whole.landmark, whole.judged) == ("13", None, 3)
     assert whole.inside == pytest.approx((1 / 3, 1.0))
     assert whole.width["normalised"] == pytest.approx(2.0)
@@ -114,10 +117,27 @@ def test_files_of_a_method_are_joined_by_landmark():
 def test_the_least_plausible_tenth_of_a_group_is_left_out():
     values = np.array([*np.arange(1.0, 21.0), 100.0, np.nan])
     items = tuple(f"item{i}" for i in range(22))
-    errors = ImageErrors("posterior", "similarity", "m", items, ("a",) * 20 + ("b", "a"), values)
-    plausibility = {item: 1 - 0.01 * i for i, item in enumerate(items)}
-    first, second = keep_trusted(errors, plausibility, {"A": ("a",), "B": ("b",)})
+    sequences, trust = ("a",) * 20 + ("b", "a"), 1 - 0.01 * np.arange(22)
+    errors = ImageErrors("posterior", "similarity", "m", items, sequences, values, trust)
+    first, second = keep_trusted(errors, {"A": ("a",), "B": ("b",)})
     assert (first.images, first.mean) == (20, 10.5)
     assert (first.kept, first.mean_kept) == (18, 9.5)
     assert first.plausibility == pytest.approx(1 - 0.17)
     assert (second.images, second.kept, second.mean_kept) == (1, 1, 100.0)
+
+
+@pytest.mark.parametrize("most", [7, 1 << 20])
+def test_of_equally_plausible_images_the_first_are_left_out(rng, monkeypatch, most):
+    monkeypatch.setattr(samples, "AT_ONCE", most)
+    values, trust = rng.random(300), np.round(rng.random(300), 1)
+    values[::17], trust[::13] = np.nan, np.nan
+    sequences = np.array(["a", "b", "c"])[rng.integers(0, 3, 300)]
+    errors = ImageErrors("m", "similarity", "m", ("",) * 300, tuple(sequences), values, trust)
+    (kept,) = keep_trusted(errors, {"A": ("a", "c"), "none": ("d",)})
+    rows = np.flatnonzero(~np.isnan(values + trust) & (sequences != "b"))
+    order = rows[np.argsort(trust[rows], kind="stable")]
+    expected = order[len(order) // 10 :]
+    assert (kept.images, kept.kept) == (len(order), len(expected))
+    assert kept.plausibility == trust[expected[0]]
+    assert kept.mean == pytest.approx(values[order].mean(), rel=1e-14)
+    assert kept.mean_kept == pytest.approx(values[expected].mean(), rel=1e-14)

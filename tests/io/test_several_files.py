@@ -287,7 +287,8 @@ def test_a_chunk_has_at_least_one_image(tmp_path, landmarks):
 
 
 def test_items_with_the_same_hash_are_compared(monkeypatch, problems):
-    monkeypatch.setattr("shapefit.io.duplicates.hash", len, raising=False)
+    for module in ("duplicates", "spilled.name_index"):
+        monkeypatch.setattr(f"shapefit.io.{module}.hash", len, raising=False)
     blocks = [("ab", "cd"), ("e",)]
     check_unique_items([ItemList(lambda: blocks, str)])
     twice = [*blocks, ("cd",)]

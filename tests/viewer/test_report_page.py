@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import EvalConfig, SweepConfig
+from shapefit.evaluation.statistics import samples
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.tables.document import (
     Italic,
@@ -20,7 +21,12 @@ from shapefit.evaluation.tables.document import (
     as_markdown,
 )
 from shapefit.pipelines.evaluate import run as evaluate
-from shapefit.pipelines.evaluate.report_pages import SHOWN, contact_sheets, rank
+from shapefit.pipelines.evaluate.report_pages import (
+    SHOWN,
+    contact_sheet,
+    contact_sheets,
+    rank,
+)
 from shapefit.pipelines.sweep import run as sweep
 from shapefit.viewer.report_page import report_page
 
@@ -73,21 +79,40 @@ def test_the_worst_median_and_best_images_are_ranked(rng):
     values[values == 50] = np.nan
     items = tuple(f"i{i}" for i in range(101))
     found = rank(ImageErrors("m", "similarity", "m", items, ("",) * 101, values))
-    assert [values[found[kind][0]] for kind in ("worst", "best")] == [100, 11]
-    assert [values[row] for row in found["best"]] == list(np.arange(11.0, -1, -1))
+    assert [found[kind][0].error for kind in ("worst", "best")] == [100, 11]
+    assert [image.error for image in found["best"]] == list(np.arange(11.0, -1, -1))
+    assert all(values[image.row] == image.error for image in found["median"])
     assert {len(rows) for rows in found.values()} == {SHOWN}
-    assert abs(np.median(values[found["median"]]) - np.nanmedian(values)) <= 1
+    middle = np.median([image.error for image in found["median"]])
+    assert abs(middle - np.nanmedian(values)) <= 1
     few = ImageErrors("m", "similarity", "m", items[:3], ("",) * 3, np.array([1.0, 3, 2]))
-    assert rank(few) == {"all images, worst first": [1, 2, 0]}
+    assert rank(few) == {"all images, worst first": [(1, "i1", 3), (2, "i2", 2), (0, "i0", 1)]}
+
+
+@pytest.mark.parametrize("decimals", [0, 1, 9], ids=["all-equal", "ties", "no-ties"])
+def test_images_of_equal_errors_are_ranked_in_their_order(rng, monkeypatch, decimals):
+    monkeypatch.setattr(samples, "AT_ONCE", 11)
+    values = np.round(rng.random(150) / 3, decimals)
+    values[::7] = np.nan
+    items = tuple(f"i{i}" for i in range(150))
+    found = rank(ImageErrors("m", "similarity", "m", items, ("",) * 150, values))
+    known = np.flatnonzero(~np.isnan(values))
+    order = known[np.argsort(-values[known], kind="stable")].tolist()
+    middle = (len(order) - SHOWN) // 2
+    expected = order[:SHOWN], order[middle : middle + SHOWN], order[-SHOWN:]
+    assert tuple([image.row for image in found[kind]] for kind in found) == expected
 
 
 def test_contact_sheets_are_linked_where_they_are(tmp_path):
     pictures, report = tmp_path / "pictures", tmp_path / "report"
     pictures.mkdir()
     config = json.dumps({"pictures": {"folder": str(pictures), "format": "png"}})
-    assert contact_sheets({"a": [config]}, report) == []
+    assert contact_sheet(config) is None
     (pictures / "contact_sheet.png").touch()
-    _, sheet = contact_sheets({"a": [config, "{", "[]", ""]}, report)
+    assert [contact_sheet(other) for other in ("{", "[]", "")] == [None] * 3
+    found = contact_sheet(config)
+    assert found is not None
+    _, sheet = contact_sheets({"a": [found]}, report)
     assert sheet == Picture("../pictures/contact_sheet.png", "Contact sheet of a")
 
 

@@ -28,6 +28,8 @@ INK, FAINT = "#333333", "#DDDDDD"
 
 SLOTS_A_ROW = 52
 """Clusters of bars side by side; a longer group has a row of its own."""
+MOST_SEQUENCES = 400
+"""Of a group with more only the mean is drawn, as nobody could tell their bars apart."""
 GAP = 1.0
 """Empty slots between groups in one row."""
 BARS = 0.8
@@ -120,7 +122,9 @@ def _groups(summaries: Sequence[Summary], slot: float) -> list[_Group]:
     groups = []
     for name, members in sequences.items():
         clusters = [_Cluster(label, i, errors) for i, (label, errors) in enumerate(members.items())]
-        if len(clusters) > 1:
+        if len(clusters) > MOST_SEQUENCES:
+            clusters = [_Cluster("mean", 0.0, means[name])]
+        elif len(clusters) > 1:
             clusters.append(_Cluster("mean", len(clusters) + 0.4, means[name]))
         slots = max(clusters[-1].place + 1, LETTER * 1.3 * len(name) / slot)
         groups.append(_Group(name, tuple(clusters), slots))

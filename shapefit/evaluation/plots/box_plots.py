@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.plots.bars import (
     BARS,
@@ -19,13 +16,13 @@ from shapefit.evaluation.plots.bars import (
     look,
     style_axis,
 )
+from shapefit.evaluation.statistics.labels import of_names
+from shapefit.evaluation.statistics.samples import Sample, neighbours, percentiles
 from shapefit.evaluation.summary import ALL, ImageErrors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Floats = NDArray[np.float64]
 
 SLOT = 0.45
 """Width in inches of a box with its share of the space around it; a median's digits fit in."""
@@ -43,14 +40,20 @@ def box_plot(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[str]
     """
     from matplotlib.figure import Figure
 
-    values = {group: _of_group(errors, members) for group, members in grouping.items()}
-    values = {group: boxes for group, boxes in values.items() if any(map(len, boxes))}
+    values = {
+        group: [of_names(e.values, e.sequences, members) for e in errors]
+        for group, members in grouping.items()
+    }
+    values = {
+        group: boxes for group, boxes in values.items() if any(known.count for known in boxes)
+    }
     taken = [max(len(errors), LETTER * (len(group) + 2) / SLOT) for group in values]
     slots = max(FEWEST_SLOTS, sum(taken) + GAP * (len(taken) - 1))
     figure = Figure(figsize=(1.1 + SLOT * slots, 3.9))
     figure.set_layout_engine("constrained")
     axis = figure.subplots()
-    reach = [np.percentile(v, WHISKERS[1]) for boxes in values.values() for v in boxes if len(v)]
+    every = [known for boxes in values.values() for known in boxes if known.count]
+    reach = [percentiles(known, (WHISKERS[1],))[0] for known in every]
     style_axis(axis, slots, 1.05 * max(reach, default=0.0) or 1.0, axis_label(errors[0].unit))
     start = (slots - sum(taken) - GAP * (len(taken) - 1)) / 2
     ticks: dict[float, str] = {}
@@ -67,29 +70,30 @@ def box_plot(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[str]
     return figure
 
 
-def _of_group(errors: Sequence[ImageErrors], members: Sequence[str]) -> list[Floats]:
-    """Errors of the images of a group that have one, an array per method."""
-    found = []
-    for e in errors:
-        inside = np.isin(np.array(e.sequences, dtype=str), np.array(members, dtype=str))
-        found.append(e.values[inside & ~np.isnan(e.values)])
-    return found
-
-
-def _draw_box(axis: Axes, place: float, values: Floats, style: tuple[str, str]) -> None:
-    if not len(values):
+def _draw_box(axis: Axes, place: float, known: Sample, style: tuple[str, str]) -> None:
+    if not known.count:
         return
     colour, hatch = style
-    axis.boxplot(
-        values, positions=[place], widths=[BARS], whis=WHISKERS, showfliers=False,
+    first, (*_, lower), (*_, middle), (*_, upper), last = neighbours(
+        known, (WHISKERS[0], 25, 50, 75, WHISKERS[1])
+    )
+    box = {
+        "med": middle,
+        "q1": lower,
+        "q3": upper,
+        # Whiskers reach to the outermost images that are not beyond their percentiles.
+        "whislo": min(lower, *(error for error in first[:2] if error >= first[2])),
+        "whishi": max(upper, *(error for error in last[:2] if error <= last[2])),
+    }
+    axis.bxp(
+        [box], positions=[place], widths=[BARS], showfliers=False,
         patch_artist=True, manage_ticks=False, capwidths=[BARS / 2],
         boxprops={"facecolor": colour, "hatch": hatch, "edgecolor": INK, "linewidth": 0.8},
         medianprops={"color": INK, "linewidth": 1.6}, whiskerprops={"color": INK},
         capprops={"color": INK}, zorder=2,
     )  # fmt: skip
-    median = float(np.median(values))
     axis.annotate(
-        f"{median:#.3g}".rstrip("."), (place, median), xytext=(0, 2), textcoords="offset points",
+        f"{middle:#.3g}".rstrip("."), (place, middle), xytext=(0, 2), textcoords="offset points",
         ha="center", va="bottom", fontsize=6.5, color=INK, zorder=4,
         bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.8},
     )  # fmt: skip

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shapefit.evaluation.calibration import LEVELS, Coverage, ErrorBars, inside, of_sequences
+from shapefit.evaluation.calibration import CURVE, LEVELS, Coverage
 from shapefit.evaluation.plots.bars import BARS, COLOURS, FAINT, INK, LETTER
 from shapefit.evaluation.summary import ALL
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NOMINAL = np.linspace(0, 1, 41)
 STYLES = ("-", "--", ":", "-.")
 """Once all colours are used they come again with the next style."""
 SQUARE = 3.6
@@ -25,11 +24,11 @@ BAR = 0.075
 
 
 def calibration_plot(
-    bars: Sequence[ErrorBars],
-    coverage: Sequence[Coverage],
-    grouping: Mapping[str, Sequence[str]],
+    coverage: Sequence[Coverage], curves: Mapping[tuple[str, str], Sequence[float]]
 ) -> Figure:
     """Draw the share inside over the nominal level, then the shares of each landmark.
+
+    `curves` maps a method and a group to the shares at the levels of `CURVE`.
 
     One line and one row of bars for each method and group. True error bars lie on the diagonal, and
     at the two lines of the nominal levels: a bar reaches to the larger one, its mark stands at the
@@ -45,13 +44,10 @@ def calibration_plot(
     figure = Figure(figsize=(SQUARE + width + 1.4, SQUARE + (1.3 if upright else 0.9)))
     figure.set_layout_engine("constrained")
     left, right = figure.subplots(1, 2, width_ratios=[SQUARE, width])
-    level = {b.method: b for b in bars}
     for index, (method, group) in enumerate(series):
-        own = level[method]
-        rows = of_sequences(own, grouping[group])
-        shares = inside(own.level[rows], NOMINAL.tolist())
+        shares = np.array(curves[method, group])
         colour, style = look(index)
-        left.plot(100 * NOMINAL, 100 * np.array(shares), style, color=colour, linewidth=1.6,
+        left.plot(100 * np.array(CURVE), 100 * shares, style, color=colour, linewidth=1.6,
                   label=method if group == ALL else f"{method}, {group}")  # fmt: skip
     _style_curves(left)
     _draw_landmarks(right, coverage, series, names)

@@ -10,11 +10,15 @@ from typing import Any, TypeVar
 
 from shapefit.evaluation.calibration import LEVELS, Coverage
 from shapefit.evaluation.report import Report
+from shapefit.evaluation.statistics.samples import slices
 from shapefit.evaluation.summary import ImageErrors, Summary
 from shapefit.evaluation.tables.csv_table import null_for_nan, write_table
 from shapefit.evaluation.trust import Kept
 
 Errors = TypeVar("Errors", Summary, ImageErrors)
+
+IMAGES_AT_ONCE = 1 << 14
+"""Images whose names are in memory while they are written."""
 
 PER_IMAGE = ("method", "sequence", "item", "metric", "error", "unit")
 INSIDE = tuple(f"inside_{100 * level:.0f}" for level in LEVELS)
@@ -31,7 +35,10 @@ def write_per_image(path: Path, errors: Sequence[ImageErrors], of: str = "method
     rows = (
         (e.method, sequence, item, e.metric, error, e.unit)
         for e in errors
-        for sequence, item, error in zip(e.sequences, e.items, e.values.tolist(), strict=True)
+        for part in slices(len(e.values), IMAGES_AT_ONCE)
+        for sequence, item, error in zip(
+            e.sequences[part], e.items[part], e.values[part].tolist(), strict=True
+        )
     )
     write_table(path, (of, *PER_IMAGE[1:]), rows)
 
@@ -64,7 +71,7 @@ def report_json(report: Report) -> str:
                 "name": method.name,
                 "files": method.files,
                 "images": method.images,
-                "failed": len(method.failures),
+                "failed": method.failed,
                 "failures": [{"item": i, "reason": r} for i, r in method.failures.items()],
                 "solving": asdict(method.solving),
             }

@@ -127,7 +127,7 @@ def _errors_table(
 
 
 def _images_table(report: Report) -> Table:
-    counts = [(m.name, m.images, len(m.failures)) for m in report.methods]
+    counts = [(m.name, m.images, m.failed) for m in report.methods]
     rows = [[name, str(n - failed), str(failed)] for name, n, failed in counts]
     return Table(["method", "evaluated", "failed"], rows)
 
@@ -165,9 +165,10 @@ def _failed_items(report: Report, most: int) -> list[Block]:
     for method in report.methods:
         failures = list(method.failures.items())
         lines += [f"{method.name}, {item}: {why}" for item, why in failures[:most]]
-        if len(failures) > most:
-            more = len(failures) - most
-            lines.append(f"{method.name}: {more} more, all listed in report.json")
+        if method.failed > most:
+            more = method.failed - most
+            listed = f"the first {len(failures):,}" if method.unlisted else "all"
+            lines.append(f"{method.name}: {more} more, {listed} listed in report.json")
     return _listing("Failed", lines)
 
 

@@ -18,14 +18,14 @@ MOST_GARBAGE = 50_000
 """Objects made since the last collection beyond which the next fetch of a block collects."""
 
 
-def open_hdf5(path: Path) -> h5py.File:
+def open_hdf5(path: Path, cache_bytes: int | None = None) -> h5py.File:
     """Open a file to read; of an object only the blocks that are read are fetched.
 
-    Raises what h5py raises, and InputError where a store does not answer.
+    cache_bytes is the room for chunks of a dataset, by default that of HDF5. Raises what h5py raises, and InputError where a store does not answer.
     """
     if isinstance(path, UrlPath) and not has_copy(path):
-        return _RemoteFile(path)
-    return h5py.File(path, "r")
+        return _RemoteFile(path, cache_bytes)
+    return h5py.File(path, "r", rdcc_nbytes=cache_bytes)
 
 
 class _RemoteFile(h5py.File):  # type: ignore[misc]
@@ -35,11 +35,11 @@ class _RemoteFile(h5py.File):  # type: ignore[misc]
     for this lock for ever, if it came to collect an object of h5py.
     """
 
-    def __init__(self, path: UrlPath) -> None:
+    def __init__(self, path: UrlPath, cache_bytes: int | None) -> None:
         _pause()
         self._paused = True
         try:
-            super().__init__(_Blocks(path), "r")
+            super().__init__(_Blocks(path), "r", rdcc_nbytes=cache_bytes)
         except BaseException:
             self._resume()
             raise

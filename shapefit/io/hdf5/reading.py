@@ -23,6 +23,9 @@ from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.problems import input_problems
 from shapefit.io.stored.reader import StoredReader, is_text, wanted
 
+CACHE_BYTES = 1 << 20
+"""Of chunks that are kept for each dataset; by default HDF5 keeps 8 MB, and rows are read once."""
+
 MOST_COMPRESSED = 2000
 """No filter of HDF5 makes data smaller by more: beyond that they were never written."""
 
@@ -34,10 +37,10 @@ class Hdf5Reader(StoredReader):
 
     def __init__(self, path: Path, form: Format) -> None:
         super().__init__(path, form)
-        self._counted = CountedRows(self)
+        self._counted = CountedRows()
         self._asked: dict[str, Stored] = {}
         with self._damage():
-            self._file = open_hdf5(path)
+            self._file = open_hdf5(path, CACHE_BYTES)
         try:
             self._check_format()
             self._check_datasets()
@@ -48,6 +51,7 @@ class Hdf5Reader(StoredReader):
 
     def close(self) -> None:
         """Close the file."""
+        self._asked.clear()
         self._file.close()
 
     def place(self, name: str, row: int | None = None) -> str:
@@ -111,7 +115,7 @@ class Hdf5Reader(StoredReader):
         dataset = next((known for known in self.form.datasets if known.name == name), None)
         if dataset is None or not dataset.counted_by or not isinstance(rows, slice):
             return rows
-        return self._counted.of(dataset, rows) if self.has(dataset.counted_by) else slice(0)
+        return self._counted.of(self, dataset, rows) if self.has(dataset.counted_by) else slice(0)
 
     def _stored(self, name: str) -> Stored:
         if name not in self._asked:

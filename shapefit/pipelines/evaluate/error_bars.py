@@ -13,8 +13,7 @@ from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, PLAUSIBILIT
 from shapefit.evaluation.metrics import truth_scale
 from shapefit.evaluation.report import NORMALISED
 from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
-from shapefit.pipelines.evaluate.common_landmarks import common_landmarks
-from shapefit.pipelines.evaluate.judgement import Judgement
+from shapefit.pipelines.evaluate.judgement import Judgement, common_landmarks
 from shapefit.pipelines.evaluate.result_datasets import find_dataset
 
 Floats = NDArray[np.float64]
@@ -88,7 +87,6 @@ def find_correlation(file: Path, results: ResultSet, deviation: Floats) -> Float
         return np.stack([own[:, a, b] / (sd[:, a] * sd[:, b]) for a, b in PAIRS], axis=1)
 
 
-def find_plausibility(judgement: Judgement, results: ResultSet) -> dict[str, float]:
-    """Plausibility of each image by its item; empty where the method knows none."""
-    found = find_dataset(judgement.file, results, PLAUSIBILITY)
-    return {} if found is None else dict(zip(results.items, found.tolist(), strict=True))
+def find_plausibility(judgement: Judgement, results: ResultSet) -> Floats | None:
+    """Plausibility (n,) of the images; None where the method knows none."""
+    return find_dataset(judgement.file, results, PLAUSIBILITY)

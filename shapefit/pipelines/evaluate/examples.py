@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from shapefit.config.commands.evaluate import MOST_EXAMPLES
 from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, LANDMARKS
+from shapefit.evaluation.statistics.samples import slices
+from shapefit.evaluation.summary import Names
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.meshes.ellipses import covariances
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 KEY = "examples"
+AT_A_TIME = 1 << 14
+"""Items that are read at a time, and compared with a name that none of them has."""
+
 TRUTH = "truth"
 """Name of the column of the true shapes."""
 
@@ -124,22 +129,27 @@ def examples_picture(
     return skeleton_picture(poses, truth.edges, methods[first][0].y_axis)
 
 
-def choose(wanted: int | Sequence[str], items: Sequence[str]) -> tuple[str, ...]:
+def choose(wanted: int | Sequence[str], items: Names) -> tuple[str, ...]:
     """Choose items: as many as wanted, spread evenly, or those of the names and globs.
 
     A number takes the middle of each of so many equal parts. Raises InputError where there are no
     items, a name or glob fits none, or more fit than a picture shows.
     """
-    if not items:
+    if not len(items):
         found = "no image has the truth and a shape of every method"
         raise input_error(KEY, found, "give results of the same images, or leave it out")
     if isinstance(wanted, int):
-        return tuple(items[place] for place in spread(wanted, len(items)))
+        return tuple(items[place : place + 1][0] for place in spread(wanted, len(items)))
     chosen: dict[str, None] = {}
     for name in wanted:
-        fitting = [item for item in items if matches(item, name)]
+        fitting = [
+            item
+            for rows in slices(len(items), AT_A_TIME)
+            for item in items[rows]
+            if matches(item, name)
+        ]
         if not fitting:
-            near = get_close_matches(name, items, n=5, cutoff=0.0)
+            near = get_close_matches(name, items[:AT_A_TIME], n=5, cutoff=0.0)
             found = f"no image with the truth and a shape of every method is called '{name}'"
             raise input_error(KEY, found, f"correct it; the nearest are {', '.join(near)}")
         chosen |= dict.fromkeys(fitting)

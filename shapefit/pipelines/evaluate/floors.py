@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.config.commands.evaluate import BEST_COMBINATION, MEAN_SHAPE, NEAREST_ATOM
+from shapefit.config.commands.evaluate import (
+    BEST_COMBINATION,
+    MEAN_SHAPE,
+    NEAREST_ATOM,
+    FloorsConfig,
+)
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.floors import best_combination, nearest_atom
 from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.statistics.labels import Coder, Labels
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import read_dictionary
 from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
-from shapefit.pipelines.evaluate.common_landmarks import common_landmarks
-from shapefit.pipelines.evaluate.judgement import Judgement
+from shapefit.io.spilled.columns import Column, Spill
+from shapefit.io.spilled.name_index import NameIndex
+from shapefit.io.spilled.texts import Texts
+from shapefit.pipelines.evaluate.judgement import Judgement, common_landmarks
 from shapefit.pipelines.evaluate.measurement import in_both_units
 from shapefit.pipelines.items import named_items
 
@@ -26,6 +34,9 @@ Floats = NDArray[np.float64]
 
 METRIC = "similarity"
 KEY = "floors.leave_out"
+
+TOGETHER = 1 << 15
+"""Images that are measured together."""
 
 
 def _mean_shape(true: Floats, dictionary: Dictionary) -> Floats:
@@ -48,51 +59,113 @@ FLOORS: Mapping[str, Callable[[Floats, Dictionary], Floats]] = {
 """Name of a row -> its errors (n,) for true shapes (n, 3, p) and a dictionary of p landmarks."""
 
 
-@dataclass(frozen=True)
-class Shown:
-    """What an image shows: the row of its true shape, and the training shape to leave out."""
+class Floors:
+    """Errors of each of `FLOORS`, with a dictionary, of the images that have a truth.
 
-    sequence: str
-    row: int
-    left_out: str | None
-
-
-def shown_in(results: ResultSet, judgement: Judgement, leave_out: str | None) -> dict[str, Shown]:
-    """Return item -> what it shows, for the images with a truth; raises as `named_items`."""
-    left_out: Sequence[str | None] = (None,) * len(results)
-    if leave_out is not None:
-        left_out = named_items(results.items, results.extras, leave_out, judgement.file, KEY)
-    rows = judgement.truth_rows.tolist()
-    images = zip(judgement.items, judgement.sequences, rows, left_out, strict=True)
-    return {item: Shown(sequence, row, out) for item, sequence, row, out in images if row >= 0}
-
-
-def floor_errors(file: Path, truth: ShapeSet, images: Mapping[str, Shown]) -> list[ImageErrors]:
-    """Errors of each of `FLOORS`, with the dictionary of a file, for the images (item -> shown).
-
-    They are over the landmarks that dictionary and truth share. Raises InputError where these are
-    fewer than three, and where the atoms of the shapes to leave out are unknown or all there are.
+    They are over the landmarks that dictionary and truth share. An image is measured once, however
+    many methods have it. Some thousand are measured together, wherever files end and begin.
     """
-    dictionary = read_dictionary(file)
-    names = common_landmarks(file, dictionary.landmark_names, truth.landmark_names)
-    dictionary = _of_landmarks(dictionary, names)
-    _check_left_out(file, dictionary, [shown.left_out for shown in images.values()])
-    # Many images show one shape, which is measured once.
-    shapes = dict.fromkeys((shown.row, shown.left_out) for shown in images.values())
-    columns = match_landmarks(truth.landmark_names, names)
-    true = truth.shapes[[row for row, _ in shapes]][..., columns]
-    if np.isnan(true).any():
-        found = "the truth lacks landmarks (NaN), and the nearest atoms need all"
-        raise input_error("floors", found, "drop `floors`, or give the shapes that are complete")
-    errors = _errors(true, [left_out for _, left_out in shapes], dictionary)
-    place = {shape: index for index, shape in enumerate(shapes)}
-    of_image = [place[shown.row, shown.left_out] for shown in images.values()]
-    sequences = tuple(shown.sequence for shown in images.values())
-    return [
-        ImageErrors(name, METRIC, unit, tuple(images), sequences, values[of_image])
-        for name, error in errors.items()
-        for (_, unit), values in in_both_units(METRIC, error, true, true, truth.unit).items()
-    ]
+
+    def __init__(self, config: FloorsConfig, head: ShapeSet, spill: Spill) -> None:
+        """Take the head of the truth. Raises InputError where few landmarks are shared."""
+        self._leave_out = config.leave_out
+        self._file = config.dictionary
+        dictionary = read_dictionary(config.dictionary)
+        names = common_landmarks(self._file, dictionary.landmark_names, head.landmark_names)
+        self._dictionary = _of_landmarks(dictionary, names)
+        self._columns = match_landmarks(head.landmark_names, names)
+        self._unit = head.unit
+        self._waiting = _Waiting()
+        self._left_out: dict[str | None, None] = {}
+        self._items, self._coder, self._codes = Texts(spill), Coder(), Column(spill, np.int32)
+        self._errors: dict[tuple[str, str, str], Column] = {}
+        self._of_others = NameIndex(spill)
+        self._spill = spill
+
+    def begin_method(self) -> None:
+        """Go on with another method: the images so far are not measured again."""
+        self._flush()
+        for names in self._items.blocks(len(self._of_others)):
+            self._of_others.add(names)
+
+    def add(self, results: ResultSet, judgement: Judgement, truth: ShapeSet) -> None:
+        """Add the images of a file. Raises as `named_items` and `errors`."""
+        left_out: Sequence[str | None] = (None,) * len(results)
+        if self._leave_out is not None:
+            left_out = named_items(
+                results.items, results.extras, self._leave_out, judgement.file, KEY
+            )
+        known = self._of_others.find(judgement.items, self._items) >= 0
+        for image in np.flatnonzero((judgement.truth_rows >= 0) & ~known).tolist():
+            row = judgement.truth_rows[image]
+            self._left_out[left_out[image]] = None
+            self._waiting.add(
+                judgement.items[image],
+                judgement.sequences[image],
+                (truth.items[row], left_out[image]),
+                truth.shapes[row][:, self._columns],
+            )
+            if len(self._waiting.items) == TOGETHER:
+                self._flush()
+
+    def errors(self) -> list[ImageErrors]:
+        """Return the errors of each of `FLOORS`.
+
+        Raises InputError where the truth lacks landmarks, and where the atoms of the shapes to
+        leave out are unknown or all there are.
+        """
+        self._flush()
+        labels = Labels(self._coder.names, self._codes)
+        return [
+            ImageErrors(name, metric, unit, self._items, labels, values)
+            for (name, metric, unit), values in self._errors.items()
+        ]
+
+    def _flush(self) -> None:
+        """Measure the images that wait; many images show one shape, which is measured once."""
+        waiting, self._waiting = self._waiting, _Waiting()
+        if not waiting.items:
+            return
+        _check_left_out(self._file, self._dictionary, list(self._left_out))
+        true = np.stack(waiting.shapes)
+        if np.isnan(true).any():
+            found = "the truth lacks landmarks (NaN), and the nearest atoms need all"
+            fix = "drop `floors`, or give the shapes that are complete"
+            raise input_error("floors", found, fix)
+        left_out = [left_out for _, left_out in waiting.places]
+        for name, error in _errors(true, left_out, self._dictionary).items():
+            both = in_both_units(METRIC, error, true, true, self._unit)
+            for (metric, unit), values in both.items():
+                column = self._errors.setdefault(
+                    (name, metric, unit), Column(self._spill, np.float64)
+                )
+                column.append(values[waiting.of_image])
+        self._items.append(waiting.items)
+        self._codes.append(self._coder(waiting.sequences))
+
+
+@dataclass
+class _Waiting:
+    """Images to be measured together, and the different shapes that they show.
+
+    places: what a shape is called, and the training shape to leave out for it -> its place in
+    `shapes`, (3, p) each; of_image: the place of each image's.
+    """
+
+    items: list[str] = field(default_factory=list)
+    sequences: list[str] = field(default_factory=list)
+    of_image: list[int] = field(default_factory=list)
+    places: dict[tuple[str, str | None], int] = field(default_factory=dict)
+    shapes: list[Floats] = field(default_factory=list)
+
+    def add(self, item: str, sequence: str, shown: tuple[str, str | None], shape: Floats) -> None:
+        """Add an image."""
+        if shown not in self.places:
+            self.places[shown] = len(self.shapes)
+            self.shapes.append(shape)
+        self.items.append(item)
+        self.sequences.append(sequence)
+        self.of_image.append(self.places[shown])
 
 
 def _errors(

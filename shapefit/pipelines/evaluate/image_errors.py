@@ -1,36 +1,40 @@
-"""The errors of judged images, joined by metric, and the groups of their sequences."""
+"""The errors of the images of one file by metric, and the groups of their sequences."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.metric_table import METRICS
+from shapefit.evaluation.statistics.labels import labels_of
+from shapefit.evaluation.statistics.samples import Floats
 from shapefit.evaluation.summary import ImageErrors, group_sequences
 from shapefit.pipelines.evaluate.judgement import Judgement
+from shapefit.pipelines.evaluate.measurement import Kind
 
 
-def image_errors(name: str, judgements: Sequence[Judgement]) -> list[ImageErrors]:
-    """Join what the files of one method say about each metric and unit.
+def image_errors(name: str, judgement: Judgement) -> list[ImageErrors]:
+    """Return what one file of a method says about each metric and unit."""
+    found = []
+    failed = judgement.failed()
+    for kind, values in judgement.errors.items():
+        rows = rows_judged(kind, values, failed)
+        items = tuple(judgement.items[row] for row in rows)
+        sequences = labels_of([judgement.sequences[row] for row in rows])
+        if items:
+            found.append(ImageErrors(name, *kind, items, sequences, values[rows]))
+    return found
 
-    Images that leave a metric undefined are no images of it, unless they failed.
+
+def rows_judged(kind: Kind, values: Floats, failed: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Images (n,) that count in a metric, by their errors (n,) in it.
+
+    Those that leave labels undefined are no images of theirs, unless they failed.
     """
-    kinds = dict.fromkeys(kind for judgement in judgements for kind in judgement.errors)
-    joined = []
-    for kind in kinds:
-        images = [
-            (item, sequence, value)
-            for j in judgements
-            if kind in j.errors
-            for item, sequence, value in zip(j.items, j.sequences, j.errors[kind], strict=True)
-            if not METRICS[kind[0]].of_labels or not np.isnan(value) or item in j.failures
-        ]
-        if images:
-            items, sequences, values = zip(*images, strict=True)
-            joined.append(ImageErrors(name, *kind, items, sequences, np.array(values)))
-    return joined
+    return np.flatnonzero(failed | ~np.isnan(values) | (not METRICS[kind[0]].of_labels))
 
 
 def find_grouping(
@@ -40,7 +44,7 @@ def find_grouping(
 
     Raises InputError where no sequence is in any group.
     """
-    sequences = dict.fromkeys(s for e in errors for s in e.sequences if s)
+    sequences = dict.fromkeys(s for e in errors for s in e.sequences.names if s)
     grouping = group_sequences(groups, sequences)
     empty = [group for group, members in grouping.items() if not members]
     if len(empty) == len(grouping):

@@ -17,7 +17,6 @@ from shapefit.evaluation.summary import ALL
 from shapefit.geometry.normalisation import centroid
 from shapefit.geometry.procrustes import coincide
 from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
-from shapefit.pipelines.evaluate.common_landmarks import common_landmarks
 from shapefit.pipelines.evaluate.measurement import Kind, datasets_of, measure
 from shapefit.pipelines.evaluate.result_datasets import find_dataset
 from shapefit.pipelines.items import named_items
@@ -45,6 +44,10 @@ class Judgement:
     warnings: tuple[str, ...]
     truth_rows: NDArray[np.intp]
     true_rotation: Floats | None = None
+
+    def failed(self) -> NDArray[np.bool_]:
+        """Which images (n,) failed."""
+        return np.array([item in self.failures for item in self.items], dtype=np.bool_)
 
 
 def judge(
@@ -203,3 +206,19 @@ def _failures(
     for values in certain.values():
         failed |= np.isnan(values)
     return {results.items[i]: reason(i) for i in np.flatnonzero(failed).tolist()}
+
+
+def common_landmarks(file: Path, own: Sequence[str], true: Sequence[str]) -> tuple[str, ...]:
+    """Return the landmarks of a file that the truth has too, in the order of the file.
+
+    Raises InputError where these are fewer than three.
+    """
+    common = tuple(name for name in own if name in set(true))
+    if len(common) < FEWEST_LANDMARKS:
+        found = f"the truth has {len(common)} of its landmarks ({abbreviate(own)})"
+        fix = (
+            f"at least {FEWEST_LANDMARKS} must have the names that they have in the truth "
+            f"({abbreviate(true)})"
+        )
+        raise input_error(file, found, fix)
+    return common

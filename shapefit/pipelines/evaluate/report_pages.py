@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from shapefit.config import ViewConfig
 from shapefit.errors import InputError
 from shapefit.evaluation.metric_table import METRICS
+from shapefit.evaluation.statistics.samples import Sample, in_order, slices
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.tables.document import Block, Picture, Section, as_markdown
 from shapefit.pipelines.view.run import Page, make_page
@@ -28,6 +30,14 @@ Writer = Callable[[Path], object]
 VIEW = "view.html"
 SHOWN = 12
 """Worst, median and best images of a method, each so many."""
+
+
+class Ranked(NamedTuple):
+    """An image by its place among those of its method, its item, and its error."""
+
+    row: int
+    item: str
+    error: float
 
 
 @dataclass(frozen=True)
@@ -77,19 +87,20 @@ def report_pages(
     return Pages(writers, warnings)
 
 
-def contact_sheets(fitted_with: Mapping[str, Sequence[str]], folder: Path) -> list[Block]:
-    """Return links to the contact sheets that fits drew, where they are still there.
+def contact_sheet(fitted_with: str) -> Path | None:
+    """Return the contact sheet that a fit drew, by its config (JSON), where it is still there."""
+    pictures = _pictures(fitted_with)
+    sheet = Path(str(pictures.get("folder"))) / f"contact_sheet.{pictures.get('format')}"
+    return sheet if pictures.get("folder") and sheet.is_file() else None
 
-    `fitted_with` are the configs (JSON) of the fits of each method; `folder` that of the report.
-    """
-    found: list[Block] = []
-    for name, configs in fitted_with.items():
-        for config in configs:
-            pictures = _pictures(config)
-            sheet = Path(str(pictures.get("folder"))) / f"contact_sheet.{pictures.get('format')}"
-            if pictures.get("folder") and sheet.is_file():
-                file = os.path.relpath(sheet, folder)
-                found.append(Picture(file, f"Contact sheet of {name}"))
+
+def contact_sheets(sheets: Mapping[str, Iterable[Path]], folder: Path) -> list[Block]:
+    """Return links to the contact sheets of each method; `folder` is that of the report."""
+    found = [
+        Picture(os.path.relpath(sheet, folder), f"Contact sheet of {name}")
+        for name, own in sheets.items()
+        for sheet in own
+    ]
     return [Section("Contact sheets"), *found] if found else []
 
 
@@ -102,23 +113,58 @@ def first_of_each(errors: Sequence[ImageErrors]) -> list[ImageErrors]:
     return list(first.values())
 
 
-def rank(errors: ImageErrors) -> dict[str, list[int]]:
+def rank(errors: ImageErrors) -> dict[str, list[Ranked]]:
     """Return the worst, median and best images, worst first; all of them where they are few."""
-    known = np.flatnonzero(~np.isnan(errors.values))
-    order = known[np.argsort(-errors.values[known], kind="stable")].tolist()
-    if len(order) <= 3 * SHOWN:
-        return {"all images, worst first": order}
-    middle = (len(order) - SHOWN) // 2
+    known = Sample(
+        sum(int((~np.isnan(errors.values[rows])).sum()) for rows in slices(len(errors.values))),
+        lambda: (
+            block[~np.isnan(block)]
+            for block in (errors.values[rows] for rows in slices(len(errors.values)))
+        ),
+    )
+    n = known.count
+    if n <= 3 * SHOWN:
+        return {"all images, worst first": _at(errors, known, 0, n)}
+    middle = (n - SHOWN) // 2
     return {
-        "worst": order[:SHOWN],
-        "median": order[middle : middle + SHOWN],
-        "best": order[-SHOWN:],
+        "worst": _at(errors, known, 0, SHOWN),
+        "median": _at(errors, known, middle, middle + SHOWN),
+        "best": _at(errors, known, n - SHOWN, n),
     }
+
+
+def _at(errors: ImageErrors, known: Sample, start: int, stop: int) -> list[Ranked]:
+    """Images from one place to before another, worst first; those of equal errors in their order.
+
+    `known` are the errors that are not nan.
+    """
+    n = known.count
+    values = in_order(known, range(n - 1 - start, n - 1 - stop, -1)).tolist()
+    if not values:
+        return []
+    wanted = Counter(values)
+    # Of those with the error at the first place, some are before it.
+    before = start - sum(int((block > values[0]).sum()) for block in known.blocks())
+    skipped = {value: before if value == values[0] else 0 for value in wanted}
+    rows: dict[float, list[int]] = {value: [] for value in wanted}
+    for part in slices(len(errors.values)):
+        block = errors.values[part]
+        for value, own in rows.items():
+            places = np.flatnonzero(block == value)
+            first = min(skipped[value], len(places))
+            skipped[value] -= first
+            last = first + wanted[value] - len(own)
+            own += (part.start + places[first:last]).tolist()
+    return [
+        Ranked(row, errors.items[row : row + 1][0], value)
+        for value, own in rows.items()
+        for row in own
+    ]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def galleries(
-    scene: Scene, ranked: Sequence[tuple[ImageErrors, Mapping[str, Sequence[int]]]]
+    scene: Scene, ranked: Sequence[tuple[ImageErrors, Mapping[str, Sequence[Ranked]]]]
 ) -> list[Gallery]:
     """Return the ranked images of each method that the scene shows, drawn."""
     layers = {layer.name: layer for layer in scene.layers}
@@ -128,15 +174,15 @@ def galleries(
         layer = layers.get(errors.method)
         if layer is None:
             continue
-        for kind, rows in kinds.items():
+        for kind, images in kinds.items():
             cards = [
                 Card(
-                    errors.items[row],
-                    f"{errors.metric} {errors.values[row]:.4g} {errors.unit}",
-                    thumbnail(scene, frames[errors.items[row]], layer),
+                    image.item,
+                    f"{errors.metric} {image.error:.4g} {errors.unit}",
+                    thumbnail(scene, frames[image.item], layer),
                 )
-                for row in rows
-                if errors.items[row] in frames
+                for image in images
+                if image.item in frames
             ]
             if cards:
                 found.append(Gallery(f"{errors.method}: {kind}", cards))
@@ -145,14 +191,12 @@ def galleries(
 
 def _page(
     view: ViewConfig | None,
-    ranked: Sequence[tuple[ImageErrors, Mapping[str, Sequence[int]]]],
+    ranked: Sequence[tuple[ImageErrors, Mapping[str, Sequence[Ranked]]]],
 ) -> tuple[Page | None, tuple[str, ...]]:
     """Return the page of the viewer, in which the ranked images are; or why there is none."""
     if view is None:
         return None, ()
-    kept = {
-        errors.items[row] for errors, kinds in ranked for rows in kinds.values() for row in rows
-    }
+    kept = {image.item for _, kinds in ranked for images in kinds.values() for image in images}
     try:
         return make_page(view, kept), ()
     except InputError as error:

@@ -181,7 +181,8 @@ def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Ite
 
 def _warn_of_equal(folder: Path, manifest: Manifest) -> tuple[Counted, ...]:
     """Warn of items that are in two parts; read only those whose names may be in another, too."""
-    from shapefit.pipelines.parts.equal_items import Equal, find_equal
+    from shapefit.io.spilled.equal_names import Equal
+    from shapefit.pipelines.parts.equal_items import find_equal
 
     found = [find_equal(sorted(group)) for group in overlapping(manifest.spans(folder))]
     equal = sum(found, Equal(0, ()))

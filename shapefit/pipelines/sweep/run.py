@@ -70,7 +70,7 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         results = read_results(result)
         judgement = judge(result, results, truth, config.match, _metrics(config, value, results))
         new = (Failure(i, why) for i, why in judgement.failures.items() if i not in failed)
-        errors = _in_first_units(image_errors(value_text(value), [judgement]))
+        errors = _in_first_units(image_errors(value_text(value), judgement))
         grouping, ungrouped = find_grouping(config.groups, errors)
         yield Outcome(
             failures=named(new, setting(config, value)),

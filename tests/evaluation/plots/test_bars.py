@@ -63,6 +63,11 @@ def test_bars_do_not_overlap():
     assert all(right <= left + 1e-9 for (_, right), (left, _) in itertools.pairwise(edges))
 
 
+def test_of_very_many_sequences_only_the_mean_is_drawn():
+    (axis,) = plots.bar_plot(summaries(subject(13, plots.MOST_SEQUENCES + 1))).axes
+    np.testing.assert_allclose(bars(axis)["convex"], [1 + plots.MOST_SEQUENCES / 200])
+
+
 def test_a_sequence_that_failed_altogether_has_no_bar():
     errors = ImageErrors("m", "similarity", "m", ("1", "2"), ("a", "b"), np.array([1, NAN]))
     (axis,) = plots.bar_plot(summarise(errors, {"all": ("a", "b")})).axes

@@ -1,0 +1,135 @@
+"""Columns of values that grow without limit: the last block is in memory, the others in a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO, Any, Self
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from shapefit.io.whole.atomic import storage_errors
+
+BLOCK = 1 << 16
+"""Rows of a column that are written, and held, at a time."""
+
+GAP = 1 << 10
+"""Rows that are read and dropped rather than begun anew behind them."""
+
+
+class Spill:
+    """The unnamed file that columns share; it is made when the first block is full.
+
+    A context manager, which closes the file. No run leaves it behind, not even one that is killed.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        """Take the folder to make the file in; None for that of the system's temporary files."""
+        self.folder = folder
+        self._file: IO[bytes] | None = None
+        self._end = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def write(self, block: NDArray[Any]) -> int:
+        """Write a block, which lies in one piece; return its place.
+
+        Raises InputError where the disk is full.
+        """
+        place = self._end
+        with storage_errors(self.folder or Path("TMPDIR"), None, "used for temporary files"):
+            if self._file is None:
+                self._file = TemporaryFile(dir=self.folder, buffering=0)  # noqa: SIM115
+            rest = block.reshape(-1).view(np.uint8).data
+            self._file.seek(place)
+            while rest:
+                rest = rest[self._file.write(rest) :]
+        self._end = place + block.nbytes
+        return place
+
+    def read(self, place: int, into: NDArray[Any]) -> None:
+        """Fill an array, which lies in one piece, with the bytes from a place on."""
+        assert self._file is not None  # whoever has a place wrote to it
+        rest = into.reshape(-1).view(np.uint8).data
+        self._file.seek(place)
+        while rest:
+            rest = rest[self._file.readinto(rest) :]  # type: ignore[attr-defined]
+
+
+class Column:
+    """Rows of one type and shape: appended, then read by slices like an array."""
+
+    def __init__(self, spill: Spill, dtype: DTypeLike, shape: tuple[int, ...] = ()) -> None:
+        self._spill = spill
+        self._dtype = np.dtype(dtype)
+        self._shape = shape
+        self._places: list[int] = []
+        self._held: list[NDArray[Any]] = []
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, rows: NDArray[Any]) -> None:
+        """Append rows, an array of them."""
+        self._held.append(np.array(rows, self._dtype).reshape(-1, *self._shape))
+        self._count += len(rows)
+        if self._count - len(self._places) * BLOCK >= BLOCK:
+            held = self._last()
+            full = len(held) // BLOCK * BLOCK
+            for start in range(0, full, BLOCK):
+                self._places.append(self._spill.write(held[start : start + BLOCK]))
+            self._held = [held[full:].copy()]
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        start, stop, _ = rows.indices(self._count)
+        found = np.empty((max(stop - start, 0), *self._shape), self._dtype)
+        row = start
+        while row < stop:
+            number, first = divmod(row, BLOCK)
+            size = min(BLOCK - first, stop - row)
+            part = found[row - start : row - start + size]
+            if number < len(self._places):
+                bytes_a_row = self._dtype.itemsize * int(np.prod(self._shape))
+                self._spill.read(self._places[number] + first * bytes_a_row, part)
+            else:
+                part[...] = self._last()[first : first + size]
+            row += size
+        return found
+
+    def take(self, rows: NDArray[np.intp]) -> NDArray[Any]:
+        """Return these rows, in their order."""
+        unique, places = np.unique(rows, return_inverse=True)
+        found = np.empty((len(unique), *self._shape), self._dtype)
+        for part in stretches(unique):
+            own = unique[part]
+            found[part] = self[own[0] : own[-1] + 1][own - own[0]]
+        return found[places.reshape(-1)]
+
+    def _last(self) -> NDArray[Any]:
+        """Return the rows that are in memory."""
+        if len(self._held) != 1:
+            none = np.empty((0, *self._shape), self._dtype)
+            self._held = [np.concatenate([none, *self._held])]
+        return self._held[0]
+
+
+def stretches(rows: NDArray[np.intp]) -> Iterator[slice]:
+    """Cut ascending rows where a gap is not worth reading, and after some thousand rows.
+
+    A slice of `rows` each.
+    """
+    start = 0
+    ends = [*(np.flatnonzero(np.diff(rows) > GAP) + 1).tolist(), len(rows)] if len(rows) else []
+    for end in ends:
+        while start < end:
+            reach = int(np.searchsorted(rows[start:end], rows[start] + BLOCK // 4))
+            yield slice(start, start + reach)
+            start += reach

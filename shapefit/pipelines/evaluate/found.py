@@ -1,0 +1,126 @@
+"""What is known of results: judged file by file, one of which is in memory at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from shapefit.config import EvalConfig
+from shapefit.evaluation.calibration import Coverages, image_shares
+from shapefit.evaluation.solving import Run, count_solved
+from shapefit.evaluation.summary import ImageErrors
+from shapefit.io import ResultSet, read_results
+from shapefit.io.spilled.columns import Spill
+from shapefit.pipelines.evaluate.error_bars import find_plausibility, judge_error_bars
+from shapefit.pipelines.evaluate.example_images import chosen_items, read_lifted
+from shapefit.pipelines.evaluate.examples import examples_picture
+from shapefit.pipelines.evaluate.floors import Floors
+from shapefit.pipelines.evaluate.judgement import judge
+from shapefit.pipelines.evaluate.method_images import MethodImages
+from shapefit.pipelines.evaluate.report_pages import contact_sheet
+from shapefit.pipelines.evaluate.truth import Truth
+from shapefit.pipelines.evaluate.visible_enough import visible_enough
+from shapefit.pipelines.items import named_items
+from shapefit.pipelines.outcome import Failure, Outcome
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Found:
+    """What is known once all results were judged.
+
+    errors and methods in the order of `results`, shares those of the landmarks of each image inside
+    the error bars, where a method has these; the warnings, each once; sheets the contact sheets of
+    the fits.
+    """
+
+    def __init__(self, config: EvalConfig, truth: Truth, spill: Spill) -> None:
+        self.truth = truth
+        self.methods: list[MethodImages] = []
+        self.errors: list[ImageErrors] = []
+        self.shares: list[ImageErrors] = []
+        self.warnings = dict.fromkeys(truth.count_gaps())
+        self.sheets: dict[str, dict[Path, None]] = {}
+        self.bars: dict[str, Coverages] = {}
+        self.floors = Floors(config.floors, truth.head, spill) if config.floors else None
+        self._config = config
+        self._spill = spill
+        self._held: dict[Path, ResultSet] = {}
+
+    def judge_all(self, *, hold: bool) -> Iterator[Outcome]:
+        """Judge every result file; one outcome per file.
+
+        With `hold` results that cannot be read again stay in memory, to draw examples of them.
+        """
+        for name, files in self._config.results.items():
+            images = MethodImages(name, self._spill)
+            if self.floors:
+                self.floors.begin_method()
+            for file in files:
+                yield self._judge(images, file, hold=hold and not file.is_file())
+            images.check_distinct()
+            self.methods.append(images)
+            self.errors += images.errors()
+            self.shares += images.shares()
+
+    def draw_examples(self, wanted: int | Sequence[str]) -> Figure:
+        """Draw the images that are wanted, of those that no method failed on."""
+        chosen = chosen_items(wanted, self.methods, self._spill)
+        lifted, true = read_lifted(self._config, chosen, self.methods, self.truth, self._held)
+        return examples_picture(chosen, lifted, true)
+
+    def _judge(self, images: MethodImages, file: Path, *, hold: bool) -> Outcome:
+        """Judge one file, which is in memory no longer than that, unless it is to be held."""
+        config, name = self._config, images.name
+        results = read_results(file)
+        if hold:
+            self._held[file] = results
+        run = _run_of(results)
+        sheet = contact_sheet(str(results.attributes.get("config", "")))
+        if sheet is not None:
+            self.sheets.setdefault(name, {})[sheet] = None
+        results, too_few = visible_enough(file, results, config.least_visible)
+        keys = named_items(results.items, results.extras, config.match, file, "match")
+        truth = self.truth.named(keys)
+        judgement = judge(
+            file, results, truth, config.match, config.metrics, frame=config.truth_frame
+        )
+        unjudged: tuple[str, ...] = ()
+        plausibility, shares = None, None
+        if config.calibration:
+            bars, unjudged = judge_error_bars(name, results, truth, judgement)
+            plausibility = find_plausibility(judgement, results)
+            if bars is not None:
+                shares = image_shares(bars)
+                self.bars.setdefault(name, Coverages(config.groups)).add(bars)
+        images.add(judgement, run, plausibility, shares)
+        if self.floors:
+            self.floors.add(results, judgement, truth)
+        new = [w for w in (*too_few, *judgement.warnings, *unjudged) if w not in self.warnings]
+        self.warnings |= dict.fromkeys(new)
+        return Outcome(
+            done=len(judgement.items),
+            failures=tuple(Failure(i, f"{name}: {w}") for i, w in judgement.failures.items()),
+            warnings=tuple(new),
+            note=name,
+        )
+
+
+def _run_of(results: ResultSet) -> Run:
+    seconds = results.attributes.get("solve_seconds")
+    return Run(
+        images=len(results),
+        objective=results.objective,
+        solved=None if results.status is None else count_solved(results.status),
+        seconds=_seconds(seconds),
+    )
+
+
+def _seconds(stated: object) -> float | None:
+    """Return what a file states; None where that is no time."""
+    if isinstance(stated, int | float) and math.isfinite(stated) and stated >= 0:
+        return float(stated)
+    return None

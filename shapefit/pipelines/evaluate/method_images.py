@@ -1,0 +1,197 @@
+"""All images of one method, gathered file by file: their names and errors, on disk when many."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import input_error, path_text
+from shapefit.evaluation.calibration import INSIDE
+from shapefit.evaluation.metric_table import SHARE
+from shapefit.evaluation.report import Method
+from shapefit.evaluation.solving import Run, sum_up
+from shapefit.evaluation.statistics.labels import Coder, Labels
+from shapefit.evaluation.statistics.samples import Floats, slices
+from shapefit.evaluation.summary import ImageErrors
+from shapefit.io.spilled.columns import Column, Spill
+from shapefit.io.spilled.equal_names import find_equal_names
+from shapefit.io.spilled.texts import Texts
+from shapefit.pipelines.evaluate.image_errors import rows_judged
+from shapefit.pipelines.evaluate.judgement import Judgement
+from shapefit.pipelines.evaluate.measurement import Kind
+
+MOST_LISTED = 10_000
+"""Failed images of a method that are listed with their reasons; more are counted."""
+
+
+@dataclass(frozen=True)
+class Picked:
+    """Some rows (ascending, in a column of their own) of a column, read by slices like it."""
+
+    column: Any
+    rows: Column
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, rows: slice) -> Any:
+        return self.column.take(self.rows[rows])
+
+
+@dataclass
+class _Errors:
+    """Errors in one metric and unit; rows of their images, None while all images have one."""
+
+    values: Column
+    rows: Column | None = None
+
+
+class MethodImages:
+    """The images of the result files of one method, in their order.
+
+    items and failed (whether an image lacks an error) have a row for each.
+    """
+
+    def __init__(self, name: str, spill: Spill) -> None:
+        self.name = name
+        self.items = Texts(spill)
+        self.failed = Column(spill, np.bool_)
+        self.files: list[Path] = []
+        self._spill = spill
+        self._ends: list[int] = []
+        self._coder, self._codes = Coder(), Column(spill, np.int32)
+        self._plausibility = Column(spill, np.float64)
+        self._objective = Column(spill, np.float64)
+        self._errors: dict[Kind, _Errors] = {}
+        self._shares: dict[Kind, _Errors] = {}
+        self._failures: dict[str, str] = {}
+        self._unlisted = 0
+        self._runs: list[Run] = []
+        self._knows_plausibility, self._all_objectives = False, True
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def add(
+        self,
+        judgement: Judgement,
+        run: Run,
+        plausibility: Floats | None = None,
+        shares: tuple[NDArray[np.intp], Floats] | None = None,
+    ) -> None:
+        """Add the images of one file; shares as `image_shares` gives them."""
+        before, n = len(self), len(judgement.items)
+        failed = judgement.failed()
+        for kind, values in judgement.errors.items():
+            rows = rows_judged(kind, values, failed)
+            self._add_errors(self._errors, kind, before, n, (rows, values[rows]))
+        if shares is not None:
+            self._add_errors(self._shares, (INSIDE, SHARE), before, n, shares)
+        self.items.append(judgement.items)
+        self.failed.append(failed)
+        self.files.append(judgement.file)
+        self._ends.append(before + n)
+        self._codes.append(self._coder(judgement.sequences))
+        self._plausibility.append(np.full(n, np.nan) if plausibility is None else plausibility)
+        self._knows_plausibility |= plausibility is not None
+        self._all_objectives &= run.objective is not None
+        if run.objective is not None:
+            self._objective.append(run.objective[:])
+        room = MOST_LISTED - len(self._failures)
+        self._failures |= dict(list(judgement.failures.items())[:room])
+        self._unlisted += max(len(judgement.failures) - room, 0)
+        self._runs.append(Run(run.images, None, run.solved, run.seconds))
+
+    def errors(self) -> list[ImageErrors]:
+        """Return the errors in each metric and unit that any image has."""
+        return self._joined(self._errors)
+
+    def shares(self) -> list[ImageErrors]:
+        """Return the shares of landmarks inside the error bars, where the method has these."""
+        return self._joined(self._shares)
+
+    def _joined(self, kinds: Mapping[Kind, _Errors]) -> list[ImageErrors]:
+        found = []
+        for kind, own in kinds.items():
+            if not len(own.values):
+                continue
+            if len(own.values) < len(self):
+                self._number(own)
+            columns: tuple[Any, ...] = (self.items, self._codes, self._plausibility)
+            names, codes, trust = (
+                column if own.rows is None else Picked(column, own.rows) for column in columns
+            )
+            labels = Labels(self._coder.names, codes)
+            known = trust if self._knows_plausibility else None
+            found.append(ImageErrors(self.name, *kind, names, labels, own.values, known))
+        return found
+
+    def method(self) -> Method:
+        """Return what the report says of the method as a whole."""
+        runs = self._runs
+        seconds = [run.seconds for run in runs if run.seconds is not None]
+        solved = [run.solved for run in runs if run.solved is not None]
+        whole = Run(
+            images=sum(run.images for run in runs),
+            objective=self._objective if self._all_objectives else None,
+            solved=sum(solved) if len(solved) == len(runs) else None,
+            seconds=sum(seconds) if len(seconds) == len(runs) else None,
+        )
+        return Method(
+            name=self.name,
+            files=tuple(map(path_text, self.files)),
+            images=len(self),
+            failures=self._failures,
+            solving=sum_up(whole),
+            unlisted=self._unlisted,
+        )
+
+    def place(self, row: int) -> tuple[Path, int]:
+        """Return the file of an image, and its row among those of the file that are judged."""
+        number = bisect_right(self._ends, row)
+        return self.files[number], row - (self._ends[number - 1] if number else 0)
+
+    def check_distinct(self) -> None:
+        """Raise InputError where two files have the same item."""
+        starts = [0, *self._ends]
+        blocks = {
+            file: partial(self.items.blocks, start, end)
+            for file, start, end in zip(self.files, starts, self._ends, strict=False)
+        }
+        for item, first, second in find_equal_names(blocks, self._spill.folder).examples[:1]:
+            found = f"has the item '{item}', which {first} has too"
+            fix = "give each file a unique name in `results`, or leave one out"
+            raise input_error(second, found, fix)
+
+    def _add_errors(
+        self,
+        kinds: dict[Kind, _Errors],
+        kind: Kind,
+        before: int,
+        n: int,
+        errors: tuple[NDArray[np.intp], Floats],
+    ) -> None:
+        """Add rows and errors of a file of n images; there are so many images before it."""
+        rows, values = errors
+        if kind not in kinds:
+            kinds[kind] = _Errors(Column(self._spill, np.float64))
+        own = kinds[kind]
+        if len(own.values) < before or len(rows) < n:
+            self._number(own)
+        if own.rows is not None:
+            own.rows.append(before + rows)
+        own.values.append(values)
+
+    def _number(self, own: _Errors) -> None:
+        """Write down the rows of the errors so far, which are all up to theirs."""
+        if own.rows is None:
+            own.rows = Column(self._spill, np.int64)
+            for part in slices(len(own.values)):
+                own.rows.append(np.arange(part.start, part.stop))

@@ -1,0 +1,76 @@
+"""The truth as a source: of each result file only the true shapes that its images name are read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cached_property
+
+import numpy as np
+
+from shapefit.config import EvalConfig
+from shapefit.errors import counted
+from shapefit.io.kinds.shapes import ShapeSource, open_shapes
+from shapefit.io.records import ShapeSet
+from shapefit.io.spilled.columns import Spill
+from shapefit.io.spilled.name_index import NameIndex
+from shapefit.io.spilled.texts import Texts
+from shapefit.pipelines.reading import input_options
+
+AT_A_TIME = 1 << 14
+"""Shapes that are read at a time to count what they lack."""
+
+
+class Truth:
+    """The true shapes of an evaluation, found by their items."""
+
+    def __init__(self, source: ShapeSource, spill: Spill) -> None:
+        self._source = source
+        self._spill = spill
+
+    @property
+    def head(self) -> ShapeSet:
+        """All of the truth but its shapes."""
+        return self._source.head
+
+    @property
+    def count(self) -> int:
+        """Number of shapes."""
+        return self._source.count
+
+    def named(self, items: Sequence[str]) -> ShapeSet:
+        """Return the shapes that are called so, each once, in the order of the truth.
+
+        Where none is, the first shape of all, so that an error can say what they are called.
+        """
+        names, index = self._index
+        rows = np.unique(index.find(items, names))
+        rows = rows[rows >= 0]
+        return self._source.take(rows if len(rows) else np.arange(min(1, self.count)))
+
+    def count_gaps(self) -> list[str]:
+        """Say how many landmarks of the truth are unknown."""
+        shapes, landmarks = 0, 0
+        for part in self._source.file_chunks(AT_A_TIME):
+            gaps = np.asarray(np.isnan(part.shapes).any(axis=1))
+            shapes += int(gaps.any(axis=1).sum())
+            landmarks += int(gaps.sum())
+        if not shapes:
+            return []
+        lacks = f"{counted(landmarks, 'landmark')} of {counted(shapes, 'shape')}"
+        return [f"the truth lacks {lacks} (NaN): left out"]
+
+    @cached_property
+    def _index(self) -> tuple[Texts, NameIndex]:
+        names, index = Texts(self._spill), NameIndex(self._spill)
+        for block in self._source.names():
+            names.append(block)
+            index.add(block)
+        return names, index
+
+
+@contextmanager
+def open_truth(config: EvalConfig, spill: Spill) -> Iterator[Truth]:
+    """Open the truth of a config. Raises InputError as `open_shapes` does."""
+    with open_shapes(config.truth, input_options(config.input), gaps=True) as source:
+        yield Truth(source, spill)
