@@ -21,7 +21,8 @@ MOST_GARBAGE = 50_000
 def open_hdf5(path: Path, cache_bytes: int | None = None) -> h5py.File:
     """Open a file to read; of an object only the blocks that are read are fetched.
 
-    cache_bytes is the room for chunks of a dataset, by default that of HDF5. Raises what h5py raises, and InputError where a store does not answer.
+    cache_bytes is the room for chunks of a dataset, by default that of HDF5. Raises what h5py
+    raises, and InputError where a store does not answer.
     """
     if isinstance(path, UrlPath) and not has_copy(path):
         return _RemoteFile(path, cache_bytes)
