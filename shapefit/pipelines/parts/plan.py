@@ -16,6 +16,7 @@ from shapefit.io.layout import LANDMARKS
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import is_stream
 from shapefit.io.stored.opening import open_stored
+from shapefit.io.stored.reader import StoredReader
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit import run as single
 from shapefit.pipelines.reading import input_options
@@ -67,11 +68,13 @@ def plan_parts(config: FitConfig) -> list[Part]:
     for known, paths in group_inputs(config.landmarks, options):
         state = tuple(state for state in map(find_state, paths) if state is not None)
         rows: list[tuple[int, int] | None] = [None]
-        if known.reader is not None and _is_readable(paths[0]):
-            if whole:
-                rows = _between_sequences(paths[0], config.partition, holders)
-            else:
-                rows = _between_stretches(paths[0], config.partition)
+        reader = _opened(paths[0]) if known.reader is not None else None
+        if reader is not None:
+            with reader:
+                if whole:
+                    rows = _between_sequences(reader, config.partition, holders)
+                else:
+                    rows = _between_stretches(reader, config.partition)
         elif whole:
             for name in _named_sequences(paths, options):
                 _hold(name, paths[0], holders)
@@ -82,25 +85,23 @@ def plan_parts(config: FitConfig) -> list[Part]:
     return parts
 
 
-def _is_readable(path: Path) -> bool:
-    """Whether a file can be divided; whoever does a part of one that cannot reports why."""
+def _opened(path: Path) -> StoredReader | None:
+    """Open a file; None where that fails, which whoever does its part reports."""
     try:
-        with open_stored(path, LANDMARKS):
-            return True
+        return open_stored(path, LANDMARKS)
     except InputError:
-        return False
+        return None
 
 
-def _between_stretches(path: Path, size: int) -> list[tuple[int, int] | None]:
+def _between_stretches(reader: StoredReader, size: int) -> list[tuple[int, int] | None]:
     """Return row ranges of `size` images or more; where there are row groups, best of whole ones.
 
     Between groups there is a part of up to twice that size rather than one that begins in the
     middle of a group, which is decoded from its start.
     """
-    with open_stored(path, LANDMARKS) as reader:
-        count, groups = reader.count, reader.groups
+    count = reader.count
     size = _whole_stretches(size)
-    cuts = [_whole_stretches(first) for first in groups]
+    cuts = [_whole_stretches(first) for first in reader.groups]
     rows: list[tuple[int, int] | None] = []
     start = 0
     while count - start > size:
@@ -118,19 +119,19 @@ def _whole_stretches(images: int) -> int:
 
 
 def _between_sequences(
-    path: Path, size: int, holders: dict[str, Path]
+    reader: StoredReader, size: int, holders: dict[str, Path]
 ) -> list[tuple[int, int] | None]:
     """Return row ranges of whole sequences, at least `size` images each but the last."""
     rows: list[tuple[int, int] | None] = []
     start = 0
-    for name, first in _sequence_starts(path):
-        _hold(name, path, holders)
+    for name, first in _sequence_starts(reader):
+        _hold(name, reader.path, holders)
         if first - start >= size:
             rows.append((start, first))
             start = first
     if not rows:
         return [None]
-    return [*rows, (start, _count(path))]
+    return [*rows, (start, reader.count)]
 
 
 def _hold(name: str, path: Path, holders: dict[str, Path]) -> None:
@@ -155,20 +156,14 @@ def _named_sequences(paths: tuple[Path, ...], options: InputOptions) -> Iterator
     yield from names
 
 
-def _sequence_starts(path: Path) -> Iterator[tuple[str, int]]:
+def _sequence_starts(reader: StoredReader) -> Iterator[tuple[str, int]]:
     """Yield the name and the first row of every run of images of one sequence."""
-    with open_stored(path, LANDMARKS) as reader:
-        row, last = 0, None
-        blocks: Iterator[Sequence[str]] = (
-            reader.read_blocks("sequence") if reader.has("sequence") else iter(())
-        )
-        for block in blocks:
-            for name in block:
-                if name != last:
-                    yield name, row
-                last, row = name, row + 1
-
-
-def _count(path: Path) -> int:
-    with open_stored(path, LANDMARKS) as reader:
-        return reader.count
+    row, last = 0, None
+    blocks: Iterator[Sequence[str]] = (
+        reader.read_blocks("sequence") if reader.has("sequence") else iter(())
+    )
+    for block in blocks:
+        for name in block:
+            if name != last:
+                yield name, row
+            last, row = name, row + 1

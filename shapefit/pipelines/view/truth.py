@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.config import ViewConfig
 from shapefit.errors import input_error
-from shapefit.io import ShapeSet, read_shapes
+from shapefit.io import ShapeSet, ShapeSource, open_shapes
 from shapefit.pipelines.reading import input_options
 from shapefit.pipelines.view.frames import Frames
 from shapefit.pipelines.view.gathering import Gathered
@@ -20,7 +21,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Truth:
-    """The true shapes; rows (n), that of each frame, -1 where there is none; points (n, 3, p)."""
+    """The true shapes of the frames; rows (n), that of each frame, -1 where there is none.
+
+    points (n, 3, p) with the p landmarks of the page.
+    """
 
     shapes: ShapeSet
     rows: NDArray[np.intp]
@@ -31,8 +35,9 @@ def read_truth(
     config: ViewConfig, results: Sequence[Gathered], frames: Frames, landmarks: Sequence[str]
 ) -> Truth:
     """Read the truth of the frames. Raises InputError where there is none of any."""
-    shapes = read_shapes(config.truth, input_options(config.input), gaps=True)
     keys = _keys(config.match, results, frames)
+    with open_shapes(config.truth, input_options(config.input), gaps=True) as source:
+        shapes = _named(source, frozenset(keys))
     index = {item: row for row, item in enumerate(shapes.items)}
     rows = np.array([index.get(key, -1) for key in keys], dtype=np.intp)
     if (rows < 0).all():
@@ -47,6 +52,12 @@ def read_truth(
         :, :, common
     ]
     return Truth(shapes, rows, points)
+
+
+def _named(source: ShapeSource, items: frozenset[str]) -> ShapeSet:
+    """Return the shapes of these items; of the others only the names are read."""
+    names = chain.from_iterable(source.names())
+    return source.take(np.array([row for row, item in enumerate(names) if item in items], np.intp))
 
 
 def renamed_edges(
