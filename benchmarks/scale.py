@@ -24,6 +24,7 @@ from typing import cast
 from unittest.mock import patch
 
 from benchmarks.parts import PROJECT
+from shapefit.io.memory import in_words
 
 HOUR = 3600.0
 DAY = 24 * HOUR
@@ -159,7 +160,7 @@ def print_table(known: Constants) -> None:
         run = simulate(images, machines, partition, known)
         parts = -(-images // partition)
         shares = " | ".join(f"{share:.0%}" for share in (run.cores, run.client, run.storage))
-        manifest = f"{parts * known.entry / 1e6:.0f} MB"
+        manifest = in_words(int(parts * known.entry))
         print(
             f"| {images:.0e} | {machines:,} | {partition:,} | {parts:,} | {duration(run.seconds)} "
             f"| {shares} | {manifest} |"

@@ -20,7 +20,7 @@ import pytest
 
 from shapefit.config import load_config
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import InputError
+from shapefit.errors import InputError, counted
 from shapefit.io import landmark_writer, write_dictionary
 from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.parts import cluster as module
@@ -182,12 +182,14 @@ def same_bits(data: Path, output: str) -> None:
             np.testing.assert_array_equal(np.concatenate(pieces), whole[name][:], err_msg=name)
 
 
-def test_processes_of_this_machine(data):
-    done = fit(data, "local/", "--workers", 2)
+@pytest.mark.parametrize("workers", [1, 2])
+def test_processes_of_this_machine(data, workers):
+    output = f"local-{workers}/"
+    done = fit(data, output, "--workers", workers)
     assert done.returncode == 0, done.stderr
-    same_bits(data, "local/")
+    same_bits(data, output)
     lines = done.stderr.splitlines()
-    assert lines[0].startswith("Dask: 2 workers; dashboard: http://127.0.0.1:")
+    assert lines[0].startswith(f"Dask: {counted(workers, 'worker')}; dashboard: http://127.0.0.1:")
     assert f"{PARTS} of {PARTS} parts done" in lines[-1]
     assert all(line.startswith("fit: ") for line in lines[1:]), done.stderr  # none of Dask's own
     assert done.stdout == ""
