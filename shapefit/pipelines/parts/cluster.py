@@ -166,6 +166,6 @@ def _dask() -> Any:
         found = "a cluster needs dask distributed, which is not installed"
         fix = "run `pip install 'shapefit[dask]'`, or leave out --workers and --scheduler"
         raise input_error("fit", found, fix) from None
-    for name in ("distributed", "distributed.client"):
+    for name in ("distributed", "distributed.client", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     return distributed
