@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from tempfile import gettempdir
 
@@ -17,12 +16,12 @@ from shapefit.dictionary.learning import evenly
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.motion import MotionSums
 from shapefit.dictionary.size import find_edge_length
+from shapefit.evaluation.statistics.samples import Sample, median
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import choose, rotation_onto, settle_mean
 from shapefit.geometry.symmetry import lateral_squares, mirror, symmetrise
 from shapefit.io import ShapeSet, ShapeSource
-from shapefit.pipelines.learn_dict.median import median
-from shapefit.pipelines.learn_dict.spill import Spill
+from shapefit.io.spilled.columns import Batched, Column, Spill
 from shapefit.pipelines.learn_dict.symmetry import find_partners
 from shapefit.pipelines.learn_dict.training_shapes import (
     align,
@@ -47,8 +46,8 @@ class TrainingBatches:
     `dictionary` has no atoms yet. failures and warnings as there.
     """
 
-    shapes: Spill
-    scale: Spill
+    shapes: Batched
+    scale: Batched
     dictionary: Dictionary
     failures: tuple[Failure, ...]
     warnings: tuple[str, ...]
@@ -69,8 +68,9 @@ def find_training_batches(source: ShapeSource, config: LearnDictConfig) -> Train
     partners = None if config.symmetry == "none" else find_partners(head, config)
     doubled = config.symmetry == "double"
     lateral = 0 if partners is None else find_lateral(source, config, partners)
-    spill = partial(Spill, existing_folder(config.output), batch=config.batch)
-    points, scale, sizes = spill((3, len(head.landmark_names))), spill(()), spill(())
+    spill = Spill(existing_folder(config.output))
+    points = Column(spill, np.float64, (3, len(head.landmark_names)))
+    scale, sizes = Column(spill, np.float64), Column(spill, np.float64)
     failures: list[Failure] = []
     edges = np.empty((0, 2), np.int64) if head.edges is None else head.edges
     motion, length = MotionSums(edges), np.zeros(len(edges))
@@ -90,16 +90,18 @@ def find_training_batches(source: ShapeSource, config: LearnDictConfig) -> Train
         if partners is not None and doubled:
             length += len(shapes) * find_edge_length(mirror(shapes, partners, lateral), edges)
     if partners is not None and doubled:
-        points.extend(mirror(batch, partners, lateral) for batch in points)
-        scale.extend(scale)
+        for batch in Batched(points, config.batch):
+            points.append(mirror(batch, partners, lateral))
+        for batch in Batched(scale, config.batch):
+            scale.append(batch)
     check_number(len(points), failures, config)
-    mean, warnings = align_batches(points, head.landmark_names, config)
+    mean, warnings = align_batches(Batched(points, config.batch), head.landmark_names, config)
     if head.mesh_vertices is not None:
         warnings.append("the meshes are left out: leave out `batch` to keep them")
-    unit = median(sizes, len(sizes))
+    unit = median(Sample(len(sizes), lambda: iter(Batched(sizes, config.batch))))
     return TrainingBatches(
-        points,
-        scale,
+        Batched(points, config.batch),
+        Batched(scale, config.batch),
         dictionary_of(
             head,
             mean,
@@ -133,19 +135,21 @@ def find_lateral(source: ShapeSource, config: LearnDictConfig, partners: Partner
 
 
 def align_batches(
-    points: Spill, names: tuple[str, ...], config: LearnDictConfig
+    points: Batched, names: tuple[str, ...], config: LearnDictConfig
 ) -> tuple[Floats, list[str]]:
     """Turn normalised shapes onto each other in their place; return their mean, and warnings."""
     landmarks = chosen_landmarks(names, config)
     warnings = []
     if config.align != "none":
         sample = align(
-            points.take(evenly(len(points), min(config.batch, len(points)))), names, config
+            points.column.take(evenly(len(points), min(config.batch, len(points)))), names, config
         )
         target, rounds, still = settle_mean(points, sample.mean, landmarks)
         if not still:
             warnings.append(still_moving(rounds))
-        points.replace(lambda batch: rotation_onto(choose(batch, landmarks), target) @ batch)
+        for rows in points.slices():
+            batch = points.column[rows]
+            points.column[rows] = rotation_onto(choose(batch, landmarks), target) @ batch
     total: Floats = sum((batch.sum(axis=0) for batch in points), np.zeros((3, len(names))))
     return total / len(points), warnings
 

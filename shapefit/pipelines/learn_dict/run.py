@@ -165,7 +165,7 @@ def _sparse_coding_in_batches(config: LearnDictConfig, training: TrainingBatches
 
     The trace is that of all shapes, and starts with the atoms of the sample.
     """
-    sample = training.shapes.take(evenly(len(training), min(config.batch, len(training))))
+    sample = training.shapes.column.take(evenly(len(training), min(config.batch, len(training))))
     for learned in learn(sample, config.k, config.beta, iterations=config.iterations):
         note = f"sample of {counted(len(sample), 'shape')}, objective {learned.trace[-1]:.6g}"
         yield Outcome(done=1, unit="round", note=note)

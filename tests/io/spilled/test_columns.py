@@ -10,7 +10,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io.spilled import columns, name_index
-from shapefit.io.spilled.columns import Column, Spill, stretches
+from shapefit.io.spilled.columns import Batched, Column, Spill, stretches
 from shapefit.io.spilled.name_index import NameIndex, index_of
 from shapefit.io.spilled.texts import Texts
 
@@ -37,6 +37,28 @@ def test_slices_and_rows_are_those_of_an_array(spill, rng, shape):
         np.testing.assert_array_equal(column[start:stop], whole[start:stop])
     rows = rng.integers(0, len(whole), 60)
     np.testing.assert_array_equal(column.take(rows), whole[rows])
+
+
+@pytest.mark.parametrize("size", [1, 7, 50, 1000])
+def test_rows_are_replaced_in_their_place(spill, rng, size):
+    column, whole = Column(spill, np.float64, (2,)), rng.standard_normal((100, 2))
+    other = Column(spill, np.float64)
+    for part in np.array_split(whole, 9):
+        column.append(part)
+        other.append(part[:, 0])
+    batched = Batched(column, size)
+    for rows in batched.slices():
+        column[rows] = -column[rows]
+    np.testing.assert_array_equal(np.concatenate(list(batched)), -whole)
+    np.testing.assert_array_equal(other[:], whole[:, 0])
+
+
+def test_a_column_grows_by_what_is_made_of_its_rows(spill):
+    column = Column(spill, np.int64)
+    column.append(np.arange(40))
+    for rows in Batched(column, 9):
+        column.append(-rows)
+    np.testing.assert_array_equal(column[:], [*range(40), *range(0, -40, -1)])
 
 
 def test_what_is_appended_later_is_read_too(spill):

@@ -16,11 +16,17 @@ from shapefit.config import LearnDictConfig
 from shapefit.errors import InputError
 from shapefit.io import memory as free_memory
 from shapefit.io import open_shapes, read_dictionary, read_shapes, write_shapes
+from shapefit.io.spilled import columns
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.learn_dict import spill
 from shapefit.pipelines.learn_dict.batches import find_training_batches
 
 MIRROR = {f"r{name}": f"l{name}" for name in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")}
+
+
+@pytest.fixture(autouse=True)
+def _on_the_disk(monkeypatch):
+    """Let shapes go to the disk that would all be in memory, as few as they are."""
+    monkeypatch.setattr(columns, "BLOCK", 5000)
 
 
 @pytest.fixture
@@ -209,8 +215,10 @@ class TestRefusals:
             def write(self, _):
                 raise OSError(errno.ENOSPC, "No space left on device")
 
-        monkeypatch.setattr(spill, "TemporaryFile", Full)
-        with pytest.raises(InputError, match=r"temporary file .* No space left .*; free some"):
+        monkeypatch.setattr(columns, "TemporaryFile", Full)
+        with pytest.raises(
+            InputError, match="used for temporary files: No space left"
+        ):
             learned(people, batch=300)
 
 
