@@ -216,9 +216,7 @@ class TestRefusals:
                 raise OSError(errno.ENOSPC, "No space left on device")
 
         monkeypatch.setattr(columns, "TemporaryFile", Full)
-        with pytest.raises(
-            InputError, match="used for temporary files: No space left"
-        ):
+        with pytest.raises(InputError, match="used for temporary files: No space left"):
             learned(people, batch=300)
 
 
