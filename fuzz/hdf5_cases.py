@@ -229,7 +229,8 @@ CHANGES: tuple[Change, ...] = (
 )
 
 
-def _spoil_bytes(rng: Random, path: Path) -> None:
+def spoil_bytes(rng: Random, path: Path) -> None:
+    """Cut a file off, or change some of its bytes."""
     data = bytearray(path.read_bytes())
     match rng.randrange(4):
         case 0:
@@ -252,7 +253,7 @@ def spoiled_hdf5(rng: Random, path: Path) -> None:
             with suppress(IndexError, KeyError, TypeError, ValueError, RuntimeError, OSError):
                 rng.choice(CHANGES)(rng, file)
     if rng.random() < 0.15:
-        _spoil_bytes(rng, path)
+        spoil_bytes(rng, path)
 
 
 FITS = (

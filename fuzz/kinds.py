@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from . import config_cases, csv_cases, detector_cases, hdf5_cases, motion_cases, tracker_cases
+from . import (
+    config_cases,
+    csv_cases,
+    detector_cases,
+    hdf5_cases,
+    motion_cases,
+    parquet_cases,
+    tracker_cases,
+)
 from .case import Make
 
 KINDS: Mapping[str, Make] = {
@@ -12,6 +20,7 @@ KINDS: Mapping[str, Make] = {
     "detectors": detector_cases.make,
     "hdf5": hdf5_cases.make,
     "motion": motion_cases.make,
+    "parquet": parquet_cases.make,
     "trackers": tracker_cases.make,
     "yaml": config_cases.make_yaml,
     "set": config_cases.make_options,

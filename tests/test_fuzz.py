@@ -1,4 +1,4 @@
-"""3,500 spoiled inputs, and every call that writes failing once; `make fuzz` runs many more."""
+"""4,000 spoiled inputs, and every call that writes failing once; `make fuzz` runs many more."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-KINDS = ("csv", "detectors", "hdf5", "motion", "trackers", "yaml", "set")
+KINDS = ("csv", "detectors", "hdf5", "motion", "parquet", "trackers", "yaml", "set")
 
 
 @pytest.mark.parametrize("kind", KINDS)
