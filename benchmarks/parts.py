@@ -1,7 +1,8 @@
 """`fit` into a folder, two processes, beside plain `fit`: rates per core, and the cost of a part.
 
-Both sides run in turns on tiled sample data, as whole commands, in time of the processor of the
-command and of all processes that it started; `threads` is 1.
+All sides run in turns on tiled sample data, as whole commands, in time of the processor of the
+commands and of all processes that they started; `threads` is 1. Two cores that are busy at once are
+slower than one, so two workers are also compared with two plain fits at once, of half the images.
 
     python -m benchmarks.parts [IMAGES] [TURNS]
 """
@@ -26,6 +27,9 @@ PARTITION = 100_000
 SMALL = 6_400
 """Images per part of the runs that show what a part costs by itself."""
 
+BASES = ("fit", "2 fits at once")
+"""Sides that the others are compared with."""
+
 NOISE = 1.0
 """Pixels that tiles differ by, so that no two images are equal."""
 
@@ -47,24 +51,27 @@ def tile(path: Path, count: int, first: int = 0) -> None:
             )
 
 
-def processor_seconds(*words: object, folder: Path) -> float:
-    """Run a command of shapefit; return its seconds of processor, children included."""
+def processor_seconds(*commands: tuple[object, ...], folder: Path) -> float:
+    """Run commands of shapefit at once; return their seconds of processor, children included."""
     before = os.times()
-    command = [str(SHAPEFIT), *map(str, words), "-q", "--set", "threads=1"]
-    subprocess.run(command, cwd=folder, check=True)
+    running = [
+        subprocess.Popen([str(SHAPEFIT), *map(str, words), "-q", "--set", "threads=1"], cwd=folder)
+        for words in commands
+    ]
+    codes = [process.wait() for process in running]
+    if any(codes):
+        raise SystemExit("a fit failed")
     after = os.times()
     spent = after.children_user + after.children_system
     return spent - before.children_user - before.children_system
 
 
-def measure(folder: Path, options: tuple[object, ...]) -> float:
-    """Return the processor's seconds of a fit of all images."""
-    shutil.rmtree(folder / "parts", ignore_errors=True)
-    return processor_seconds("fit", "views.h5", "-d", "dict.h5", *options, folder=folder)
+def fit(*words: object) -> tuple[object, ...]:
+    return ("fit", "-d", "dict.h5", *words)
 
 
 def main(count: int = 400_000, turns: int = 3) -> None:
-    """Print the rates of both sides, their ratio, and the seconds that a part costs."""
+    """Print the rates of all sides, their ratios, and the seconds that a part costs."""
     with TemporaryDirectory() as name:
         folder = Path(name)
         config = PROJECT / "configs/demo/learn-dict.yaml"
@@ -73,31 +80,31 @@ def main(count: int = 400_000, turns: int = 3) -> None:
             cwd=folder,
             check=True,
         )
-        tile(folder / "views.h5", count)
-        parts = ("-o", "parts/", "--set", f"partition={PARTITION}")
-        small = ("-o", "parts/", "--set", f"partition={SMALL}")
-        sides: dict[str, tuple[object, ...]] = {
-            "fit": ("-o", "one.h5"),
-            "parts": parts,
-            "2 workers": (*parts, "--workers", 2),
-            "small parts": small,
+        views = ("views-0.h5", "views-1.h5")
+        for number, path in enumerate(views):
+            tile(folder / path, count // 2, first=number * (count // 2))
+        parts = fit(*views, "-o", "parts/", "--set", f"partition={PARTITION}")
+        small = fit(*views, "-o", "parts/", "--set", f"partition={SMALL}")
+        sides: dict[str, list[tuple[object, ...]]] = {
+            "fit": [fit(*views, "-o", "one.h5")],
+            "parts": [parts],
+            "2 fits at once": [fit(path, "-o", f"of-{path}") for path in views],
+            "2 workers": [(*parts, "--workers", 2)],
+            "small parts": [small],
         }
         seconds = {side: [] for side in sides}  # type: dict[str, list[float]]
         for _ in range(turns):
-            for side, options in sides.items():
-                seconds[side].append(measure(folder, options))
+            for side, commands in sides.items():
+                shutil.rmtree(folder / "parts", ignore_errors=True)
+                seconds[side].append(processor_seconds(*commands, folder=folder))
         for side, each in seconds.items():
-            ratios = np.array(seconds["fit"]) / each
             median = float(np.median(each))
-            print(
-                f"{side}: {median:.1f} s of processor, {count / median:,.0f} images/s a core, "
-                f"{np.median(ratios):.2f} of fit"
-            )
+            of = {base: np.median(np.array(seconds[base]) / each) for base in BASES}
+            ratios = ", ".join(f"{ratio:.2f} of {base}" for base, ratio in of.items())
+            print(f"{side}: {median:.1f} s of processor, {count / median:,.0f} images/s, {ratios}")
         more = -(-count // SMALL) - -(-count // PARTITION)
         extra = np.median(np.array(seconds["small parts"]) - seconds["parts"])
         print(f"a part costs {extra / more:.3f} s by itself")
-        start = np.median(np.array(seconds["2 workers"]) - seconds["parts"])
-        print(f"two workers cost {start:.1f} s, started and stopped")
 
 
 if __name__ == "__main__":
