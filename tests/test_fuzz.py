@@ -12,7 +12,7 @@ KINDS = ("csv", "detectors", "hdf5", "motion", "parquet", "trackers", "yaml", "s
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_five_hundred_spoiled_inputs(project, kind):
-    done = python(project, "fuzz", "--jobs", "1", "--kinds", kind, "--cases", "500")
+    done = python(project, "fuzz", "--jobs", "2", "--kinds", kind, "--cases", "500")
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
 
 
