@@ -22,7 +22,7 @@
 
 PYTHON ?= python3
 DATA ?=
-PYTEST_OPTIONS ?= -n 2
+PYTEST_OPTIONS ?= -n 2 --dist worksteal
 
 VENV := .venv
 BIN := $(VENV)/bin
