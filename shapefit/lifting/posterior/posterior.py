@@ -126,12 +126,12 @@ def find_posterior(
         surprise=np.empty(n),
         rounds=np.empty(n, np.int64),
         modes=Modes(
-            component=np.empty((n, m), np.int64),
+            component=np.zeros((n, m), np.int64),
             rotation=np.full((n, m, 3, 3), np.nan),
             scale=np.full((n, m), np.nan),
-            log_evidence=np.empty((n, m)),
+            log_evidence=np.zeros((n, m)),
             mean=np.full((n, m, 3, p), np.nan),
-            covariance=np.empty((n, m, d, d)),
+            covariance=np.zeros((n, m, d, d)),
             belief=np.full((n, m, p), np.nan),
         ),
     )
