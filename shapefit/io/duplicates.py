@@ -10,7 +10,7 @@ import numpy as np
 
 from shapefit.io.problems import LIMIT, input_problems
 from shapefit.io.spilled.columns import Spill
-from shapefit.io.spilled.name_index import NameIndex
+from shapefit.io.spilled.name_index import index_of
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,7 @@ def check_unique_items(files: Sequence[ItemList]) -> None:
     Only where two hashes agree are the items read again and compared.
     """
     with Spill() as spill:
-        index = NameIndex(spill)
-        for names in chain.from_iterable(file.blocks() for file in files):
-            index.add(names)
+        index = index_of(spill, chain.from_iterable(file.blocks() for file in files))
         suspects = frozenset(chain.from_iterable(map(np.ndarray.tolist, index.repeated())))
     if suspects:
         _compare(files, suspects)

@@ -55,4 +55,4 @@ def _room_for(path: UrlPath) -> Iterator[None]:
             raise
         found = f"has no room for a copy of {path} ({error.strerror})"
         fix = "free some space, or set TMPDIR to another folder"
-        raise input_error(tempfile.gettempdir(), found, fix) from None
+        raise input_error(tempfile.gettempdir(), found, fix) from error

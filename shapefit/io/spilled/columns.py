@@ -21,6 +21,11 @@ GAP = 1 << 10
 """Rows that are read and dropped rather than begun anew behind them."""
 
 
+def nearest_folder(output: Path) -> Path | None:
+    """Return the output where it is a folder, else the nearest one around it; None for a URL."""
+    return next((folder for folder in (output, *output.parents) if folder.is_dir()), None)
+
+
 class Spill:
     """The unnamed file that columns share; it is made when the first block is full.
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.io.spilled.columns import Spill
-from shapefit.io.spilled.name_index import Hashes, NameIndex, hashed
+from shapefit.io.spilled.name_index import Hashes, hashed, index_of
 
 MOST_COMPARED = 1_000_000
 """Hashes whose names are compared in one reading of the lists."""
@@ -67,9 +67,7 @@ def find_equal_names(lists: Mapping[Path, Blocks], folder: Path | None) -> Equal
 def _met_twice(lists: Mapping[Path, Blocks], folder: Path | None) -> Iterator[Hashes]:
     """Yield the hashes that are there twice, a limited number at a time."""
     with Spill(folder) as spill:
-        index = NameIndex(spill)
-        for names in chain.from_iterable(blocks() for blocks in lists.values()):
-            index.add(names)
+        index = index_of(spill, chain.from_iterable(blocks() for blocks in lists.values()))
         held: list[Hashes] = []
         for hashes in index.repeated():
             held.append(hashes)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 
 from shapefit import __version__
 from shapefit.config import EvalConfig, ViewConfig
@@ -18,7 +17,7 @@ from shapefit.evaluation.summary import ImageErrors, Summary, summarise
 from shapefit.evaluation.tables import csv_json as tables
 from shapefit.evaluation.tables.errors_document import document, markdown
 from shapefit.evaluation.trust import keep_trusted
-from shapefit.io.spilled.columns import Spill
+from shapefit.io.spilled.columns import Spill, nearest_folder
 from shapefit.io.whole.atomic import digests
 from shapefit.io.whole.report_folder import Writer, check_folder, write_folder
 from shapefit.pipelines.drawing import check_can_draw, draws_plots, plots_left_out
@@ -52,7 +51,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     if examples:
         check_can_draw("examples")
     draws = draws_plots(config.plots)
-    with Spill(_existing(config.output)) as spill, open_truth(config, spill) as truth:
+    with Spill(nearest_folder(config.output)) as spill, open_truth(config, spill) as truth:
         check_examples(examples, truth.head, config.truth)
         found = Found(config, truth, spill)
         if found.warnings:
@@ -102,11 +101,6 @@ def _report(
     written = write_folder(config.output, writers | pages.writers)
     warnings = (*ungrouped, *plots_left_out(config.plots), *too_many, *pages.warnings)
     return Outcome(warnings=warnings, note=markdown(report).rstrip(), written=written)
-
-
-def _existing(folder: Path) -> Path:
-    """Return the folder, or the nearest one around it that exists."""
-    return folder if folder.is_dir() else _existing(folder.parent)
 
 
 def view_of(config: EvalConfig, found: Found) -> tuple[ViewConfig | None, tuple[str, ...]]:

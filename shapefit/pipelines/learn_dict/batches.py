@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import gettempdir
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +19,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import choose, rotation_onto, settle_mean
 from shapefit.geometry.symmetry import lateral_squares, mirror, symmetrise
 from shapefit.io import ShapeSet, ShapeSource
-from shapefit.io.spilled.columns import Batched, Column, Spill
+from shapefit.io.spilled.columns import Batched, Column, Spill, nearest_folder
 from shapefit.pipelines.learn_dict.symmetry import find_partners
 from shapefit.pipelines.learn_dict.training_shapes import (
     align,
@@ -68,7 +66,7 @@ def find_training_batches(source: ShapeSource, config: LearnDictConfig) -> Train
     partners = None if config.symmetry == "none" else find_partners(head, config)
     doubled = config.symmetry == "double"
     lateral = 0 if partners is None else find_lateral(source, config, partners)
-    spill = Spill(existing_folder(config.output))
+    spill = Spill(nearest_folder(config.output))
     points = Column(spill, np.float64, (3, len(head.landmark_names)))
     scale, sizes = Column(spill, np.float64), Column(spill, np.float64)
     failures: list[Failure] = []
@@ -152,8 +150,3 @@ def align_batches(
             points.column[rows] = rotation_onto(choose(batch, landmarks), target) @ batch
     total: Floats = sum((batch.sum(axis=0) for batch in points), np.zeros((3, len(names))))
     return total / len(points), warnings
-
-
-def existing_folder(output: Path) -> Path:
-    """Return the folder of an output or where it will be made; for a URL, that of the system."""
-    return next((folder for folder in output.parents if folder.is_dir()), Path(gettempdir()))

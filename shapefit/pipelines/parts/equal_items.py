@@ -5,20 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from tempfile import gettempdir
 
 from shapefit.io.layout import RESULTS
+from shapefit.io.spilled.columns import nearest_folder
 from shapefit.io.spilled.equal_names import Equal, find_equal_names
 from shapefit.io.stored.opening import open_stored
-from shapefit.stores.urls import UrlPath
 
 
 def find_equal(parts: Sequence[Path]) -> Equal:
     """Return the items that are in two or more of these results, all in one folder."""
     if not parts:
         return Equal(0, ())
-    beside = Path(gettempdir()) if isinstance(parts[0], UrlPath) else parts[0].parent
-    return find_equal_names({part: partial(_items, part) for part in parts}, beside)
+    lists = {part: partial(_items, part) for part in parts}
+    return find_equal_names(lists, nearest_folder(parts[0]))
 
 
 def _items(part: Path) -> Iterator[Sequence[str]]:
