@@ -14,8 +14,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.many_images import watch
 from benchmarks.parts import PROJECT, SHAPEFIT
+from benchmarks.processes import watch
 from shapefit.io import read_dictionary, read_shapes
 from shapefit.io.layout import SHAPES
 from shapefit.io.records import ShapeSet
@@ -63,13 +63,13 @@ def main(count: int = 1_000_000, folder: str | None = None) -> None:
             batch = 0 if parts == 1 else -(-count // parts)
             command = [str(SHAPEFIT), "learn-dict", "shapes.h5", "-o", "dict.h5", "-q"]
             command += ["--set", f"batch={batch}"]
-            seconds, spent, peaks = watch(command, place)
+            found = watch(command, place)
             trace = read_dictionary(place / "dict.h5").objective_trace
             whole = trace[-1] if whole is None else whole
             size = f"{batch:,}" if batch else "all"
             print(
-                f"| {size} | {trace[-1] / whole:.4f} | {len(trace) // 2} | {seconds:.0f} "
-                f"| {spent:.0f} | {peaks[0] / 1e6:,.0f} |",
+                f"| {size} | {trace[-1] / whole:.4f} | {len(trace) // 2} | {found.seconds:.0f} "
+                f"| {found.processor:.0f} | {found.peak / 1e6:,.0f} |",
                 flush=True,
             )
 

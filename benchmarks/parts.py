@@ -9,7 +9,6 @@ slower than one, so two workers are also compared with two plain fits at once, o
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmarks.processes import spent
 from shapefit.io import landmark_writer, open_landmarks
 from shapefit.io.records import LandmarkSet
 
@@ -53,7 +53,7 @@ def tile(path: Path, count: int, first: int = 0) -> None:
 
 def processor_seconds(*commands: tuple[object, ...], folder: Path) -> float:
     """Run commands of shapefit at once; return their seconds of processor, children included."""
-    before = os.times()
+    before = spent()
     running = [
         subprocess.Popen([str(SHAPEFIT), *map(str, words), "-q", "--set", "threads=1"], cwd=folder)
         for words in commands
@@ -61,9 +61,7 @@ def processor_seconds(*commands: tuple[object, ...], folder: Path) -> float:
     codes = [process.wait() for process in running]
     if any(codes):
         raise SystemExit("a fit failed")
-    after = os.times()
-    spent = after.children_user + after.children_system
-    return spent - before.children_user - before.children_system
+    return spent() - before
 
 
 def fit(*words: object) -> tuple[object, ...]:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from statistics import median
@@ -20,6 +19,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks.parts import PROJECT
+from benchmarks.processes import watch
 from shapefit.io import read_shapes, result_writer, write_shapes
 from shapefit.io.records import ResultSet, ShapeSet
 
@@ -30,15 +30,8 @@ IN_A_SEQUENCE = 5_000
 NOISE = 0.05
 """Deviation of an estimated landmark from the true one, as a share of the spread of its shape."""
 
-MEASURE = """
-import resource, sys
-from shapefit_cli.main import run
-code = run(sys.argv[1:])
-used = resource.getrusage(resource.RUSAGE_SELF)
-print(used.ru_utime + used.ru_stime, used.ru_maxrss * 1024)
-sys.exit(code)
-"""
-"""An evaluation, then the seconds of processor and the most bytes that its process used."""
+RUN = "import sys; from shapefit_cli.main import run; sys.exit(run(sys.argv[1:]))"
+"""The command of whatever installation runs it."""
 
 
 def write_part(folder: Path, number: int, start: int, count: int) -> None:
@@ -76,12 +69,11 @@ def write_part(folder: Path, number: int, start: int, count: int) -> None:
 def measure(python: str, folder: Path) -> tuple[float, float]:
     """Return seconds of processor and peak bytes of one `eval` of all parts, without viewer."""
     shutil.rmtree(folder / "report", ignore_errors=True)
-    command = [python, "-c", MEASURE, "eval", "-o", "report", "-q", "--set", "view=false"]
+    command = [python, "-c", RUN, "eval", "-o", "report", "-q", "--set", "view=false"]
     parts = [str(path) for path in sorted(folder.glob("part-*.h5"))]
     command += ["--set", f"results={json.dumps({'fit': parts})}", "--truth", "truth-*.h5"]
-    done = subprocess.run(command, cwd=folder, check=True, stdout=subprocess.PIPE, text=True)
-    seconds, peak = done.stdout.split()[-2:]
-    return float(seconds), float(peak)
+    found = watch(command, folder)
+    return found.processor, found.peak
 
 
 def main(counts: str = "200000,1000000", python: str = "", turns: str = "1") -> None:
