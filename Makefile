@@ -153,7 +153,7 @@ lint: $(READY)
 	$(BIN)/ruff check .
 
 types: $(READY)
-	$(BIN)/mypy shapefit shapefit_cli benchmarks building
+	$(BIN)/mypy shapefit cli benchmarks building
 
 fuzz: $(READY)
 	$(BIN)/python -m fuzz --past

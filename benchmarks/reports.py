@@ -30,7 +30,7 @@ IN_A_SEQUENCE = 5_000
 NOISE = 0.05
 """Deviation of an estimated landmark from the true one, as a share of the spread of its shape."""
 
-RUN = "import sys; from shapefit_cli.main import run; sys.exit(run(sys.argv[1:]))"
+RUN = "import sys; from shapefit.cli.main import run; sys.exit(run(sys.argv[1:]))"
 """The command of whatever installation runs it."""
 
 

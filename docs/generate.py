@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from shapefit.config.reference import reference_page
-from shapefit_cli.main import commands
+from shapefit.cli.main import commands
 
 HERE = Path(__file__).resolve().parent
 WIDTH = 90

@@ -18,7 +18,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from shapefit_cli.main import run
+from shapefit.cli.main import run
 
 from .case import Case
 from .kinds import KINDS

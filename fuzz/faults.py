@@ -173,7 +173,7 @@ class Bench:
         if child == 0:
             code = 70
             try:
-                from shapefit_cli.main import run as run_command
+                from shapefit.cli.main import run as run_command
 
                 become(self._folder)
                 self._shim.arm(ctypes.c_long(call), ctypes.c_int(error))

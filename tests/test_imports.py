@@ -13,7 +13,7 @@ import pytest
 
 PROJECT = Path(__file__).resolve().parents[1]
 
-LIGHT = {*sys.stdlib_module_names, "click", "shapefit_cli"}
+LIGHT = {*sys.stdlib_module_names, "click"}
 LIGHT_OF_THE_PACKAGE = {"shapefit", "shapefit.__version__", "shapefit.errors.InputError"}
 LIGHT_OF_THE_PACKAGE |= {"shapefit.errors.printable"}
 """With LIGHT, what `cli` and `shapefit/__init__.py` may import when they are loaded."""
@@ -22,8 +22,8 @@ LIGHT_OF_THE_PACKAGE |= {"shapefit.errors.printable"}
 def listed() -> list[str]:
     """Return rooms and the folders in them, as modules, in the order of the map."""
     text = (PROJECT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    found = re.findall(r"^\| `(shapefit/[\w/]+|shapefit_cli)(?:/|\.py)` \|", text, re.MULTILINE)
-    return [room.replace("/", ".") for room in found]
+    found = re.findall(r"^\| `(shapefit/[\w/]+|cli)(?:/|\.py)` \|", text, re.MULTILINE)
+    return ["shapefit.cli" if room == "cli" else room.replace("/", ".") for room in found]
 
 
 def rooms() -> list[str]:
@@ -38,6 +38,7 @@ FACE = "shapefit.face"
 
 def module_of(path: Path) -> str:
     parts = path.relative_to(PROJECT).with_suffix("").parts
+    parts = ("shapefit", *parts) if parts[0] == "cli" else parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
@@ -100,12 +101,14 @@ def heavy_imports(source: str, module: str, *, package: bool = False) -> list[st
     return [
         f"line {line}: {module} imports {name}"
         for line, name in imports(tree, module, package=package)
-        if name.split(".")[0] not in LIGHT and name not in LIGHT_OF_THE_PACKAGE
+        if name.split(".")[0] not in LIGHT
+        and name not in LIGHT_OF_THE_PACKAGE
+        and not name.startswith("shapefit.cli.")
     ]
 
 
 PACKAGE = sorted((PROJECT / "shapefit").rglob("*.py"))
-CLI = sorted((PROJECT / "shapefit_cli").rglob("*.py"))
+CLI = sorted((PROJECT / "cli").rglob("*.py"))
 
 
 def each(paths: list[Path]) -> pytest.MarkDecorator:
@@ -136,10 +139,10 @@ SHORT = {
 
 def test_the_map_lists_every_room_and_folder():
     folders = {".".join(folder.relative_to(PROJECT).parts) for folder in FOLDERS}
-    assert set(listed()) - {"shapefit.errors", "shapefit_cli"} == folders - {"shapefit"}
+    assert set(listed()) - {"shapefit.errors", "shapefit.cli"} == folders - {"shapefit"}
     assert len(listed()) == len(set(listed()))
     assert ROOMS[0] == "shapefit.errors"
-    assert ROOMS[-1] == "shapefit_cli"
+    assert ROOMS[-1] == "shapefit.cli"
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: str(folder.relative_to(PROJECT)))
@@ -285,7 +288,7 @@ def test_verification_loads_nothing_of_the_solver():
         ("shapefit.config.commands.fit", "from shapefit import io"),
         ("shapefit.config.commands.fit", "from ...io import records"),
         ("shapefit.io.hdf5", "from shapefit.pipelines.fit.run import run"),
-        ("shapefit.pipelines.fit.run", "import shapefit_cli.main"),
+        ("shapefit.pipelines.fit.run", "import shapefit.cli.main"),
     ],
 )
 def test_an_import_against_the_order_is_seen(module, source):
@@ -297,7 +300,7 @@ def test_an_import_against_the_order_is_seen(module, source):
     [
         ("shapefit.io.hdf5", "from shapefit.config import FitConfig\nimport shapefit.errors"),
         ("shapefit.io.hdf5", "from .records import ShapeSet\nfrom shapefit import __version__"),
-        ("shapefit_cli.fit", "from .report import Report"),
+        ("shapefit.cli.fit", "from .report import Report"),
     ],
 )
 def test_an_import_along_the_order_is_let_through(module, source):
@@ -320,7 +323,7 @@ def test_talk_is_seen(source):
     ],
 )
 def test_a_heavy_import_is_seen(source):
-    assert len(heavy_imports(source, "shapefit_cli.fit")) == 1
+    assert len(heavy_imports(source, "shapefit.cli.fit")) == 1
 
 
 @pytest.mark.parametrize(
@@ -334,4 +337,4 @@ def test_a_heavy_import_is_seen(source):
     ],
 )
 def test_a_light_import_is_let_through(source):
-    assert heavy_imports(source, "shapefit_cli.fit") == []
+    assert heavy_imports(source, "shapefit.cli.fit") == []

@@ -72,7 +72,7 @@ def markdown() -> Iterator[Path]:
 
 def sources() -> Iterator[Path]:
     """Yield the sources whose texts are read."""
-    for folder in ("shapefit", "shapefit_cli", "benchmarks", "building", "sample_data", "docs"):
+    for folder in ("shapefit", "cli", "benchmarks", "building", "sample_data", "docs"):
         yield from (PROJECT / folder).rglob("*.py")
 
 

@@ -40,7 +40,7 @@ class Toy:
     def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         source = (
             f"import sys\nsys.path.insert(0, {str(self._folder)!r})\n{self._entry}\n"
-            "from shapefit_cli.main import run\nsys.exit(run(sys.argv[1:]))"
+            "from shapefit.cli.main import run\nsys.exit(run(sys.argv[1:]))"
         )
         command = [sys.executable, "-c", source, *arguments]
         return subprocess.run(

@@ -19,7 +19,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 
 RECORDER = """
 import sys
-from shapefit_cli.main import run
+from shapefit.cli.main import run
 
 rooms = {}
 
@@ -32,7 +32,7 @@ def importing(frame):
 def record(frame, event, argument):
     name = frame.f_globals.get("__name__", "")
     if event == "call" and name.startswith("shapefit") and not importing(frame):
-        room = "shapefit_cli" if name.startswith("shapefit_cli") else ".".join(name.split(".")[:2])
+        room = ".".join(name.split(".")[:2])
         rooms.setdefault(room, f"{name}.{frame.f_code.co_name}")
 
 sys.setprofile(record)
@@ -67,8 +67,8 @@ def walk(tmp_path_factory) -> dict[str, str]:
 
 def order_of_the_map() -> list[str]:
     text = (PROJECT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    found = re.findall(r"^\| `(shapefit/\w+|shapefit_cli)(?:/|\.py)` \|", text, flags=re.MULTILINE)
-    return [room.replace("/", ".") for room in found]
+    found = re.findall(r"^\| `(shapefit/\w+|cli)(?:/|\.py)` \|", text, flags=re.MULTILINE)
+    return ["shapefit.cli" if room == "cli" else room.replace("/", ".") for room in found]
 
 
 def climbs(walked: list[str], order: list[str]) -> list[str]:
@@ -83,7 +83,7 @@ def test_a_fit_goes_down_the_map_and_back_up_at_most_twice(walk):
 
 
 def test_a_fit_passes_through_the_rooms_of_the_paper(walk):
-    assert next(iter(walk)) == "shapefit_cli"
+    assert next(iter(walk)) == "shapefit.cli"
     passed = {"config", "pipelines", "io", "lifting", "convex", "dictionary", "geometry"}
     assert {f"shapefit.{room}" for room in passed} <= set(walk)
     assert not {"shapefit.evaluation", "shapefit.viewer", "shapefit.verification"} & set(walk)

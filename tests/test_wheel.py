@@ -12,15 +12,14 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-PACKAGES = {"shapefit": "shapefit", "shapefit/configs": "configs", "shapefit_cli": "shapefit_cli"}
+PACKAGES = {"shapefit": "shapefit", "shapefit/configs": "configs", "shapefit/cli": "cli"}
 """Folder in the wheel -> folder here."""
 SOURCES = {".cpp", ".hpp"}
 
 IMPORT_ALL = """
-import importlib, pkgutil, shapefit, shapefit_cli
-for package in (shapefit, shapefit_cli):
-    for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-        importlib.import_module(module.name)
+import importlib, pkgutil, shapefit
+for module in pkgutil.walk_packages(shapefit.__path__, shapefit.__name__ + "."):
+    importlib.import_module(module.name)
 print(shapefit.__file__)
 """
 

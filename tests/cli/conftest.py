@@ -7,7 +7,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from shapefit_cli.main import run
+from shapefit.cli.main import run
 
 
 @pytest.fixture

@@ -101,7 +101,7 @@ def test_the_bar_shows_states_of_the_work_and_not_the_result(shapefit, fake_pipe
     def advance(_bar, done, total, note):
         shown.append((done, total, note))
 
-    monkeypatch.setattr("shapefit_cli.command.Progress.advance", advance)
+    monkeypatch.setattr("shapefit.cli.command.Progress.advance", advance)
     fake_pipeline(
         "parts.run", [Outcome(done=2, total=3, note="gap 1e-5"), Outcome(done=1, total=3)]
     )

@@ -97,7 +97,7 @@ def test_the_pipeline_is_closed_when_the_command_line_breaks_off(
     monkeypatch.setattr(
         sys.modules["shapefit.pipelines.parts.run"], "run", lambda _config: Outcomes()
     )
-    monkeypatch.setattr("shapefit_cli.report.Report.add", lambda *_: 1 / 0)
+    monkeypatch.setattr("shapefit.cli.report.Report.add", lambda *_: 1 / 0)
     assert shapefit("fit", "-c", "fit.yaml").code == 3
     assert closed == [True]
 

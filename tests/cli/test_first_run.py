@@ -21,7 +21,7 @@ def hook(event, arguments):
         written.add(os.path.realpath(os.fsdecode(name)))
 sys.addaudithook(hook)
 sys.dont_write_bytecode = True
-from shapefit_cli.main import run
+from shapefit.cli.main import run
 code = run(sys.argv[1:])
 print(json.dumps({"code": code, "written": sorted(written),
     "seconds": resource.getrusage(resource.RUSAGE_SELF).ru_utime}))
@@ -36,7 +36,7 @@ def clock():
     loaded.append(set(sys.modules))
     return time.perf_counter()
 fitting.time = SimpleNamespace(perf_counter=clock)
-from shapefit_cli.main import run
+from shapefit.cli.main import run
 code = run(sys.argv[1:])
 new = [sorted(after - before) for before, after in zip(loaded[::2], loaded[1::2])]
 print(json.dumps({"code": code, "times": len(new), "new": sum(new, [])}))

@@ -11,7 +11,7 @@ EACH_SIZE = """
 import os, resource, sys
 from pathlib import Path
 import numpy as np
-from shapefit_cli.main import run
+from shapefit.cli.main import run
 
 target, sizes = Path(sys.argv[1]), int(sys.argv[2])
 

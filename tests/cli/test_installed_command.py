@@ -20,7 +20,7 @@ DRIVER = """
 import sys, time
 from types import ModuleType
 from shapefit.pipelines.outcome import Outcome
-from shapefit_cli import main
+from shapefit.cli import main
 
 def run(config):
 {body}
@@ -118,11 +118,11 @@ def test_a_signal_unwinds_the_pipeline(folder, number, told, becomes):
 def test_a_signal_before_all_is_imported_ends_the_process_without_a_traceback(number):
     code = """
 import sys, time
-from shapefit_cli import start
+from shapefit.cli import start
 
 class Slow:
     def find_spec(self, name, path=None, target=None):
-        if name == "shapefit_cli.main":
+        if name == "shapefit.cli.main":
             print("ready", flush=True)
             time.sleep(60)
 

@@ -39,7 +39,7 @@ LARGE = [
 @pytest.fixture(scope="module")
 def good(project, tmp_path_factory):
     """A folder of small files, one of each kind."""
-    from shapefit_cli.main import run
+    from shapefit.cli.main import run
 
     folder = tmp_path_factory.mktemp("good")
     paths = {kind: str(folder / name) for kind, name in FILES.items()}

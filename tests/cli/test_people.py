@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit_cli.main import run
+from shapefit.cli.main import run
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
-from shapefit_cli.report import LISTED, Report
+from shapefit.cli.report import LISTED, Report
 
 
 def folded(*outcomes: Outcome) -> Report:

@@ -70,7 +70,7 @@ NOT_FOR_A_FIT_OF_CSV = (
 
 SCRIPT = """
 import sys
-from shapefit_cli.main import run
+from shapefit.cli.main import run
 code = run(sys.argv[1:])
 print("imported", *sys.modules)
 sys.exit(code)

@@ -13,7 +13,7 @@ import pytest
 
 from shapefit import core
 from shapefit.io import read_dictionary, read_results, read_shapes, write_shapes
-from shapefit_cli.main import run
+from shapefit.cli.main import run
 
 LOSSES = ("squared", "exact", "l1", "sparse-error")
 COMMAND = Path(sys.executable).with_name("shapefit")

@@ -94,7 +94,7 @@ def test_shapes_with_gaps(tmp_path, rng):
 
 
 def test_a_result_keeps_its_proof(tmp_path):
-    from shapefit_cli.main import run as shapefit
+    from shapefit.cli.main import run as shapefit
 
     train, views = SAMPLES / "people_train.h5", tmp_path / "views.h5"
     dictionary, result = tmp_path / "dict.h5", tmp_path / "result.h5"

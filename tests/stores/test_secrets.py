@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from shapefit.config import load_config
-from shapefit_cli.main import run as shapefit
+from shapefit.cli.main import run as shapefit
 
 pytest.importorskip("s3fs")
 

@@ -267,7 +267,7 @@ import os, signal, sys
 from pathlib import Path
 # Where the tests run in the background SIGINT is ignored, and a child inherits that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from shapefit_cli import main
+from shapefit.cli import main
 replace = Path.replace
 def interrupt(path, target):
     if "new" in path.parts:

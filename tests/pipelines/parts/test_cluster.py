@@ -309,7 +309,7 @@ def test_a_file_that_is_not_of_a_scheduler(data):
 def test_without_dask(data):
     code = (
         "import sys; sys.modules['distributed'] = None; sys.modules['dask'] = None\n"
-        "from shapefit_cli.main import run; sys.exit(run(sys.argv[1:]))"
+        "from shapefit.cli.main import run; sys.exit(run(sys.argv[1:]))"
     )
     words = [sys.executable, "-c", code, *command("none/", "--workers", 2)[1:]]
     done = subprocess.run(words, cwd=data, capture_output=True, text=True, check=False)

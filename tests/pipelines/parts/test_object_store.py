@@ -230,7 +230,7 @@ class TestTheFolderIsOneResult:
         self.folder = f"{store.url}/results/"
 
     def command(self, *arguments: str) -> int:
-        from shapefit_cli.main import run as shapefit
+        from shapefit.cli.main import run as shapefit
 
         return shapefit([*arguments, "-q"])
 

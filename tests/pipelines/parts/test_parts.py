@@ -223,7 +223,7 @@ class TestTheFolderIsOneResult:
         fit("whole.h5")
 
     def command(self, *arguments: str) -> int:
-        from shapefit_cli.main import run as shapefit
+        from shapefit.cli.main import run as shapefit
 
         return shapefit([*arguments, "-q"])
 
@@ -271,7 +271,7 @@ def test_a_missing_or_shortened_result_is_done_again(folder):
 
 
 def test_a_dry_run_prints_a_line_per_part(folder, capsys):
-    from shapefit_cli.main import run as shapefit
+    from shapefit.cli.main import run as shapefit
 
     line = "fit one.h5 two.h5 -d dict.h5 -o out/ --set partition=200 --dry-run"
     assert shapefit(line.split()) == 0

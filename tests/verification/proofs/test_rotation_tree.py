@@ -13,7 +13,7 @@ import pytest
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import landmark_writer, write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit_cli.main import run as shapefit
+from shapefit.cli.main import run as shapefit
 
 NAMES = tuple("abcdefghij")
 HOLDS = "the cells hold all rotations"
