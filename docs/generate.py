@@ -8,9 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+from shapefit.cli.main import commands
 
 from shapefit.config.reference import reference_page
-from shapefit.cli.main import commands
 
 HERE = Path(__file__).resolve().parent
 WIDTH = 90

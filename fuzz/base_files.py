@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 
 import numpy as np
+from shapefit.cli.main import run
 
 from shapefit.io import read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
-from shapefit.cli.main import run
 
 from .detector_cases import write_detector_files
 from .tracker_cases import write_tracker_files

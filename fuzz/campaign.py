@@ -17,7 +17,6 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-
 from shapefit.cli.main import run
 
 from .case import Case

@@ -6,7 +6,6 @@ import sys
 from types import ModuleType, SimpleNamespace
 
 import pytest
-
 from shapefit.cli.main import run
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from shapefit.pipelines.outcome import Counted, Failure, Outcome
 from shapefit.cli.report import LISTED, Report
+
+from shapefit.pipelines.outcome import Counted, Failure, Outcome
 
 
 def folded(*outcomes: Outcome) -> Report:

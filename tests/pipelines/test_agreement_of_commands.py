@@ -10,10 +10,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from shapefit.cli.main import run
 
 from shapefit import core
 from shapefit.io import read_dictionary, read_results, read_shapes, write_shapes
-from shapefit.cli.main import run
 
 LOSSES = ("squared", "exact", "l1", "sparse-error")
 COMMAND = Path(sys.executable).with_name("shapefit")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
-from shapefit.cli.main import run as shapefit
 
 pytest.importorskip("s3fs")
 

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 import pytest
+from shapefit.cli.main import run as shapefit
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import landmark_writer, write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit.cli.main import run as shapefit
 
 NAMES = tuple("abcdefghij")
 HOLDS = "the cells hold all rotations"
