@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 
-from shapefit.config.expectation import field_keys, submodel
+from shapefit.config.fields import field_keys, submodel
 from shapefit.config.loader import CONFIGS
 
 from .texts import YAML_VALUES

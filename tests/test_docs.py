@@ -10,7 +10,7 @@ import pytest
 from pydantic import BaseModel
 
 from shapefit.config import CONFIGS
-from shapefit.config.expectation import field_keys, submodel
+from shapefit.config.fields import field_keys, submodel
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 

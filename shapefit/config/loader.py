@@ -7,11 +7,10 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from shapefit.config.checked import load_model
 from shapefit.config.model import CommandConfig
 from shapefit.config.paths import STANDARD_STREAM
 from shapefit.config.presets import ConfigFile
-from shapefit.config.settings import STANDARD_INPUT
+from shapefit.config.settings import STANDARD_INPUT, load_model
 from shapefit.errors import input_error
 from shapefit.stores.options import use_storage_options
 

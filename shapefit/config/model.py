@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from shapefit.config.expectation import Expected
+from shapefit.config.fields import Expected
 from shapefit.config.paths import STANDARD_STREAM, Folder
 from shapefit.errors import path_text
 from shapefit.stores.options import MASK, STORAGE_OPTIONS

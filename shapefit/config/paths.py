@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, PlainValidator
 
-from shapefit.config.expectation import Expected
+from shapefit.config.fields import Expected
 from shapefit.stores.listing import matching
 from shapefit.stores.locations import location
 from shapefit.stores.reading import read_bytes

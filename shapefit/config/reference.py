@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from shapefit.config.expectation import expectation, field_keys, in_words, submodel
+from shapefit.config.fields import expectation, field_keys, in_words, submodel
 from shapefit.config.loader import CONFIGS
 from shapefit.config.paths import OfTheData
 from shapefit.stores.options import STORAGE_OPTIONS

@@ -1,26 +1,58 @@
-"""One tree of values from a config file, `--set` options and arguments, with their places."""
+"""From a config file, `--set` options and arguments to a checked config, or every problem at once.
+
+`Settings` is their one tree of values, each with its place; `check` holds it against the schema.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from shapefit.config.paths import STANDARD_STREAM, PathKeys, anchored, change_paths, with_data
-from shapefit.config.places import Location, Place
-from shapefit.errors import input_error
-from shapefit.stores.options import MASK, STORAGE_OPTIONS
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from shapefit.config.fields import (
+    Location,
+    Place,
+    dotted_keys,
+    expectation,
+    field_keys,
+    marked_keys,
+    submodel,
+)
+from shapefit.config.model import ConfigModel
+from shapefit.config.paths import (
+    STANDARD_STREAM,
+    OfTheData,
+    PathKeys,
+    PathWords,
+    anchored,
+    change_paths,
+    with_data,
+)
+from shapefit.config.presets import ConfigFile
+from shapefit.errors import InputError, input_error
+from shapefit.stores.options import MASK, STORAGE_OPTIONS, use_storage_options
 from shapefit.stores.urls import is_url
 
 COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"
 
 MOST_BYTES = 1 << 20
 """Of a config: beyond that it is something else."""
+
+SHORT = ("input", ("keypoints", "individual", "track", "likelihood_below", "rename"))
+"""A section, and its keys that may be given beside it, in short."""
+
+Config = TypeVar("Config", bound=ConfigModel)
 
 
 @dataclass
@@ -209,3 +241,140 @@ def _text(path: Path) -> str:
         raise input_error(name, "not UTF-8 text", "save it as UTF-8") from None
     except OSError as error:
         raise input_error(name, error.strerror or "cannot be read", "check the path") from None
+
+
+def load_model(
+    model: type[Config],
+    file: ConfigFile | None = None,
+    overrides: Sequence[str] = (),
+    arguments: Mapping[str, object] | None = None,
+) -> Config:
+    """Return the checked config of a YAML file, with overrides and arguments over it.
+
+    `overrides` (each `a.b=value`) override what the YAML file says, and `arguments` (key -> value;
+    None and empty ones do not count) both. Raises InputError with every problem at once, each with
+    its place.
+    """
+    settings = Settings(marked_keys(model, PathWords))
+    if file is not None:
+        settings.read_file(file.path)
+        if file.is_preset:
+            settings.drop(marked_keys(model, PathWords, OfTheData))
+    for option in overrides:
+        settings.set_option(option)
+    for key, value in (arguments or {}).items():
+        if value is not None and value != ():
+            settings.set_argument(key, value)
+    if file is not None and file.is_preset:
+        settings.drop_idle()
+    return check(model, settings)
+
+
+def check(model: type[Config], settings: Settings) -> Config:
+    """Return the config that the settings make; raises InputError with every problem at once."""
+    problems = settings.problems
+    for at in _short_places(model):
+        settings.fold(at, *SHORT)
+    options = settings.values.get(STORAGE_OPTIONS)
+    if isinstance(options, dict):  # what paths name is looked up while they are checked
+        use_storage_options(options)
+    if not settings.readable:  # what the schema misses may well be there
+        raise InputError(problems)
+    try:
+        config = model.model_validate(settings.with_data(), by_alias=True, by_name=False)
+    except ValidationError as error:
+        problems = problems + _schema_problems(model, error, settings)
+    if problems:
+        raise InputError(problems)
+    return config
+
+
+def _short_places(model: type[BaseModel]) -> Iterator[Location]:
+    """Yield where, in a config of this model, keys may stand that are short for a section's."""
+    fields = field_keys(model)
+    if SHORT[0] in fields:
+        yield ()
+    for key, info in fields.items():
+        inner = submodel(info)
+        if inner is not None and SHORT[0] in field_keys(inner):
+            yield (key,)
+
+
+def _schema_problems(
+    model: type[BaseModel], error: ValidationError, settings: Settings
+) -> list[str]:
+    """Return one line for each thing that the schema of `model` rejects in `settings`.
+
+    A key whose value cannot be read is not missing.
+    """
+    details = [
+        detail
+        for detail in error.errors()
+        if not (detail["type"] == "missing" and detail["loc"] in settings.refused)
+    ]
+    return list(dict.fromkeys(_problem(model, detail, settings) for detail in details))
+
+
+def _problem(model: type[BaseModel], detail: ErrorDetails, settings: Settings) -> str:
+    location = detail["loc"]
+    owner, field = _schema_at(model, location)
+    match detail["type"]:
+        case "extra_forbidden":
+            place = settings.place(location, key=True)
+            return f"{place}: unknown key {str(location[-1])!r}{_known(model, owner, location)}"
+        case "missing" if field and field is field_keys(owner).get(str(location[-1])):
+            place = settings.place(location[:-1])
+            return f"{place}: missing key {str(location[-1])!r} ({field.description})"
+        case "value_error":
+            message = str(detail["ctx"]["error"])
+            return f"{settings.place(_first_named(message, location, settings))}: {message}"
+    choices = re.findall(r"'([^']+)'", detail.get("ctx", {}).get("expected", ""))
+    wanted = " or ".join(choices) or (expectation(field) if field else detail["msg"])
+    return (
+        f"{settings.place(location)}: expected {wanted}, "
+        f"found {found(detail['input'])}{_did_you_mean(str(detail['input']), choices)}"
+    )
+
+
+def _first_named(message: str, location: Location, settings: Settings) -> Location:
+    """Return where the first of the keys was said that a message names as `key` or `key: value`.
+
+    Of keys that do not go together none is at fault alone; their common `location` is the answer
+    where the settings say none of them.
+    """
+    named = ((*location, word) for word in re.findall(r"`(\w+)", message))
+    return next(filter(settings.said, named), location)
+
+
+def _schema_at(
+    model: type[BaseModel], location: Location
+) -> tuple[type[BaseModel], FieldInfo | None]:
+    """Return the field that `location` is or lies in (None if unknown), and its owner.
+
+    A problem of several keys together lies in none of them: its location is empty.
+    """
+    if not location:
+        return model, None
+    owner = model
+    for key in location[:-1]:
+        field = field_keys(owner)[str(key)]
+        inner = submodel(field)
+        if inner is None:
+            return owner, field
+        owner = inner
+    return owner, field_keys(owner).get(str(location[-1]))
+
+
+def _known(model: type[BaseModel], owner: type[BaseModel], location: Location) -> str:
+    """Return the end of a message on an unknown key: the nearest key, or all that are known."""
+    key = str(location[-1])
+    guess = _did_you_mean(key, field_keys(owner))
+    if not guess:
+        elsewhere = [known for known in dotted_keys(model) if known.split(".")[-1] == key]
+        guess = "".join(f"; did you mean {known!r}?" for known in elsewhere[:1])
+    return guess or f"; the keys here are {', '.join(field_keys(owner))}"
+
+
+def _did_you_mean(text: str, choices: Iterable[str]) -> str:
+    nearest = get_close_matches(text, list(choices), n=1)
+    return f"; did you mean {nearest[0]!r}?" if nearest else ""

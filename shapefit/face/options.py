@@ -8,9 +8,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from shapefit.config.checked import check
 from shapefit.config.model import CommandConfig
-from shapefit.config.settings import Settings
+from shapefit.config.settings import Settings, check
 from shapefit.errors import input_error
 
 Config = TypeVar("Config", bound=CommandConfig)

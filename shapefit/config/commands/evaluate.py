@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.dictionaries import DictionaryPath
-from shapefit.config.expectation import Expected
+from shapefit.config.fields import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath

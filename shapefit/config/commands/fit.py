@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.dictionaries import DictionaryPath
-from shapefit.config.expectation import Expected
+from shapefit.config.fields import Expected
 from shapefit.config.fit.camera import ViewingConfig
 from shapefit.config.fit.export import ExportConfig, PicturesConfig
 from shapefit.config.fit.outliers import OutliersConfig

@@ -9,7 +9,7 @@ from pydantic import Field, PlainValidator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.expectation import Expected
+from shapefit.config.fields import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists
 from shapefit.config.paths import InputPaths, OutputPath
 

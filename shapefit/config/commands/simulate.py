@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
-from shapefit.config.expectation import Expected
+from shapefit.config.fields import Expected
 from shapefit.config.model import (
     MOST_STEPS,
     MOST_THREADS,

@@ -11,14 +11,12 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from shapefit.config.checked import check, load_model, path_keys
-from shapefit.config.commands.corruption import CorruptionConfig
 from shapefit.config.commands.evaluate import ErrorMetric
 from shapefit.config.commands.fit import FitConfig
 from shapefit.config.commands.learn_dict import LearnDictConfig
 from shapefit.config.commands.project import ProjectConfig
 from shapefit.config.dictionaries import DictionaryPath
-from shapefit.config.expectation import Expected
+from shapefit.config.fields import Expected, marked_keys
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, plain
 from shapefit.config.paths import (
     OF_THE_DATA,
@@ -29,12 +27,26 @@ from shapefit.config.paths import (
     absolute_path,
 )
 from shapefit.config.presets import ConfigFile
-from shapefit.config.settings import Settings
+from shapefit.config.settings import Settings, check, load_model
 from shapefit.errors import InputError
 
 Value = str | bool | int | float
 
 _MADE = "; the sweep chooses it"
+
+
+class CorruptionConfig(ConfigModel):
+    """Visible landmarks replaced by points drawn at random, to see which are found."""
+
+    share: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="Share of the visible landmarks of each image to replace by points drawn "
+        "uniformly from the bounding box of these landmarks, grown on each side by a tenth of its "
+        "size.",
+    )
+    seed: int = Field(default=0, ge=0, description="Seed of the choice and of the points.")
 
 
 class LearnDictSection(LearnDictConfig):
@@ -217,7 +229,7 @@ class SweepConfig(CommandConfig):
             raise ValueError(
                 f"a sweep writes no meshes and pictures, so that {path} changes nothing"
             )
-        if key.partition(".")[0] in path_keys(SECTIONS[name]):
+        if key.partition(".")[0] in marked_keys(SECTIONS[name], PathWords):
             raise ValueError(f"{path} is a path; only settings can vary")
         if not values or len(set(values)) < len(values):
             raise ValueError(f"expected different values of {path}, found {list(values)}")
@@ -251,7 +263,7 @@ def _of_value(name: str, key: str, value: Value, line: str) -> str:
 def _changed(section: Section, name: str, key: str, value: Value) -> Section:
     """Return the section with another value of a key; raises InputError if it does not fit."""
     model = type(section)
-    settings = Settings(path_keys(model))
+    settings = Settings(marked_keys(model, PathWords))
     settings.take_section(name, plain(section.model_dump(), str))
     settings.set_option(f"{key}={_as_yaml(value)}")
     return check(model, settings)

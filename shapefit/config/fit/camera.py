@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from shapefit.config.expectation import Expected
+from shapefit.config.fields import Expected
 from shapefit.config.model import ConfigModel, FromLists
 from shapefit.config.paths import OF_THE_DATA, OptionalInputPath
 from shapefit.lifting.options import PerspectiveOptions

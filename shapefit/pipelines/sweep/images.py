@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shapefit.config.commands.corruption import CorruptionConfig
+from shapefit.config.commands.sweep import CorruptionConfig
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, landmark_writer, open_landmarks
 from shapefit.io.extras import CORRUPTED, Extras

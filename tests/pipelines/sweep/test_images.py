@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.config.commands.corruption import CorruptionConfig
+from shapefit.config.commands.sweep import CorruptionConfig
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, landmark_writer, open_landmarks
 from shapefit.pipelines.sweep.images import Choice, choose_images

@@ -1,15 +1,25 @@
-"""What a field expects, in words; for error messages and for the reference page."""
+"""What a schema says of its fields: the keys, the words for what each expects, their places."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
+
+Location = tuple[str | int, ...]
+"""The keys and list positions that lead to a value."""
+
+
+class Place(NamedTuple):
+    """Where a key and its value stand, as a message names them."""
+
+    key: str
+    value: str
 
 
 @dataclass(frozen=True)
@@ -87,3 +97,15 @@ def dotted_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
         inner = submodel(field)
         if inner is not None:
             yield from dotted_keys(inner, f"{prefix}{key}.")
+
+
+def marked_keys(model: type[BaseModel], *marks: type) -> dict[str, Any]:
+    """Return the keys of a model with one of these marks -> those within them; {} for none."""
+    keys: dict[str, Any] = {}
+    for key, field in field_keys(model).items():
+        inner = submodel(field)
+        marked = any(isinstance(entry, marks) for entry in field.metadata)
+        within = {} if inner is None else marked_keys(inner, *marks)
+        if within or marked:
+            keys[key] = within
+    return keys
