@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,17 +36,22 @@ class Report:
     written: list[Path] = field(default_factory=list)
     _failures: list[Failure] = field(default_factory=list)
     _warnings: dict[str, str | Counted] = field(default_factory=dict)
+    _doubts: dict[str, str | Counted] = field(default_factory=dict)
     _unlisted_warnings: int = 0
     _started: float = field(default_factory=time.monotonic)
 
     def add(self, outcome: Outcome) -> None:
         """Take in what became of one more part of the work."""
+        from shapefit.pipelines.outcome import add_up
+
         self.done += outcome.done
         self.unit = outcome.unit or self.unit
         self.failed += len(outcome.failures)
         self._failures += outcome.failures[: self._most_listed - len(self._failures)]
         for warning in outcome.warnings:
             self._add_warning(warning)
+        for doubt in outcome.doubts:
+            add_up(self._doubts, doubt if self.verbose else replace(doubt, items=()))
         self.written += outcome.written
         self.note = outcome.note or self.note
 
@@ -76,12 +81,22 @@ class Report:
                 yield f"Warning: {warning}"
             if self._unlisted_warnings:
                 yield f"Warning: and {self._unlisted_warnings} more"
+            yield from self._not_to_be_trusted()
         for failure in self._failures:
             yield f"Failed: {failure.item}: {failure.reason}"
         if self.failed > len(self._failures):
             yield f"Failed: and {self.failed - len(self._failures)} more"
         if not self.quiet:
             yield "; ".join(self._summary(with_note))
+
+    def _not_to_be_trusted(self) -> Iterator[str]:
+        from shapefit.pipelines.outcome import Counted, tell_doubts
+
+        doubts = [doubt for doubt in self._doubts.values() if isinstance(doubt, Counted)]
+        for doubt in doubts:
+            yield from (f"Doubtful: {item}: {doubt.text}" for item in doubt.items)
+        if doubts:
+            yield tell_doubts(doubts, self.done) + ("" if self.verbose else "; -v lists them")
 
     def _summary(self, with_note: bool) -> Iterator[str]:
         from shapefit.errors import counted

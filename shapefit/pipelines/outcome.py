@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,7 +22,8 @@ class Counted:
     """A warning about some items of one part of the work: `12 images not optimal`.
 
     A report adds up those with the same text. `worst` is the item to show as an example, `severity`
-    how bad it is: of several parts the most severe one is shown.
+    how bad it is: of several parts the most severe one is shown. `items` are the names of all of
+    them, where they are known.
     """
 
     number: int
@@ -29,10 +31,12 @@ class Counted:
     text: str
     worst: str = ""
     severity: float = 0.0
+    items: tuple[str, ...] = ()
 
     def __add__(self, other: Counted) -> Counted:
         worse = other if other.severity > self.severity else self
-        return replace(worse, number=self.number + other.number)
+        number, items = self.number + other.number, self.items + other.items
+        return replace(worse, number=number, items=items)
 
     def __str__(self) -> str:
         words = f"{counted(self.number, self.noun)} {self.text}"
@@ -47,6 +51,7 @@ class Outcome:
     of them without a result; `unit` is what the items are, where that depends on the config;
     `items` are the names of those that were done, where parts need them;
     `note` is a short state of the work for a progress bar, `line` is to be shown at once,
+    `doubts` counts the items whose result is not to be trusted, by reason;
     `listing` the lines that the command was asked for, `written` the files that now stand complete.
     """
 
@@ -55,6 +60,7 @@ class Outcome:
     failures: tuple[Failure, ...] = ()
     items: tuple[str, ...] = ()
     warnings: tuple[str | Counted, ...] = ()
+    doubts: tuple[Counted, ...] = ()
     unit: str = ""
     note: str = ""
     line: str = ""
@@ -68,6 +74,14 @@ def add_up(known: dict[str, str | Counted], warning: str | Counted) -> None:
     before = known.get(key)
     both = isinstance(before, Counted) and isinstance(warning, Counted)
     known[key] = before + warning if both else warning  # type: ignore[operator]
+
+
+def tell_doubts(doubts: Collection[Counted], total: int) -> str:
+    """Say how many of all items are not to be trusted, and why."""
+    reasons = {doubt.text: doubt.number for doubt in doubts}
+    noun = next((doubt.noun for doubt in doubts), "item")
+    listed = ", ".join(f"{number} {text}" for text, number in reasons.items())
+    return f"{sum(reasons.values())} of {counted(total, noun)} not to be trusted: {listed}"
 
 
 def nothing_in(count: int, unit: str) -> tuple[str, ...]:

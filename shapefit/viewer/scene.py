@@ -25,13 +25,17 @@ Role = Literal["result", "truth", "shapes"]
 
 @dataclass(frozen=True)
 class Measure:
-    """A number (n,) for every frame, for the strip: its scale, and which end of it is bad."""
+    """A number (n,) for every frame, for the strip: its scale, and which end of it is bad.
+
+    limit is the value beyond which a frame is doubtful, where there is one.
+    """
 
     name: str
     values: Floats
     scale: Literal["linear", "log", "share"] = "linear"
     bad: Literal["high", "low"] = "high"
     unit: str = ""
+    limit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,7 @@ class Layer:
     fitted (n, 2, p) are given where they are not x and y of the points; sd (n, 3, p) standard
     deviations; pose (n, 13) rotation, scale, translation that carry a mesh into the frame of the
     points; camera (n, 7) position of the centroid, focal lengths, principal point; status a word
-    for every frame.
+    for every frame; doubts says of every frame why its shape is not to be trusted, "" where it is.
     """
 
     name: str
@@ -71,6 +75,7 @@ class Layer:
     camera: Floats | None = None
     blend: Blend | None = None
     status: Sequence[str] | None = None
+    doubts: Sequence[str] | None = None
     measures: tuple[Measure, ...] = ()
 
 
@@ -154,6 +159,7 @@ def _layer(layer: Layer) -> dict[str, Any]:
                 "scale": measure.scale,
                 "bad": measure.bad,
                 "unit": measure.unit,
+                "limit": measure.limit,
                 "values": block_of_coarse_floats(measure.values),
             }
             for measure in layer.measures
@@ -166,10 +172,11 @@ def _layer(layer: Layer) -> dict[str, Any]:
     for name, values in (("pose", layer.pose), ("camera", layer.camera)):
         if values is not None:
             document[name] = block_of_floats(values)
-    if layer.status is not None:
-        words, codes = np.unique(np.array(layer.status, dtype=str), return_inverse=True)
-        kind = smallest_kind(len(words))
-        document["status"] = {"words": words.tolist(), "codes": block_of_integers(codes, kind)}
+    for name, texts in (("status", layer.status), ("doubts", layer.doubts)):
+        if texts is not None:
+            words, codes = np.unique(np.array(texts, dtype=str), return_inverse=True)
+            kind = smallest_kind(len(words))
+            document[name] = {"words": words.tolist(), "codes": block_of_integers(codes, kind)}
     if layer.blend is not None:
         document["mesh"] = _blend(layer.blend)
     return document

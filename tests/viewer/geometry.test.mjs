@@ -80,9 +80,25 @@ test("the strip is high where it is bad, and keeps the worst of a column", () =>
   assert.deepEqual(strip.badness([-10, 0], { scale: "linear", bad: "low" }), [1, 0]);
   near(strip.badness([1e-8, 1e-6, 1e-4], { scale: "log", bad: "high" }), [0, 0.5, 1]);
   assert.deepEqual(strip.badness([0.1, 0.6], { scale: "share", bad: "high" }), [0.1, 0.6]);
+  assert.deepEqual(strip.badness([1, 1], { scale: "linear", bad: "low" }), [0, 0]);
   assert.deepEqual(strip.columnsOf([0, 3, 1, Infinity], 2), [3, Infinity]);
   assert.deepEqual(strip.columnsOf([1, 2], 4), [1, 1, 2, 2]);
   assert.deepEqual(strip.ranking([0.5, Infinity, 0.7, 0.5]), [1, 2, 0, 3]);
+});
+
+test("the limit of a measure stands on the scale of its values, beyond them too", () => {
+  const plausibility = { scale: "linear", bad: "low", limit: 0.25 };
+  assert.equal(strip.threshold([0, 0.5, 1], plausibility), 0.75);
+  near(strip.badness([0.75, 1], plausibility), [1 / 3, 0]);
+  assert.equal(strip.threshold([0.75, 1], plausibility), 1);
+  assert.equal(strip.threshold([0.75, 1], { scale: "linear", bad: "low" }), null);
+});
+
+test("the next doubtful frame is sought in the sequence, going round", () => {
+  const layer = { doubt: (frame) => ["", "implausible", "", "", "wide", "implausible"][frame] };
+  const next = (from) => scene.nextDoubtful([{ doubt: null }, layer], from, 0, 5);
+  assert.deepEqual([0, 1, 2, 4].map(next), [1, 4, 4, 1]);
+  assert.equal(scene.nextDoubtful([layer], 2, 2, 4), -1);
 });
 
 test("a click on the strip finds its frame", () => {

@@ -59,5 +59,11 @@ class PosteriorConfig(ConfigModel):
         default=0.05,
         ge=0,
         lt=1,
-        description="Images with a plausibility below this are reported as not to be trusted.",
+        description="Images with a plausibility below this are not to be trusted.",
+    )
+    widest: float = Field(
+        default=0.8,
+        gt=0,
+        description="Images whose error bars are wider than this are not to be trusted: the mean "
+        "over landmarks, beside the spread of the shape.",
     )

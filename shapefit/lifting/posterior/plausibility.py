@@ -22,14 +22,14 @@ def find_plausibility(surprise: Floats, seen: NDArray[np.integer], believed: Flo
 
     The surprise is the squared Mahalanobis distance of the landmarks from those expected, averaged
     over the modes, and a price for every gross landmark. Few landmarks have few degrees of
-    freedom, so that the p-value does not depend on how many are seen. It is 1 where 3 are seen or
-    fewer: any three landmarks fit. It is 0 where more are seen, but fewer than 3 believed. nan
-    where there is no posterior.
+    freedom, so that the p-value does not depend on how many are seen. It is nan where 3 are seen
+    or fewer, which any view fits, and where there is no posterior. It is 0 where more are seen,
+    but fewer than 3 believed.
     """
     from scipy.special import chdtrc
 
     freedom = 2.0 * np.asarray(seen) - VIEWED
     some = freedom > 0
-    p: Floats = np.where(some, chdtrc(np.where(some, freedom, 1.0), surprise), 1.0)
+    p: Floats = np.where(some, chdtrc(np.where(some, freedom, 1.0), surprise), np.nan)
     p = np.where(some & (believed < FEWEST_BELIEVED), 0.0, p)
     return np.where(np.isnan(surprise), np.nan, p)

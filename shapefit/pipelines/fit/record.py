@@ -17,6 +17,7 @@ from shapefit.io.formats import find_target_format
 from shapefit.io.layout import RESULTS
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
+from shapefit.lifting.verdict import DOUBT, TRUSTED, find_doubts
 from shapefit.pipelines.fit.left_out_items import find_left_out
 from shapefit.pipelines.fit.searched import with_readings, with_trees
 
@@ -25,7 +26,7 @@ Floats = NDArray[np.float64]
 OF_A_RESULT = RESULTS.names | {
     *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
     *("camera_translation", "focal", "principal_point", "position", "left_out"),
-    *("shape_covariance", METRES_PER_UNIT),
+    *("shape_covariance", METRES_PER_UNIT, TRUSTED, DOUBT),
     *(name for method in METHODS.values() for name in method.further),
 }
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
@@ -143,6 +144,7 @@ def further_datasets(
         "shape_covariance": covariance_by_landmark(lifting),
         METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
         **found.further,
+        **verdict(images, lifting, config),
     }
     if config.leave_out is not None:
         own["left_out"] = find_left_out(images, config.leave_out, dictionary).astype(object)
@@ -151,6 +153,25 @@ def further_datasets(
     present = {name: values for name, values in own.items() if values is not None}
     carried = Extras.of(images.extras, len(images))
     return carried.apart_from(OF_A_RESULT) | present
+
+
+def verdict(
+    images: LandmarkSet, lifting: Lifting, config: FitConfig
+) -> dict[str, NDArray[Any] | None]:
+    """Say of each image whether its shape is to be trusted, where the method knows its error."""
+    found = lifting.estimate
+    if found.deviation is None:
+        return {}
+    doubt = find_doubts(
+        np.where(np.isnan(lifting.scale)[:, None, None], np.nan, found.shapes),
+        found.deviation,
+        images.seen(),
+        found.further["plausibility"],
+        found.status,
+        implausible=config.posterior.implausible,
+        widest=config.posterior.widest,
+    )
+    return {TRUSTED: doubt == "", DOUBT: doubt}
 
 
 def find_renamed(source: LandmarkSource, config: FitConfig) -> tuple[str, ...]:

@@ -30,6 +30,7 @@ from shapefit.io.formats import find_target_format
 from shapefit.io.options import OutputOptions, Track
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
+from shapefit.lifting.verdict import DOUBT, NO_SHAPE
 from shapefit.pipelines.export.run import open_exports
 from shapefit.pipelines.fit.chain import Chain, choose_chain, fit_images
 from shapefit.pipelines.fit.dictionary_kind import mismatch
@@ -83,6 +84,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
                 failures=find_failures(images, lifting, config),
                 items=images.items,
                 warnings=find_warnings(images, lifting, config),
+                doubts=count_doubts(record),
             )
         names = name_warnings(source.landmark_names, dictionary.landmark_names)
         left_in = unknown.warnings if unknown else ()
@@ -248,12 +250,6 @@ def find_warnings(
         )
         fix = "divide them by their largest value if that is not intended"
         found.append(f"confidences above 1: {what}; {fix}")
-    plausibility = lifting.estimate.further.get("plausibility")
-    if plausibility is not None:
-        doubtful = int((plausibility < config.posterior.implausible).sum())
-        if doubtful:
-            text = f"not to be trusted: the plausibility is below {config.posterior.implausible:g}"
-            found.append(Counted(doubtful, "image", text))
     empty = find_empty(lifting)
     if empty:
         text = (
@@ -270,6 +266,18 @@ def find_warnings(
                 "`camera.principal_point` right?"
             )
     return tuple(found)
+
+
+def count_doubts(record: ResultSet) -> tuple[Counted, ...]:
+    """Count the images with a shape that is not to be trusted, by reason."""
+    of_reason: dict[str, list[str]] = {}
+    for item, reason in zip(record.items, record.extras.get(DOUBT, ()), strict=False):
+        if reason not in ("", NO_SHAPE):  # which has failed
+            of_reason.setdefault(reason, []).append(item)
+    return tuple(
+        Counted(len(items), "image", reason, items=tuple(items))
+        for reason, items in of_reason.items()
+    )
 
 
 def find_empty(lifting: Lifting) -> list[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,7 @@ class Done:
     failed: int = 0
     failures: tuple[Failure, ...] = ()
     warnings: tuple[str | Counted, ...] = ()
+    doubts: tuple[Counted, ...] = ()
     seconds: float = 0.0
     bytes: int = 0
     span: Span | None = None
@@ -91,6 +92,7 @@ def _fit(job: Job, began: float) -> Done:
     span: Span | None = None
     failures: list[Failure] = []
     warnings: dict[str, str | Counted] = {}
+    doubts: dict[str, Counted] = {}
     try:
         for outcome in run(config, rows):
             images += outcome.done
@@ -101,6 +103,9 @@ def _fit(job: Job, began: float) -> Done:
             failures += outcome.failures[: MOST_TOLD - len(failures)]
             for warning in outcome.warnings[: MOST_TOLD - len(warnings)]:
                 add_up(warnings, warning)
+            for doubt in outcome.doubts:
+                own = replace(doubt, items=())
+                doubts[own.text] = doubts[own.text] + own if own.text in doubts else own
         size, _ = find_state(target) or (0, "")
     except InputError as error:
         cause = error.__cause__
@@ -115,6 +120,7 @@ def _fit(job: Job, began: float) -> Done:
         failed,
         tuple(failures),
         tuple(warnings.values()),
+        tuple(doubts.values()),
         time.perf_counter() - began,
         size,
         span,

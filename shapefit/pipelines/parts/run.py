@@ -166,6 +166,7 @@ def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Ite
                 done=done.images,
                 failures=done.failures,
                 warnings=done.warnings,
+                doubts=done.doubts,
                 note=pace(),
             )
     finally:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error
 from shapefit.io.kinds.listing import Listing, Records, read_chunks
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.lifting.verdict import DOUBT
 
 Floats = NDArray[np.float64]
 
@@ -117,7 +118,8 @@ def _take(
         put_landmarks("landmarks", _visible(records), (2,))
     if isinstance(records, ResultSet):
         _take_result(records, put, put_landmarks)
-        for name, values in (("status", records.status), (match, records.extras.get(match))):
+        of_items = {name: records.extras.get(name) for name in (DOUBT, match)}
+        for name, values in {"status": records.status, **of_items}.items():
             if values is not None and np.ndim(values) == 1:  # one per item
                 texts = gathered.texts.setdefault(name, np.full(n, "", dtype=object))
                 texts[frames] = np.asarray(values).astype(str)

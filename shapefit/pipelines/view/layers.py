@@ -14,6 +14,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation import metrics
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.lifting.methods import METHODS
+from shapefit.lifting.verdict import DOUBT
 from shapefit.pipelines.view.gathering import CAMERA, JUDGEMENTS, Gathered
 from shapefit.viewer.scene import Blend, Layer, Measure
 
@@ -36,7 +37,7 @@ def result_layer(gathered: Gathered, seen: Floats | None) -> Layer:
     fitted = gathered.of_frames.get("landmarks_fitted")
     fitted = None if fitted is None else fitted.swapaxes(1, 2)
     sd = gathered.of_frames.get("shape_sd")
-    status = gathered.texts.get("status")
+    status, doubts = gathered.texts.get("status"), gathered.texts.get(DOUBT)
     camera = _camera(gathered)
     return Layer(
         name=gathered.name,
@@ -47,6 +48,7 @@ def result_layer(gathered: Gathered, seen: Floats | None) -> Layer:
         pose=None if camera is None else _pose(gathered),
         camera=camera,
         status=None if status is None else tuple(status),
+        doubts=None if doubts is None else tuple(doubts),
         measures=tuple(_measures(gathered, seen)),
     )
 
@@ -146,9 +148,13 @@ def with_error(layer: Layer, truth: Floats, unit: str) -> Layer:
 def _measures(gathered: Gathered, seen: Floats | None) -> Iterator[Measure]:
     """Yield what is known of each frame, what says most about it first."""
     found = gathered.of_frames
+    posterior = fit_config(gathered).get("posterior")
+    limit = posterior.get("implausible") if isinstance(posterior, dict) else None
+    limits = {"plausibility": limit if isinstance(limit, float) else None}
     for name in JUDGEMENTS:
         if name in found and found[name].ndim == 1:
-            yield Measure(name.replace("_", " "), found[name], bad="low")
+            limit = limits.get(name)
+            yield Measure(name.replace("_", " "), found[name], bad="low", limit=limit)
     if seen is not None:
         fitted = found.get("landmarks_fitted")
         flat = gathered.points[:, :2] if fitted is None else fitted.swapaxes(1, 2)

@@ -70,7 +70,8 @@ const scene = (() => {
       fitted: (frame) => (fitted ? fitted(frame) : inImage(frame, points(frame))),
       sd: layer.sd ? blocks.open(layer.sd).row : () => null,
       measures: layer.measures.map((measure) => ({ ...measure, values: blocks.numbers(measure.values) })),
-      words: layer.status ? openStatus(layer.status) : () => null,
+      words: layer.status ? openWords(layer.status) : () => null,
+      doubt: layer.doubts ? openWords(layer.doubts) : null,
     };
   }
 
@@ -89,7 +90,7 @@ const scene = (() => {
     };
   }
 
-  function openStatus({ words, codes }) {
+  function openWords({ words, codes }) {
     const numbers = blocks.numbers(codes);
     return (frame) => words[numbers[frame]];
   }
@@ -110,6 +111,16 @@ const scene = (() => {
     return rows;
   }
 
-  return { open, find, lastAtMost };
+  /** The first frame after `from` of start..end, going round, whose shape a shown layer doubts; -1 for none. */
+  function nextDoubtful(layers, from, start, end) {
+    const count = end - start;
+    for (let step = 1; step <= count; step++) {
+      const frame = start + ((from - start + step) % count);
+      if (layers.some((layer) => layer.doubt?.(frame))) return frame;
+    }
+    return -1;
+  }
+
+  return { open, find, lastAtMost, nextDoubtful };
 })();
 if (typeof module !== "undefined") module.exports = scene;

@@ -5,17 +5,18 @@ const strip = (() => {
    * How bad each value is, from 0 to 1, on the scale of these values; NaN is Infinity.
    *
    * `scale` is "linear", "log", or "share" for values that are from 0 to 1 already; `bad` is "high"
-   * or "low".
+   * or "low". Values are measured beside `limit`, where there is one; equal values are as good.
    */
-  function badness(values, { scale, bad }) {
+  function badness(values, { scale, bad, limit }, wanted = values) {
     const on = (value) => (scale === "log" ? Math.log10(Math.max(value, 1e-16)) : value);
-    const known = Array.from(values).filter(Number.isFinite).map(on);
+    const known = [...values, limit ?? NaN].filter(Number.isFinite).map(on);
     let [low, high] = known.reduce(([l, h], v) => [Math.min(l, v), Math.max(h, v)], [Infinity, -Infinity]);
     if (scale === "linear" && bad === "high") low = Math.min(low, 0);
     if (scale === "share") [low, high] = [0, 1];
-    return Array.from(values, (value) => {
+    return Array.from(wanted, (value) => {
       if (!Number.isFinite(value)) return Infinity;
-      const share = high > low ? (on(value) - low) / (high - low) : 0;
+      if (high <= low) return 0;
+      const share = (on(value) - low) / (high - low);
       return bad === "low" ? 1 - share : share;
     });
   }
@@ -36,11 +37,16 @@ const strip = (() => {
     return levels.map((level, i) => [level, i]).sort((a, b) => (a[0] === b[0] ? a[1] - b[1] : b[0] - a[0])).map(([, i]) => i);
   }
 
-  /** Draw rows [{levels, tint}], one above the other. */
+  /** Where the limit of a measure stands among the levels of these values; null for none. */
+  function threshold(values, measure) {
+    return Number.isFinite(measure.limit) ? badness(values, measure, [measure.limit])[0] : null;
+  }
+
+  /** Draw rows [{levels, tint, limit}], one above the other, with a line where the limit is. */
   function draw(context, width, height, rows, style) {
     context.clearRect(0, 0, width, height);
     const tall = height / rows.length;
-    rows.forEach(({ levels, tint }, r) => {
+    rows.forEach(({ levels, tint, limit }, r) => {
       const base = (r + 1) * tall - 1;
       columnsOf(levels, Math.max(1, Math.floor(width))).forEach((level, x) => {
         if (level < 0) return;
@@ -49,6 +55,9 @@ const strip = (() => {
         context.fillStyle = missing ? style.outlier : tint;
         context.fillRect(x, base - bar, 1, bar);
       });
+      if (limit === null || limit === undefined) return;
+      context.fillStyle = style.outlier;
+      context.fillRect(0, base - 2 - (tall - 4) * limit, width, 1);
     });
   }
 
@@ -57,6 +66,6 @@ const strip = (() => {
     return Math.max(0, Math.min(count - 1, Math.floor((x / width) * count)));
   }
 
-  return { badness, columnsOf, ranking, draw, frameAt };
+  return { badness, threshold, columnsOf, ranking, draw, frameAt };
 })();
 if (typeof module !== "undefined") module.exports = strip;

@@ -45,7 +45,7 @@
     const [width, height, ratio] = panels.fitCanvas($("strip"));
     const context = $("strip").getContext("2d");
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    const rows = stripRows().map(({ layer, levels }) => ({ levels, tint: look.layer(layer.colour) }));
+    const rows = stripRows().map(({ layer, levels, limit }) => ({ levels, limit, tint: look.layer(layer.colour) }));
     strip.draw(context, width, height, rows, look);
   }
 
@@ -58,7 +58,9 @@
       stripRows.key = key;
       stripRows.rows = data.layers.flatMap((layer) => {
         const measure = layer.measures.find((m) => m.name === name);
-        return measure ? [{ layer, levels: strip.badness(measure.values.subarray(start, end), measure) }] : [];
+        if (!measure) return [];
+        const values = measure.values.subarray(start, end);
+        return [{ layer, levels: strip.badness(values, measure), limit: strip.threshold(values, measure) }];
       });
     }
     return stripRows.rows.filter(({ layer }) => view.shown.has(layer));
@@ -105,7 +107,19 @@
     const parts = [data.items[view.frame], `frame ${view.frame - start + 1} of ${end - start}${name ? ` in ${name}` : ""}`];
     for (const layer of data.layers) parts.push(describe(layer));
     $("state").textContent = parts.filter(Boolean).join(" · ");
+    tellDoubts();
     listed.mark((row) => row.frame === view.frame);
+  }
+
+  /** The badge: whether the shapes that are shown are to be trusted, and why not. */
+  function tellDoubts() {
+    const judged = data.layers.filter((layer) => layer.doubt && view.shown.has(layer));
+    const doubts = judged.filter((layer) => layer.doubt(view.frame));
+    $("badge").hidden = !judged.length;
+    $("badge").className = doubts.length ? "doubtful" : "";
+    $("badge").textContent = doubts.length
+      ? `not to be trusted: ${doubts.map((layer) => (judged.length > 1 ? `${layer.name}: ` : "") + layer.doubt(view.frame)).join("; ")}`
+      : "trusted";
   }
 
   function short(value) {
@@ -168,6 +182,12 @@
     view.rank++;
   }
 
+  function jumpDoubtful() {
+    const { start, end } = sequence();
+    const next = scene.nextDoubtful([...view.shown], view.frame, start, end);
+    if (next >= 0) jump(next);
+  }
+
   /* The camera. */
   function turn(yaw, pitch) {
     view.yaw += yaw;
@@ -209,7 +229,7 @@
 
   /* Keys. */
   const KEYS = {
-    " ": () => play(), w: jumpWorst, W: jumpWorst, 0: reset,
+    " ": () => play(), w: jumpWorst, W: jumpWorst, d: jumpDoubtful, D: jumpDoubtful, 0: reset,
     1: () => stand(0, 0), 2: () => stand(-90, 0), 3: () => stand(0, 90),
     "+": () => zoomSpace(1.2), "=": () => zoomSpace(1.2), "-": () => zoomSpace(1 / 1.2),
     Home: () => jump(sequence().start), End: () => jump(sequence().end - 1),
@@ -259,6 +279,7 @@
       $("layers").append(choice([patch, name], view.shown.has(layer), (on) => {
         if (on) view.shown.add(layer);
         else view.shown.delete(layer);
+        tellDoubts();
         redraw();
       }));
     }
@@ -317,6 +338,7 @@
   $("speed").addEventListener("change", restart);
   $("measure").addEventListener("change", () => { view.rank = 0; redraw(); });
   $("worst").addEventListener("click", jumpWorst);
+  $("doubtful").addEventListener("click", jumpDoubtful);
   $("strip").addEventListener("click", (event) => {
     const { start, end } = sequence();
     const box = $("strip").getBoundingClientRect();
@@ -359,6 +381,7 @@
     fillKey();
     $("mesh-choice").hidden = $("upright-choice").hidden = !data.layers.some((layer) => layer.faces);
     $("rate").textContent = data.count > 1 ? `${data.frameRate} frames/s${data.rateKnown ? "" : " (not stated in the files)"}` : "";
+    $("doubtful").hidden = !data.layers.some((layer) => layer.doubt);
     $("flat").hidden = !data.flat;
     $("solid").hidden = $("layers").hidden = !data.layers.length;
     if (!renderer) {

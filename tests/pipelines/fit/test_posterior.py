@@ -103,10 +103,24 @@ def test_what_confidences_above_one_do_is_told(fit, tmp_path, with_prior, images
 
 
 def test_implausible_images_are_reported_and_keep_their_status(fit, tmp_path, with_prior, images):
-    _, outcomes = fit(
+    found, outcomes = fit(
         tmp_path, with_prior, images, method="posterior", posterior={"implausible": 0.999999}
     )
-    assert any("not to be trusted" in word for out in outcomes for word in map(str, out.warnings))
+    (doubt,) = [doubt for out in outcomes for doubt in out.doubts]
+    assert doubt.text == "implausible landmarks"
+    assert set(doubt.items) == set(found.items)
+    assert not found.extras["trusted"].any()
+    assert set(found.extras["doubt"]) == {"implausible landmarks"}
+    assert set(found.status) == {"converged"}
+
+
+def test_images_are_trusted_unless_something_speaks_against_it(fit, tmp_path, with_prior, images):
+    found, outcomes = fit(
+        tmp_path, with_prior, images, method="posterior",
+        posterior={"implausible": 0, "widest": 100},
+    )  # fmt: skip
+    assert found.extras["trusted"].all()
+    assert not any(out.doubts for out in outcomes)
 
 
 def test_images_without_enough_landmarks_fail_alone(fit, tmp_path, with_prior, images, failures):

@@ -1,0 +1,70 @@
+"""Whether the shape of an image is to be trusted: one rule over what a method knows of its error.
+
+An image is trusted unless one of these holds, in this order; the first is its reason.
+
+- There is no shape.
+- Its landmarks leave no degree of freedom: m points have 2 m coordinates, and a view takes 6.
+- Its plausibility is below a limit.
+- Its error bars are wide: mean_j sqrt(sum_a sd_aj^2) exceeds a share of the spread of the shape,
+  the root of the mean variance of its coordinates.
+- The solver stopped before the optimum of the convex program from which the view starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.convex.solution import Status
+from shapefit.lifting.posterior.plausibility import VIEWED
+
+Floats = NDArray[np.float64]
+
+TRUSTED, DOUBT = "trusted", "doubt"
+"""Datasets (n,) of a result: true or false, and why not."""
+
+NO_SHAPE = "no shape"
+TOO_FEW = "too few landmarks seen"
+IMPLAUSIBLE = "implausible landmarks"
+WIDE = "wide error bars"
+NOT_OPTIMAL = "not optimal"
+
+
+def find_doubts(
+    shapes: Floats,
+    deviation: Floats,
+    seen: NDArray[np.bool_],
+    plausibility: Floats,
+    status: Sequence[Status],
+    *,
+    implausible: float,
+    widest: float,
+) -> NDArray[np.object_]:
+    """Return why each of n images is not to be trusted, "" where it is.
+
+    shapes (n, 3, p), nan where there is none, and the standard deviations (n, 3, p) of their
+    coordinates, in one unit; seen (n, p); plausibility (n,), nan where nothing can be said.
+    """
+    failed = ~np.isfinite(shapes).all(axis=(1, 2))
+    stopped = np.array([each is Status.ITERATION_LIMIT for each in status], dtype=bool)
+    with np.errstate(invalid="ignore"):
+        reasons = (
+            (failed, NO_SHAPE),
+            (2 * seen.sum(axis=1) <= VIEWED, TOO_FEW),
+            (plausibility < implausible, IMPLAUSIBLE),
+            (relative_width(shapes, deviation) > widest, WIDE),
+            (stopped, NOT_OPTIMAL),
+        )
+    doubt = np.full(len(shapes), "", dtype=object)
+    for holds, text in reversed(reasons):
+        doubt[holds] = text
+    return doubt
+
+
+def relative_width(shapes: Floats, deviation: Floats) -> Floats:
+    """mean_j sqrt(sum_a sd_aj^2) / spread of n shapes (n, 3, p): the error bar beside the body."""
+    spread = np.sqrt(shapes.var(axis=2).mean(axis=1))
+    bar = np.sqrt((deviation**2).sum(axis=1)).mean(axis=1)
+    return np.divide(bar, spread, out=np.full_like(bar, np.inf), where=spread > 0)
