@@ -113,26 +113,28 @@ test: $(READY) $(BROWSER)
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
 
 wheel: $(READY)
-	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation \
-	    -C 'build-dir=build/{wheel_tag}' --wheel-dir dist .
+	SHAPEFIT_LEVELS=all $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps \
+	    --no-build-isolation -C 'build-dir=build/{wheel_tag}' --wheel-dir dist .
 	@echo "The wheel is in dist."
 
 SOLVER_TESTS := tests/convex tests/lifting tests/dictionary
 # $(call second_install,NAME,DEFINITION): the core with its own setting, in build/NAME.
 second_install = $(BIN)/python building/second_install.py build/$(1) . \
-    -C build-dir=build/$(1)/cmake -C install.strip=false -C cmake.define.$(2)=ON
+    -C build-dir=build/$(1)/cmake -C install.strip=false -C cmake.define.$(2)
 
 test-levels: $(READY)
-	$(call second_install,plain,SHAPEFIT_PLAIN)
+	$(call second_install,plain,SHAPEFIT_LEVELS=plain)
 	build/plain/bin/python -P -m pytest $(PYTEST_OPTIONS) $(SOLVER_TESTS)
-	for level in $$($(BIN)/python -c 'from shapefit import core; print(*core.LEVELS)'); do \
-	    SHAPEFIT_LEVEL=$$level $(BIN)/python -m pytest $(PYTEST_OPTIONS) $(SOLVER_TESTS) || exit; done
+	$(call second_install,levels,SHAPEFIT_LEVELS=all)
+	for level in $$(build/levels/bin/python -P -c 'from shapefit import core; print(*core.LEVELS)'); do \
+	    SHAPEFIT_LEVEL=$$level build/levels/bin/python -P -m pytest $(PYTEST_OPTIONS) $(SOLVER_TESTS) \
+	        || exit; done
 
 # Python itself never frees all of its memory, so leaks are not checked. -s shows the report.
 SANITIZERS = $(shell for library in libasan.so libubsan.so libstdc++.so.6; do \
     $(CXX) -print-file-name=$$library; done)
 sanitize: $(READY)
-	$(call second_install,sanitized,SHAPEFIT_SANITIZE)
+	$(call second_install,sanitized,SHAPEFIT_SANITIZE=ON)
 	LD_PRELOAD='$(SANITIZERS)' ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 \
 	    PYTHONMALLOC=malloc build/sanitized/bin/python -P -m pytest -q -s -n 0 $(SOLVER_TESTS)
 

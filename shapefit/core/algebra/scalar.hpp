@@ -2,9 +2,8 @@
 //
 // std::sqrt and its like are inline functions of the library, of which the linker keeps one copy,
 // perhaps compiled for a newer processor; these live in the namespace of their instruction set.
+// The compiler knows them without <math.h>, which takes longer to read than most kernels.
 #pragma once
-
-#include <math.h>
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
@@ -12,8 +11,16 @@ constexpr double INFINITE = __builtin_huge_val();
 constexpr double NOT_A_NUMBER = __builtin_nan("");
 constexpr double TINY = 1e-300;  // in place of a zero divisor
 
-[[gnu::always_inline]] inline double root(double x) { return ::sqrt(x); }
-[[gnu::always_inline]] inline double magnitude(double x) { return ::fabs(x); }
+[[gnu::always_inline]] inline double root(double x) { return __builtin_sqrt(x); }
+[[gnu::always_inline]] inline double magnitude(double x) { return __builtin_fabs(x); }
+[[gnu::always_inline]] inline double exp(double x) { return __builtin_exp(x); }
+[[gnu::always_inline]] inline double log(double x) { return __builtin_log(x); }
+[[gnu::always_inline]] inline double log1p(double x) { return __builtin_log1p(x); }
+[[gnu::always_inline]] inline double sin(double x) { return __builtin_sin(x); }
+[[gnu::always_inline]] inline double cos(double x) { return __builtin_cos(x); }
+[[gnu::always_inline]] inline double copysign(double size, double sign) {
+    return __builtin_copysign(size, sign);
+}
 [[gnu::always_inline]] inline double square(double x) { return x * x; }
 [[gnu::always_inline]] inline double larger(double a, double b) { return a > b ? a : b; }
 [[gnu::always_inline]] inline double smaller(double a, double b) { return a < b ? a : b; }

@@ -28,7 +28,7 @@ void rotate(Matrix<double> A, Matrix<double> V, long p, long q) {
     const long m = A.size[0];
     const double pp = A[p][p], qq = A[q][q], pq = A[p][q];
     const double ratio = (qq - pp) / (2 * pq);
-    const double tangent = ::copysign(1.0, ratio) / (magnitude(ratio) + root(1 + square(ratio)));
+    const double tangent = copysign(1.0, ratio) / (magnitude(ratio) + root(1 + square(ratio)));
     const double c = 1 / root(1 + square(tangent)), s = c * tangent;
     turn(c, s, A[p].data, A[q].data, m);
     turn(c, s, V[p].data, V[q].data, m);

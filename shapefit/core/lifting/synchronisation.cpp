@@ -47,7 +47,7 @@ void synchronise_image(Tensor<const double> blocks, Vector<double> norms, double
 // A = sqrt(trace) u v^T: any unit vector orthogonal to v serves for the second direction.
 void polar_of_rank_one(const double* A, double xx, double yy, double xy, double* R) {
     const double trace = xx + yy;
-    const double u0 = root(xx / trace), u1 = ::copysign(root(yy / trace), xy);
+    const double u0 = root(xx / trace), u1 = copysign(root(yy / trace), xy);
     double v[3], axis[3] = {}, other[3];
     for (int b = 0; b < 3; ++b) v[b] = (u0 * A[b] + u1 * A[3 + b]) / root(trace);
     int least = 0;

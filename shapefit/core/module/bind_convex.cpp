@@ -10,7 +10,7 @@ using nb::literals::operator""_a;
 
 namespace {
 
-void bind_parts(nb::module_& parts) {
+void bind_convex_parts(nb::module_& parts) {
     parts.def("correlate", [](In<2> Y, In<3> atoms, Out<2> N) {
         level().parts.correlate(view(Y), view(atoms), view(N));
     });
@@ -92,7 +92,7 @@ void bind_convex(nb::module_& module, nb::module_& parts) {
         "threads"_a, "transforms"_a, "translation"_a, "dual"_a, "errors"_a, "objective"_a,
         "relative_gap"_a, "residual"_a);
 
-    bind_parts(parts);
+    bind_convex_parts(parts);
 }
 
 }  // namespace shapefit

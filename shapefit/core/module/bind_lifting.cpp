@@ -10,7 +10,7 @@ using nb::literals::operator""_a;
 
 namespace {
 
-void bind_parts(nb::module_& parts) {
+void bind_lifting_parts(nb::module_& parts) {
     const Parts& part = level().parts;
     parts.def("climb", [&part](In<3> blocks, Out<2> R) -> double { return part.climb(view(blocks), view(R)); });
     parts.def("polar_rotation",
@@ -105,7 +105,7 @@ void bind_lifting(nb::module_& module, nb::module_& parts) {
         "tolerance"_a, "most_rounds"_a, "coefficients"_a, "rotation"_a, "rounds"_a, "status"_a,
         "threads"_a);
 
-    bind_parts(parts);
+    bind_lifting_parts(parts);
 }
 
 }  // namespace shapefit

@@ -10,7 +10,7 @@ using nb::literals::operator""_a;
 
 namespace {
 
-void bind_parts(nb::module_& parts) {
+void bind_outliers_parts(nb::module_& parts) {
     parts.def("draw_triple",
               [](InIndices<1> candidates, Array<uint64_t, 1> state, OutIndices<1> triple) {
                   level().parts.draw_triple(view(candidates), view(state), view(triple));
@@ -50,7 +50,7 @@ void bind_outliers(nb::module_& module, nb::module_& parts) {
         },
         nb::kw_only(), "landmarks"_a, "squares"_a, "shape"_a, "seeds"_a, "threshold"_a, "draws"_a,
         "max_rounds"_a, "inliers"_a, "threads"_a);
-    bind_parts(parts);
+    bind_outliers_parts(parts);
 }
 
 }  // namespace shapefit

@@ -10,7 +10,7 @@ using nb::literals::operator""_a;
 
 namespace {
 
-void bind_parts(nb::module_& parts) {
+void bind_rotation_search_parts(nb::module_& parts) {
     parts.def("root_cells", [](Out<2> vertices, OutIndices<2> cells) {
         level().parts.root_cells(view(vertices), view(cells));
     });
@@ -124,7 +124,7 @@ void bind_rotation_search(nb::module_& module, nb::module_& parts) {
         nb::kw_only(), "landmarks"_a, "weights"_a, "atoms"_a, "lam"_a, "is_signed"_a, "cut"_a,
         "most_cells"_a, "vertices"_a, "multipliers"_a, "splits"_a);
 
-    bind_parts(parts);
+    bind_rotation_search_parts(parts);
 }
 
 }  // namespace shapefit

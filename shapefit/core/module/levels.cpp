@@ -11,37 +11,46 @@
 
 namespace shapefit {
 
-#ifdef SHAPEFIT_X86
-namespace x86_64_v2 {
-extern const Level table;
-}
-namespace x86_64_v3 {
-extern const Level table;
-}
+#ifdef SHAPEFIT_HAS_x86_64_v4
 namespace x86_64_v4 {
 extern const Level table;
 }
+#endif
+#ifdef SHAPEFIT_HAS_x86_64_v3
+namespace x86_64_v3 {
+extern const Level table;
+}
+#endif
+#ifdef SHAPEFIT_HAS_x86_64_v2
+namespace x86_64_v2 {
+extern const Level table;
+}
+#endif
+#ifdef SHAPEFIT_HAS_plain
+namespace plain {
+extern const Level table;
+}
+#endif
 
 int available_levels(const Level** levels, int room) {
     int count = 0;
     const auto offer = [&](bool runs, const Level& found) {
         if (runs && count < room) levels[count++] = &found;
     };
+#ifdef SHAPEFIT_HAS_x86_64_v4
     offer(runs_x86_64_v4(), x86_64_v4::table);
+#endif
+#ifdef SHAPEFIT_HAS_x86_64_v3
     offer(runs_x86_64_v3(), x86_64_v3::table);
+#endif
+#ifdef SHAPEFIT_HAS_x86_64_v2
     offer(true, x86_64_v2::table);
+#endif
+#ifdef SHAPEFIT_HAS_plain
+    offer(true, plain::table);
+#endif
     return count;
 }
-#else
-namespace plain {
-extern const Level table;
-}
-
-int available_levels(const Level** levels, int room) {
-    if (room > 0) levels[0] = &plain::table;
-    return 1;
-}
-#endif
 
 namespace {
 

@@ -1,7 +1,7 @@
 // What an x86-64 processor can run, feature by feature: older compilers do not know the levels.
 #pragma once
 
-#ifdef SHAPEFIT_X86
+#if defined(__x86_64__) || defined(_M_X64)
 
 #ifdef _WIN32
 #include <windows.h>

@@ -41,7 +41,7 @@ double judge(const SeenLandmarks& seen, const WeakPose& pose, const Tolerance& t
         inside[j] = residual <= limit ? 1.0 : 0.0;
         total += seen.h[j] * larger(1 - residual * inverse, 0);
     }
-    return (total - TRIPLE) * ::log(tolerance.area * inverse / PI);
+    return (total - TRIPLE) * log(tolerance.area * inverse / PI);
 }
 
 void judge_lanes(const SeenLandmarks& seen, const PoseLanes& poses, const Tolerance& tolerance,

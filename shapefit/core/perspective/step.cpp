@@ -56,8 +56,8 @@ void reduce_to_coefficients(const Shapes& shapes, const Matrix<double>& H, doubl
 // exp([omega]_x) R
 void turn(const double* omega, const double* R, double* turned) {
     const double angle = root(square(omega[0]) + square(omega[1]) + square(omega[2]));
-    const double sine = angle > 1e-8 ? ::sin(angle) / angle : 1;
-    const double rest = angle > 1e-4 ? (1 - ::cos(angle)) / square(angle) : 0.5;
+    const double sine = angle > 1e-8 ? sin(angle) / angle : 1;
+    const double rest = angle > 1e-4 ? (1 - cos(angle)) / square(angle) : 0.5;
     const double cosine = 1 - rest * square(angle);
     for (int b = 0; b < 3; ++b) {
         const double x = R[b], y = R[3 + b], z = R[6 + b];

@@ -45,9 +45,9 @@ void move(const LaneView& from, const Lanes* theta, LaneView& to) {
     const Lanes square = x * x + y * y + z * z;
     Lanes first, second;  // sin(a) / a, (1 - cos a) / a^2
     for (int lane = 0; lane < WIDTH; ++lane) {
-        const double a = ::sqrt(square[lane]);
-        first[lane] = a > 1e-6 ? ::sin(a) / a : 1 - a * a / 6;
-        const double half = 0.5 * a, sine = a > 1e-6 ? ::sin(half) / half : 1.0;
+        const double a = root(square[lane]);
+        first[lane] = a > 1e-6 ? sin(a) / a : 1 - a * a / 6;
+        const double half = 0.5 * a, sine = a > 1e-6 ? sin(half) / half : 1.0;
         second[lane] = 0.5 * sine * sine;
     }
     const Lanes K[9] = {Lanes{}, -z, y, z, Lanes{}, -x, -y, x, Lanes{}};

@@ -9,7 +9,7 @@ constexpr double LOG_TWO_PI = 1.8378770664093453;
 constexpr double LEAST_PIVOT = 1e-12;
 
 Lanes exponential(Lanes x) {
-    for (int lane = 0; lane < WIDTH; ++lane) x[lane] = ::exp(x[lane]);
+    for (int lane = 0; lane < WIDTH; ++lane) x[lane] = exp(x[lane]);
     return x;
 }
 
@@ -309,8 +309,8 @@ void believe(const PosteriorData& data, const Observed& seen, const LaneView& vi
         for (long j = 0; j < seen.m; ++j) next[j] = all(1.0);
         return;
     }
-    const double kept = ::log1p(-data.chance);
-    const Lanes gross = ::log(data.chance * data.density) + 2.0 * view.log_scale;
+    const double kept = log1p(-data.chance);
+    const Lanes gross = log(data.chance * data.density) + 2.0 * view.log_scale;
     for (long j = 0; j < seen.m; ++j) {
         const Noise N = noise_of(seen, j, shrunk);
         const Lanes q = belief[j], rest = 1.0 - q;

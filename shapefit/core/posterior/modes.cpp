@@ -165,7 +165,7 @@ ModeSpace::ModeSpace(Workspace& workspace, long p)
 void describe(const PosteriorData& data, const Observed& seen, const Mode& mode, ModeSpace& space,
               double* mean, double* covariance) {
     const long p = data.landmarks.size[2], d = 3 * p, m = seen.m, N = 2 * m;
-    const double s = ::exp(mode.log_scale);
+    const double s = exp(mode.log_scale);
     turn_covariance(mode.R, data.covariances[mode.component].data, p, space);
     turn(mode.R, data.means[mode.component].data, p, space.mean.data);
     for (long j = 0; j < m; ++j)

@@ -117,7 +117,7 @@ long climb_all(const PosteriorData& data, long image, Search& search, int64_t& s
             const long k = (b * WIDTH + lane) % K;
             const double* R = data.starts[image][search.start_of[pair / K]].data;
             for (int e = 0; e < 9; ++e) at.view.R[e][lane] = R[e];
-            at.view.log_scale[lane] = ::log(first_scale(data, search.seen, R, k));
+            at.view.log_scale[lane] = log(first_scale(data, search.seen, R, k));
             log_weight[lane] = data.log_weights[k];
         }
         steps += climb(data, search.seen, search.packs.packs[b % search.packs.count], log_weight, best,
@@ -154,7 +154,7 @@ long gather(const PosteriorData& data, long pairs, Search& search) {
                     for (int k = 0; k < j; ++k) rest -= L[i][k] * L[j][k];
                     definite = definite && (i != j || rest > 1e-6);
                     L[i][j] = i == j ? root(larger(rest, LEAST_CURVATURE)) : rest / L[j][j];
-                    if (i == j) log_det += 2 * ::log(L[i][i]);
+                    if (i == j) log_det += 2 * log(L[i][i]);
                 }
             mode.component = (b * WIDTH + lane) % K;
             for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
@@ -214,7 +214,7 @@ void store(const PosteriorData& data, long image, long rank, const Search& searc
            const double* mean, const double* covariance) {
     const long p = data.landmarks.size[2], d = 3 * p;
     data.mode_component[image][rank] = mode.component;
-    data.mode_scale[image][rank] = ::exp(mode.log_scale);
+    data.mode_scale[image][rank] = exp(mode.log_scale);
     data.mode_log_evidence[image][rank] = mode.log_evidence;
     for (int e = 0; e < 9; ++e) data.mode_rotation[image][rank].data[e] = mode.R[e];
     for (long e = 0; e < d; ++e) data.mode_mean[image][rank].data[e] = mean[e];
@@ -229,7 +229,7 @@ void combine(const PosteriorData& data, long image, Search& search, long kept) {
     const long p = data.landmarks.size[2], d = 3 * p;
     const double best = search.modes[search.order[0]].log_evidence;
     double total = 0, surprise = 0;
-    for (long i = 0; i < kept; ++i) total += ::exp(search.modes[search.order[i]].log_evidence - best);
+    for (long i = 0; i < kept; ++i) total += exp(search.modes[search.order[i]].log_evidence - best);
     double* mean = data.mean[image].data;
     double* square_of = data.deviation[image].data;
     double* mixed = data.correlation[image].data;  // the covariances of MIXED first
@@ -241,7 +241,7 @@ void combine(const PosteriorData& data, long image, Search& search, long kept) {
     double before = 0;  // the share of the modes so far
     for (long i = 0; i < kept; ++i) {
         const Mode& mode = search.modes[search.order[i]];
-        const double share = ::exp(mode.log_evidence - best) / total;
+        const double share = exp(mode.log_evidence - best) / total;
         describe(data, search.seen, mode, search.mode_space, search.means, search.covariance);
         const double step = share / (before + share), apart = before * step;
         // the mean moves by its share; what lies between joins the covariance
@@ -271,8 +271,8 @@ void combine(const PosteriorData& data, long image, Search& search, long kept) {
         mixed[e] /= larger(square_of[MIXED[e / p][0] * p + e % p] * square_of[MIXED[e / p][1] * p + e % p], TINY);
     const Mode& first = search.modes[search.order[0]];
     for (int e = 0; e < 9; ++e) data.rotation[image].data[e] = first.R[e];
-    data.scale[image] = ::exp(first.log_scale);
-    data.log_evidence[image] = best + ::log(total);
+    data.scale[image] = exp(first.log_scale);
+    data.log_evidence[image] = best + log(total);
     data.surprise[image] = surprise;
 }
 

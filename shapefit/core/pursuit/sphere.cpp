@@ -69,7 +69,7 @@ double minimise_on_sphere(Matrix<const double> G, Vector<const double> g, double
     }
     auto [shift, reached] = find_root(above, t, radius, start, z, m);
     if (shift == 0) {
-        z[0] = ::copysign(root(larger(square(radius) - reached, 0)), before);
+        z[0] = copysign(root(larger(square(radius) - reached, 0)), before);
         reached += square(z[0]);
     }
     const double scale = radius / root(reached);

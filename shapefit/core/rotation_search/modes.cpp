@@ -1,7 +1,5 @@
 #include "modes.hpp"
 
-#include <math.h>
-
 #include "descent.hpp"
 #include "search.hpp"
 
@@ -28,8 +26,8 @@ class Findings {
     Findings(Workspace& workspace, double apart)
         : minima_(workspace.zeros<Minimum>(MOST_BALLS)),
           balls_(workspace.zeros<double>(4 * MOST_BALLS)),
-          near_(SAFE * ::cos(apart / 2)),
-          inner_(::cos(INNER * apart / 2)) {}
+          near_(SAFE * cos(apart / 2)),
+          inner_(cos(INNER * apart / 2)) {}
 
     void clear() { minima = balls = 0; }
 

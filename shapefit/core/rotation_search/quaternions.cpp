@@ -1,7 +1,5 @@
 #include "quaternions.hpp"
 
-#include <math.h>
-
 #include "../lifting/rotations.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
@@ -30,8 +28,8 @@ void quaternion_of(const double* R, double* q) {
 
 void turn_by(const double* turn, double* q) {
     const double angle = root(inner3(turn, turn));
-    const double share = angle > 1e-8 ? ::sin(angle / 2) / angle : 0.5;
-    const double w = ::cos(angle / 2), x = share * turn[0], y = share * turn[1], z = share * turn[2];
+    const double share = angle > 1e-8 ? sin(angle / 2) / angle : 0.5;
+    const double w = cos(angle / 2), x = share * turn[0], y = share * turn[1], z = share * turn[2];
     const double old[4] = {q[0], q[1], q[2], q[3]};
     q[0] = w * old[0] - x * old[1] - y * old[2] - z * old[3];
     q[1] = w * old[1] + x * old[0] + y * old[3] - z * old[2];

@@ -50,13 +50,13 @@ double mix(const SequenceData& data, long f, const double* y, double* share, dou
         share[k] -= 0.5 * (square + data.log_det[f][k]);
         best = larger(share[k], best);
     }
-    for (long k = 0; k < K; ++k) whole += share[k] = ::exp(share[k] - best);
+    for (long k = 0; k < K; ++k) whole += share[k] = exp(share[k] - best);
     for (long e = 0; e < d; ++e) pull[e] = 0;
     for (long k = 0; k < K; ++k) {
         share[k] /= whole;
         if (share[k] > 0) add_to(pull, share[k], scratch + (1 + k) * D, d);
     }
-    return -(best + ::log(whole));
+    return -(best + log(whole));
 }
 
 }  // namespace

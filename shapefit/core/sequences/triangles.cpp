@@ -11,7 +11,7 @@ double factorise_block(double* S, double* V, long n, long stride) {
         double* __restrict row = S + i * stride;
         if (!(row[i] > TINY)) return NOT_A_NUMBER;
         const double pivot = root(row[i]), inverse = 1 / pivot;
-        log_det += 2 * ::log(pivot);
+        log_det += 2 * log(pivot);
         const long from = i / PADDING * PADDING;
         for (long j = from; j < stride; ++j) row[j] *= inverse;
         row[i] = pivot;
