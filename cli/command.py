@@ -90,7 +90,7 @@ def run_command(
     from shapefit.config import dump_config, find_config, load_config
 
     file = find_config(spec.name, config_path)
-    config = load_config(spec.name, file, overrides, arguments)
+    config = load_config(spec.name, file, overrides, arguments, to_show=print_config)
     if print_config:
         click.echo(dump_config(config), nl=False)
         return 0

@@ -17,6 +17,7 @@ from shapefit.errors import InputError
 
 from .command import make_command
 from .commands import COMMANDS
+from .config import config
 from .options import TRACEBACK_VARIABLE
 from .start import handle_stopping
 from .streams import occupy_closed_streams, output_fault, tell
@@ -60,7 +61,7 @@ def commands() -> None:
     """
 
 
-for command in (*map(make_command, COMMANDS), verify):
+for command in (*map(make_command, COMMANDS), verify, config):
     commands.add_command(command)
 
 

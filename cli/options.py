@@ -98,7 +98,7 @@ def config_options(command: str) -> list[click.Parameter]:
             metavar="CONFIG",
             type=_ConfigPath(command),
             help="YAML config, or the name of an installed one, such as cars; - is stdin. The keys "
-            "are described in docs/config.md.",
+            f"are listed by `shapefit config {command}`.",
         ),
         click.Option(
             ["--set", "overrides"],

@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from shapefit.config.model import CommandConfig
+from shapefit.config.model import CommandConfig, with_all_optional
 from shapefit.config.paths import STANDARD_STREAM
 from shapefit.config.presets import ConfigFile
 from shapefit.config.settings import STANDARD_INPUT, load_model
@@ -53,18 +53,24 @@ def load_config(
     file: Path | ConfigFile | None = None,
     overrides: Sequence[str] = (),
     arguments: Mapping[str, object] | None = None,
+    *,
+    to_show: bool = False,
 ) -> CommandConfig:
     """Return the checked config of `command`.
 
     `file` is a YAML file or a preset (`find_config`). `overrides` (each `a.b=value`) override what
     it says, and `arguments` (key -> value; None and empty ones do not count) both. Paths in the
     file are relative to the file, the others to the working directory; in the config they are
-    absolute and globs are expanded. Raises InputError with every problem at once, each with its
+    absolute and globs are expanded. A config `to_show` may lack what is required, which is None
+    then. Raises InputError with every problem at once, each with its
     place, and where standard input would be read twice.
     """
     file = ConfigFile(file) if isinstance(file, Path) else file
     use_storage_options({})  # those of an earlier config do not count
-    config = load_model(CONFIGS[command], file, overrides, arguments)
+    schema = CONFIGS[command]
+    config = load_model(
+        with_all_optional(schema) if to_show else schema, file, overrides, arguments
+    )
     readers = ["the config"] if file and file.path == STANDARD_STREAM else []
     readers += [f"`{key}`" for key, file in config.inputs() if file == STANDARD_STREAM]
     if len(readers) > 1:

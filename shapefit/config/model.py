@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from copy import copy
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Optional, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 
 from shapefit.config.fields import Expected
 from shapefit.config.paths import STANDARD_STREAM, Folder
@@ -102,6 +103,17 @@ class CommandConfig(ConfigModel):
         """
         values: dict[str, Any] = plain(self.model_dump(), path_text)
         return values
+
+
+def with_all_optional(model: type[CommandConfig]) -> type[CommandConfig]:
+    """Return a model whose required keys may be missing, and are None where they are."""
+    optional: dict[str, Any] = {}
+    for name, field in model.model_fields.items():
+        if field.is_required():
+            optional[name] = (Optional[field.annotation], copy(field))  # noqa: UP045
+            optional[name][1].default = None
+    changed: type[CommandConfig] = create_model(model.__name__, __base__=model, **optional)
+    return changed
 
 
 def plain(value: Any, text: Callable[[Path], str]) -> Any:

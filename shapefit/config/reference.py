@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from textwrap import wrap
+from typing import NamedTuple
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -11,6 +13,7 @@ from pydantic.fields import FieldInfo
 from shapefit.config.fields import expectation, field_keys, in_words, submodel
 from shapefit.config.loader import CONFIGS
 from shapefit.config.paths import OfTheData
+from shapefit.errors import input_error
 from shapefit.stores.options import STORAGE_OPTIONS
 
 _INTRODUCTION = """\
@@ -35,7 +38,8 @@ Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no
   own data is ignored: paths, and the keys marked with \\*.
 - `-d NAME`, or `dictionary: NAME` in a file, stands for an installed dictionary, such as `people`.
   An existing file of that name is preferred.
-- `--print-config` prints the resolved config, with every default.
+- `--print-config` prints the resolved config, with every default; `shapefit config COMMAND` prints
+  what is on this page.
 """
 
 
@@ -45,26 +49,61 @@ def reference_page() -> str:
     return "\n".join([_INTRODUCTION, *sections])
 
 
+def keys_text(command: str, section: str = "", width: int = 80) -> str:
+    """Return the keys of a command, or those of one section of it, for a terminal.
+
+    Raises InputError where the command has no such section.
+    """
+    keys = [key for key in _keys(CONFIGS[command]) if is_in(section, key.name)]
+    if not keys:
+        sections = dict.fromkeys(key.name.split(".")[0] for key in _keys(CONFIGS[command]))
+        found = f"there is no key or section '{section}'"
+        raise input_error(f"config {command}", found, f"name one of: {', '.join(sections)}")
+    lines = []
+    for key in keys:
+        default = key.default if key.default == "required" else f"default {key.default}"
+        lines += [f"{key.name}: {key.expects}; {default}".replace("`", "")]
+        lines += [*wrap(key.meaning, width, initial_indent="    ", subsequent_indent="    ")]
+    return "\n".join(lines) + "\n"
+
+
+def is_in(section: str, key: str) -> bool:
+    """Whether a key is the section, or stands in it; all do where none is named."""
+    return not section or f"{key}.".startswith(f"{section}.")
+
+
 def _section(command: str, model: type[BaseModel]) -> str:
-    rows = "\n".join(_rows(model))
+    rows = "\n".join(
+        f"| `{key.name}`{key.mark} | {key.expects} | {key.default} | {key.meaning} |"
+        for key in _keys(model)
+    )
     return (
         f"## `{command}`\n\n{model.__doc__}\n\n"
         f"| key | expects | default | meaning |\n|---|---|---|---|\n{rows}\n"
     )
 
 
-def _rows(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+class Key(NamedTuple):
+    """What there is to know of a key; the mark is that of keys that fit certain data only."""
+
+    name: str
+    expects: str
+    default: str
+    meaning: str
+    mark: str
+
+
+def _keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
     for key, field in field_keys(model).items():
         if key in ("data", STORAGE_OPTIONS):
             continue
         inner = submodel(field)
         if inner is None or in_words(field):
             mark = r" \*" if any(isinstance(entry, OfTheData) for entry in field.metadata) else ""
-            name = f"`{prefix}{key}`{mark}"
-            cells = (name, expectation(field), _default(field), field.description)
-            yield f"| {' | '.join(str(cell) for cell in cells)} |"
+            about = field.description or ""
+            yield Key(prefix + key, expectation(field), _default(field), about, mark)
         else:
-            yield from _rows(inner, f"{prefix}{key}.")
+            yield from _keys(inner, f"{prefix}{key}.")
 
 
 def _default(field: FieldInfo) -> str:
