@@ -123,10 +123,10 @@ def write_tables(folder: Path, test: Sequence[Clip], rng: np.random.Generator) -
 
 
 def picture(points: Floats, rng: np.random.Generator) -> Floats:
-    """Joints (15, 3) -> (15, 2) in pixels, y up, seen from a random side by a distant camera."""
+    """Joints (15, 3) -> (15, 2) in pixels, y down, seen from a random side by a distant camera."""
     angle = rng.uniform(0, 2 * np.pi)
     across = np.array([np.cos(angle), 0, np.sin(angle)])
-    flat = np.stack([points @ across, points[:, 1]], axis=-1)
+    flat = np.stack([points @ across, -points[:, 1]], axis=-1)
     middle = np.array(IMAGE_CENTRE)
     exact = middle + PIXELS_PER_METRE * (flat - flat.mean(axis=0))
     return exact + rng.standard_normal(exact.shape)

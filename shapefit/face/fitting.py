@@ -35,6 +35,7 @@ from shapefit.pipelines.fit.run import (
     find_warnings,
     fit_chunks,
 )
+from shapefit.pipelines.fit.standing import Standing
 from shapefit.pipelines.outcome import Counted, add_up
 
 CAMERA = "camera_matrix"
@@ -80,6 +81,7 @@ def fit(
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
     messages: dict[str, str | Counted] = {text: text for text in mismatch(config, atoms)}
+    standing = Standing(atoms.landmark_names)
     unknown = UnknownItems(config.leave_out, atoms) if config.leave_out else None
     with given_landmarks(images, "landmarks", config.input.rename) as source:
         names = name_warnings(source.landmark_names, atoms.landmark_names)
@@ -87,12 +89,13 @@ def fit(
             if unknown:
                 unknown.add(arranged)
             records.append(record)
+            standing.add(record)
             seconds += spent
             failures |= {f.item: f.reason for f in find_failures(arranged, lifting, config)}
             for warning in find_warnings(arranged, lifting, config):
                 add_up(messages, warning)
     left_in = unknown.warnings if unknown else ()
-    for message in (*messages.values(), *names, *left_in):
+    for message in (*messages.values(), *standing.warnings, *names, *left_in):
         warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
     attributes = attributes_of(config, {}, seconds, len(whole))

@@ -54,8 +54,9 @@ class Landmarks:
     """n images of p landmarks: landmarks (n, p, 2) in `unit`, NaN where unseen.
 
     confidence (n, p) >= 0 weights the landmarks, 0 = hidden; None is 1 for all. items name the
-    images, by default 0, 1, ...; sequences (n) the clip of each; extras are further datasets,
-    such as `true_rotation` (n, 3, 3) or `camera_matrix` (3, 3).
+    images, by default 0, 1, ...; sequences (n) the clip of each; y_axis is where y points, down as
+    pixels are counted; extras are further datasets, such as `true_rotation` (n, 3, 3) or
+    `camera_matrix` (3, 3).
     """
 
     landmarks: ArrayLike
@@ -64,7 +65,7 @@ class Landmarks:
     items: Names | None = None
     sequences: Names | None = None
     unit: str = UNKNOWN_UNIT
-    y_axis: Literal["up", "down"] = "up"
+    y_axis: Literal["up", "down"] = "down"
     frame_rate: float | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
@@ -130,7 +131,7 @@ class Fit:
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     failures: Mapping[str, str] = field(default_factory=dict)
     unit: str = UNKNOWN_UNIT
-    y_axis: Literal["up", "down"] = "up"
+    y_axis: Literal["up", "down"] = "down"
     frame_rate: float | None = None
     attributes: Mapping[str, str | float | int] = field(default_factory=dict)
 

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from shapefit.geometry.upright import Up
 
 Track = Literal["nearest", "none"]
+Direction = Literal["down", "up"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +25,7 @@ class InputOptions:
                       an item of its own
     likelihood_below  landmarks whose confidence is below this are hidden
     rename            landmarks, as files have them -> the names that they are given out under
+    y_axis            where y points in landmarks and results whose files do not say it
     """
 
     format: str = "auto"
@@ -32,6 +34,7 @@ class InputOptions:
     track: Track = "none"
     likelihood_below: float = 0.0
     rename: Mapping[str, str] = field(default_factory=dict)
+    y_axis: Direction = "down"
 
 
 AS_THEY_ARE = InputOptions()

@@ -69,7 +69,7 @@ class LandmarkSet:
     items: Names
     sequences: Names | None = None
     unit: str = UNKNOWN_UNIT
-    y_axis: Literal["up", "down"] = "up"
+    y_axis: Literal["up", "down"] = "down"
     frame_rate: float | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
 
@@ -191,7 +191,7 @@ class ResultSet:
     tree_multipliers: Floats | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
     unit: str = UNKNOWN_UNIT
-    y_axis: Literal["up", "down"] = "up"
+    y_axis: Literal["up", "down"] = "down"
     frame_rate: float | None = None
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
 

@@ -13,7 +13,14 @@ from shapefit.config import InfoConfig
 from shapefit.config.dictionaries import find_dictionaries
 from shapefit.dictionary.origin import origin_of
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
-from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, open_shapes, read_dictionary
+from shapefit.io import (
+    LandmarkSet,
+    LandmarkSource,
+    ShapeSet,
+    open_landmarks,
+    open_shapes,
+    read_dictionary,
+)
 from shapefit.io.extras import Extras
 from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.foreign.names import fitting_skeletons
@@ -129,6 +136,9 @@ def _told(
         for chunk in source.chunks(BLOCK):
             found.add(chunk)
         lines = title + _of_records(source.head, found, source.count, kind)
+        if isinstance(source, LandmarkSource):
+            stated = "" if source.states_y_axis else ", as the file does not say"
+            lines.append(("y axis", source.y_axis + stated))
         lines.append(("go on with", _following(kind, paths, options, source.head.landmark_names)))
         return lines, source.notes
 
@@ -172,8 +182,6 @@ def _of_records(head: LandmarkSet | ShapeSet, found: _Found, count: int, kind: s
     if np.isfinite(found.least):
         lines.append(("confidence", f"{found.least:.3g} to {found.most:.3g}"))
     lines.append(("unit", head.unit if head.unit != UNKNOWN_UNIT else "not said"))
-    if isinstance(head, LandmarkSet):
-        lines.append(("y axis", head.y_axis))
     camera = [name for name in CAMERA if name in Extras.of(head.extras, 0)]
     if camera:
         lines.append(("camera", listed(camera, "and")))

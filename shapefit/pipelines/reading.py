@@ -19,4 +19,5 @@ def input_options(config: InputConfig, track: Track = "none") -> InputOptions:
         track=config.track or track,
         likelihood_below=config.likelihood_below,
         rename=config.rename,
+        y_axis=config.y_axis,
     )

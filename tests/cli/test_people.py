@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
 from shapefit.cli.main import run
+
+from shapefit.io import read_shapes
 
 
 @pytest.fixture
@@ -42,3 +46,45 @@ def test_a_folder_may_hold_a_file_of_that_name(views, tmp_path, capsys):
 def test_an_unknown_name_lists_those_that_there_are(views, capsys):
     assert run(["fit", "-c", "people", views, "-d", "persons", "-o", "result.h5"]) == 2
     assert "no installed dictionary 'persons'; installed: people" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("y_axis", ["down", "up"])
+def test_people_stand_on_their_feet_where_y_is_what_it_was_said_to_be(
+    views, tmp_path, capsys, y_axis
+):
+    """Pixels of a detector count downwards; the same picture may count upwards, if that is said."""
+    if y_axis == "up":
+        lines = [line.split(",") for line in Path(views).read_text().splitlines()]
+        turned = [[*row[:3], row[3] and f"{480 - float(row[3]):.1f}"] for row in lines[1:]]
+        views = tmp_path / "turned.csv"
+        views.write_text("\n".join(map(",".join, [lines[0], *turned])) + "\n")
+    assert run(["info", str(views), *(["--set", "y_axis=up"] if y_axis == "up" else [])]) == 0
+    assert f"y axis:       {y_axis}, as the file does not say" in capsys.readouterr().out
+    for said in ("down", "up"):
+        line = ["fit", "-c", "people", str(views), "-d", "people", "-o", f"{said}.trc"]
+        assert run([*line, *(["--set", "y_axis=up"] if said == "up" else [])]) == 0
+        report = capsys.readouterr().err
+        assert f"y {said} in the images, as no file says otherwise" in report
+        shapes = read_shapes([tmp_path / f"{said}.trc"])
+        place = shapes.landmark_names.index
+        ankles = shapes.shapes[:, 1, [place("lankle"), place("rankle")]].max(axis=1)
+        assert ((shapes.shapes[:, 1, place("head")] > ankles) == (said == y_axis)).all()
+        on_head = f"12 images with people on their heads: y was taken to point {said}"
+        assert (f"{on_head}; if it points {y_axis}, set `y_axis: {y_axis}`" in report) == (
+            said != y_axis
+        )
+
+
+def test_a_file_that_says_where_y_points_wins(views, tmp_path, capsys):
+    assert run(["convert", views, "-o", "views.h5"]) == 0
+    line = ["fit", "views.h5", "-d", "people", "-o", "shapes.csv", "--set", "y_axis=up"]
+    assert run(line) == 0
+    report = capsys.readouterr().err
+    assert "y down in the images" in report
+    assert "on their heads" not in report
+
+
+def test_csv_cannot_say_that_y_points_up(views, tmp_path, capsys):
+    assert run(["convert", views, "-o", "up.h5", "--set", "y_axis=up"]) == 0
+    assert run(["convert", "up.h5", "-o", "up.csv"]) == 0
+    assert "read the file with `--set y_axis=up`" in capsys.readouterr().err

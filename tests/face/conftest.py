@@ -79,6 +79,7 @@ def views(sample, tmp_path_factory) -> Path:
         items=[truth.items[row] for row in rows],
         sequences=[truth.sequences[row] for row in rows],
         unit="px",
+        y_axis="up",
     )
     path = tmp_path_factory.mktemp("views") / "views.h5"
     shapefit.write_landmarks(path, images)

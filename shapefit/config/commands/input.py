@@ -41,3 +41,8 @@ class InputConfig(ConfigModel):
         description="Landmarks to rename: name in the files that are read -> name in the "
         "dictionary or the results.",
     )
+    y_axis: Literal["down", "up"] = Field(
+        default="down",
+        description="Where y points in landmarks whose files do not say it (CSV): down, as pixels "
+        "are counted, or up.",
+    )

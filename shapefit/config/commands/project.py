@@ -65,8 +65,8 @@ class CameraConfig(ConfigModel):
     ] = Field(
         default="turntable",
         description="One full turn per sequence about the vertical axis, a random rotation per "
-        "image, or one rotation for all, from object to camera frame: three rows, orthonormal, "
-        "determinant +1.",
+        "image, or one rotation for all, from object to camera frame (x and y as in the landmarks): "
+        "three rows, orthonormal, determinant +1.",
     )
     scale: float | None = Field(
         default=None,
@@ -90,6 +90,11 @@ class ProjectConfig(CommandConfig):
     )
     camera: CameraConfig = Field(
         default_factory=CameraConfig.model_construct, description="The camera that sees the shapes."
+    )
+    y_axis: Literal["down", "up"] = Field(
+        default="down",
+        description="Where y points in the landmarks that are written: down, as pixels are "
+        "counted, or up.",
     )
     noise: float = Field(
         default=0.0,

@@ -24,6 +24,8 @@ Write = Callable[[bytes], None]
 BLOCK_ROWS = 4096
 """Rows that are written at a time; larger blocks leave the processor's cache and take longer."""
 
+Y_UP = "y points up, which CSV cannot say: read the file with `--set y_axis=up`"
+
 _IN_QUOTES = re.compile('[",\\r\\n]')
 
 
@@ -58,6 +60,8 @@ class CsvWriter:
         elif columns != self._columns:
             raise ValueError("the columns of this record are not those of the first")
         self._columns = columns
+        if not isinstance(record, ShapeSet) and record.y_axis == "up":
+            self.summary = Summary(warnings=(Y_UP,))
         for part in _parts(len(record), len(record.landmark_names)):
             self._write(_rows(record, part))
 

@@ -75,7 +75,8 @@ def given_landmarks(landmarks: LandmarkSet, name: str, rename: Mapping[str, str]
     landmarks = renamed(landmarks, rename, name)
     items = ItemList(lambda: [landmarks.items], lambda row: given.place("item", row))
     read = nullcontext(landmarks.take)
-    return LandmarkSource([one_file(name, landmarks, items, lambda: read, landmarks.y_axis)])
+    file = one_file(name, landmarks, items, lambda: read, landmarks.y_axis)
+    return LandmarkSource([file], landmarks.y_axis)
 
 
 def given_shapes(

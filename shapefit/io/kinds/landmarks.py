@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.foreign.opening import group_inputs, mixture, open_recording
 from shapefit.io.formats import find_reader
 from shapefit.io.layout import LANDMARKS, UNKNOWN_UNIT
-from shapefit.io.options import AS_THEY_ARE, InputOptions
+from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.io.records import LandmarkSet
 from shapefit.io.renaming import check_known
 from shapefit.io.sources import source_name
@@ -27,7 +27,6 @@ from shapefit.io.stored.opening import open_stored
 from shapefit.io.stored.reader import StoredReader
 
 Read = Callable[[slice], LandmarkSet]
-Direction = Literal["up", "down"]
 
 
 @dataclass(frozen=True)
@@ -57,19 +56,21 @@ def open_landmarks(
         files[0] = replace(files[0], notes=files[0].notes + mixture(groups))
     rename = options.rename
     check_known(rename, [(file.name, file.head.landmark_names) for file in files])
-    return LandmarkSource([with_names(file, rename) for file in files])
+    return LandmarkSource([with_names(file, rename) for file in files], options.y_axis)
 
 
 class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
     """The images of one or more files: `with open_landmarks(paths) as source: ...`.
 
     Landmarks are matched by name: `landmark_names` are those of all files in order of
-    appearance, and what a file lacks is unseen. `count` images have `unit` and `y_axis`.
+    appearance, and what a file lacks is unseen. `count` images have `unit` and `y_axis`, which is
+    that given where no file states it.
     """
 
-    def __init__(self, files: Sequence[_File]) -> None:
+    def __init__(self, files: Sequence[_File], y_axis: Direction) -> None:
         super().__init__(files)
-        self._head = _common_head([file for file in files if file.count] or files)
+        self.states_y_axis = any(file.y_axis is not None for file in files)
+        self._head = _common_head([file for file in files if file.count] or files, y_axis)
 
     @property
     def head(self) -> LandmarkSet:
@@ -113,7 +114,7 @@ class LandmarkSource(ChunkedSource[LandmarkSet, _File]):
         return replace(part, **changes).arrange(self._head.landmark_names, place)
 
 
-def _common_head(files: Sequence[_File]) -> LandmarkSet:
+def _common_head(files: Sequence[_File], y_axis: Direction) -> LandmarkSet:
     """Return the head of a whole source; InputError where its files do not go together."""
     units = [(file.name, _stated_unit(file.head)) for file in files]
     check_same_extras([(file.name, Extras.of(file.head.extras, 0)) for file in files])
@@ -128,7 +129,7 @@ def _common_head(files: Sequence[_File]) -> LandmarkSet:
         items=(),
         sequences=() if sequences else None,
         unit=agreed("unit", units, UNKNOWN_UNIT),
-        y_axis=agreed("y_axis", [(file.name, file.y_axis) for file in files], "up"),
+        y_axis=agreed("y_axis", [(file.name, file.y_axis) for file in files], y_axis),
         frame_rate=agreed_rate([(file.name, file.head.frame_rate) for file in files]),
         extras=first.arrange(tuple(names)).extras,
     )
@@ -205,7 +206,7 @@ def open_stored_file(path: Path, part: slice | None = None) -> _File:
             check_confidence(reader, reader.read_blocks("confidence", part))
         head = _read_rows(reader, slice(0))
         item_list = ItemList(items, lambda row: reader.place("item", start + row))
-        return _File(str(path), head, stop - start, item_list, opened, y_axis=head.y_axis)
+        return _File(str(path), head, stop - start, item_list, opened, y_axis=reader.y_axis)
 
 
 def _read_rows(reader: StoredReader, rows: slice) -> LandmarkSet:
@@ -217,7 +218,7 @@ def _read_rows(reader: StoredReader, rows: slice) -> LandmarkSet:
     return LandmarkSet(
         **fields,
         unit=reader.unit,
-        y_axis=reader.y_axis,
+        y_axis=reader.y_axis or "down",
         frame_rate=reader.frame_rate,
         extras=extras,
     )

@@ -30,8 +30,8 @@ BLOCK = 16384
 class Listing:
     """A file of results, shapes or landmarks: n items, and the root attributes.
 
-    y_axis is None for shapes; frame_rate as in the records; datasets are the names of all that an
-    HDF5 or Parquet file holds.
+    y_axis is None for shapes, and where the file does not say it; frame_rate as in the records;
+    datasets are the names of all that an HDF5 or Parquet file holds.
     """
 
     path: Path
@@ -151,5 +151,4 @@ def list_table(path: Path) -> Listing:
         items=table.items,
         sequences=table.sequences,
         landmark_names=table.landmark_names,
-        y_axis="up",
     )

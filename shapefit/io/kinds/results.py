@@ -87,7 +87,7 @@ def read_rows(reader: StoredReader, rows: slice, without: Collection[Dataset] = 
         **reader.fields(rows, without=without),
         extras=reader.extras(rows),
         unit=reader.unit,
-        y_axis=reader.y_axis,
+        y_axis=reader.y_axis or "down",
         frame_rate=reader.frame_rate,
         attributes=reader.attributes,
     )
@@ -116,7 +116,7 @@ def _common_head(files: Sequence[SourceFile[ResultSet]]) -> ResultSet:
         if differing := sorted(_datasets(file.head) ^ _datasets(first.head)):
             found = f"only one of it and {first.name} has {listed(differing, 'and')}"
             raise input_error(file.name, found, APART)
-    agreed("y_axis", [(file.name, file.head.y_axis) for file in files], "up")
+    agreed("y_axis", [(file.name, file.head.y_axis) for file in files], "down")
     units = [(file.name, file.head.unit) for file in files]
     known = [(name, None if unit == UNKNOWN_UNIT else unit) for name, unit in units]
     return replace(

@@ -106,13 +106,11 @@ class StoredReader(ABC):
         }
 
     @property
-    def y_axis(self) -> Literal["up", "down"]:
-        """Whether y points up or down. Raises InputError for anything else."""
-        direction = self._root.get("y_axis", "up")
-        if direction == "up":
-            return "up"
-        if direction == "down":
-            return "down"
+    def y_axis(self) -> Literal["up", "down"] | None:
+        """Whether y points up or down, where the file says it. Raises InputError for another."""
+        direction = self._root.get("y_axis")
+        if direction in (None, "up", "down"):
+            return direction
         found = f"the {self.ATTRIBUTE} y_axis is '{direction}'"
         raise input_error(self.path, found, "set it to up or down")
 

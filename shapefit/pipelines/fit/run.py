@@ -39,6 +39,7 @@ from shapefit.pipelines.fit.landmark_names import check_enough, find_strange, na
 from shapefit.pipelines.fit.lens import find_calibrated, find_doubts, straightened
 from shapefit.pipelines.fit.record import as_result, find_renamed
 from shapefit.pipelines.fit.searched import Ambiguous
+from shapefit.pipelines.fit.standing import Standing, said_of_y
 from shapefit.pipelines.fit.whole_sequences import whole_sequences
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, nothing_in
 from shapefit.pipelines.reading import input_options
@@ -63,6 +64,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
 
         unknown = UnknownItems(config.leave_out, dictionary)
     ambiguous = Ambiguous(config.search.modes)
+    standing = Standing(dictionary.landmark_names)
     options = input_options(config.input, default_track(config))
     solve_seconds, done = 0.0, 0
     with (
@@ -74,6 +76,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
             if unknown:
                 unknown.add(images)
             ambiguous.add(lifting)
+            standing.add(record)
             writer.append(record)
             exports.add(record, lifting.estimate.transforms)
             solve_seconds += seconds
@@ -97,6 +100,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
         warnings=nothing_in(source.count, "images")
         + source.notes
         + mismatch(config, dictionary)
+        + standing.warnings
         + find_renamed(source, config)
         + names
         + find_doubts(source.head.extras, calibrated)
@@ -104,7 +108,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
         + ambiguous.warnings
         + exports.warnings
         + with_rate_warning(writer.summary.warnings, source.frame_rate, config),
-        note="; ".join(filter(None, (exports.note, writer.summary.note))),
+        note="; ".join(filter(None, (said_of_y(source), exports.note, writer.summary.note))),
         written=(*(writer.summary.written or (config.output,)), *exports.folders, *exports.sheets),
     )
 

@@ -40,14 +40,17 @@ OF_THE_VIEW = (TRUE_ROTATION, CORRUPTED)
 
 PIXELS = "px"
 
+TURN = np.diag([1.0, -1.0, -1.0])
+"""From a camera frame whose y points up to one whose y points down."""
+
 
 def run(config: ProjectConfig) -> Iterator[Outcome]:
     """Look at every shape with the camera of the config; yields an Outcome per block of images.
 
     The images have the items, sequences and further datasets of the shapes and `true_rotation`
-    (n, 3, 3), object to camera frame; y points up. An orthographic camera keeps the unit of the
-    shapes, a weak-perspective one gives px. Raises InputError for files that cannot be read or
-    written.
+    (n, 3, 3), object to camera frame; y points as the config says. An orthographic camera keeps the
+    unit of the shapes, a weak-perspective one gives px. Raises InputError for files that cannot be
+    read or written.
     """
     check_output(config.output)
     with (
@@ -64,9 +67,8 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
             config=config.as_json(),
             inputs=json.dumps(digests(config.shapes)),
         )
-    yield Outcome(
-        total=source.count, warnings=nothing_in(source.count, "shapes"), written=(config.output,)
-    )
+    warnings = nothing_in(source.count, "shapes") + writer.summary.warnings
+    yield Outcome(total=source.count, warnings=warnings, written=(config.output,))
 
 
 def _sequences(shapes: ShapeSet) -> Sequence[str]:
@@ -78,7 +80,8 @@ def _rotations(config: ProjectConfig, turns: Floats, block: int) -> Floats:
     """Rotations from object to camera frame (n, 3, 3) for the n images of a block."""
     camera = config.camera
     if camera.view == "turntable":
-        return cameras.turntable(turns, camera.up)
+        rotations = cameras.turntable(turns, camera.up)
+        return rotations if config.y_axis == "up" else TURN @ rotations
     if camera.view == "random":
         return random_rotations(BLOCK, stream(config.seed, Purpose.VIEW, block))[: len(turns)]
     return np.broadcast_to(np.array(camera.view, dtype=np.float64), (len(turns), 3, 3))
@@ -99,7 +102,7 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, block: i
         items=shapes.items,
         sequences=shapes.sequences,
         unit=shapes.unit if scale is None else PIXELS,
-        y_axis="up",
+        y_axis=config.y_axis,
         frame_rate=shapes.frame_rate,
         extras=extras,
     )

@@ -58,7 +58,9 @@ def assemble(
     seen = _seen(found)
     layers, meshes, edges = _layers(config, found, seen, truth, landmarks, notes)
     _note_what_lacks(layers, seen, edges, notes)
-    y_axis = agreed("y_axis", [(str(one.path), one.y_axis) for one in every], "up")
+    images = any(one.kind != "shapes" for one in every)
+    unsaid = config.input.y_axis if images else "up"
+    y_axis = agreed("y_axis", [(str(one.path), one.y_axis) for one in every], unsaid)
     return Scene(
         title=", ".join(listings) + (" and the truth" if truth else ""),
         items=frames.items,

@@ -112,7 +112,7 @@ def test_a_root_attribute_of_another_kind(landmark_file, problems, name, value):
     with h5py.File(landmark_file, "a") as file:
         file.attrs[name] = value
     if name == "y_axis" and isinstance(value, h5py.Empty):
-        assert read_landmarks(landmark_file)[0].y_axis == "up"
+        assert read_landmarks(landmark_file)[0].y_axis == "down"
         return
     (line,) = problems(read_landmarks, landmark_file)
     assert line.startswith(f"{landmark_file}: ")

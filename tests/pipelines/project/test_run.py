@@ -72,22 +72,25 @@ def test_a_fixed_camera_uses_the_given_rotation(tmp_path, shapes):
     np.testing.assert_array_equal(images.extras["true_rotation"], np.tile(rotation, (8, 1, 1)))
 
 
-def test_each_sequence_turns_once_whatever_stands_between_its_frames(tmp_path, shapes):
-    images, _ = view(tmp_path, shapes)
+@pytest.mark.parametrize(("y_axis", "up"), [("down", -1), ("up", 1)])
+def test_each_sequence_turns_once_whatever_stands_between_its_frames(tmp_path, shapes, y_axis, up):
+    images, _ = view(tmp_path, shapes, y_axis=y_axis)
+    assert images.y_axis == y_axis
     for name, length in LENGTHS.items():
         frames = [i for i, sequence in enumerate(shapes.sequences) if sequence == name]
         R = images.extras["true_rotation"][frames]
         turned = np.arctan2(R[:, 0, 2], R[:, 0, 0]) / (2 * np.pi) % 1
         np.testing.assert_allclose(turned, np.arange(length) / length, atol=1e-12)
-        np.testing.assert_allclose(R[:, 1], np.tile([0, 1, 0], (length, 1)), atol=1e-12)
+        np.testing.assert_allclose(R[:, 1], np.tile([0, up, 0], (length, 1)), atol=1e-12)
+        np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-12)
 
 
 def test_shapes_without_sequences_are_one_sequence_over_all_blocks(tmp_path, many):
     images, _ = view(tmp_path, many, camera={"up": "z"})
     R = images.extras["true_rotation"]
-    turned = np.arctan2(-R[:, 2, 0], R[:, 0, 0]) / (2 * np.pi) % 1
+    turned = np.arctan2(R[:, 2, 0], R[:, 0, 0]) / (2 * np.pi) % 1
     np.testing.assert_allclose(turned, np.arange(len(many)) / len(many), atol=1e-12)
-    np.testing.assert_allclose(images.landmarks[:, 1], many.shapes[:, 2], atol=1e-12)
+    np.testing.assert_allclose(images.landmarks[:, 1], -many.shapes[:, 2], atol=1e-12)
 
 
 def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes):
@@ -95,7 +98,7 @@ def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes)
     assert images.landmark_names == NAMES
     assert images.items == shapes.items
     assert images.sequences == shapes.sequences
-    assert (images.unit, images.y_axis, images.confidence) == ("m", "up", None)
+    assert (images.unit, images.y_axis, images.confidence) == ("m", "down", None)
     assert list(images.extras["subject"]) == list(shapes.extras["subject"])
     assert list(images.extras["mirror_index"]) == [0, 2, 1, 3, 4]
 

@@ -42,8 +42,8 @@ def test_a_match_that_no_result_has(desk):
 
 
 def test_y_axes_that_differ(desk):
-    down = desk.result("down.h5", y_axis="down")
-    assert "y_axis is 'down'" in refused(desk, desk.result(), down)
+    up = desk.result("up.h5", y_axis="up")
+    assert "y_axis is 'up'" in refused(desk, desk.result(), up)
 
 
 def test_a_dictionary_is_not_shown(desk, made_dictionary):
