@@ -170,6 +170,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from shapefit.io.options import Summary
 from shapefit.io.records import LandmarkSet
 from shapefit.io.whole.atomic import atomic_path
 
@@ -197,7 +198,7 @@ def write_points(target, form):
 
 class Writer:
     def __init__(self, file):
-        self.attributes, self.file, self.begun = {}, file, False
+        self.attributes, self.summary, self.file, self.begun = {}, Summary(), file, False
 
     def append(self, record):
         if not self.begun:
