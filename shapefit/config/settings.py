@@ -49,8 +49,10 @@ COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"
 MOST_BYTES = 1 << 20
 """Of a config: beyond that it is something else."""
 
-SHORT = ("input", ("keypoints", "individual", "track", "likelihood_below", "rename"))
-"""A section, and its keys that may be given beside it, in short."""
+SECTION = "input"
+
+SHORT = ("keypoints", "individual", "track", "likelihood_below", "rename", "y_axis")
+"""Keys of the section that may be given beside it, in short."""
 
 Config = TypeVar("Config", bound=ConfigModel)
 
@@ -273,8 +275,8 @@ def load_model(
 def check(model: type[Config], settings: Settings) -> Config:
     """Return the config that the settings make; raises InputError with every problem at once."""
     problems = settings.problems
-    for at in _short_places(model):
-        settings.fold(at, *SHORT)
+    for at, keys in _short_places(model):
+        settings.fold(at, SECTION, keys)
     options = settings.values.get(STORAGE_OPTIONS)
     if isinstance(options, dict):  # what paths name is looked up while they are checked
         use_storage_options(options)
@@ -289,15 +291,13 @@ def check(model: type[Config], settings: Settings) -> Config:
     return config
 
 
-def _short_places(model: type[BaseModel]) -> Iterator[Location]:
-    """Yield where, in a config of this model, keys may stand that are short for a section's."""
-    fields = field_keys(model)
-    if SHORT[0] in fields:
-        yield ()
-    for key, info in fields.items():
-        inner = submodel(info)
-        if inner is not None and SHORT[0] in field_keys(inner):
-            yield (key,)
+def _short_places(model: type[BaseModel]) -> Iterator[tuple[Location, list[str]]]:
+    """Yield where keys may stand in short in a config of this model, and which."""
+    within = {(key,): submodel(field) for key, field in field_keys(model).items()}
+    for at, inner in ((), model), *within.items():
+        keys = {} if inner is None else field_keys(inner)
+        if SECTION in keys:
+            yield at, [key for key in SHORT if key not in keys]
 
 
 def _schema_problems(

@@ -65,8 +65,8 @@ class CameraConfig(ConfigModel):
     ] = Field(
         default="turntable",
         description="One full turn per sequence about the vertical axis, a random rotation per "
-        "image, or one rotation for all, from object to camera frame (x and y as in the landmarks): "
-        "three rows, orthonormal, determinant +1.",
+        "image, or one rotation for all, from object to camera frame (x and y as in the "
+        "landmarks): three rows, orthonormal, determinant +1.",
     )
     scale: float | None = Field(
         default=None,
