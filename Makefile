@@ -1,8 +1,9 @@
 # Every target does its own set-up in .venv; it needs Python >= 3.11, make and a C++ compiler.
 #
 #   make demo         the whole chain on sample_data
-#   make test         all tests
-#   make check        format, lint, types, tests, import order, docs
+#   make test         the quick tests, five minutes on two cores
+#   make test-all     these and the slow ones: every frame, all fuzz, wheel, cluster, store, browser
+#   make check        format, lint, types, quick tests
 #   make wheel        a wheel of the compiled package in dist
 #   make test-levels  the solvers' tests with every instruction set of this processor, and with none
 #   make sanitize     the solvers' tests under the address and undefined-behaviour sanitizers (GCC)
@@ -26,15 +27,15 @@ PYTEST_OPTIONS ?= -n 2 --dist worksteal
 
 VENV := .venv
 BIN := $(VENV)/bin
-READY := $(VENV)/ready
-RUNS := $(VENV)/runs
 TOOLS := $(VENV)/tools
-BROWSER := $(VENV)/browser
+RUNS := $(VENV)/runs
+READY := $(VENV)/ready
+ALL_READY := $(VENV)/all-ready
 CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp */*.?pp))
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper people bodies detected cars bench clean
+.PHONY: demo test test-all fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper people bodies detected cars bench clean
 
 demo: $(RUNS)
 	$(call chain,demo)
@@ -109,8 +110,15 @@ cars: $(RUNS)
 	    $(SHAPEFIT) sweep -c configs/cars/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	@echo "The report, pictures and meshes are in results/cars."
 
-test: $(READY) $(BROWSER)
-	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+test: $(READY)
+	$(BIN)/python -m pytest -m 'not slow' $(PYTEST_OPTIONS)
+
+# The tests of the page need these packages; without them, they are skipped.
+BROWSER_PACKAGES := chromium chromium-driver nodejs
+test-all: test $(ALL_READY)
+	@command -v chromium >/dev/null && command -v chromedriver >/dev/null && command -v node >/dev/null \
+	    || echo "No browser: its tests are skipped. To run them: apt-get install $(BROWSER_PACKAGES)"
+	$(BIN)/python -m pytest -m slow $(PYTEST_OPTIONS)
 
 wheel: $(READY)
 	SHAPEFIT_LEVELS=all $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps \
@@ -122,7 +130,7 @@ SOLVER_TESTS := tests/convex tests/lifting tests/dictionary
 second_install = $(BIN)/python building/second_install.py build/$(1) . \
     -C build-dir=build/$(1)/cmake -C install.strip=false -C cmake.define.$(2)
 
-test-levels: $(READY)
+test-levels: $(ALL_READY)
 	$(call second_install,plain,SHAPEFIT_LEVELS=plain)
 	build/plain/bin/python -P -m pytest $(PYTEST_OPTIONS) $(SOLVER_TESTS)
 	$(call second_install,levels,SHAPEFIT_LEVELS=all)
@@ -133,7 +141,7 @@ test-levels: $(READY)
 # Python itself never frees all of its memory, so leaks are not checked. -s shows the report.
 SANITIZERS = $(shell for library in libasan.so libubsan.so libstdc++.so.6; do \
     $(CXX) -print-file-name=$$library; done)
-sanitize: $(READY)
+sanitize: $(ALL_READY)
 	$(call second_install,sanitized,SHAPEFIT_SANITIZE=ON)
 	LD_PRELOAD='$(SANITIZERS)' ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 \
 	    PYTHONMALLOC=malloc build/sanitized/bin/python -P -m pytest -q -s -n 0 $(SOLVER_TESTS)
@@ -145,7 +153,6 @@ arm64: $(READY)
 	    -Dnanobind_DIR="$$($(BIN)/python -m nanobind --cmake_dir)"
 	$(BIN)/cmake --build build/arm64 --target plain
 
-# The tests also check the import order and the docs.
 check: format-check lint types test
 
 format-check: $(READY)
@@ -168,7 +175,7 @@ faults: $(READY)
 docs: $(READY)
 	$(BIN)/python docs/generate.py
 
-bench: $(READY)
+bench: $(ALL_READY)
 	$(BIN)/python -m benchmarks.bench $(if $(DATA),--data '$(DATA)') $(if $(CARS),--cars '$(CARS)') $(BENCH_OPTIONS)
 
 clean:
@@ -183,20 +190,14 @@ $(SHAPEFIT) eval -c configs/$(1)/eval.yaml $(SET_DATA)
 @echo "The results are in results/$(1), the report with tables and plots in results/$(1)/report."
 endef
 
-# Packages for the tests of the page. If they cannot be installed, the tests are skipped with this hint.
-BROWSER_PACKAGES := chromium chromium-driver nodejs
-$(BROWSER): | $(READY)
-	@if command -v chromium && command -v chromedriver && command -v node; then :; \
-	elif [ "$$(id -u)" = 0 ] && command -v apt-get; then \
-	    apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
-	    apt-get install -qq -y --no-install-recommends $(BROWSER_PACKAGES); \
-	else false; \
-	fi >/dev/null || echo "No browser, so the tests of the page are skipped;" \
-	    "as root: apt-get install $(BROWSER_PACKAGES)" >&2
-	@touch $@
-
-INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt
 INSTALL_SHAPEFIT = $(INSTALL) --no-build-isolation --editable
+
+# What the slow tests and the benchmarks need besides: independent solvers, a cluster, a store.
+$(ALL_READY): $(READY)
+	@echo "Installing what the slow tests need into $(VENV), about a minute."
+	@$(INSTALL_SHAPEFIT) '.[dev,test-all]'
+	@touch $@
 
 # Rebuilt when the dependencies or the sources of the compiled core change, not otherwise.
 $(READY): $(TOOLS) $(CORE)
@@ -207,7 +208,7 @@ $(READY): $(TOOLS) $(CORE)
 # Everything that a run needs, without the developers' tools. Python compiles modules at first use.
 $(RUNS): $(TOOLS) $(CORE)
 	@echo "Installing shapefit into $(VENV), about half a minute."
-	@$(INSTALL_SHAPEFIT) '.[plots]' --no-compile
+	@$(INSTALL_SHAPEFIT) '.[plots]'
 	@touch $@
 
 # The tools that build the core stay installed, so that only changed sources are compiled.
@@ -216,5 +217,5 @@ $(TOOLS): pyproject.toml constraints.txt
 	    { echo "shapefit needs Python >= 3.11; name one: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 1; }
 	@echo "Making a Python environment in $(VENV), a few seconds."
 	@$(PYTHON) -m venv $(VENV)
-	@$(INSTALL) --no-compile cmake ninja nanobind scikit-build-core
+	@$(INSTALL) cmake ninja nanobind scikit-build-core
 	@touch $@

@@ -22,6 +22,17 @@ PROJECT = Path(__file__).resolve().parents[1]
 REAL_DATA = Path(os.environ.get("SHAPEFIT_REAL_DATA", PROJECT.parent / "shared" / "data"))
 
 
+MORE_THAN_THE_QUICK_SET_UP = {"browser", "store_address"}
+"""Fixtures whose libraries `make test` does not install."""
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest looks at -m
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if MORE_THAN_THE_QUICK_SET_UP & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.slow)
+
+
 @pytest.fixture(scope="session")
 def project() -> Path:
     return PROJECT
@@ -47,7 +58,9 @@ def real_data() -> Path:
 @pytest.fixture(scope="session")
 def store_address() -> Iterator[str]:
     """The address of an object store on loopback."""
-    server = pytest.importorskip("moto.server").ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    from moto.server import ThreadedMotoServer
+
+    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
     server.start()
     host, port = server.get_host_and_port()
@@ -58,7 +71,8 @@ def store_address() -> Iterator[str]:
 @pytest.fixture
 def bucket(store_address, monkeypatch) -> SimpleNamespace:
     """An empty bucket: its URL, and what a test puts into it beside the product."""
-    s3fs = pytest.importorskip("s3fs")
+    import s3fs
+
     use_storage_options({})
     monkeypatch.setenv("AWS_ENDPOINT_URL", store_address)
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "key-of-the-tests")

@@ -6,10 +6,8 @@ import ast
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-
-import pytest
 
 PROJECT = Path(__file__).resolve().parents[1]
 
@@ -69,35 +67,38 @@ def upward_imports(source: str, module: str, *, package: bool = False) -> list[s
     return wrong
 
 
-def talk(source: str, module: str) -> list[str]:
+def talk(source: str, module: str, *, package: bool = False) -> list[str]:
     """Return the uses of print and click."""
     tree = ast.parse(source)
-    wrong = [f"line {n}: {name}" for n, name in imports(tree, module) if name.startswith("click")]
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Name) and node.id == "print":
-            wrong.append(f"line {node.lineno}: print")
-    return wrong
+    used = [*imports(tree, module, package=package)]
+    used += [(node.lineno, node.id) for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    return [
+        f"line {line}: {module} uses {name}"
+        for line, name in used
+        if name == "print" or name.split(".")[0] == "click"
+    ]
 
 
-def module_level(tree: ast.Module) -> ast.Module:
-    """Return `tree` without the bodies that do not run on import: functions, TYPE_CHECKING."""
+class RunTime(ast.NodeTransformer):
+    """Takes out what is imported for type annotations alone."""
 
-    class Pruned(ast.NodeTransformer):
-        def visit_FunctionDef(self, _node):
-            return None
+    def visit_If(self, node):
+        is_typing = isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+        return None if is_typing else self.generic_visit(node)
 
-        visit_AsyncFunctionDef = visit_FunctionDef
 
-        def visit_If(self, node):
-            is_typing = isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
-            return None if is_typing else self.generic_visit(node)
+class ModuleLevel(RunTime):
+    """Takes out the bodies of functions, too, which do not run on import."""
 
-    return Pruned().visit(tree)
+    def visit_FunctionDef(self, _node):
+        return None
+
+    visit_AsyncFunctionDef = visit_FunctionDef
 
 
 def heavy_imports(source: str, module: str, *, package: bool = False) -> list[str]:
     """Return the imports at module level of anything that is not light."""
-    tree = module_level(ast.parse(source))
+    tree = ModuleLevel().visit(ast.parse(source))
     return [
         f"line {line}: {module} imports {name}"
         for line, name in imports(tree, module, package=package)
@@ -111,9 +112,19 @@ PACKAGE = sorted((PROJECT / "shapefit").rglob("*.py"))
 CLI = sorted((PROJECT / "cli").rglob("*.py"))
 
 
-def each(paths: list[Path]) -> pytest.MarkDecorator:
-    names = [str(path.relative_to(PROJECT)) for path in paths]
-    return pytest.mark.parametrize("path", paths, ids=names)
+def in_files(paths: Iterable[Path], check: Callable[..., list[str]]) -> list[str]:
+    """Return what a check of source and module name finds in all these files."""
+    return [
+        finding
+        for path in paths
+        for finding in check(
+            path.read_text("utf-8"), module_of(path), package=path.name == "__init__.py"
+        )
+    ]
+
+
+def room_name(folder: Path) -> str:
+    return ".".join(folder.relative_to(PROJECT).parts)
 
 
 def python_files(folder: Path) -> list[Path]:
@@ -137,37 +148,39 @@ SHORT = {
 
 
 def test_the_map_lists_every_room_and_folder():
-    folders = {".".join(folder.relative_to(PROJECT).parts) for folder in FOLDERS}
+    folders = {room_name(folder) for folder in FOLDERS}
     assert set(listed()) - {"shapefit.errors", "shapefit.cli"} == folders - {"shapefit"}
     assert len(listed()) == len(set(listed()))
     assert ROOMS[0] == "shapefit.errors"
     assert ROOMS[-1] == "shapefit.cli"
 
 
-@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: str(folder.relative_to(PROJECT)))
-def test_folders_hold_some_three_to_fifteen_files(folder):
-    count = len(python_files(folder))
-    name = ".".join(folder.relative_to(PROJECT).parts)
-    assert count <= 15
-    assert (count < 3) == (name in FEW_FILES)
+def test_folders_hold_some_three_to_fifteen_files():
+    counts = {room_name(folder): len(python_files(folder)) for folder in FOLDERS}
+    assert {name: count for name, count in counts.items() if count > 15} == {}
+    assert {name for name, count in counts.items() if count < 3} == FEW_FILES.keys()
 
 
-@each([path for path in PACKAGE if path.name != "__init__.py"])
-def test_files_hold_one_idea(path):
-    lines = len(path.read_text("utf-8").splitlines())
-    assert lines <= 400  # about 350
-    assert (lines < 20) == (module_of(path) in SHORT)
+def test_files_hold_one_idea():
+    lines = {
+        module_of(path): len(path.read_text("utf-8").splitlines())
+        for path in PACKAGE
+        if path.name != "__init__.py"
+    }
+    assert {name: count for name, count in lines.items() if count > 400} == {}  # about 350
+    assert {name for name, count in lines.items() if count < 20} == SHORT.keys()
 
 
-def wrong_folder_imports(source: str, module: str, order: list[str]) -> list[str]:
-    """Return the imports of a folder from one that the map lists below it in the same room."""
+def wrong_folder_imports(source: str, module: str, *, package: bool = False) -> list[str]:
+    """Return the imports of a folder from one that the map lists above it in the same room."""
+    order = listed()
 
     def folder_of(name: str) -> str | None:
         found = [each for each in order if name.startswith(f"{each}.") and each.count(".") == 2]
         return found[0] if found else None
 
     own, wrong = folder_of(module), []
-    for line, name in imports(ast.parse(source), module):
+    for line, name in imports(ast.parse(source), module, package=package):
         other = folder_of(name)
         same_room = own and other and room_of(own) == room_of(other)
         if own and other and same_room and order.index(other) < order.index(own):
@@ -175,15 +188,14 @@ def wrong_folder_imports(source: str, module: str, order: list[str]) -> list[str
     return wrong
 
 
-@each(PACKAGE)
-def test_folders_of_a_room_import_one_way(path):
-    assert wrong_folder_imports(path.read_text("utf-8"), module_of(path), listed()) == []
+def test_folders_of_a_room_import_one_way():
+    assert in_files(PACKAGE, wrong_folder_imports) == []
 
 
 def test_an_import_against_the_order_of_folders_is_seen():
     source = "def f():\n    from shapefit.io.kinds.shapes import read_shapes"
-    assert len(wrong_folder_imports(source, "shapefit.io.whole.atomic", listed())) == 1
-    assert wrong_folder_imports(source, "shapefit.pipelines.fit.run", listed()) == []
+    assert len(wrong_folder_imports(source, "shapefit.io.whole.atomic")) == 1
+    assert wrong_folder_imports(source, "shapefit.pipelines.fit.run") == []
 
 
 def circles(graph: Mapping[str, set[str]]) -> list[str]:
@@ -202,22 +214,11 @@ def circles(graph: Mapping[str, set[str]]) -> list[str]:
     return [name for name in graph if name in reached(name)]
 
 
-def run_time(tree: ast.AST) -> ast.AST:
-    """Return `tree` without what is imported for type annotations alone."""
-
-    class Pruned(ast.NodeTransformer):
-        def visit_If(self, node):
-            is_typing = isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
-            return None if is_typing else self.generic_visit(node)
-
-    return Pruned().visit(tree)
-
-
 def test_no_modules_import_each_other_in_a_circle():
     paths = {module_of(path): path for path in PACKAGE if path.name != "__init__.py"}
     graph: dict[str, set[str]] = {}
     for module, path in paths.items():
-        tree = run_time(ast.parse(path.read_text("utf-8")))
+        tree = RunTime().visit(ast.parse(path.read_text("utf-8")))
         names = {name for _, name in imports(tree, module)}
         names |= {name.rpartition(".")[0] for name in names}
         graph[module] = names & paths.keys() - {module}
@@ -225,40 +226,37 @@ def test_no_modules_import_each_other_in_a_circle():
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c"]
 
 
-@each([path for path in PACKAGE + CLI if path.name != "__main__.py"])  # which is the command line
-def test_rooms_import_one_way(path):
-    package = path.name == "__init__.py"
-    assert upward_imports(path.read_text("utf-8"), module_of(path), package=package) == []
+def test_rooms_import_one_way():
+    # __main__ is the command line
+    files = [path for path in PACKAGE + CLI if path.name != "__main__.py"]
+    assert in_files(files, upward_imports) == []
 
 
-@each(PACKAGE)
-def test_the_package_neither_prints_nor_knows_click(path):
-    assert talk(path.read_text("utf-8"), module_of(path)) == []
+def test_the_package_neither_prints_nor_knows_click():
+    assert in_files(PACKAGE, talk) == []
 
 
-@each([*CLI, PROJECT / "shapefit/__init__.py"])
-def test_start_up_imports_nothing_heavy(path):
-    package = path.name == "__init__.py"
-    assert heavy_imports(path.read_text("utf-8"), module_of(path), package=package) == []
+def test_start_up_imports_nothing_heavy():
+    assert in_files([*CLI, PROJECT / "shapefit/__init__.py"], heavy_imports) == []
 
 
 NEEDED_TO_VERIFY = ("errors", "geometry", "io", "verification")
 """What verification may import of the package: nothing that made what it checks."""
 
 
-def imports_of_the_maker(source: str, module: str) -> list[str]:
+def imports_of_the_maker(source: str, module: str, *, package: bool = False) -> list[str]:
     """Return the imports of parts of the package that verification must not know."""
     allowed = tuple(f"shapefit.{room}" for room in NEEDED_TO_VERIFY)
     return [
-        f"line {line}: {name}"
-        for line, name in imports(ast.parse(source), module)
+        f"line {line}: {module} imports {name}"
+        for line, name in imports(ast.parse(source), module, package=package)
         if name.split(".")[0] == "shapefit" and not name.startswith(allowed)
     ]
 
 
-@each(sorted((PROJECT / "shapefit/verification").glob("*.py")))
-def test_verification_uses_nothing_of_the_solver(path):
-    assert imports_of_the_maker(path.read_text("utf-8"), module_of(path)) == []
+def test_verification_uses_nothing_of_the_solver():
+    files = sorted((PROJECT / "shapefit/verification").rglob("*.py"))
+    assert in_files(files, imports_of_the_maker) == []
 
 
 def test_an_import_of_the_solver_is_seen():
@@ -278,62 +276,48 @@ def test_verification_loads_nothing_of_the_solver():
     assert not rooms & {"core", "convex", "lifting", "evaluation", "pipelines"}
 
 
-@pytest.mark.parametrize(
-    ("module", "source"),
-    [
-        ("shapefit.errors", "from shapefit.geometry import rotations"),
-        ("shapefit.geometry.rotations", "import shapefit.convex.problem"),
-        ("shapefit.convex.admm", "def f():\n    from shapefit.dictionary.model import Dictionary"),
-        ("shapefit.config.commands.fit", "from shapefit import io"),
-        ("shapefit.config.commands.fit", "from ...io import records"),
-        ("shapefit.io.hdf5", "from shapefit.pipelines.fit.run import run"),
-        ("shapefit.pipelines.fit.run", "import shapefit.cli.main"),
-    ],
-)
-def test_an_import_against_the_order_is_seen(module, source):
-    assert len(upward_imports(source, module)) == 1
+AGAINST_THE_ORDER = [
+    ("shapefit.errors", "from shapefit.geometry import rotations"),
+    ("shapefit.geometry.rotations", "import shapefit.convex.problem"),
+    ("shapefit.convex.admm", "def f():\n    from shapefit.dictionary.model import Dictionary"),
+    ("shapefit.config.commands.fit", "from shapefit import io"),
+    ("shapefit.config.commands.fit", "from ...io import records"),
+    ("shapefit.io.hdf5", "from shapefit.pipelines.fit.run import run"),
+    ("shapefit.pipelines.fit.run", "import shapefit.cli.main"),
+]
+ALONG_THE_ORDER = [
+    ("shapefit.io.hdf5", "from shapefit.config import FitConfig\nimport shapefit.errors"),
+    ("shapefit.io.hdf5", "from .records import ShapeSet\nfrom shapefit import __version__"),
+    ("shapefit.cli.fit", "from .report import Report"),
+]
 
 
-@pytest.mark.parametrize(
-    ("module", "source"),
-    [
-        ("shapefit.io.hdf5", "from shapefit.config import FitConfig\nimport shapefit.errors"),
-        ("shapefit.io.hdf5", "from .records import ShapeSet\nfrom shapefit import __version__"),
-        ("shapefit.cli.fit", "from .report import Report"),
-    ],
-)
-def test_an_import_along_the_order_is_let_through(module, source):
-    assert upward_imports(source, module) == []
+def test_an_import_against_the_order_is_seen():
+    assert [s for m, s in AGAINST_THE_ORDER if len(upward_imports(s, m)) != 1] == []
+    assert [s for m, s in ALONG_THE_ORDER if upward_imports(s, m)] == []
 
 
-@pytest.mark.parametrize("source", ["print(1)", "import click", "from click import echo"])
-def test_talk_is_seen(source):
-    assert len(talk(source, "shapefit.io.hdf5")) == 1
+def test_talk_is_seen():
+    planted = ["print(1)", "import click", "from click import echo"]
+    assert [s for s in planted if len(talk(s, "shapefit.io.hdf5")) != 1] == []
 
 
-@pytest.mark.parametrize(
-    "source",
-    [
-        "import numpy as np",
-        "from shapefit.config import load_config",
-        "from shapefit import config",
-        "class A:\n    import scipy.linalg",
-        "if x:\n    from tqdm import tqdm",
-    ],
-)
-def test_a_heavy_import_is_seen(source):
-    assert len(heavy_imports(source, "shapefit.cli.fit")) == 1
+HEAVY = [
+    "import numpy as np",
+    "from shapefit.config import load_config",
+    "from shapefit import config",
+    "class A:\n    import scipy.linalg",
+    "if x:\n    from tqdm import tqdm",
+]
+LET_THROUGH = [
+    "import click\nimport importlib.metadata\nfrom collections.abc import Iterator",
+    "from shapefit.errors import InputError\nfrom shapefit import __version__",
+    "from .report import Report",
+    "def f():\n    import numpy",
+    "if TYPE_CHECKING:\n    from shapefit.config import FitConfig",
+]
 
 
-@pytest.mark.parametrize(
-    "source",
-    [
-        "import click\nimport importlib.metadata\nfrom collections.abc import Iterator",
-        "from shapefit.errors import InputError\nfrom shapefit import __version__",
-        "from .report import Report",
-        "def f():\n    import numpy",
-        "if TYPE_CHECKING:\n    from shapefit.config import FitConfig",
-    ],
-)
-def test_a_light_import_is_let_through(source):
-    assert heavy_imports(source, "shapefit.cli.fit") == []
+def test_a_heavy_import_is_seen():
+    assert [s for s in HEAVY if len(heavy_imports(s, "shapefit.cli.fit")) != 1] == []
+    assert [s for s in LET_THROUGH if heavy_imports(s, "shapefit.cli.fit")] == []

@@ -17,6 +17,7 @@ from shapefit.config import CONFIGS
 SET_UP = ("pip ", "make ")
 
 
+@pytest.mark.slow
 def test_the_commands_run(project: Path, readme_commands: list[str], tmp_path: Path):
     for name in ("configs", "sample_data"):
         shutil.copytree(project / name, tmp_path / name)

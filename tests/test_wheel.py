@@ -16,6 +16,8 @@ PACKAGES = {"shapefit": "shapefit", "shapefit/configs": "configs", "shapefit/cli
 """Folder in the wheel -> folder here."""
 SOURCES = {".cpp", ".hpp"}
 
+pytestmark = pytest.mark.slow
+
 IMPORT_ALL = """
 import importlib, pkgutil, shapefit
 for module in pkgutil.walk_packages(shapefit.__path__, shapefit.__name__ + "."):

@@ -45,6 +45,7 @@ def test_an_item_cannot_forge_a_line_of_the_report(shapefit, fake_pipeline):
     assert not any("\x1b" in line for line in lines)
 
 
+@pytest.mark.slow
 def test_every_command_works_in_a_folder_that_is_not_utf8(tmp_path, project):
     folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
     folder.mkdir()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import cvxpy as cp
 import numpy as np
 import pytest
 
@@ -12,14 +11,19 @@ from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Status
 
-# what counts is the agreement below, not whether Clarabel gets to the last digit of its tolerance
-pytestmark = pytest.mark.filterwarnings("ignore:Solution may be inaccurate:UserWarning")
+pytestmark = [
+    pytest.mark.slow,
+    # what counts is the agreement below, not whether Clarabel gets to the last digit
+    pytest.mark.filterwarnings("ignore:Solution may be inaccurate:UserWarning"),
+]
 
 
 class Clarabel:
     """The program of one image as the paper writes it, built once for a size and a loss."""
 
     def __init__(self, k: int, p: int, loss: Loss) -> None:
+        import cvxpy as cp
+
         self.W, self.omega = cp.Parameter((2, p)), cp.Parameter((1, p))
         self.B, self.lam = cp.Parameter((3 * k, p)), cp.Parameter(nonneg=True)
         self.beta = cp.Parameter(nonneg=True)
@@ -42,7 +46,7 @@ class Clarabel:
         self.omega.value = omega[None]
         self.B.value = (problem.atoms * omega).reshape(-1, len(omega))
         self.lam.value, self.beta.value = problem.lam[image], problem.beta
-        self.program.solve(solver=cp.CLARABEL)  # to 1e-8, or as near as it gets
+        self.program.solve(solver="CLARABEL")  # to 1e-8, or as near as it gets
         return float(self.program.value)
 
 

@@ -49,6 +49,7 @@ def test_an_unknown_level_says_which_there_are():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [level for level in core.LEVELS if level != core.LEVEL])
 def test_the_solvers_pass_at_every_other_level(level, project):
     options = ["-n", "0", "-q", "-p", "no:cacheprovider"]

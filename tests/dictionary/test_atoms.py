@@ -1,6 +1,5 @@
 """Atom update: hand-solved, certified, and judged by cvxpy."""
 
-import cvxpy
 import numpy as np
 import pytest
 
@@ -70,7 +69,10 @@ def test_certificate(shapes, coefficients, start):
     np.testing.assert_allclose(slope, -u[:, None, None] * atoms, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_agrees_with_cvxpy(shapes, coefficients, start):
+    import cvxpy
+
     atoms = update_atoms(shapes, coefficients, start, BOUND, sweeps=2000)
     B = cvxpy.Variable((5, 12))
     problem = cvxpy.Problem(

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.optimize import nnls
-from sklearn.linear_model import Lasso
 
 from shapefit.dictionary.coding import duality_gaps, objectives, sparse_code
 from shapefit.geometry.rotations import random_rotations
@@ -77,7 +76,10 @@ class TestOptimality:
         S = np.tensordot(c, atoms, axes=1) + Y
         np.testing.assert_allclose(sparse_code(S[None], atoms, BETA)[0], c, atol=1e-10)
 
+    @pytest.mark.slow
     def test_agrees_with_scikit_learn(self, shapes, atoms):
+        from sklearn.linear_model import Lasso
+
         C = sparse_code(shapes, atoms, BETA)
         size = atoms[0].size
         judge = Lasso(

@@ -40,8 +40,10 @@ def test_no_round_lowers_the_objective(shrinkage):
     assert (np.diff(trace) >= -1e-8 * np.abs(trace[1:])).all()
 
 
+@pytest.mark.slow
 def test_the_optimum_is_one_for_scikit_learn():
-    mixture = pytest.importorskip("sklearn.mixture")
+    from sklearn import mixture
+
     shapes, _ = draw(500, seed=2)
     found = learn_mixture(shapes, 3, shrinkage=0.0, floor=1e-9, tolerance=1e-10, max_rounds=200)
     judge = mixture.GaussianMixture(

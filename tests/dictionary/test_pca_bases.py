@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from sklearn.decomposition import PCA
 
 from shapefit.dictionary.pca_bases import principal_components
 from shapefit.geometry.rotations import random_rotations
@@ -54,7 +53,10 @@ def test_they_leave_the_least_residual(shapes, components):
     assert residual == pytest.approx(least, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_another_solver_finds_the_same(shapes):
+    from sklearn.decomposition import PCA
+
     judge = PCA(n_components=0.95, svd_solver="full").fit(flat(shapes))
     found = flat(principal_components(shapes, 0.95))
     assert found.shape == judge.components_.shape

@@ -84,6 +84,7 @@ def test_it_was_learned_by_the_config_of_the_project(people, project):
         assert stored[key] == now[key], key
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_no_atom_and_no_mean_is_a_pose_of_the_motions(people, real_data):
     """Statistics are shipped, no motion: what is nearest differs by far more than rounding."""

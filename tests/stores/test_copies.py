@@ -13,8 +13,6 @@ from shapefit.stores.locations import location
 from shapefit.stores.shelf import own_shelf
 from shapefit.stores.states import look_up
 
-pytest.importorskip("s3fs")
-
 
 @pytest.fixture
 def path(bucket):

@@ -14,7 +14,7 @@ from shapefit.io.whole.report_folder import check_folder
 from shapefit.stores.locations import location
 from shapefit.stores.opening import StoreError
 
-pytest.importorskip("s3fs")
+pytestmark = pytest.mark.slow
 
 
 def fit(landmarks: str, **options: str):

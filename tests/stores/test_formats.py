@@ -11,8 +11,6 @@ from shapefit.face import files
 from shapefit.io import landmark_writer, open_landmarks
 from shapefit.stores.locations import location
 
-pytest.importorskip("s3fs")
-
 
 @pytest.fixture
 def samples(bucket, project):

@@ -8,8 +8,6 @@ from shapefit.errors import InputError
 from shapefit.stores import lock
 from shapefit.stores.locations import location
 
-pytest.importorskip("s3fs")
-
 
 @pytest.fixture
 def path(bucket):

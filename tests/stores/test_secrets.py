@@ -9,8 +9,6 @@ from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
 
-pytest.importorskip("s3fs")
-
 KEY, SECRET, TOKEN = "planted-key", "planted-secret", "planted-token"
 PLANTED = b"planted-"
 

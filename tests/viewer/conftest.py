@@ -86,10 +86,17 @@ class Opened:
             "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(done))"
         )
 
-    def keys(self, *keys):
-        from selenium.webdriver import ActionChains
+    def keys(self, *keys, alt=False):
+        """Press keys, given as what they type or by their names in selenium."""
+        from selenium.webdriver import ActionChains, Keys
 
-        ActionChains(self.driver).send_keys(*keys).perform()
+        actions = ActionChains(self.driver)
+        if alt:
+            actions.key_down(Keys.ALT)
+        actions.send_keys(*(getattr(Keys, key, key) for key in keys))
+        if alt:
+            actions.key_up(Keys.ALT)
+        actions.perform()
         self.settle()
 
     def click(self, selector):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from selenium.webdriver import ActionChains
-from selenium.webdriver.common.keys import Keys
 
 SLIDE = """
   const slider = document.getElementById("slider");
@@ -62,8 +60,7 @@ def test_named_views_zoom_and_reset(page):
     page.keys("2", "+", "+")
     assert (page.state("camera.yaw"), page.state("camera.pitch")) == (-90, 0)
     assert page.state("camera.zoom") == pytest.approx(1.44)
-    actions = ActionChains(page.driver).key_down(Keys.ALT)
-    actions.send_keys(Keys.ARROW_RIGHT, Keys.ARROW_UP).key_up(Keys.ALT).perform()
+    page.keys("ARROW_RIGHT", "ARROW_UP", alt=True)
     assert (page.state("camera.yaw"), page.state("camera.pitch")) == (-85, -5)
     page.click("#reset")
     assert page.state("camera") == {"yaw": 0, "pitch": 0, "zoom": 1, "pan": [0, 0]}
@@ -85,16 +82,16 @@ def test_play_advances_at_the_frame_rate_and_pauses(page):
 
 
 def test_keys_step_through_frames_and_sequences(page):
-    page.keys(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_LEFT)
+    page.keys("ARROW_RIGHT", "ARROW_RIGHT", "ARROW_LEFT")
     assert page.state("frame") == 1
     page.run("document.getElementById('slider').focus()")
-    page.keys(Keys.ARROW_RIGHT)
+    page.keys("ARROW_RIGHT")
     assert page.state("frame") == 2  # once, not also by the slider itself
-    page.keys(Keys.END)
+    page.keys("END")
     assert page.state("frame") == 399
-    page.keys(Keys.ARROW_DOWN)
+    page.keys("ARROW_DOWN")
     assert page.state("item") == "jump/0400"
-    page.keys(Keys.HOME, Keys.ARROW_UP)
+    page.keys("HOME", "ARROW_UP")
     assert page.state("frame") == 0
 
 
@@ -102,7 +99,7 @@ def test_search_finds_and_enter_goes_there(page):
     page.keys("/")
     page.keys("JUMP/05")
     assert page.text("#found") == "100 of 600 found"
-    page.keys(Keys.ENTER)
+    page.keys("ENTER")
     assert page.state("item") == "jump/0500"
     assert page.text("#rows [aria-selected=true]") == "jump/0500"
     page.keys("nowhere")
@@ -148,7 +145,7 @@ def test_an_address_leads_to_an_item(made, open_page):
 
 
 def test_nothing_is_complained_about_and_nothing_asked_for(page):
-    page.keys(Keys.ARROW_RIGHT, "3", " ", " ")
+    page.keys("ARROW_RIGHT", "3", " ", " ")
     page.click("#theme")
     assert page.complaints() == []
     assert page.requests() == []

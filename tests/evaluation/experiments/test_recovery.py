@@ -1,6 +1,5 @@
 """Planted instances are what they say, and the program finds what an independent solver finds."""
 
-import cvxpy as cp
 import numpy as np
 import pytest
 from scipy.stats import kstest
@@ -76,6 +75,8 @@ def test_ten_atoms_seen_by_few_landmarks_never_come_back(free_translation):
 
 def judge(planted, *, free_translation):
     """The error of the same program solved by Clarabel."""
+    import cvxpy as cp
+
     M = [cp.Variable((2, 3)) for _ in planted.atoms]
     T = cp.Variable((2, 1)) if free_translation else np.zeros((2, 1))
     ones = np.ones((1, planted.landmarks.shape[1]))
@@ -86,6 +87,7 @@ def judge(planted, *, free_translation):
     return np.linalg.norm(found - planted.transforms) / np.linalg.norm(planted.transforms)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free_translation", [True, False])
 @pytest.mark.parametrize(("z", "recovered"), [(1, True), (3, False)])
 def test_an_independent_solver_finds_the_same(z, recovered, free_translation):

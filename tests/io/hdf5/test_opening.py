@@ -14,8 +14,6 @@ from shapefit.io.layout import SHAPES
 from shapefit.stores.locations import location
 from shapefit.stores.opening import StoreError
 
-core = pytest.importorskip("s3fs.core")
-
 
 @pytest.fixture
 def path(bucket, tmp_path):
@@ -28,6 +26,8 @@ def path(bucket, tmp_path):
 
 
 def test_only_what_is_read_is_fetched(path, monkeypatch):
+    from s3fs import core
+
     fetched = []
     real = core._fetch_range
 
@@ -60,6 +60,8 @@ def test_it_is_collected_again_after_a_file_that_cannot_be_opened(bucket, path):
 
 
 def test_a_store_that_fails_is_no_damaged_file(bucket, project, monkeypatch):
+    from s3fs import core
+
     bucket.files.put_file(str(project / "sample_data/people_test.h5"), f"{bucket.name}/b.h5")
 
     def fails(*_arguments, **_options):

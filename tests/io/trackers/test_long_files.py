@@ -34,6 +34,7 @@ SHORT, LONG, LANDMARKS = 6_000, 30_000, 100
 """Frames; the points and confidences of the long file take 72 MB."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [".csv", ".h5", ".analysis.h5", ".slp"])
 def test_memory_is_flat_in_the_number_of_frames(tmp_path, run_python, name):
     write = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cvxpy as cp
 import numpy as np
 import pytest
 
@@ -34,7 +33,10 @@ def test_conditions_of_optimality_hold(program):
     assert (slope[~used] <= multiplier * a[~used] + 1e-8).all()
 
 
+@pytest.mark.slow
 def test_an_independent_solver_finds_the_same(program):
+    import cvxpy as cp
+
     Q, h, a = program
     x = cp.Variable(len(h), nonneg=True)
     objective = cp.Minimize(0.5 * cp.quad_form(x, cp.psd_wrap(Q)) - h @ x)

@@ -9,7 +9,6 @@ import pymanopt
 import pytest
 from pymanopt.manifolds import Stiefel
 from pymanopt.optimizers import TrustRegions
-from sklearn.linear_model import Lasso
 
 from shapefit import core
 from shapefit.convex.newton import solve_newton
@@ -117,8 +116,11 @@ def test_a_planted_minimum_stays(make_scene, rng, signed):
     np.testing.assert_allclose(found.rotation, R, atol=1e-8)
 
 
+@pytest.mark.slow
 @signs
 def test_pymanopt_and_scikit_learn_walk_the_same_way(make_scene, signed):
+    from sklearn.linear_model import Lasso
+
     scene = make_scene(n=4, k=10, noise=0.3)
     lam, rounds, manifold = 0.1, 6, Stiefel(3, 2)
     starts = nearby(scene.rotation, 0.5)

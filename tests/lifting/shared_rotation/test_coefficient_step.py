@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sklearn.linear_model import Lasso
 
 from shapefit import core
 from shapefit.geometry.rotations import random_rotations
@@ -63,9 +62,12 @@ def test_the_conditions_of_optimality_hold(make_case, signed, lam, k, q):
         assert (c != 0).sum() <= 2 * q
 
 
+@pytest.mark.slow
 @signs
 @pytest.mark.parametrize("lam", [0.01, 0.1])
 def test_scikit_learn_agrees(make_case, signed, lam):
+    from sklearn.linear_model import Lasso
+
     for _ in range(10):
         w, atoms, R = make_case()
         c, value = solve(w, atoms, R, lam, signed=signed)

@@ -77,7 +77,8 @@ def errors(result, shapes):
 
 
 @pytest.mark.parametrize(
-    ("subject", "error", "noisy"), [(13, 0.2268, 0.2503), (14, 0.2288, 0.2534)]
+    ("subject", "error", "noisy"),
+    [pytest.param(13, 0.2268, 0.2503, marks=pytest.mark.slow), (14, 0.2288, 0.2534)],
 )
 def test_headline_figures(real_data, lift, subject, error, noisy):
     shapes, landmarks = views(real_data, subject)

@@ -266,6 +266,7 @@ def test_memory_grows_with_the_batch_alone(people, tmp_path):
     assert peak(16_000) < 1.05 * peak(4_000)
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_motion_capture_within_a_hundredth(real_data, tmp_path):
     """Subject 86, all 10,067 frames, in batches of a 4th, a 20th and a 100th of them."""

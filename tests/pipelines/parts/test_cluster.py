@@ -27,7 +27,7 @@ from shapefit.pipelines.parts import cluster as module
 from shapefit.pipelines.parts.part import Done, Job
 from shapefit.pipelines.parts.plan import Part
 
-pytest.importorskip("distributed")
+pytestmark = pytest.mark.slow
 
 BIN = Path(sys.executable).parent
 NAMES = tuple("abcdefgh")

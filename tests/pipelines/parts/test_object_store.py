@@ -18,8 +18,6 @@ from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.parts.run import run
 from shapefit.stores import lock
 
-pytest.importorskip("s3fs")
-
 NAMES = tuple("abcdefgh")
 DATASETS = ("item", "shapes", "dual", "coefficients", "objective")
 
@@ -187,7 +185,6 @@ class TestAPutThatFails:
 
 
 def test_two_workers_write_the_same_bits(store):
-    pytest.importorskip("distributed")
     assert done(fit(store, "", "workers=2")) == 300
     assert names(store) == parts(3)
     same_as_on_a_disk(store)
