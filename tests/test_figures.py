@@ -88,7 +88,8 @@ def broken_links(page: Path) -> Iterator[str]:
 
 
 def test_links_resolve():
-    assert [link for page in PAGES for link in broken_links(page)] == []
+    broken = [link for page in PAGES for link in broken_links(page)]
+    assert not broken, "\n".join(broken)
 
 
 def test_the_index_reaches_every_page():

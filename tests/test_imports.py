@@ -112,15 +112,16 @@ PACKAGE = sorted((PROJECT / "shapefit").rglob("*.py"))
 CLI = sorted((PROJECT / "cli").rglob("*.py"))
 
 
-def in_files(paths: Iterable[Path], check: Callable[..., list[str]]) -> list[str]:
-    """Return what a check of source and module name finds in all these files."""
-    return [
+def assert_clean(paths: Iterable[Path], check: Callable[..., list[str]]) -> None:
+    """Fail with all that a check of source and module name finds in these files."""
+    findings = [
         finding
         for path in paths
         for finding in check(
             path.read_text("utf-8"), module_of(path), package=path.name == "__init__.py"
         )
     ]
+    assert not findings, "\n".join(findings)
 
 
 def room_name(folder: Path) -> str:
@@ -189,7 +190,7 @@ def wrong_folder_imports(source: str, module: str, *, package: bool = False) -> 
 
 
 def test_folders_of_a_room_import_one_way():
-    assert in_files(PACKAGE, wrong_folder_imports) == []
+    assert_clean(PACKAGE, wrong_folder_imports)
 
 
 def test_an_import_against_the_order_of_folders_is_seen():
@@ -229,15 +230,15 @@ def test_no_modules_import_each_other_in_a_circle():
 def test_rooms_import_one_way():
     # __main__ is the command line
     files = [path for path in PACKAGE + CLI if path.name != "__main__.py"]
-    assert in_files(files, upward_imports) == []
+    assert_clean(files, upward_imports)
 
 
 def test_the_package_neither_prints_nor_knows_click():
-    assert in_files(PACKAGE, talk) == []
+    assert_clean(PACKAGE, talk)
 
 
 def test_start_up_imports_nothing_heavy():
-    assert in_files([*CLI, PROJECT / "shapefit/__init__.py"], heavy_imports) == []
+    assert_clean([*CLI, PROJECT / "shapefit/__init__.py"], heavy_imports)
 
 
 NEEDED_TO_VERIFY = ("errors", "geometry", "io", "verification")
@@ -256,7 +257,7 @@ def imports_of_the_maker(source: str, module: str, *, package: bool = False) -> 
 
 def test_verification_uses_nothing_of_the_solver():
     files = sorted((PROJECT / "shapefit/verification").rglob("*.py"))
-    assert in_files(files, imports_of_the_maker) == []
+    assert_clean(files, imports_of_the_maker)
 
 
 def test_an_import_of_the_solver_is_seen():
