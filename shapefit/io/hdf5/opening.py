@@ -9,6 +9,7 @@ from typing import Any
 
 import h5py
 
+from shapefit.io.hdf5.trial import try_opening
 from shapefit.stores.copies import has_copy
 from shapefit.stores.opening import store_errors
 from shapefit.stores.reading import shared_bytes
@@ -22,10 +23,11 @@ def open_hdf5(path: Path, cache_bytes: int | None = None) -> h5py.File:
     """Open a file to read; of an object only the blocks that are read are fetched.
 
     cache_bytes is the room for chunks of a dataset, by default that of HDF5. Raises what h5py
-    raises, and InputError where a store does not answer.
+    raises, and InputError where a store does not answer, and where libhdf5 would hang or crash.
     """
     if isinstance(path, UrlPath) and not has_copy(path):
         return _RemoteFile(path, cache_bytes)
+    try_opening(path)
     return h5py.File(path, "r", rdcc_nbytes=cache_bytes)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error, printable
+from shapefit.io.hdf5.opening import open_hdf5
 from shapefit.io.hdf5.pieces import read_rows
 from shapefit.io.hdf5.sizes import Stored, size_in_memory
 from shapefit.io.memory import ALWAYS_FITS, check_fits
@@ -41,7 +42,7 @@ class TrackerFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         with self.damage():
-            self._file = h5py.File(path, "r")
+            self._file = open_hdf5(path)
 
     def __enter__(self) -> Self:
         return self

@@ -17,7 +17,7 @@ from shapefit.pipelines.parts.plan import Part
 from shapefit.pipelines.parts.spans import Span
 from shapefit.stores.opening import StoreError
 from shapefit.stores.options import masked, use_storage_options
-from shapefit.stores.shelf import own_shelf
+from shapefit.stores.shelf import State, own_shelf
 from shapefit.stores.states import find_state
 
 MOST_TOLD = 20
@@ -41,6 +41,7 @@ class Job:
 class Done:
     """What became of a part; `error` says why it has no result.
 
+    state     of its result, once that is written
     passing   whether another try, or another machine, may do better
     """
 
@@ -51,7 +52,7 @@ class Done:
     warnings: tuple[str | Counted, ...] = ()
     doubts: tuple[Counted, ...] = ()
     seconds: float = 0.0
-    bytes: int = 0
+    state: State = (0, "")
     span: Span | None = None
     error: str | None = None
     passing: bool = False
@@ -63,7 +64,8 @@ class Done:
             "failed": self.failed,
             "failures": [[failure.item, failure.reason] for failure in self.failures],
             "seconds": round(self.seconds, 3),
-            "bytes": self.bytes,
+            "bytes": self.state[0],
+            "written": self.state[1],
             "items": None if self.span is None else asdict(self.span),
         }
 
@@ -106,7 +108,7 @@ def _fit(job: Job, began: float) -> Done:
             for doubt in outcome.doubts:
                 own = replace(doubt, items=())
                 doubts[own.text] = doubts[own.text] + own if own.text in doubts else own
-        size, _ = find_state(target) or (0, "")
+        state = find_state(target) or (0, "")
     except InputError as error:
         cause = error.__cause__
         of_system = isinstance(cause, OSError) and cause.errno is not None
@@ -122,7 +124,7 @@ def _fit(job: Job, began: float) -> Done:
         tuple(warnings.values()),
         tuple(doubts.values()),
         time.perf_counter() - began,
-        size,
+        state,
         span,
     )
 

@@ -8,17 +8,18 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import get_args
 
 from shapefit.config import FitConfig
 from shapefit.config.commands.fit import PartFormat
 from shapefit.config.paths import MANIFEST
-from shapefit.errors import abbreviate, counted, input_error, printable
+from shapefit.errors import InputError, abbreviate, counted, input_error, printable
 from shapefit.io import digest
 from shapefit.io.formats import FORMATS, find_writer
 from shapefit.io.layout import RESULTS
+from shapefit.io.stored.opening import open_stored
 from shapefit.pipelines.fit import run as single
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
 from shapefit.pipelines.parts.cluster import (
@@ -40,6 +41,8 @@ from shapefit.pipelines.parts.plan import Part, plan_parts
 from shapefit.pipelines.parts.spans import overlapping
 from shapefit.stores.listing import files_in
 from shapefit.stores.options import STORAGE_OPTIONS
+from shapefit.stores.states import find_state
+from shapefit.stores.urls import UrlPath
 from shapefit.stores.writing import remove
 
 OF_THE_RUN = (
@@ -103,11 +106,26 @@ def _known(config: FitConfig, terms: dict[str, str]) -> tuple[Manifest, str | No
     changed = [name for name, value in terms.items() if known.terms.get(name) != value]
     if changed:
         return Manifest(terms), f"all parts are done again: another {' and another '.join(changed)}"
-    there = files_in(config.output.parent)
+    folder = config.output.parent
+    there = files_in(folder)
     known.parts = {
         name: entry for name, entry in known.parts.items() if there.get(name) == entry.get("bytes")
     }
-    return known, None
+    damaged = [name for name, entry in known.parts.items() if _is_damaged(folder / name, entry)]
+    for name in damaged:
+        del known.parts[name]
+    return known, f"damaged, and done again: {abbreviate(damaged)}" if damaged else None
+
+
+def _is_damaged(result: Path, entry: Mapping[str, object]) -> bool:
+    """Whether a result was touched since it was written, and does not open any more."""
+    if isinstance(result, UrlPath) or find_state(result) == (entry["bytes"], entry.get("written")):
+        return False
+    try:
+        open_stored(result, RESULTS).close()
+    except InputError:
+        return True
+    return False
 
 
 def _dry(parts: Sequence[Part], manifest: Manifest) -> Outcome:

@@ -14,6 +14,7 @@ from shapefit.config import load_config
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import landmark_writer, write_dictionary
+from shapefit.io.hdf5 import trial
 from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.parts import part
 from shapefit.pipelines.parts import run as parts
@@ -99,6 +100,20 @@ def test_only_missing_parts_are_done(folder):
     assert done(fit("out/", "partition=100")) == 128
     changed = [name for name, stamp in stamps().items() if stamp != before[name]]
     assert changed == ["part-00001.h5"]
+
+
+def test_a_damaged_part_is_done_again(folder, monkeypatch):
+    monkeypatch.setattr(trial, "SECONDS", 1)
+    fit("out/", "partition=100")
+    part = Path("out/part-00002.h5")
+    damaged = bytearray(part.read_bytes())
+    damaged[2000:12000] = bytes(10000)
+    part.write_bytes(damaged)
+    Path("out/part-00001.h5").touch()
+    outcomes = fit("out/", "partition=100")
+    assert outcomes[0].warnings == ("damaged, and done again: part-00002.h5",)
+    assert done(outcomes) == 128
+    same_as_one_run()
 
 
 def test_a_changed_input_is_done_again(folder):

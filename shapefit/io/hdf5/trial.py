@@ -1,0 +1,153 @@
+"""HDF5 files are opened by a child process first: on damaged ones libhdf5 may hang or crash.
+
+The child is forked, so it has h5py at hand and costs some milliseconds. It walks through all that
+is not numbers: groups, attributes, types, the indices of chunks, and the first texts.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import gc
+import os
+import signal
+import warnings
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NoReturn
+
+import h5py
+
+import shapefit
+from shapefit.errors import input_error
+from shapefit.io.memory import in_words
+from shapefit.stores.shelf import State
+from shapefit.stores.states import find_state
+
+SECONDS = 5
+"""Of the processor that the child may take, and one more for every BYTES_A_SECOND of the file."""
+BYTES_A_SECOND = 50_000_000
+
+LONGEST = 300
+"""Seconds by the clock, for disks that do not answer."""
+
+MEMORY = 1 << 30
+"""Bytes that the child may take, beside the size of the file."""
+
+FIRST_TEXTS = 4096
+"""Entries that are read of each dataset whose values lie elsewhere in the file."""
+
+NO_MEMORY, NOT_LISTED = 1, 2
+"""Exit codes of the child; what a reader will report itself is 0."""
+
+DAMAGED = "the file is damaged: copy or make it again"
+INSTALLED = Path(shapefit.__file__).parent
+
+
+def try_opening(path: Path) -> None:
+    """Raise InputError for a file on which libhdf5 hangs, crashes or fills the memory.
+
+    What it reports itself is left to the reader. A file that did not change is tried once, those
+    that are installed with the package never.
+    """
+    state = find_state(path)
+    if state is None or not hasattr(os, "fork") or INSTALLED in path.parents:
+        return
+    found = _tried(path, state)
+    if found is not None:
+        raise input_error(path, found, DAMAGED)
+
+
+@lru_cache(maxsize=4096)
+def _tried(path: Path, state: State) -> str | None:
+    """Let a child walk through the file; return what became of it, None where all was well."""
+    seconds, memory = SECONDS + state[0] // BYTES_A_SECOND, MEMORY + state[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # forks of threads: h5py holds its lock
+        child = os.fork()
+    if child == 0:
+        _walk_and_exit(path, seconds, memory)
+    try:
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    except BaseException:  # a signal that ends this process
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        raise
+    if code in (-signal.SIGXCPU, -signal.SIGALRM):
+        return f"cannot be read (libhdf5 does not come to an end within {seconds} s)"
+    if code == NO_MEMORY:
+        return f"cannot be read (libhdf5 asks for more than {in_words(memory)} of memory)"
+    if code == NOT_LISTED:
+        return "cannot be read (what it holds cannot be listed)"
+    return f"cannot be read (libhdf5 crashes: {signal.Signals(-code).name})" if code < 0 else None
+
+
+def _walk_and_exit(path: Path, seconds: int, memory: int) -> NoReturn:
+    """Walk through a file in this process, which does nothing else and leaves without unwinding."""
+    code = 0
+    try:
+        gc.disable()
+        faulthandler.disable()
+        for number in (signal.SIGTERM, signal.SIGALRM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_DFL)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+        signal.alarm(LONGEST + seconds)
+        _limit(seconds, memory)
+        code = _walk(path)
+    finally:
+        os._exit(code)
+
+
+def _limit(seconds: int, memory: int) -> None:
+    """Set the limits of this process."""
+    import resource
+
+    def lower(what: int, limit: int) -> None:
+        soft, hard = resource.getrlimit(what)
+        least = limit if soft == resource.RLIM_INFINITY else min(soft, limit)
+        resource.setrlimit(what, (least, hard))
+
+    spent = resource.getrusage(resource.RUSAGE_SELF)
+    lower(resource.RLIMIT_CPU, int(spent.ru_utime + spent.ru_stime) + seconds)
+    lower(resource.RLIMIT_CORE, 0)
+    with suppress(OSError):
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        lower(resource.RLIMIT_AS, pages * resource.getpagesize() + memory)
+
+
+def _walk(path: Path) -> int:
+    """Look at all that a file holds; return the exit code."""
+    codes = [0]
+    with suppress(Exception), h5py.File(path, "r") as file:
+        codes.append(_look_at(file["/"]))
+        try:
+            h5py.h5o.visit(file.id, lambda name: codes.append(_look_at_name(file, name)))
+        except Exception as error:
+            codes.append(_code(error) or NOT_LISTED)
+    return max(codes)
+
+
+def _look_at_name(file: h5py.File, name: bytes) -> int:
+    try:
+        return _look_at(file[name])
+    except Exception as error:
+        return _code(error)
+
+
+def _look_at(node: Any) -> int:
+    """Read what a group or dataset holds beside numbers."""
+    try:
+        for name in node.attrs:
+            node.attrs[name]
+        if isinstance(node, h5py.Dataset) and node.shape is not None:
+            if node.chunks:
+                node.id.get_num_chunks()
+            if node.dtype.hasobject:
+                node[:FIRST_TEXTS] if node.shape else node[()]
+    except Exception as error:
+        return _code(error)
+    return 0
+
+
+def _code(error: Exception) -> int:
+    return NO_MEMORY if isinstance(error, MemoryError) or "alloc" in str(error) else 0
