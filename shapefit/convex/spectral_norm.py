@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
 
 
 def _sum_and_difference(Q: Floats) -> tuple[Floats, Floats, Floats]:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
+
 Keys = NDArray[np.uint64]
 
 DIGIT = 16

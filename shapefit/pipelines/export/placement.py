@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import ResultSet
@@ -16,8 +16,6 @@ from shapefit.meshes.dense import (
     camera_frame_sheared,
     metric_scale,
 )
-
-Floats = NDArray[np.float64]
 
 
 def required(values: Floats | None) -> Floats:

@@ -9,9 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from shapefit.arrays import Floats
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
@@ -26,8 +24,6 @@ from shapefit.stores.writing import refuse_folder
 if TYPE_CHECKING:
     from shapefit.pipelines.export.meshes import MeshExport
     from shapefit.pipelines.export.pictures import PictureExport
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config import FitConfig
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from shapefit.lifting.methods import Solve
     from shapefit.pipelines.fit.outlier_search import Agreement
 
-Floats = NDArray[np.float64]
 Lifter = Callable[[LandmarkSet, Dictionary], Lifting]
 """Lifts images, whose landmarks are those of the dictionary."""
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.size import has_lengths, knows_size, metres_per_unit
@@ -20,8 +21,6 @@ from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT, TRUSTED, find_doubts
 from shapefit.pipelines.fit.left_out_items import find_left_out
 from shapefit.pipelines.fit.searched import with_readings, with_trees
-
-Floats = NDArray[np.float64]
 
 OF_A_RESULT = RESULTS.names | {
     *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
