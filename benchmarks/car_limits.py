@@ -19,7 +19,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.config import FitConfig, load_config
 from shapefit.evaluation import metrics
 from shapefit.geometry.normalisation import normalise
@@ -29,7 +28,9 @@ from shapefit.io import open_landmarks, read_shapes
 from shapefit.lifting.options import PerspectiveOptions
 from shapefit.lifting.perspective.refinement import refine_perspective
 from shapefit.lifting.perspective.start import mean_coefficients
-from shapefit.pipelines.fit.chain import choose_options
+from shapefit.pipelines.fit.plan import choose_options
+
+Floats = NDArray[np.float64]
 
 LEAST_VISIBLE = 20
 CONFIG = Path(__file__).parents[1] / "configs" / "cars" / "fit.yaml"

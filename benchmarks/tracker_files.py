@@ -14,8 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
-
+Floats = NDArray[np.float64]
 Names = Sequence[str]
 
 FRAME = [("frame_id", "<u8"), ("video", "<u4"), ("frame_idx", "<u8")]

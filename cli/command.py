@@ -88,6 +88,7 @@ def run_command(
     # No plug-in changes the schema, and looking for them in all installed packages takes long.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     from shapefit.config import dump_config, find_config, load_config
+    from shapefit.config.paths import ResultFolder
 
     file = find_config(spec.name, config_path)
     config = load_config(spec.name, file, overrides, arguments, to_show=print_config)
@@ -96,7 +97,9 @@ def run_command(
         return 0
     if verbose and file is not None:
         tell(f"Config: {file.path}")
-    pipeline = importlib.import_module(f"shapefit.pipelines.{spec.pipeline}").run
+    in_parts = isinstance(getattr(config, "output", None), ResultFolder)
+    name = spec.in_parts if in_parts else spec.pipeline
+    pipeline = importlib.import_module(f"shapefit.pipelines.{name}").run
     gc.enable()
     report = Report(spec.name, spec.unit, quiet=quiet, verbose=verbose)
     follow(pipeline(config), report, shows_notes=not spec.prints_note)

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 class Spec:
     """A command: its texts, its pipeline, and the arguments that are keys of its config.
 
-    `unit` is what the progress bar counts. Where `prints_note` the last note of the pipeline is the
-    result of the command, for stdout. Each of `actions` is a flag, and what is done with the report
-    when it is given.
+    `in_parts` is the pipeline where the output is a folder of results. `unit` is what the progress
+    bar counts. Where `prints_note` the last note of the pipeline is the result of the command, for
+    stdout. Each of `actions` is a flag, and what is done with the report when it is given.
     """
 
     name: str
@@ -31,6 +31,7 @@ class Spec:
     text: str
     examples: str
     parameters: tuple[click.Parameter, ...]
+    in_parts: str = ""
     prints_note: bool = False
     actions: dict[str, tuple[click.Option, Callable[[Report], None]]] = field(default_factory=dict)
 
@@ -101,7 +102,8 @@ work, - is stdin (CSV).""",
     ),
     Spec(
         "fit",
-        pipeline="parts.run",
+        pipeline="fit.run",
+        in_parts="parts.run",
         unit="image",
         summary="Lift 2D landmarks to 3D shapes.",
         text="""Lift 2D landmarks in single images to 3D shapes.

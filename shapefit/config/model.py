@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Optional, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 
 from shapefit.config.fields import Expected
-from shapefit.config.paths import STANDARD_STREAM, Folder
+from shapefit.config.paths import STANDARD_STREAM, Folder, ResultFolder
 from shapefit.errors import path_text
 from shapefit.stores.options import MASK, STORAGE_OPTIONS
 from shapefit.stores.urls import real_path
@@ -80,6 +80,7 @@ class CommandConfig(ConfigModel):
     def _keeps_its_inputs(self) -> Self:
         """Refuse an output that would take the place of an input."""
         output = getattr(self, "output", None) or STANDARD_STREAM
+        output = output.manifest if isinstance(output, ResultFolder) else output
         for _, path in self.inputs():
             if path != STANDARD_STREAM and real_path(path) == real_path(output):
                 raise ValueError(f"`output` would replace an input, {path}; name another file")

@@ -7,12 +7,14 @@ import json
 import os
 import stat
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, PlainValidator
+from pydantic import AfterValidator, BeforeValidator, InstanceOf, PlainSerializer, PlainValidator
 
 from shapefit.config.fields import Expected
+from shapefit.errors import path_text
 from shapefit.stores.listing import matching
 from shapefit.stores.locations import location
 from shapefit.stores.reading import read_bytes
@@ -24,6 +26,19 @@ DATA = "{data}"
 
 MANIFEST = "manifest.json"
 """In a folder of results, the list of them."""
+
+
+@dataclass(frozen=True)
+class ResultFolder:
+    """A folder as output: one result file per part, and the manifest of them."""
+
+    path: Path
+
+    @property
+    def manifest(self) -> Path:
+        """The list of the parts that are done."""
+        return self.path / MANIFEST
+
 
 _READ_AS_FILES = frozenset({stat.S_IFREG, stat.S_IFIFO, stat.S_IFCHR})
 
@@ -235,15 +250,26 @@ OptionalInputPath = Annotated[
 OutputPath = Annotated[Path, PathWords("a path"), BeforeValidator(absolute_path)]
 
 
-def _output_or_folder(value: Any) -> Path:
-    """Return the path of an output; that of its manifest where it is to be a folder."""
+def _output_or_folder(value: Any) -> Path | ResultFolder:
+    """Return the path of an output, or the folder where it ends in /."""
+    if isinstance(value, ResultFolder):
+        return value
+    given = value.given if isinstance(value, Anchored) else value
     path = absolute_path(value)
-    is_folder = isinstance(value, str) and value.endswith("/")
-    return path / MANIFEST if is_folder else path
+    return ResultFolder(path) if isinstance(given, str) and given.endswith("/") else path
 
 
-OutputOrFolder = Annotated[Path, PathWords("a path"), BeforeValidator(_output_or_folder)]
-"""A file to write; `FOLDER/` stands for the manifest of results in it."""
+def _as_given(value: Path | ResultFolder) -> Path | str:
+    return f"{path_text(value.path)}/" if isinstance(value, ResultFolder) else value
+
+
+OutputOrFolder = Annotated[
+    Path | InstanceOf[ResultFolder],
+    PathWords("a path"),
+    BeforeValidator(_output_or_folder),
+    PlainSerializer(_as_given),
+]
+"""A file to write, or a folder: `FOLDER/`."""
 
 # Each item becomes the tuple of the files that it names (so that a wrong item is reported at its
 # own place), and the tuples are joined last.

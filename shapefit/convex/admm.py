@@ -13,11 +13,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.convex.certificate import certify_transforms
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Solution, Status
 from shapefit.convex.spectral_norm import prox_spectral_norm
+
+Floats = NDArray[np.float64]
 
 BATCH = 256
 CHECK_EVERY = 10

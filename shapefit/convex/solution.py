@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+Floats = NDArray[np.float64]
 
 
 class Status(Enum):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+Floats = NDArray[np.float64]
 
 
 def _sum_and_difference(Q: Floats) -> tuple[Floats, Floats, Floats]:

@@ -10,9 +10,11 @@ import warnings
 from math import prod
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.arrays import Floats
+
+Floats = NDArray[np.float64]
 
 
 def sparse_code(

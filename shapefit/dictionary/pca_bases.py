@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+Floats = NDArray[np.float64]
 
 
 def principal_components(shapes: Floats, bases: float = 0.99) -> Floats:

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
-
+Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
 

@@ -7,21 +7,23 @@ undefined: that is no failure.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
 
 
-def precision(labelled: Flags, corrupted: Flags) -> Floats:
+def precision(labelled: Booleans, corrupted: Booleans) -> Floats:
     """|labelled and corrupted| / |labelled| of each image (n,); nan where nothing is labelled."""
     return _share(labelled & corrupted, labelled)
 
 
-def recall(labelled: Flags, corrupted: Flags) -> Floats:
+def recall(labelled: Booleans, corrupted: Booleans) -> Floats:
     """|labelled and corrupted| / |corrupted| of each image (n,); nan where nothing is corrupted."""
     return _share(labelled & corrupted, corrupted)
 
 
-def _share(part: Flags, whole: Flags) -> Floats:
+def _share(part: Booleans, whole: Booleans) -> Floats:
     count = whole.sum(axis=-1)
     nothing = np.full(len(count), np.nan)
     return np.divide(part.sum(axis=-1), count, out=nothing, where=count > 0)

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.convex.solution import Status
-from shapefit.evaluation.statistics.samples import Sample, Sliced, mean, slices
+from shapefit.evaluation.statistics.samples import Floats, Sample, Sliced, mean, slices
 from shapefit.geometry.normalisation import LARGEST
 
 SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)

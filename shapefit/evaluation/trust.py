@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
-from shapefit.evaluation.statistics.samples import Sample, in_order, mean, slices
+from shapefit.evaluation.statistics.samples import Floats, Sample, in_order, mean, slices
 from shapefit.evaluation.summary import ImageErrors
 
 Pairs = Callable[[], Iterator[tuple[Floats, Floats]]]

@@ -25,17 +25,10 @@ from shapefit.face.records import (
 from shapefit.io.extras import Extras
 from shapefit.io.kinds.given import check_given_dictionary, given_landmarks
 from shapefit.io.records import LandmarkSet, concatenate
-from shapefit.pipelines.fit.chain import choose_chain
-from shapefit.pipelines.fit.dictionary_kind import mismatch
 from shapefit.pipelines.fit.landmark_names import name_warnings
-from shapefit.pipelines.fit.left_out import UnknownItems
-from shapefit.pipelines.fit.run import (
-    attributes_of,
-    find_failures,
-    find_warnings,
-    fit_chunks,
-)
-from shapefit.pipelines.fit.standing import Standing
+from shapefit.pipelines.fit.plan import plan_fit
+from shapefit.pipelines.fit.report import Report
+from shapefit.pipelines.fit.run import attributes_of, lift_source
 from shapefit.pipelines.outcome import Counted, add_up
 
 CAMERA = "camera_matrix"
@@ -77,25 +70,21 @@ def fit(
     if matrices is not None:
         extras = Extras.of(dict(images.extras) | {CAMERA: matrices}, len(images))
         images = replace(images, extras=extras)
-    chain = choose_chain(config, atoms)
+    plan = plan_fit(config, atoms)
+    report = Report(plan.report, atoms)
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
-    messages: dict[str, str | Counted] = {text: text for text in mismatch(config, atoms)}
-    standing = Standing(atoms.landmark_names)
-    unknown = UnknownItems(config.leave_out, atoms) if config.leave_out else None
+    messages: dict[str, str | Counted] = {text: text for text in plan.warnings}
     with given_landmarks(images, "landmarks", config.input.rename) as source:
         names = name_warnings(source.landmark_names, atoms.landmark_names)
-        for arranged, lifting, record, spent in fit_chunks(source, config, atoms, chain):
-            if unknown:
-                unknown.add(arranged)
-            records.append(record)
-            standing.add(record)
-            seconds += spent
-            failures |= {f.item: f.reason for f in find_failures(arranged, lifting, config)}
-            for warning in find_warnings(arranged, lifting, config):
+        for batch in lift_source(source, plan):
+            outcome = report.of(batch)
+            records.append(batch.record)
+            seconds += batch.seconds
+            failures |= {failure.item: failure.reason for failure in outcome.failures}
+            for warning in outcome.warnings:
                 add_up(messages, warning)
-    left_in = unknown.warnings if unknown else ()
-    for message in (*messages.values(), *standing.warnings, *names, *left_in):
+    for message in (*messages.values(), *names, *report.warnings):
         warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
     attributes = attributes_of(config, {}, seconds, len(whole))

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+Floats = NDArray[np.float64]
 
 KNOWN_COUNTS = (4, 5, 8)
 """Numbers of coefficients that the model knows; more are its thin prism and tilt."""

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
-
+Floats = NDArray[np.float64]
 Indices = NDArray[np.integer] | Sequence[int]
 
 

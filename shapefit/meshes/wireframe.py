@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 SIDES = 8
 """Corners of the rings that a solid is made of."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from shapefit.config.paths import MANIFEST
+from shapefit.config.paths import ResultFolder
 from shapefit.errors import counted
 from shapefit.io.memory import in_words
 from shapefit.pipelines.parts.manifest import Manifest, read_manifest
@@ -19,7 +19,7 @@ def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
     given = set(files)
     found: dict[Path, Manifest] = {}
     for folder in dict.fromkeys(file.parent for file in files):
-        manifest = read_manifest(folder / MANIFEST)
+        manifest = read_manifest(ResultFolder(folder).manifest)
         if (
             manifest
             and len(manifest.parts) > 1

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.io import LandmarkSet, ResultSet, digest
 from shapefit.verification.check import Check, check
 from shapefit.verification.lens import BOUND, REMOVED, bent_again, shown
 from shapefit.verification.terms import Terms
+
+Floats = NDArray[np.float64]
 
 UNKNOWN = "stream"
 """Stands for the digest of what could not be read twice."""

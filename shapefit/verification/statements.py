@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
 from shapefit.verification.check import Check, check, flagged
@@ -16,6 +15,7 @@ from shapefit.verification.images import Images, needed
 from shapefit.verification.subject import words_of
 from shapefit.verification.terms import CONVEX, Terms
 
+Flags = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 
 WITHOUT_SHAPE = ("degenerate input", "numerical failure")

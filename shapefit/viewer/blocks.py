@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
-
+Floats = NDArray[np.float64]
 Block = dict[str, Any]
 """type, shape and data of an array, as JSON."""
 

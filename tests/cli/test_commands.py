@@ -14,7 +14,9 @@ from shapefit.pipelines.outcome import Failure, Outcome
     ("arguments", "pipeline", "kind"),
     [
         (["learn-dict", "shapes.h5", "-o", "d.h5"], "learn_dict.run", LearnDictConfig),
-        (["fit", "views.h5", "-d", "dict.h5", "-o", "-"], "parts.run", FitConfig),
+        (["fit", "views.h5", "-d", "dict.h5", "-o", "-"], "fit.run", FitConfig),
+        (["fit", "views.h5", "-d", "dict.h5", "-o", "parts/"], "parts.run", FitConfig),
+        (["fit", "views.h5", "-d", "dict.h5", "-o", "manifest.json"], "fit.run", FitConfig),
         (["project", "shapes.h5", "-o", "v.h5"], "project.run", ProjectConfig),
         (["eval", "result.h5", "--truth", "shapes.h5", "-o", "r"], "evaluate.run", EvalConfig),
     ],
@@ -27,7 +29,7 @@ def test_each_command_calls_its_pipeline(shapefit, fake_pipeline, arguments, pip
 
 def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folder):
     (folder / "more.csv").touch()
-    configs = fake_pipeline("parts.run", [Outcome()])
+    configs = fake_pipeline("fit.run", [Outcome()])
     shapefit(
         "fit", "-c", "fit.yaml", "v*.h5", "more.csv", "-d", "dict.h5", "-o", "out.csv",
         "--set", "lambda=1e-3", "--set", "outliers.method=l1",
@@ -46,7 +48,7 @@ def test_truth_can_be_given_twice(shapefit, fake_pipeline, folder):
 
 def test_text_goes_to_stderr_only(shapefit, fake_pipeline, folder):
     fake_pipeline(
-        "parts.run",
+        "fit.run",
         [
             Outcome(done=2, total=3, note="gap 1e-5", warnings=("y_axis is down",)),
             Outcome(done=1, total=3, written=(folder / "result.h5",)),
@@ -70,7 +72,7 @@ def test_eval_prints_its_table_to_stdout(shapefit, fake_pipeline):
 def test_failed_items_give_exit_code_1_and_are_listed(shapefit, fake_pipeline):
     failures = tuple(Failure(f"img_{i}", "all landmarks hidden") for i in range(23))
     fake_pipeline(
-        "parts.run", [Outcome(done=30, failures=failures[:15]), Outcome(failures=failures[15:])]
+        "fit.run", [Outcome(done=30, failures=failures[:15]), Outcome(failures=failures[15:])]
     )
     result = shapefit("fit", "-c", "fit.yaml")
     assert result.code == 1
@@ -82,7 +84,7 @@ def test_failed_items_give_exit_code_1_and_are_listed(shapefit, fake_pipeline):
 
 
 def test_print_config_prints_yaml_and_does_nothing(shapefit, fake_pipeline, folder):
-    configs = fake_pipeline("parts.run", [])
+    configs = fake_pipeline("fit.run", [])
     result = shapefit("fit", "-c", "fit.yaml", "--set", "lambda=2", "--print-config")
     assert (result.code, result.err, configs) == (0, "", [])
     (folder / "printed.yaml").write_text(result.out)
@@ -91,7 +93,7 @@ def test_print_config_prints_yaml_and_does_nothing(shapefit, fake_pipeline, fold
 
 
 def test_one_item_is_singular(shapefit, fake_pipeline):
-    fake_pipeline("parts.run", [Outcome(done=1)])
+    fake_pipeline("fit.run", [Outcome(done=1)])
     assert "fit: 1 image in " in shapefit("fit", "-c", "fit.yaml").err
 
 
@@ -102,9 +104,7 @@ def test_the_bar_shows_states_of_the_work_and_not_the_result(shapefit, fake_pipe
         shown.append((done, total, note))
 
     monkeypatch.setattr("shapefit.cli.command.Progress.advance", advance)
-    fake_pipeline(
-        "parts.run", [Outcome(done=2, total=3, note="gap 1e-5"), Outcome(done=1, total=3)]
-    )
+    fake_pipeline("fit.run", [Outcome(done=2, total=3, note="gap 1e-5"), Outcome(done=1, total=3)])
     shapefit("fit", "-c", "fit.yaml")
     assert shown == [(2, 3, "gap 1e-5"), (1, 3, "")]
     shown.clear()

@@ -11,14 +11,14 @@ from shapefit.pipelines.outcome import Outcome
 
 
 def test_an_input_error_names_every_problem(shapefit, fake_pipeline):
-    fake_pipeline("parts.run", [InputError(["a.csv:3: no number", "a.csv:5: repeated"])])
+    fake_pipeline("fit.run", [InputError(["a.csv:3: no number", "a.csv:5: repeated"])])
     result = shapefit("fit", "-c", "fit.yaml")
     assert result.code == 2
     assert result.err == "Error: a.csv:3: no number\nError: a.csv:5: repeated\n"
 
 
 def test_a_wrong_config_stops_before_the_pipeline(shapefit, fake_pipeline):
-    configs = fake_pipeline("parts.run", [Outcome()])
+    configs = fake_pipeline("fit.run", [Outcome()])
     result = shapefit("fit", "-c", "fit.yaml", "--set", "threads=-1", "--set", "chunk=0")
     assert (result.code, configs) == (2, [])
     assert result.err == (
@@ -45,7 +45,7 @@ def test_bad_usage(shapefit, arguments, message):
 
 
 def test_an_internal_error_is_one_line(shapefit, fake_pipeline):
-    fake_pipeline("parts.run", [Outcome(done=1), ZeroDivisionError("division\nby zero")])
+    fake_pipeline("fit.run", [Outcome(done=1), ZeroDivisionError("division\nby zero")])
     result = shapefit("fit", "-c", "fit.yaml")
     assert result.code == 3
     assert result.err == (
@@ -55,7 +55,7 @@ def test_an_internal_error_is_one_line(shapefit, fake_pipeline):
 
 
 def test_a_lack_of_memory_is_no_internal_error(shapefit, fake_pipeline):
-    fake_pipeline("parts.run", [MemoryError("Unable to allocate 6.71 GiB for an array")])
+    fake_pipeline("fit.run", [MemoryError("Unable to allocate 6.71 GiB for an array")])
     result = shapefit("fit", "-c", "fit.yaml")
     assert result.code == 2
     assert result.err == (
@@ -64,7 +64,7 @@ def test_a_lack_of_memory_is_no_internal_error(shapefit, fake_pipeline):
 
 
 def test_the_traceback_can_be_seen(shapefit, fake_pipeline, monkeypatch):
-    fake_pipeline("parts.run", [ZeroDivisionError("division by zero")])
+    fake_pipeline("fit.run", [ZeroDivisionError("division by zero")])
     assert "Traceback" in shapefit("fit", "-c", "fit.yaml", "--traceback").err
     monkeypatch.setenv("SHAPEFIT_TRACEBACK", "0")
     assert "Traceback" not in shapefit("fit", "-c", "fit.yaml").err
@@ -75,7 +75,7 @@ def test_the_traceback_can_be_seen(shapefit, fake_pipeline, monkeypatch):
 
 
 def test_an_interrupt_is_not_an_error(shapefit, fake_pipeline):
-    fake_pipeline("parts.run", [Outcome(done=1), KeyboardInterrupt()])
+    fake_pipeline("fit.run", [Outcome(done=1), KeyboardInterrupt()])
     result = shapefit("fit", "-c", "fit.yaml")
     assert result.code == 130
     assert result.err == "Interrupted; no file is left half written.\n"
@@ -93,9 +93,9 @@ def test_the_pipeline_is_closed_when_the_command_line_breaks_off(
         def close(self):
             closed.append(True)
 
-    fake_pipeline("parts.run", [])
+    fake_pipeline("fit.run", [])
     monkeypatch.setattr(
-        sys.modules["shapefit.pipelines.parts.run"], "run", lambda _config: Outcomes()
+        sys.modules["shapefit.pipelines.fit.run"], "run", lambda _config: Outcomes()
     )
     monkeypatch.setattr("shapefit.cli.report.Report.add", lambda *_: 1 / 0)
     assert shapefit("fit", "-c", "fit.yaml").code == 3

@@ -39,7 +39,7 @@ def test_an_option_that_is_nothing_is_told_as_before(shapefit):
 
 def test_quiet_prints_failures_and_nothing_else(shapefit, fake_pipeline):
     outcome = Outcome(done=2, failures=(Failure("a", "b"),), warnings=("odd",))
-    fake_pipeline("parts.run", [outcome])
+    fake_pipeline("fit.run", [outcome])
     told = shapefit("fit", "-c", "fit.yaml", "-q")
     assert (told.code, told.out, told.err) == (1, "", "Failed: a: b\n")
 
@@ -52,7 +52,7 @@ def test_quiet_keeps_what_a_command_prints(shapefit, fake_pipeline):
 
 def test_verbose_names_the_config_and_every_failure(shapefit, fake_pipeline):
     failures = tuple(Failure(f"img_{i}", "hidden") for i in range(30))
-    fake_pipeline("parts.run", [Outcome(done=30, failures=failures)])
+    fake_pipeline("fit.run", [Outcome(done=30, failures=failures)])
     told = shapefit("fit", "-c", "fit.yaml", "-v")
     assert told.err.startswith("Config: fit.yaml\n")
     assert told.err.count("Failed: ") == 30
@@ -67,7 +67,7 @@ def test_quiet_and_verbose_exclude_each_other(shapefit):
 def test_progress_is_a_line_now_and_then_without_a_terminal(shapefit, fake_pipeline, monkeypatch):
     clock = count(0, 4)  # seconds: a line after every third look at the clock
     monkeypatch.setattr("shapefit.cli.progress.time.monotonic", lambda: next(clock))
-    fake_pipeline("parts.run", [Outcome(done=10, total=90, note="gap 1e-5")] * 9)
+    fake_pipeline("fit.run", [Outcome(done=10, total=90, note="gap 1e-5")] * 9)
     told = shapefit("fit", "-c", "fit.yaml")
     lines = [line for line in told.err.splitlines() if " of 90 images, " in line]
     assert 2 <= len(lines) <= 4
@@ -76,7 +76,7 @@ def test_progress_is_a_line_now_and_then_without_a_terminal(shapefit, fake_pipel
 
 
 def test_a_short_run_has_no_such_line(shapefit, fake_pipeline):
-    fake_pipeline("parts.run", [Outcome(done=10, total=90)] * 9)
+    fake_pipeline("fit.run", [Outcome(done=10, total=90)] * 9)
     assert " of 90 " not in shapefit("fit", "-c", "fit.yaml").err
 
 

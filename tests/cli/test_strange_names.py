@@ -39,7 +39,7 @@ def test_a_path_that_is_not_utf8_is_text_with_escapes():
 def test_an_item_cannot_forge_a_line_of_the_report(shapefit, fake_pipeline):
     forged = "x\x1b[31mRED\nfit: 8 images in 0.0 s; wrote all"
     failure = Failure(forged, "bad")
-    fake_pipeline("parts.run", [Outcome(done=1, failures=(failure,), warnings=(forged,))])
+    fake_pipeline("fit.run", [Outcome(done=1, failures=(failure,), warnings=(forged,))])
     lines = shapefit("fit", "-c", "fit.yaml").err.splitlines()
     assert len(lines) == 3
     assert not any("\x1b" in line for line in lines)

@@ -22,6 +22,7 @@ from shapefit.config.paths import (
     InputPaths,
     OptionalInputPath,
     OutputOrFolder,
+    ResultFolder,
 )
 from shapefit.errors import listed
 from shapefit.lifting.methods import (
@@ -292,6 +293,11 @@ class FitConfig(CommandConfig):
         named = (self.scheduler, self.scheduler_file, self.workers)
         if sum(each is not None for each in named) > 1:
             raise ValueError("`scheduler`, `scheduler_file` and `workers` exclude each other")
+        if (any(named) or self.dry_run) and not isinstance(self.output, ResultFolder):
+            raise ValueError(
+                "a cluster writes a folder of results; end the name of the `output` with /, as in "
+                "-o FOLDER/"
+            )
         if self.lam == "auto" and self.noise is None:
             raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
         method = METHODS[self.method]

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.evaluation.statistics import samples
-from shapefit.evaluation.statistics.samples import Sample, Sliced, slices
+from shapefit.evaluation.statistics.samples import Floats, Sample, Sliced, slices
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.evaluation.statistics.selection import select
+
+Floats = NDArray[np.float64]
 
 AT_ONCE = 1 << 20
 """Numbers that are in memory at a time; as many are summed pairwise."""

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
-
+Floats = NDArray[np.float64]
 Keys = NDArray[np.uint64]
 
 DIGIT = 16

@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import orjson
 
-from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io.layout import DEVIATIONS, NOTHING_APPENDED, Format
 from shapefit.io.options import Summary
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.records import Floats, LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_file, storage_errors, write_all
 

@@ -18,8 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats, Integers
-from shapefit.io.foreign.recording import ANYBODY, Instances
+from shapefit.io.foreign.recording import ANYBODY, Floats, Instances, Integers
 
 REACH = 0.35
 """Of the size of a person (the diagonal of the box): how far landmarks go in a frame, at most, from
@@ -41,6 +40,7 @@ FORGETTING = 0.3
 LARGEST = 1e100
 """Coordinates beyond this are as good as this, and their squares do not overflow."""
 
+Flags = NDArray[np.bool_]
 Pairs = list[tuple[int, int]]
 
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Integers
 from shapefit.errors import input_error
 from shapefit.io.extras import METRES_PER_UNIT, Extras
 from shapefit.io.foreign.sources import FRAME
 from shapefit.io.records import ResultSet, ShapeSet, concatenate
 
 Solid = ShapeSet | ResultSet
+Integers = NDArray[np.int64]
 
 CAMERA_TRANSLATION = "camera_translation"
 EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION = "extrinsic_rotation", "extrinsic_translation"

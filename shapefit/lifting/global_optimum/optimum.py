@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
 
+Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 STATUS = (

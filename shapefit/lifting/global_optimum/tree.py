@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.lifting.global_optimum.optimum import as_arguments, check_loss
 
+Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

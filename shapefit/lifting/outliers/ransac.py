@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.arrays import Floats
+
+Floats = NDArray[np.float64]
 
 
 def find_consensus(

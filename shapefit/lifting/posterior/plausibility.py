@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+Floats = NDArray[np.float64]
 
 VIEWED = 6
 """Numbers of a view: rotation, scale, translation; they take up as many of the 2 m coordinates."""

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.arrays import Floats
+
+Floats = NDArray[np.float64]
 
 MOST_MODES = 4
 """Modes of a frame that count; the others have next to no share."""

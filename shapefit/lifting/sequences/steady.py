@@ -12,9 +12,10 @@ sequences that know no better.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from shapefit.arrays import Floats
+Floats = NDArray[np.float64]
 
 DIFFERENCE = (1.0, -2.0, 1.0)
 

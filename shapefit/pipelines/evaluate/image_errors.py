@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.statistics.labels import labels_of
+from shapefit.evaluation.statistics.samples import Floats
 from shapefit.evaluation.summary import ImageErrors, group_sequences
 from shapefit.pipelines.evaluate.judgement import Judgement
 from shapefit.pipelines.evaluate.measurement import Kind

@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.errors import input_error, path_text
 from shapefit.evaluation.calibration import INSIDE
 from shapefit.evaluation.metric_table import SHARE
 from shapefit.evaluation.report import Method
 from shapefit.evaluation.solving import Run, sum_up
 from shapefit.evaluation.statistics.labels import Coder, Labels
-from shapefit.evaluation.statistics.samples import slices
+from shapefit.evaluation.statistics.samples import Floats, slices
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io.spilled.columns import Column, Spill
 from shapefit.io.spilled.equal_names import find_equal_names

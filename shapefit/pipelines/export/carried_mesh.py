@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import listed
 from shapefit.lifting.methods import METHODS, those
@@ -27,19 +26,36 @@ def find_meshes(dictionary: Dictionary) -> AtomMeshes | None:
     return AtomMeshes(dictionary.mesh_vertices, dictionary.mesh_faces)
 
 
-def mixes_atoms(config: FitConfig) -> bool:
-    """Whether shapes are sum_i c_i R_i B_i, so that what belongs to the atoms can be mixed alike.
+class Pose(NamedTuple):
+    """How the points of atoms become those of an image.
 
-    Refined under a perspective camera they always are.
+    method        of the fit
+    rotations     shared by the atoms, per-atom, or orthogonal
+    perspective   the camera is a perspective one
     """
-    method = METHODS[config.method]
-    refined = config.camera.model == "perspective" and method.perspective == "refined"
-    return method.mixes_atoms or refined
+
+    method: str
+    rotations: Literal["shared", "per-atom", "orthogonal"] = "shared"
+    perspective: bool = False
+
+    @property
+    def mixes_atoms(self) -> bool:
+        """Whether shapes are sum_i c_i R_i B_i, so that what belongs to atoms can be mixed alike.
+
+        Refined under a perspective camera they always are.
+        """
+        method = METHODS[self.method]
+        return method.mixes_atoms or (self.perspective and method.perspective == "refined")
+
+    @property
+    def one_rotation(self) -> bool:
+        """Whether all atoms share one rotation."""
+        return METHODS[self.method].one_rotation
 
 
-def find_obstacle(config: FitConfig) -> tuple[str, str] | None:
+def find_obstacle(pose: Pose) -> tuple[str, str] | None:
     """Say what keeps a mesh from following the landmarks, and the fix; None where nothing does."""
-    if not mixes_atoms(config):
-        found = f"`method: {config.method}` gives no coefficients to combine the atoms' meshes"
-        return found, f"choose {listed(those(lambda method: method.mixes_atoms))}"
-    return None
+    if pose.mixes_atoms:
+        return None
+    found = f"`method: {pose.method}` gives no coefficients to combine the atoms' meshes"
+    return found, f"choose {listed(those(lambda method: method.mixes_atoms))}"

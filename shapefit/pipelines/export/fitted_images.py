@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
-from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.io import ResultSet
-from shapefit.lifting.methods import METHODS
 from shapefit.meshes.dense import (
     around_centroid,
     camera_frame,
@@ -20,13 +18,15 @@ from shapefit.meshes.dense import (
 )
 from shapefit.meshes.ellipses import covariances
 from shapefit.meshes.pictures import FittedImage
-from shapefit.pipelines.export.carried_mesh import find_meshes, find_obstacle
+from shapefit.pipelines.export.carried_mesh import Pose, find_meshes, find_obstacle
 from shapefit.pipelines.export.meshes import has_shape
 from shapefit.pipelines.export.placement import required
 
+Floats = NDArray[np.float64]
+
 
 def fitted_image(
-    found: ResultSet, transforms: Floats | None, config: FitConfig, dictionary: Dictionary
+    found: ResultSet, transforms: Floats | None, pose: Pose, dictionary: Dictionary
 ) -> FittedImage:
     """Gather one image (n = 1); without mesh where that cannot follow, all nan without a shape.
 
@@ -42,18 +42,18 @@ def fitted_image(
         nowhere = np.full_like(found.shapes[0], np.nan)
         return FittedImage(title, landmarks, nowhere, outliers=outliers)
     meshes = find_meshes(dictionary)
-    carried = None if meshes is None or find_obstacle(config) else meshes.vertices
+    carried = None if meshes is None or find_obstacle(pose) else meshes.vertices
     mesh = None if carried is None else _shared(carried, found)
     seen_shape, seen_mesh = found.shapes, mesh
-    if config.camera.model == "perspective":
+    if pose.perspective:
         seen_shape = _in_perspective(found.shapes, found)
         seen_mesh = None if mesh is None else _in_perspective(mesh, found)
-    elif carried is not None and not METHODS[config.method].one_rotation:
+    elif carried is not None and not pose.one_rotation:
         seen_mesh = camera_frame_sheared(
             carried,
             required(transforms),
             *_place(found),
-            orthogonal=config.rotations == "orthogonal",
+            orthogonal=pose.rotations == "orthogonal",
         )
     return FittedImage(
         title=title,

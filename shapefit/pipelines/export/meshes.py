@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
-from shapefit.config import FitConfig
+from shapefit.config.fit.export import ExportConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
@@ -18,42 +17,45 @@ from shapefit.io.whole.folder import StagedFiles
 from shapefit.io.whole.item_files import file_stem
 from shapefit.meshes.export import Files, MeshFormat, line_files, mesh_files
 from shapefit.meshes.wireframe import tubes
-from shapefit.pipelines.export.carried_mesh import find_meshes, find_obstacle, mixes_atoms
+from shapefit.pipelines.export.carried_mesh import Pose, find_meshes, find_obstacle
 from shapefit.pipelines.export.placement import ModelPlacement
 from shapefit.pipelines.items import ChosenItems
 
+Floats = NDArray[np.float64]
 Encode = Callable[[Floats, Floats | None], Files]
 """Takes the points of one image, and its landmarks where they are wanted."""
 
-AT_A_TIME = 64
+BATCH = 64
 """Images whose vertices are in memory at a time."""
 
 FARTHEST = 1e38
 """Coordinate that PLY and GLB can hold, in single precision."""
 
 
-def check_mesh_export(config: FitConfig, dictionary: Dictionary) -> None:
-    """Raise InputError where dictionary and method cannot give what `export` asks for."""
+def check_mesh_export(
+    options: ExportConfig, pose: Pose, dictionary: Dictionary, place: Path
+) -> None:
+    """Raise InputError where the dictionary, of the file `place`, or the method cannot give it."""
     meshes = find_meshes(dictionary)
     if meshes is None and dictionary.edges is None:
         fix = "learn it from shapes with `mesh_vertices` and `mesh_faces`, or with `edges`"
-        raise input_error(config.dictionary, "has neither a mesh nor edges to export", fix)
-    obstacle = find_obstacle(config)
+        raise input_error(place, "has neither a mesh nor edges to export", fix)
+    obstacle = find_obstacle(pose)
     if meshes is not None and obstacle is not None:
         raise input_error("export", *obstacle)
-    if config.export.unit == "dictionary":
-        _check_size(config, dictionary)
+    if options.unit == "dictionary":
+        _check_size(pose, dictionary, place)
 
 
-def choose_encoder(config: FitConfig, dictionary: Dictionary) -> Encode:
+def choose_encoder(options: ExportConfig, dictionary: Dictionary) -> Encode:
     """Return what makes the files of one image, from its mesh vertices or the ends of its edges."""
-    file_format = MeshFormat(config.export.format)
+    file_format = MeshFormat(options.format)
     meshes, edges = find_meshes(dictionary), dictionary.edges
     if meshes is not None:
         faces = meshes.faces
         return lambda points, landmarks: mesh_files(points, faces, file_format, landmarks)
     assert edges is not None  # see check_mesh_export
-    if config.export.wireframe == "lines":
+    if options.wireframe == "lines":
         return lambda points, landmarks: line_files(points, edges, file_format, landmarks)
     return lambda points, landmarks: mesh_files(*tubes(points, edges), file_format, landmarks)
 
@@ -64,14 +66,17 @@ class MeshExport:
     sheets: tuple[Path, ...] = ()
     """It draws no contact sheet."""
 
-    def __init__(self, config: FitConfig, dictionary: Dictionary, files: StagedFiles) -> None:
+    def __init__(
+        self, options: ExportConfig, pose: Pose, dictionary: Dictionary, files: StagedFiles
+    ) -> None:
         """Take what `check_mesh_export` lets through."""
-        self._config = config
+        self._options = options
+        self._pose = pose
         self._dictionary = dictionary
         self._files = files
-        self._encode = choose_encoder(config, dictionary)
-        self._items = ChosenItems("export.items", config.export.items)
-        self._farthest = np.inf if config.export.format == "obj" else FARTHEST
+        self._encode = choose_encoder(options, dictionary)
+        self._items = ChosenItems("export.items", options.items)
+        self._farthest = np.inf if options.format == "obj" else FARTHEST
         self._written = self._missing = self._far = 0
 
     def add(self, found: ResultSet, transforms: Floats | None) -> None:
@@ -80,8 +85,8 @@ class MeshExport:
         fitted = has_shape(found)
         self._missing += int(np.count_nonzero(chosen & ~fitted))
         rows = np.flatnonzero(chosen & fitted)
-        for start in range(0, len(rows), AT_A_TIME):
-            part = rows[start : start + AT_A_TIME]
+        for start in range(0, len(rows), BATCH):
+            part = rows[start : start + BATCH]
             self._write(found.take(part), None if transforms is None else transforms[part])
 
     @property
@@ -103,7 +108,7 @@ class MeshExport:
 
     def _write(self, found: ResultSet, transforms: Floats | None) -> None:
         points, landmarks = self._points(
-            ModelPlacement(self._config, self._dictionary, found, transforms)
+            ModelPlacement(self._options, self._pose, self._dictionary, found, transforms)
         )
         for item, shape, marks in zip(found.items, points, landmarks, strict=True):
             every = shape if marks is None else np.hstack([shape, marks])
@@ -124,7 +129,7 @@ class MeshExport:
         else:
             points = placement.carry(meshes.vertices)
             landmarks = placement.carry(self._dictionary.atoms)
-        return points, landmarks if self._config.export.landmarks else [None] * len(points)
+        return points, landmarks if self._options.landmarks else [None] * len(points)
 
 
 def has_shape(found: ResultSet) -> NDArray[np.bool_]:
@@ -135,12 +140,12 @@ def has_shape(found: ResultSet) -> NDArray[np.bool_]:
     return fitted
 
 
-def _check_size(config: FitConfig, dictionary: Dictionary) -> None:
+def _check_size(pose: Pose, dictionary: Dictionary, place: Path) -> None:
     """Raise InputError where the size in the unit of the dictionary cannot be known."""
     fix = "set `export.unit: landmarks`"
     if dictionary.atom_scale is None:
         found = "has no `atom_scale`, the sizes of its atoms"
-        raise input_error(config.dictionary, found, f"learn it with `method: exemplars`, or {fix}")
-    if not mixes_atoms(config):
-        found = f"`method: {config.method}` gives no coefficients, so the size is not known"
+        raise input_error(place, found, f"learn it with `method: exemplars`, or {fix}")
+    if not pose.mixes_atoms:
+        found = f"`method: {pose.method}` gives no coefficients, so the size is not known"
         raise input_error("export.unit", found, fix)

@@ -6,14 +6,17 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from shapefit.arrays import Floats
-from shapefit.config import FitConfig
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.config.fit.export import PicturesConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation.plots.bars import save
 from shapefit.io import ResultSet
 from shapefit.io.whole.folder import StagedFiles
 from shapefit.io.whole.item_files import file_stem
 from shapefit.meshes.pictures import FittedImage, Model, contact_sheet, fit_picture
+from shapefit.pipelines.export.carried_mesh import Pose
 from shapefit.pipelines.export.fitted_images import all_readings, fitted_image
 from shapefit.pipelines.export.meshes import has_shape
 from shapefit.pipelines.items import ChosenItems, spread
@@ -21,6 +24,7 @@ from shapefit.pipelines.items import ChosenItems, spread
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Floats = NDArray[np.float64]
 
 SHEETS = (PurePosixPath("contact_sheet"), PurePosixPath("contact_sheet%"))
 """Names of the contact sheet: the usual one, and what the file of an item is never called."""
@@ -30,14 +34,20 @@ class PictureExport:
     """Draws the images that `pictures` chooses; the contact sheet when all have come."""
 
     def __init__(
-        self, config: FitConfig, dictionary: Dictionary, files: StagedFiles, count: int
+        self,
+        options: PicturesConfig,
+        pose: Pose,
+        dictionary: Dictionary,
+        files: StagedFiles,
+        count: int,
     ) -> None:
         """Take where the files go, and how many images will come."""
-        self._config = config
+        self._options = options
+        self._pose = pose
         self._dictionary = dictionary
         self._files = files
-        self._items = ChosenItems("pictures.items", config.pictures.items)
-        self._places = frozenset(spread(config.pictures.sheet, count))
+        self._items = ChosenItems("pictures.items", options.items)
+        self._places = frozenset(spread(options.sheet, count))
         self._sheet: list[FittedImage] = []
         self.sheets: tuple[Path, ...] = ()
         self._awaited = count
@@ -51,8 +61,8 @@ class PictureExport:
         model = Model(found.y_axis, self._dictionary.mesh_faces, self._dictionary.edges)
         fitted = has_shape(found)
         for row, item in enumerate(found.items):
-            alone = item in self._items and self._drawn < self._config.pictures.most
-            if alone and not fitted[row] and item not in self._config.pictures.items:
+            alone = item in self._items and self._drawn < self._options.most
+            if alone and not fitted[row] and item not in self._options.items:
                 self._missing += 1
                 alone = False
             on_sheet = self._come + row in self._places
@@ -60,7 +70,7 @@ class PictureExport:
                 continue
             turned = None if transforms is None else transforms[[row]]
             one = found.take([row])
-            image = fitted_image(one, turned, self._config, self._dictionary)
+            image = fitted_image(one, turned, self._pose, self._dictionary)
             if on_sheet:
                 self._sheet.append(image)
             if alone:
@@ -86,8 +96,8 @@ class PictureExport:
         return ((f"{found}; {fix}",) if self._missing else ()) + self._items.warnings
 
     def _save(self, stem: PurePosixPath, figure: Figure, item: str) -> None:
-        draw = partial(save, figure, file_format=self._config.pictures.format)
+        draw = partial(save, figure, file_format=self._options.format)
         self._files.write(self._named(stem), draw, item)
 
     def _named(self, stem: PurePosixPath) -> PurePosixPath:
-        return stem.with_name(f"{stem.name}.{self._config.pictures.format}")
+        return stem.with_name(f"{stem.name}.{self._options.format}")

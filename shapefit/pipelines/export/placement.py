@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
-from shapefit.config import FitConfig
+from shapefit.config.fit.export import ExportConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import ResultSet
 from shapefit.meshes.dense import (
@@ -16,6 +16,9 @@ from shapefit.meshes.dense import (
     camera_frame_sheared,
     metric_scale,
 )
+from shapefit.pipelines.export.carried_mesh import Pose
+
+Floats = NDArray[np.float64]
 
 
 def required(values: Floats | None) -> Floats:
@@ -32,7 +35,8 @@ class ModelPlacement:
     the camera. transforms (n, k, 2, 3) are needed for `rotations` other than shared alone.
     """
 
-    config: FitConfig
+    options: ExportConfig
+    pose: Pose
     dictionary: Dictionary
     found: ResultSet
     transforms: Floats | None
@@ -48,21 +52,21 @@ class ModelPlacement:
         With one rotation per image or, if `rotations` says so, one per atom.
         """
         one, none = np.ones(len(self.found)), np.zeros((len(self.found), 2))
-        if self.config.rotations != "shared":
-            M, orthogonal = required(self.transforms), self.config.rotations == "orthogonal"
+        if self.pose.rotations != "shared":
+            M, orthogonal = required(self.transforms), self.pose.rotations == "orthogonal"
             return self._place(camera_frame_sheared(atoms, M, one, none, orthogonal=orthogonal))
         c, R = required(self.found.coefficients), required(self.found.rotation)
         return self._place(camera_frame(atoms, c, R, one, none))
 
     def _place(self, points: Floats) -> Floats:
         size = self._size()[:, None, None]
-        if self.config.export.frame == "object":
+        if self.options.frame == "object":
             return size * (required(self.found.rotation).swapaxes(1, 2) @ points)
         return size * points + self._origin()[:, :, None]
 
     def _size(self) -> Floats:
         """Length (n,) of a normalised unit, in the unit of the landmarks or of the dictionary."""
-        if self.config.export.unit == "landmarks":
+        if self.options.unit == "landmarks":
             return required(self.found.scale)
         c, s = required(self.found.coefficients), required(self.dictionary.atom_scale)
         return metric_scale(self.dictionary.atoms, c, s)
@@ -74,8 +78,8 @@ class ModelPlacement:
         is a perspective one, else it is 0.
         """
         origin = np.zeros((len(self.found), 3))
-        if self.config.export.unit == "landmarks":
+        if self.options.unit == "landmarks":
             origin[:, :2] = required(self.found.translation)
-        elif self.config.camera.model == "perspective":
+        elif self.pose.perspective:
             origin = np.asarray(self.found.extras["position"], dtype=float)
         return origin

@@ -6,11 +6,15 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from shapefit.arrays import Floats
+import numpy as np
+from numpy.typing import NDArray
+
 from shapefit.config import FitConfig
+from shapefit.config.fit.export import ExportConfig, PicturesConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
@@ -18,12 +22,15 @@ from shapefit.io.sources import is_stream
 from shapefit.io.whole.folder import StagedFiles, staged_files
 from shapefit.io.whole.report_folder import check_folder
 from shapefit.pipelines.drawing import check_can_draw
+from shapefit.pipelines.export.carried_mesh import Pose
 from shapefit.stores.urls import real_path
 from shapefit.stores.writing import refuse_folder
 
 if TYPE_CHECKING:
     from shapefit.pipelines.export.meshes import MeshExport
     from shapefit.pipelines.export.pictures import PictureExport
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -64,26 +71,40 @@ class Exports:
         return tuple(text for exporter in self.exporters for text in exporter.warnings)
 
 
-@contextmanager
-def open_exports(config: FitConfig, dictionary: Dictionary, count: int) -> Iterator[Exports]:
-    """Give what exports the results of `count` images; `publish` makes the files appear.
+class ExportPlan(NamedTuple):
+    """The meshes and pictures that a fit is to have beside its result; those with a folder."""
+
+    meshes: ExportConfig
+    pictures: PicturesConfig
+    pose: Pose
+
+
+def plan_exports(config: FitConfig, dictionary: Dictionary) -> ExportPlan:
+    """Return what the config asks for.
 
     Raises InputError for everything that can be known to be wrong beforehand: folders, the
-    dictionary, the method, matplotlib.
+    dictionary, the method, matplotlib. What exports need is imported here.
     """
-    meshes, pictures = config.export.folder, config.pictures.folder
-    if meshes is not None:
-        _check_folder(meshes, "export.folder", config.output)
-        _check_output(config.output, meshes, config.export.format.removesuffix("-ascii"))
-        from shapefit.pipelines.export.meshes import MeshExport, check_mesh_export
+    output, meshes, pictures = config.output, config.export, config.pictures
+    assert isinstance(output, Path), "a folder of results has no exports"
+    pose = Pose(config.method, config.rotations, config.camera.model == "perspective")
+    if meshes.folder is not None:
+        _check_folder(meshes.folder, "export.folder", output)
+        _check_output(output, meshes.folder, meshes.format.removesuffix("-ascii"))
+        from shapefit.pipelines.export.meshes import check_mesh_export
 
-        check_mesh_export(config, dictionary)
-    if pictures is not None:
-        _check_folder(pictures, "pictures.folder", config.output)
-        _check_output(config.output, pictures, config.pictures.format)
-        from shapefit.pipelines.export.pictures import PictureExport
-
+        check_mesh_export(meshes, pose, dictionary, config.dictionary)
+    if pictures.folder is not None:
+        _check_folder(pictures.folder, "pictures.folder", output)
+        _check_output(output, pictures.folder, pictures.format)
         check_can_draw("pictures")
+        import_module("shapefit.pipelines.export.pictures")
+    return ExportPlan(meshes, pictures, pose)
+
+
+@contextmanager
+def open_exports(plan: ExportPlan, dictionary: Dictionary, count: int) -> Iterator[Exports]:
+    """Give what exports the results of `count` images; `publish` makes the files appear."""
     exporters: list[MeshExport | PictureExport] = []
     staged: dict[str, StagedFiles] = {}
     with ExitStack() as stack:
@@ -95,10 +116,16 @@ def open_exports(config: FitConfig, dictionary: Dictionary, count: int) -> Itera
                 staged[place] = stack.enter_context(staged_files(folder))
             return staged[place]
 
-        if meshes is not None:
-            exporters.append(MeshExport(config, dictionary, stage(meshes)))
-        if pictures is not None:
-            exporters.append(PictureExport(config, dictionary, stage(pictures), count))
+        meshes, pictures, pose = plan
+        if meshes.folder is not None:
+            from shapefit.pipelines.export.meshes import MeshExport
+
+            exporters.append(MeshExport(meshes, pose, dictionary, stage(meshes.folder)))
+        if pictures.folder is not None:
+            from shapefit.pipelines.export.pictures import PictureExport
+
+            files = stage(pictures.folder)
+            exporters.append(PictureExport(pictures, pose, dictionary, files, count))
         yield Exports(exporters, tuple(staged.values()))
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.config.fit.camera import ViewingConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
@@ -13,6 +13,8 @@ from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.options import PerspectiveOptions
 from shapefit.lifting.perspective.view import refine_view
+
+Floats = NDArray[np.float64]
 
 NO_DATASETS = "give `camera.focal`, or landmarks in HDF5: CSV holds no datasets"
 

@@ -14,10 +14,13 @@ from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.merging import Group, merge
-from shapefit.pipelines.fit.left_out_items import KEY, find_items, find_known, find_left_out
+from shapefit.pipelines.items import named_items
 
 if TYPE_CHECKING:
     from shapefit.pipelines.fit.chain import Lifter
+
+
+KEY = "leave_out"
 
 
 def check_items(dictionary: Dictionary) -> None:
@@ -85,3 +88,20 @@ class UnknownItems:
             fix = f"name the dataset that holds items of the dictionary, such as {items}"
             raise input_error(KEY, found, fix)
         return (f"{KEY}: {found}; they were fitted with all atoms",)
+
+
+def find_items(images: LandmarkSet, dataset: str) -> NDArray[np.str_]:
+    """Return the item that the dataset names for each image (n,); raises as `named_items`."""
+    return np.array(named_items(images.items, images.extras, dataset, KEY, KEY), dtype=str)
+
+
+def find_left_out(images: LandmarkSet, dataset: str, dictionary: Dictionary) -> NDArray[np.str_]:
+    """Return the item (n,) whose atoms the fit of each image does without, '' for none."""
+    items = find_items(images, dataset)
+    items[~find_known(items, dictionary)] = ""
+    return items
+
+
+def find_known(items: NDArray[np.str_], dictionary: Dictionary) -> NDArray[np.bool_]:
+    """Return the mask (n,) of the items that atoms of the dictionary have."""
+    return np.isin(items, np.array(dictionary.atom_items, dtype=str))

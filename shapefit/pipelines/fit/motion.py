@@ -7,13 +7,14 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
-from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import match_landmarks, read_shapes
 from shapefit.lifting.sequences.clips import Motion
+
+Floats = NDArray[np.float64]
 
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows none, in units
@@ -43,14 +44,11 @@ def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | No
     return Motion(dictionary.edges, acceleration, np.maximum(give, RIGID), lengths)
 
 
-def find_lengths(config: FitConfig, dictionary: Dictionary) -> Floats | None:
-    """Return the known lengths (e,) of the bones of the dictionary, nan where unknown; or None.
+def find_lengths(path: Path, dictionary: Dictionary) -> Floats:
+    """Return the known lengths (e,) of the bones of the dictionary, nan where unknown.
 
     Raises InputError for a file that cannot be read or holds no length of a bone.
     """
-    path = config.sequences.lengths
-    if path is None:
-        return None
     assert dictionary.edges is not None  # check_needs
     names = dictionary.landmark_names
     table = read_lengths(path)

@@ -1,26 +1,25 @@
-"""How `fit` lays out what it found, chunk by chunk."""
+"""The record of a fit: what was found in a batch of images, as it is stored."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
-from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.size import has_lengths, knows_size, metres_per_unit
-from shapefit.io import LandmarkSet, LandmarkSource, ResultSet
+from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT, Extras, names_apart
-from shapefit.io.formats import find_target_format
 from shapefit.io.layout import RESULTS
+from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT, TRUSTED, find_doubts
-from shapefit.pipelines.fit.left_out_items import find_left_out
-from shapefit.pipelines.fit.searched import with_readings, with_trees
+
+Floats = NDArray[np.float64]
 
 OF_A_RESULT = RESULTS.names | {
     *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
@@ -31,13 +30,34 @@ OF_A_RESULT = RESULTS.names | {
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class RecordOptions:
+    """What is stored of a fit.
+
+    deviations   the standard deviations of the shapes, where the method knows them
+    transforms   those of every image
+    proof        what proves the optimum of the convex program
+    optimum      that program is what the method solves: its certificate is that of the result
+    frame_rate   of the images, in place of what their files state
+    implausible  a shape of a plausibility below this is not to be trusted
+    widest       nor one whose standard deviations are above this
+    left_out     names the item (n,) whose atoms the fit of each image did without
+    """
+
+    deviations: bool = True
+    transforms: bool = False
+    proof: bool = True
+    optimum: bool = False
+    frame_rate: float | None = None
+    implausible: float = 0.0
+    widest: float = np.inf
+    left_out: Callable[[LandmarkSet], NDArray[Any]] | None = None
+
+
 def as_result(
-    images: LandmarkSet,
-    lifting: Lifting,
-    config: FitConfig,
-    dictionary: Dictionary,
+    images: LandmarkSet, lifting: Lifting, dictionary: Dictionary, options: RecordOptions
 ) -> ResultSet:
-    """Lay out a chunk as it is stored, with the observed landmarks beside the fitted ones."""
+    """Lay out a batch as it is stored, with the observed landmarks beside the fitted ones."""
     found = lifting.estimate
     failed = np.isnan(lifting.scale)
 
@@ -47,7 +67,6 @@ def as_result(
         shape = (-1,) + (1,) * (values.ndim - 1)
         return np.where(failed.reshape(shape), np.nan, values)
 
-    unwanted = find_target_format(config.output).points_only and not config.posterior.csv_deviations
     record = ResultSet(
         shapes=lifting.shapes,
         landmarks_fitted=lifting.landmarks_fitted,
@@ -62,16 +81,16 @@ def as_result(
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
-        shape_sd=None if unwanted else scaled_deviation(lifting),
-        transforms=where_fitted(found.transforms) if config.transforms else None,
+        shape_sd=scaled_deviation(lifting) if options.deviations else None,
+        transforms=where_fitted(found.transforms) if options.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
-        frame_rate=config.sequences.frame_rate or images.frame_rate,
+        frame_rate=options.frame_rate or images.frame_rate,
         attributes=size_attributes(dictionary),
-        extras=further_datasets(images, lifting, config, dictionary),
+        extras=further_datasets(images, lifting, dictionary, options),
     )
     record = with_trees(with_readings(record, lifting), lifting)
-    return with_proof(record, lifting, config) if config.proof else record
+    return with_proof(record, lifting, optimum=options.optimum) if options.proof else record
 
 
 def size_attributes(dictionary: Dictionary) -> dict[str, str | float | int]:
@@ -97,18 +116,18 @@ def covariance_by_landmark(lifting: Lifting) -> Floats | None:
     return lifting.scale[:, None, None] ** 2 * blocks.reshape(n, d, d)
 
 
-def with_proof(record: ResultSet, lifting: Lifting, config: FitConfig) -> ResultSet:
+def with_proof(record: ResultSet, lifting: Lifting, *, optimum: bool) -> ResultSet:
     """Add what proves the optimum of the convex program, where the method solves one.
 
-    Images without a shape have no proof: nan, and no transforms.
+    Where it is the `optimum` of the result, too, that states its objective and gap. Images without
+    a shape have no proof: nan, and no transforms.
     """
     proof = lifting.estimate.convex_proof
     if proof is None:
         return record
     failed = np.isnan(lifting.scale)
     active = proof.transforms.any(axis=(2, 3)) & ~failed[:, None]
-    optimal = METHODS[config.method].proves == "optimum"
-    of_the_program = optimal and lifting.perspective is None
+    of_the_program = optimum and lifting.perspective is None
     return replace(
         record,
         dual=np.where(failed[:, None, None], np.nan, proof.dual),
@@ -124,10 +143,7 @@ def with_proof(record: ResultSet, lifting: Lifting, config: FitConfig) -> Result
 
 
 def further_datasets(
-    images: LandmarkSet,
-    lifting: Lifting,
-    config: FitConfig,
-    dictionary: Dictionary,
+    images: LandmarkSet, lifting: Lifting, dictionary: Dictionary, options: RecordOptions
 ) -> Extras:
     """Join what came with the landmarks with what only some fits have."""
     found = lifting.estimate
@@ -143,10 +159,10 @@ def further_datasets(
         "shape_covariance": covariance_by_landmark(lifting),
         METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
         **found.further,
-        **verdict(images, lifting, config),
+        **verdict(images, lifting, options),
     }
-    if config.leave_out is not None:
-        own["left_out"] = find_left_out(images, config.leave_out, dictionary).astype(object)
+    if options.left_out is not None:
+        own["left_out"] = options.left_out(images).astype(object)
     if lifting.perspective is not None:
         own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
     present = {name: values for name, values in own.items() if values is not None}
@@ -155,7 +171,7 @@ def further_datasets(
 
 
 def verdict(
-    images: LandmarkSet, lifting: Lifting, config: FitConfig
+    images: LandmarkSet, lifting: Lifting, options: RecordOptions
 ) -> dict[str, NDArray[Any] | None]:
     """Say of each image whether its shape is to be trusted, where the method knows its error."""
     found = lifting.estimate
@@ -167,17 +183,17 @@ def verdict(
         images.seen(),
         found.further["plausibility"],
         found.status,
-        implausible=config.posterior.implausible,
-        widest=config.posterior.widest,
+        implausible=options.implausible,
+        widest=options.widest,
     )
     return {TRUSTED: doubt == "", DOUBT: doubt}
 
 
-def find_renamed(source: LandmarkSource, config: FitConfig) -> tuple[str, ...]:
+def warn_of_names(datasets: Iterable[str]) -> tuple[str, ...]:
     """Warn of datasets of the landmarks that a result cannot store under their names."""
-    names = names_apart(source.further_datasets, OF_A_RESULT)
+    names = names_apart(datasets, OF_A_RESULT)
     stored = [f"{name} is stored as {new}" for name, new in names.items() if new != name]
-    if not stored or find_target_format(config.output).points_only:
+    if not stored:
         return ()
     return (f"datasets of the landmarks have names that a result uses: {', '.join(stored)}",)
 
@@ -198,3 +214,50 @@ def perspective_datasets(
         "principal_point": view.camera.centre,
         "position": position,
     }
+
+
+def with_readings(record: ResultSet, lifting: Lifting) -> ResultSet:
+    """Add the readings of each image, in the camera frame and the unit of its landmarks."""
+    readings = lifting.estimate.readings
+    if readings is None:
+        return record
+    fitted = np.isfinite(lifting.scale)
+    count = np.array([len(one) for one in readings], dtype=np.int64) * fitted
+    image = np.repeat(np.arange(len(count)), count)
+    kept = [one for one, is_fitted in zip(readings, fitted, strict=True) if is_fitted]
+    none = record.shapes[:0]
+    shapes = np.concatenate([none, *(one.shapes for one in kept)])
+    part = lifting.problem.take(image)
+    T = fit_translation(part, shapes[:, :2]).translation
+    scale = lifting.scale[:, None]
+    centroid = lifting.translation - scale * lifting.estimate.translation
+    shapes = scale[image, None] * shapes
+    shapes[:, :2] += (scale[image] * T + centroid[image])[:, :, None]
+    return replace(
+        record,
+        modes=count,
+        mode_objective=np.concatenate([np.zeros(0), *(one.objective for one in kept)]),
+        mode_rotation=np.concatenate([np.zeros((0, 3, 3)), *(one.rotation for one in kept)]),
+        mode_shapes=shapes,
+    )
+
+
+def with_trees(record: ResultSet, lifting: Lifting) -> ResultSet:
+    """Add the trees that were kept; images without a shape have none."""
+    trees = lifting.estimate.trees
+    if trees is None:
+        return record
+    fitted = np.isfinite(lifting.scale)
+    kept = [tree if is_fitted else None for tree, is_fitted in zip(trees, fitted, strict=True)]
+    some = [tree for tree in kept if tree is not None]
+    p = record.shapes.shape[2]
+    return replace(
+        record,
+        tree_cells=np.array([0 if tree is None else len(tree.splits) for tree in kept]),
+        tree_splits=np.concatenate([np.zeros(0, int), *(tree.splits for tree in some)]),
+        tree_vertices=np.array([0 if tree is None else len(tree.vertices) for tree in kept]),
+        tree_rotations=np.concatenate([np.zeros((0, 4)), *(tree.vertices for tree in some)]),
+        tree_multipliers=np.concatenate(
+            [np.zeros((0, 2, p)), *(tree.multipliers for tree in some)]
+        ),
+    )

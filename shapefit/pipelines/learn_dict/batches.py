@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.learning import evenly
 from shapefit.dictionary.model import Dictionary
@@ -33,6 +32,7 @@ from shapefit.pipelines.learn_dict.training_shapes import (
 )
 from shapefit.pipelines.outcome import Failure
 
+Floats = NDArray[np.float64]
 Partners = NDArray[np.int64]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.mixture_learning import cross_validate, learn_mixture
@@ -15,6 +14,8 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import choose, rotation_onto
 from shapefit.io.extras import Extras
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, chosen_landmarks
+
+Floats = NDArray[np.float64]
 
 
 def learn_prior(config: LearnDictConfig, training: TrainingShapes) -> tuple[Mixture, str]:

@@ -7,9 +7,9 @@ from collections.abc import Generator, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit import __version__
-from shapefit.arrays import Floats
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.batches import improve
 from shapefit.dictionary.coding import sparse_code
@@ -26,6 +26,9 @@ from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
 from shapefit.pipelines.outcome import Outcome
 from shapefit.pipelines.reading import input_options
+
+Floats = NDArray[np.float64]
+
 
 Making = Generator[Outcome, None, Dictionary]
 """Yields an outcome a round, and returns the dictionary; the last outcome sums up."""

@@ -10,7 +10,6 @@ from fnmatch import fnmatchcase
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.motion import find_acceleration, find_give
@@ -22,6 +21,8 @@ from shapefit.io import ShapeSet, match_landmarks
 from shapefit.meshes.dense import carry_mesh
 from shapefit.pipelines.learn_dict.symmetry import apply_symmetry, find_partners
 from shapefit.pipelines.outcome import Failure
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

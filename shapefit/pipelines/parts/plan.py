@@ -18,12 +18,11 @@ from shapefit.io.sources import is_stream
 from shapefit.io.stored.opening import open_stored
 from shapefit.io.stored.reader import StoredReader
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.fit import run as single
-from shapefit.pipelines.reading import input_options
+from shapefit.pipelines.fit.plan import read_options
 from shapefit.stores.shelf import State
 from shapefit.stores.states import find_state
 
-AT_A_TIME = 4096
+BATCH = 4096
 """Images that are read at a time for the names of their sequences."""
 
 
@@ -64,7 +63,7 @@ def plan_parts(config: FitConfig) -> list[Part]:
     parts: list[Part] = []
     holders: dict[str, Path] = {}
     suffix = FORMATS[config.part_format].suffixes[0]
-    options = input_options(config.input, single.default_track(config))
+    options = read_options(config)
     for known, paths in group_inputs(config.landmarks, options):
         state = tuple(state for state in map(find_state, paths) if state is not None)
         rows: list[tuple[int, int] | None] = [None]
@@ -149,7 +148,7 @@ def _named_sequences(paths: tuple[Path, ...], options: InputOptions) -> Iterator
     try:
         with open_landmarks(paths, options) as source:
             names: dict[str, None] = {}
-            for images in source.chunks(AT_A_TIME):
+            for images in source.chunks(BATCH):
                 names.update(dict.fromkeys(images.sequences or ()))
     except InputError:  # whoever does the part reports it
         return

@@ -14,13 +14,12 @@ from typing import get_args
 
 from shapefit.config import FitConfig
 from shapefit.config.commands.fit import PartFormat
-from shapefit.config.paths import MANIFEST
+from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError, abbreviate, counted, input_error, printable
 from shapefit.io import digest
 from shapefit.io.formats import FORMATS, find_writer
 from shapefit.io.layout import RESULTS
 from shapefit.io.stored.opening import open_stored
-from shapefit.pipelines.fit import run as single
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
 from shapefit.pipelines.parts.cluster import (
     RETRIES,
@@ -56,32 +55,24 @@ SHARE_OF_WRITING = 0.05
 
 
 def run(config: FitConfig) -> Iterator[Outcome]:
-    """Lift landmarks to one result file, or, where the output is a folder, part by part."""
-    if config.output.name != MANIFEST:
-        if wants_cluster_only(config):
-            fix = "end the name of the output with /, as in -o FOLDER/"
-            raise input_error("output", "a cluster writes a folder of results", fix)
-        yield from single.run(config)
-        return
+    """Lift landmarks part by part into the folder that is the output."""
+    folder = config.output
+    assert isinstance(folder, ResultFolder), "the output is a folder"
     check_parts(config)
     parts = plan_parts(config)
     terms = find_terms(config)
     if config.dry_run:
-        manifest = _known(config, terms)[0]
+        manifest = _known(folder, terms)[0]
         yield _dry(parts, manifest)
         return
-    with held_folder(config.output.parent):
-        yield from _run(config, parts, terms)
-
-
-def wants_cluster_only(config: FitConfig) -> bool:
-    """Whether the config names a cluster itself; the environment counts with a folder only."""
-    return bool(config.scheduler or config.scheduler_file or config.workers or config.dry_run)
+    with held_folder(folder.path):
+        yield from _run(config, folder, parts, terms)
 
 
 def check_parts(config: FitConfig) -> None:
     """Raise InputError for what cannot be done part by part, and for a library that is missing."""
-    find_writer(config.output, RESULTS.kind, config.part_format)
+    assert isinstance(config.output, ResultFolder)
+    find_writer(config.output.manifest, RESULTS.kind, config.part_format)
     for key in ("export", "pictures"):
         if getattr(config, key).folder is not None:
             fix = "leave it out, and fit the images to be shown once more into a file"
@@ -98,20 +89,21 @@ def find_terms(config: FitConfig) -> dict[str, str]:
     }
 
 
-def _known(config: FitConfig, terms: dict[str, str]) -> tuple[Manifest, str | None]:
+def _known(folder: ResultFolder, terms: dict[str, str]) -> tuple[Manifest, str | None]:
     """Return the manifest of the parts that count, and why those of an earlier run do not."""
-    known = read_manifest(config.output)
+    known = read_manifest(folder.manifest)
     if known is None:
         return Manifest(terms), None
     changed = [name for name, value in terms.items() if known.terms.get(name) != value]
     if changed:
         return Manifest(terms), f"all parts are done again: another {' and another '.join(changed)}"
-    folder = config.output.parent
-    there = files_in(folder)
+    there = files_in(folder.path)
     known.parts = {
         name: entry for name, entry in known.parts.items() if there.get(name) == entry.get("bytes")
     }
-    damaged = [name for name, entry in known.parts.items() if _is_damaged(folder / name, entry)]
+    damaged = [
+        name for name, entry in known.parts.items() if _is_damaged(folder.path / name, entry)
+    ]
     for name in damaged:
         del known.parts[name]
     return known, f"damaged, and done again: {abbreviate(damaged)}" if damaged else None
@@ -146,9 +138,10 @@ def _lost(part: Part, error: str) -> Failure:
     return Failure(part.file, error if named else f"{_words(part)}: {error}")
 
 
-def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Iterator[Outcome]:
-    folder = config.output.parent
-    manifest, again = _known(config, terms)
+def _run(
+    config: FitConfig, folder: ResultFolder, parts: Sequence[Part], terms: dict[str, str]
+) -> Iterator[Outcome]:
+    manifest, again = _known(folder, terms)
     _drop_stale(parts, manifest)
     todo = [part for part in parts if not manifest.holds(part)]
     warnings = () if again is None else (again,)
@@ -165,7 +158,7 @@ def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Ite
         return tell_pace(reached, len(parts), len(lost), images, reached - before, seconds)
 
     try:
-        for done in _do(config, [Job(part, config, folder) for part in todo]):
+        for done in _do(config, [Job(part, config, folder.path) for part in todo]):
             if isinstance(done, str):
                 yield Outcome(line=done)
                 continue
@@ -177,7 +170,7 @@ def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Ite
             manifest.parts[done.part.file] = describe(done.part) | done.entry()
             if time.monotonic() - wrote >= took / SHARE_OF_WRITING:
                 began = time.monotonic()
-                manifest.write(config.output)
+                manifest.write(folder.manifest)
                 wrote = time.monotonic()
                 took = wrote - began
             yield Outcome(
@@ -188,13 +181,13 @@ def _run(config: FitConfig, parts: Sequence[Part], terms: dict[str, str]) -> Ite
                 note=pace(),
             )
     finally:
-        manifest.write(config.output)
-    _remove_stale(folder, parts)
+        manifest.write(folder.manifest)
+    _remove_stale(folder.path, parts)
     yield Outcome(
         failures=tuple(lost),
-        warnings=_warn_of_equal(folder, manifest),
+        warnings=_warn_of_equal(folder.path, manifest),
         note=f"{reached} of {counted(len(parts), 'part')} done",
-        written=(config.output,),
+        written=(folder.manifest,),
     )
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.verification.check import Check, check
 from shapefit.verification.proofs.program import (
     Value,
@@ -21,6 +21,8 @@ from shapefit.verification.proofs.reconstruction import check_nearest, check_pla
 from shapefit.verification.proofs.transforms import Transforms
 from shapefit.verification.statements import OPTIMAL
 from shapefit.verification.subject import Subject
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

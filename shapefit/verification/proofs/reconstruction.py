@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats
 from shapefit.verification.check import Check, check
 from shapefit.verification.proofs.program import Value
 from shapefit.verification.subject import Subject
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 def check_place(subject: Subject, T: Value) -> list[Check]:

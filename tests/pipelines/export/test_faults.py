@@ -144,7 +144,7 @@ def test_files_of_an_earlier_run_survive_a_run_that_fails(tmp_path, export, view
     before = {path: path.read_bytes() for path in folder.rglob("*.ply")}
     result = (tmp_path / "result.h5").read_bytes()
     monkeypatch.setattr(
-        "shapefit.pipelines.fit.run.find_failures", lambda *_: pytest.fail("on the way")
+        "shapefit.pipelines.fit.report.find_failures", lambda *_, **__: pytest.fail("on the way")
     )
     moved = LandmarkSet(
         landmarks=2 * views.landmarks, landmark_names=views.landmark_names, items=views.items

@@ -201,7 +201,7 @@ def test_a_shape_that_shrank_to_a_point_is_counted_too(tmp_path, export):
 def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
     export, car_atoms, views, monkeypatch, read_one, mixed, rotation
 ):
-    monkeypatch.setattr("shapefit.pipelines.export.meshes.AT_A_TIME", 3)
+    monkeypatch.setattr("shapefit.pipelines.export.meshes.BATCH", 3)
     copies = [replace(views, items=tuple(f"{i}#{copy}" for i in views.items)) for copy in "ab"]
     landmarks = concatenate(copies)
     landmarks.landmarks[7, :, 2:] = np.nan

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from shapefit.config import FitConfig
 from shapefit.io import open_landmarks
+from shapefit.pipelines.export.carried_mesh import Pose
 from shapefit.pipelines.export.fitted_images import fitted_image
 
 
@@ -153,12 +153,12 @@ class TestFittedImages:
 
         def fit_and_gather(*records, dictionary=car_atoms, **keys):
             found, _ = run(*records, **keys)
-            config = FitConfig(
-                landmarks=str(tmp_path / "views.h5"), dictionary=str(cars), output="r.h5",
-                **{"method": "convex+refine"} | keys,
-            )  # fmt: skip
+            perspective = keys.get("camera", {}).get("model") == "perspective"
+            pose = Pose(
+                keys.get("method", "convex+refine"), keys.get("rotations", "shared"), perspective
+            )
             return found, [
-                fitted_image(found.take([row]), found.transforms[[row]], config, dictionary)
+                fitted_image(found.take([row]), found.transforms[[row]], pose, dictionary)
                 for row in range(len(found))
             ]
 

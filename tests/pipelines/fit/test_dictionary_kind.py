@@ -11,7 +11,7 @@ from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, write_dictionary
-from shapefit.pipelines.fit.dictionary_kind import mismatch
+from shapefit.pipelines.fit.plan import mismatch
 
 
 @pytest.mark.parametrize(

@@ -176,7 +176,7 @@ def test_failures_are_those_of_their_images(run):
 
 def test_chunks_make_no_difference_but_to_starts(run, monkeypatch):
     whole, _ = run(method="mean-shape")
-    monkeypatch.setattr("shapefit.pipelines.fit.run.STRETCH", 1)
+    monkeypatch.setattr("shapefit.pipelines.fit.plan.STRETCH", 1)
     parts, outcomes = run(method="mean-shape", chunk=2)
     assert len(outcomes) == 6
     assert sum(outcome.done for outcome in outcomes) == 9

@@ -206,7 +206,7 @@ def test_known_lengths_come_from_shapes_or_a_table(people, project, tmp_path):
             landmarks=(people / "views.h5",), dictionary=people / "dictionary.h5",
             output=tmp_path / "x.h5", method="sequences", sequences={"lengths": path},
         )  # fmt: skip
-        return find_lengths(config, dictionary)
+        return find_lengths(config.sequences.lengths, dictionary)
 
     names, edges = dictionary.landmark_names, dictionary.edges
     from_shapes = lengths(project / "sample_data/people_test.h5")

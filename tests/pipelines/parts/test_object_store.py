@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from shapefit.config import load_config
+from shapefit.config.paths import ResultFolder
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import landmark_writer, write_dictionary
 from shapefit.io.records import LandmarkSet
+from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts.run import run
 from shapefit.stores import lock
 
@@ -46,7 +48,8 @@ def fit(store, output: str = "", *overrides: str):
         "dictionary": f"{store.url}/dict.h5",
         "output": output or f"{store.url}/results/",
     }
-    return list(run(load_config("fit", None, ("partition=100", *overrides), arguments)))
+    config = load_config("fit", None, ("partition=100", *overrides), arguments)
+    return list((run if isinstance(config.output, ResultFolder) else fit_whole)(config))
 
 
 def done(outcomes) -> int:
@@ -80,7 +83,7 @@ def datasets(store, *objects: str) -> dict[str, np.ndarray]:
 
 def same_as_on_a_disk(store) -> None:
     local = {"landmarks": ("one.h5", "two.h5"), "dictionary": "dict.h5", "output": "whole.h5"}
-    list(run(load_config("fit", None, (), local)))
+    list(fit_whole(load_config("fit", None, (), local)))
     found = datasets(store, *(f"results/{name}" for name in names(store) if name.endswith(".h5")))
     with h5py.File("whole.h5") as whole:
         for name in DATASETS:
@@ -127,7 +130,7 @@ def test_stale_parts_are_removed(store):
 
 
 def test_a_second_client_is_refused(store):
-    place = load_config_output(store).parent / ".lock"
+    place = load_config_output(store).path / ".lock"
     with lock.held_object(place) as held:
         assert held
         with pytest.raises(InputError, match="another run is writing results to it"):
@@ -135,7 +138,7 @@ def test_a_second_client_is_refused(store):
     assert done(fit(store)) == 300
 
 
-def load_config_output(store) -> Path:
+def load_config_output(store) -> ResultFolder:
     arguments = {"landmarks": "one.h5", "dictionary": "dict.h5", "output": f"{store.url}/results/"}
     return load_config("fit", None, (), arguments).output
 

@@ -17,6 +17,7 @@ from shapefit.io.layout import RESULTS
 from shapefit.io.parquet import writing
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.pipelines.evaluate.run import run as evaluate
+from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts.plan import plan_parts
 from shapefit.pipelines.parts.run import run
 from shapefit.pipelines.verify import Request
@@ -54,7 +55,8 @@ def config(landmarks: str, output: str, *overrides: str):
 
 def fit(landmarks: str, output: str, *overrides: str) -> int:
     """Run fit; return how many images it lifted."""
-    return sum(outcome.done for outcome in run(config(landmarks, output, *overrides)))
+    pipeline = run if output.endswith("/") else fit_whole
+    return sum(outcome.done for outcome in pipeline(config(landmarks, output, *overrides)))
 
 
 def rows(landmarks: str, *overrides: str) -> list[tuple[int, int] | None]:

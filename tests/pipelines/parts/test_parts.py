@@ -9,13 +9,16 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from shapefit.cli.main import run as shapefit
 
-from shapefit.config import load_config
+from shapefit.config import dump_config, load_config
+from shapefit.config.paths import ResultFolder
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import landmark_writer, write_dictionary
 from shapefit.io.hdf5 import trial
 from shapefit.io.records import LandmarkSet
+from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts import part
 from shapefit.pipelines.parts import run as parts
 from shapefit.pipelines.parts.run import run
@@ -46,7 +49,8 @@ def write(name: str, points: np.ndarray, first: int) -> None:
 def fit(output: str, *overrides: str):
     """Run fit; return its outcomes."""
     arguments = {"landmarks": ("one.h5", "two.h5"), "dictionary": "dict.h5", "output": output}
-    return list(run(load_config("fit", None, overrides, arguments)))
+    pipeline = run if output.endswith("/") else fit_whole
+    return list(pipeline(load_config("fit", None, overrides, arguments)))
 
 
 def done(outcomes) -> int:
@@ -82,6 +86,24 @@ def test_parts_are_the_same_bits_as_one_run(folder):
     assert [entry["images"] for entry in manifest()["parts"]] == [128, 128, 128, 16, 100]
     assert names() == [f"part-{n:05}.h5" for n in range(5)]
     same_as_one_run()
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "part-00000.h5"])
+def test_a_file_is_never_a_folder_of_results(folder, name):
+    """A folder is known by its type, whatever the output is called: nothing else appears in it."""
+    Path("part-00007.h5").write_text("of somebody else")
+    before = {path.name for path in Path().iterdir()}
+    assert shapefit(["fit", "one.h5", "-d", "dict.h5", "-o", name, "-q"]) == 0
+    assert {path.name for path in Path().iterdir()} == before | {name}
+
+
+@pytest.mark.parametrize("text", ["output: far/", "output: ./far/"])
+def test_a_config_names_a_folder_as_the_command_line_does(folder, text):
+    Path("c.yaml").write_text(f"landmarks: one.h5\ndictionary: dict.h5\n{text}\n")
+    config = load_config("fit", Path("c.yaml"))
+    assert config.output == ResultFolder(folder / "far")
+    Path("again.yaml").write_text(dump_config(config))
+    assert load_config("fit", Path("again.yaml")) == config
 
 
 def test_what_is_done_stays(folder):
@@ -209,7 +231,7 @@ def test_meshes_are_refused(folder):
 
 
 def test_a_cluster_needs_a_folder(folder):
-    with pytest.raises(InputError, match="end the name of the output with /"):
+    with pytest.raises(InputError, match="a cluster writes a folder of results"):
         fit("out.h5", "workers=2")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.io import LandmarkSet
-from shapefit.pipelines.fit.whole_sequences import whole_sequences
+from shapefit.pipelines.fit.read import whole_sequences
 
 
 def images(names):

@@ -12,7 +12,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.lifting.lift import Program
 from shapefit.lifting.methods import AlternationOptions
 from shapefit.lifting.options import PerspectiveOptions
-from shapefit.pipelines.fit.chain import (
+from shapefit.pipelines.fit.plan import (
     choose_options,
     choose_program,
     choose_settings,
