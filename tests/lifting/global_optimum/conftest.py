@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -10,6 +11,10 @@ from scipy.optimize import nnls
 
 from shapefit.convex.problem import Problem
 from shapefit.geometry.rotations import random_rotations
+
+ON_EDGES = tuple(pair for a, b in combinations(range(4), 2) for pair in ((a, a, b), (a, b, b)))
+TRIPLES = (*((a, a, a) for a in range(4)), *ON_EDGES, *combinations(range(4), 3))
+"""The order in which the kernel has the coefficients."""
 
 
 def rotation_rows(q: np.ndarray) -> np.ndarray:

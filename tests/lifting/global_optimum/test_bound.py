@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations, combinations_with_replacement
+from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
@@ -12,14 +12,7 @@ from shapefit.convex.problem import Problem
 from shapefit.lifting.global_optimum.optimum import find_optimum
 from shapefit.lifting.global_optimum.tree import record_tree
 from shapefit.verification.proofs.rotation_tree import Tree, unfold
-from tests.lifting.global_optimum.conftest import best_at, rotation_rows
-
-TRIPLES = (
-    *((a, a, a) for a in range(4)),
-    *(triple for a, b in combinations(range(4), 2) for triple in ((a, a, b), (a, b, b))),
-    *combinations(range(4), 3),
-)
-"""The order in which the kernel has the coefficients."""
+from tests.lifting.global_optimum.conftest import TRIPLES, best_at, rotation_rows
 
 
 def unit(q: np.ndarray) -> np.ndarray:
