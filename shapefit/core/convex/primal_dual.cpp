@@ -12,6 +12,7 @@ constexpr double STEP = 1;
 constexpr long MOST_ROUNDS = 8;
 // A start from which the steps diverge shows it in atoms: soon nearly all are active, and each step
 // costs many times what the augmented Lagrangian asks. Attempts that converge stay below 2 times.
+// This and the start that is put back in the end are for speed: the certificate judges either solver.
 constexpr long MOST_GROWTH = 3, FEW_ATOMS = 8;
 
 // The right-hand side w - y - sum P_i B_i, and the rest of it in the rows of F.

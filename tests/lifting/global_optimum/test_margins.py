@@ -29,7 +29,7 @@ def judge(problem: Problem, corners: np.ndarray, cut: float) -> tuple[bool, np.n
 def test_the_excess_of_a_cell_is_above_the_exact_one_by_the_share_of_slivers(make_scene, rng):
     """With multipliers as they are recorded.
 
-    The share of rounding is a seventieth of that of slivers: where it alone lacked, none could tell.
+    The share of rounding is a seventieth of that of slivers: nothing shows where it alone lacks.
     """
     problem = make_scene(n=1, k=4, p=6, noise=0.2, weighted=True).problem(0.3)
     bound = float(find_optimum(problem, tolerance=0.05, threads=1).bound[0])

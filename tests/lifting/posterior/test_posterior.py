@@ -137,3 +137,24 @@ def test_the_weight_of_a_component_counts():
     found = solve(prior, w, np.eye(3)[None, None], 0.01, modes=2)
     assert found.modes.shares[0] == pytest.approx([0.9, 0.1], rel=1e-6)
     assert found.modes.component[0].tolist() == [0, 1]
+
+
+def test_a_climb_that_ends_on_a_saddle_does_not_count_beside_a_maximum():
+    """A flat shape, foreshortened: seen face on it is a saddle between two tilts of equal worth."""
+    rng = np.random.default_rng(0)
+    mean = np.vstack([rng.normal(size=(2, 9)), np.zeros(9)])
+    mean -= mean.mean(axis=1, keepdims=True)
+    prior = Mixture(np.ones(1), mean[None], 1e-3 * np.eye(27)[None])
+    tilt = rotation_about(np.array([0.0, 1.0, 0.0]), np.array(0.3))
+    starts = np.stack([np.eye(3), tilt, tilt.T])[None]
+    found = solve(prior, (tilt @ mean)[None, :2], starts, 1e-3, modes=3)
+    assert found.modes.shares[0] == pytest.approx([0.5, 0.5, 0], abs=1e-5)
+
+
+def test_surprise_is_never_negative(draw_mixture):
+    """A gross landmark is no surprise where gross ones are denser than the others at their peak."""
+    prior, misfit = draw_mixture(5, p=13, size=0.08), 0.005
+    _, w, R = draw_images(prior, 10, 7, misfit)
+    w[:, :, 4] += np.array([2.0, -1.5])
+    found = solve(prior, w, R[:, None], misfit, gross=Gross(0.9, 1e4))
+    assert (found.surprise >= 0).all()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shapefit.lifting.sequences.smoothing import further_weight
+from shapefit.lifting.sequences.smoothing import first_lengths, further_weight, held_lengths
 
 
 def second_difference(t):
@@ -22,13 +22,15 @@ class Objective:
         self.weight = further_weight(seen, noise)
         self.w = np.nan_to_num(seen.landmarks).reshape(len(seen), -1)
         D = second_difference(len(seen))
+        self.hold, self.known = held_lengths(model, first_lengths(seen.start, model))
         self.motion = np.kron(D.T @ D, np.diag(np.tile(model.stiffness, 3)))
 
     def energy(self, y, lengths):
         total = 0.5 * y.reshape(-1) @ self.motion @ y.reshape(-1)
         total += 0.5 * (self.weight * (y[:, : self.w.shape[1]] - self.w) ** 2).sum()
         for f, frame in enumerate(y):
-            total -= np.log(np.exp(self.log_terms(f, frame)).sum())
+            total -= np.logaddexp.reduce(self.log_terms(f, frame))
+        total += 0.5 * (self.hold * (lengths - self.known) ** 2).sum()
         return total + 0.5 * (((self.bones(y)[1] - lengths) / self.model.give) ** 2).sum()
 
     def log_terms(self, f, frame):
@@ -68,8 +70,9 @@ class Objective:
         i, j = self.model.bones.T
         along, size = self.bones(y)
         for f in range(t):
-            terms = np.exp(self.log_terms(f, y[f]))
-            block = np.einsum("k,kab->ab", terms / terms.sum(), self.seen.precision[f])
+            terms = self.log_terms(f, y[f])
+            shares = np.exp(terms - np.logaddexp.reduce(terms))
+            block = np.einsum("k,kab->ab", shares, self.seen.precision[f])
             block[: self.w.shape[1], : self.w.shape[1]] += np.diag(self.weight[f])
             for b in range(len(i)):
                 row = np.zeros((3, d // 3))

@@ -36,10 +36,16 @@ def test_precisions_are_inverses(rng, p):
     np.testing.assert_array_equal(found[~there], covariances[~there])
 
 
+@pytest.mark.parametrize("case", ["free", "known lengths", "far"])
 @pytest.mark.parametrize("frames", [1, 2, 3, 4, 9])
-def test_a_step_is_that_of_the_dense_system(images, body, model, frames):
-    """The first step, damped and short enough to be taken whole, and the log det beside it."""
+def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
+    """The first step, damped, half a unit at most, and the log det beside it."""
     seen = images(body[:frames], noise=0.02, depth=0.1)
+    if case == "known lengths":
+        longer = smoothing.first_lengths(body, model) * [1.3, 1, 0.8, np.nan]
+        model = replace(model, known=longer, spread=0.002)
+    if case == "far":
+        seen = replace(seen, start=seen.start + 2)
     found = smooth(seen, model, 0.1, rounds=1)
     judge, e = Objective(seen, model, 0.1), len(model.bones)
     y = seen.start.reshape(frames, -1)
@@ -52,9 +58,11 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames):
         M[:, :, i, b] = -along[:, :, b] / size[:, None, b] / model.give[b] ** 2
         M[:, :, j, b] = -M[:, :, i, b]
     M = M.reshape(-1, e)
-    whole = np.block([[A, M], [M.T, np.diag(frames / model.give**2 + 1e-9)]])
+    own = frames / model.give**2 + judge.hold + 1e-9
+    whole = np.block([[A, M], [M.T, np.diag(own)]])
     step = np.linalg.solve(whole, judge.gradient(y, lengths))
     shrink = min(1.0, 0.5 / np.abs(step[: y.size]).max())
+    assert case != "far" or shrink < 0.5
     np.testing.assert_allclose(
         found.points.reshape(-1), y.reshape(-1) - shrink * step[: y.size], atol=1e-6
     )
@@ -133,6 +141,22 @@ def test_the_noise_is_found_in_the_sequence(images, body, model):
     exact = find_noise(images(body, noise=0.0, depth=0.1), model)
     noisy = find_noise(images(body, noise=0.06, depth=0.1), model)
     assert exact <= 0.01 < noisy
+
+
+def test_noise_above_the_first_level_is_found_upwards(images, body, model):
+    noisy = replace(images(body, noise=0.15, depth=0.1), misfit=0.2**2)
+    assert find_noise(noisy, model) > 0.1
+
+
+def test_the_noise_is_that_of_the_frames_in_the_middle(images, body, model, rng):
+    long = np.concatenate([body, body[::-1]] * 5)[:200]
+    seen = images(long, depth=0.1)
+    ends = np.ones((len(long), 1, 1))
+    ends[40:160] = 0
+    noise = 0.1 * ends * rng.standard_normal(seen.landmarks.shape)
+    noisy = replace(seen, landmarks=seen.landmarks + noise)
+    assert find_noise(noisy, model) == find_noise(noisy.take(slice(40, 160)), model)
+    assert find_noise(noisy, model) < 0.5 * find_noise(noisy.take(slice(0, 120)), model)
 
 
 def test_errors_that_frames_share_make_noise_larger(images, body, model, rng):

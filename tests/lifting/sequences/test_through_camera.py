@@ -9,6 +9,8 @@ import pytest
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.pinhole import project
+from shapefit.lifting.sequences import method
+from shapefit.lifting.sequences.clips import Motion
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 from tests.lifting.posterior.conftest import draw_component
 from tests.lifting.posterior.pinhole import P, Scene
@@ -79,3 +81,25 @@ def test_without_a_camera_nothing_is_brought_anywhere(scene, lifting):
     kept = refine_through_camera(plain, scene.landmarks, lambda weak, w: (weak, w))
     assert kept[0] is plain
     assert kept[1] is scene.landmarks
+
+
+def test_landmarks_are_trusted_by_belief_times_the_square_of_their_confidence(
+    scene, prior, rng, monkeypatch
+):
+    """Confidence multiplies residuals, trust their squares, as 1/sigma^2 does."""
+    confidence = rng.uniform(0.3, 1, (N, P))
+    lifting = scene.lift(prior, confidence, modes=2)
+    given = []
+
+    def keep(clips, *_, **__):
+        given.append(clips)
+        raise InterruptedError
+
+    monkeypatch.setattr(method, "refine_clips", keep)
+    motion = Motion(np.array([[0, 1]]), np.ones(P), np.ones(1))
+    with pytest.raises(InterruptedError):
+        method.refine_lifting(lifting, scene.landmarks, ["one"] * N, motion, 0.01, 1.0)
+    weights = lifting.problem.weights
+    np.testing.assert_allclose(weights / weights[:, :1], confidence / confidence[:, :1])
+    belief = lifting.estimate.further["belief"]
+    np.testing.assert_allclose(given[0].trust, belief * weights**2)
