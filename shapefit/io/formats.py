@@ -166,16 +166,22 @@ def find_lister(path: Path) -> Callable[[Path], Any] | None:
 
 
 def find_target_format(path: Path, name: str = "auto") -> FileFormat:
-    """Return the format that an output path asks for: CSV for `-`, else by its name, else HDF5.
+    """Return the format that an output path asks for: CSV for `-`, HDF5 for a name without ending.
 
-    With another `name` than auto it is that format.
+    With another `name` than auto it is that format. Raises InputError for an ending of no format.
     """
     if name != "auto":
         return _named(name, targets(), "to")
     if is_stream(path):
         return CSV
-    named = (known for known in targets().values() if known.has_suffix(path))
-    return next(named, HDF5)
+    for known in targets().values():
+        if known.has_suffix(path):
+            return known
+    if path.suffix:
+        endings = [suffix for known in targets().values() for suffix in known.suffixes]
+        found = f"no format that is written ends in {path.suffix}"
+        raise input_error(path, found, f"end the name in {listed(endings)}")
+    return HDF5
 
 
 def find_writer(path: Path, kind: str, name: str = "auto") -> Callable[..., Any]:

@@ -32,9 +32,9 @@ def landmark_writer(target: Path) -> AbstractContextManager[RecordWriter[Landmar
     """Give a writer of landmarks for use in a `with`; `append` takes chunk after chunk.
 
     A name that ends in .csv and `-` (standard output) give CSV, one in .parquet or .pq Parquet,
-    all others HDF5. The file replaces `target` on a clean exit and leaves nothing behind on an
-    error. At least one record must be appended; it may be empty. Raises InputError where the
-    target cannot be written.
+    one in .h5 or without an ending HDF5. The file replaces `target` on a clean exit and leaves
+    nothing behind on an error. At least one record must be appended; it may be empty. Raises
+    InputError where the target cannot be written.
     """
     return record_writer(target, LANDMARKS)
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
 from shapefit.errors import InputError
@@ -144,3 +145,20 @@ def test_a_mixture_of_formats_is_counted(tmp_path):
     (warning,) = convert(*files, output=tmp_path / "both.h5", keypoints="body_25")
     assert warning.startswith("several formats in one call: a DeepLabCut or Lightning Pose CSV (1)")
     assert "a set of OpenPose files (1)" in warning
+
+
+@pytest.mark.parametrize("command", ["convert", "fit", "learn-dict", "project", "view"])
+def test_an_ending_that_no_writer_knows(tmp_path, capsys, command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    inputs = {
+        "convert": ["one_person.csv"],
+        "fit": ["one_person.csv", "-d", "people"],
+        "learn-dict": ["people_train.h5"],
+        "project": ["people_test.h5"],
+        "view": ["people_test.h5"],
+    }
+    arguments = [str(SAMPLES / each) if "." in each else each for each in inputs[command]]
+    assert shapefit([command, *arguments, "-o", "walk.bvh"]) == 2
+    said = capsys.readouterr().err
+    assert "walk.bvh: " in said and ".html" in said if command == "view" else ".c3d" in said
+    assert not list(tmp_path.iterdir())

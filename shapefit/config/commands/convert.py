@@ -26,7 +26,7 @@ class ConvertConfig(CommandConfig):
         default="auto",
         min_length=1,
         description="Format to write (docs/export.md); auto: as the name of the output says, "
-        "else HDF5.",
+        "HDF5 without an ending.",
     )
     frame_rate: float | None = Field(
         default=None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +21,21 @@ class FrameFile(NamedTuple):
     video: str
     frame: int
     label: str
+
+
+def files_in(folder: Path, suffix: str) -> tuple[Path, ...]:
+    """Return the files of a folder with this ending, in any order; folders in it do not count.
+
+    Raises InputError for links that lead nowhere, pipes and devices, which cannot be read whole.
+    """
+    with os.scandir(folder) as entries:
+        named = [folder / entry.name for entry in entries if entry.name.lower().endswith(suffix)]
+    found = [path for path in named if not path.is_dir()]
+    for path in found:
+        if not path.is_file():
+            what = "leads to no file" if path.is_symlink() else "is not a regular file"
+            raise input_error(path, what, "remove it, or name the files themselves")
+    return tuple(found)
 
 
 def frame_files(paths: Sequence[Path], folder: str) -> list[FrameFile]:

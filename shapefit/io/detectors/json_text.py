@@ -21,7 +21,7 @@ from shapefit.io.memory import check_fits, in_words
 Paths = tuple[Path, ...]
 
 LARGEST_BYTES = 1 << 30
-"""Of a JSON file that is read."""
+"""Of a file that is read whole."""
 
 MEMORY_FACTOR = 14
 """Memory that parsed JSON takes, as a multiple of the file (numbers of some ten digits)."""
@@ -95,14 +95,16 @@ def first_outline(folder: Path, suffix: str = ".json", head_bytes: int = 4096) -
     return found
 
 
-def json_files(folder: Path) -> tuple[Path, ...]:
-    """Return the JSON files of a folder, in any order; folders in it do not count."""
-    with os.scandir(folder) as entries:
-        return tuple(
-            folder / entry.name
-            for entry in entries
-            if entry.name.lower().endswith(".json") and not entry.is_dir()
-        )
+def read_whole(path: Path) -> bytes:
+    """Return the bytes of a file of text. Raises InputError where it is too large for that."""
+    with open(path, "rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > LARGEST_BYTES:
+            found = f"{in_words(size)} of text, and it is read whole"
+            fix = f"divide it into files of less than {in_words(LARGEST_BYTES)}"
+            raise input_error(path, found, fix)
+        check_fits(str(path), MEMORY_FACTOR * size, "what it holds")
+        return file.read()
 
 
 def read_json(path: Path) -> Any:
@@ -110,15 +112,7 @@ def read_json(path: Path) -> Any:
 
     Raises InputError for a file that is too large or damaged, naming the line.
     """
-    with open(path, "rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        if size > LARGEST_BYTES:
-            found = f"{in_words(size)} of JSON, and it is read whole"
-            fix = f"divide it into files of less than {in_words(LARGEST_BYTES)}"
-            raise input_error(path, found, fix)
-        check_fits(str(path), MEMORY_FACTOR * size, "what it holds")
-        data = file.read()
-    data = data.removeprefix(BYTE_ORDER_MARK)
+    data = read_whole(path).removeprefix(BYTE_ORDER_MARK)
     try:
         return orjson.loads(data)
     except orjson.JSONDecodeError as error:

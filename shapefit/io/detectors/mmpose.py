@@ -15,11 +15,10 @@ import numpy as np
 
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording
-from shapefit.io.detectors.frame_files import frame_files
+from shapefit.io.detectors.frame_files import files_in, frame_files
 from shapefit.io.detectors.json_text import (
     Outline,
     first_outline,
-    json_files,
     outline,
     read_json,
     without_collection,
@@ -71,7 +70,7 @@ def record_images(paths: tuple[Path, ...]) -> Recording:
     """Return the images of a folder, or these files, as one recording."""
     folder = paths[0] if paths[0].is_dir() else paths[0].parent
     if paths[0].is_dir():
-        paths = json_files(folder)
+        paths = files_in(folder, ".json")
     video = folder.resolve().name
     detections = Detections(step=2, videos=[])
     files = frame_files(paths, video)

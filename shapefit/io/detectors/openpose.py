@@ -13,8 +13,8 @@ from typing import Any
 
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording
-from shapefit.io.detectors.frame_files import frame_files
-from shapefit.io.detectors.json_text import first_outline, json_files, outline, read_json
+from shapefit.io.detectors.frame_files import files_in, frame_files
+from shapefit.io.detectors.json_text import first_outline, outline, read_json
 from shapefit.io.foreign.recording import Recording
 
 PEOPLE = ("people", "bodies")
@@ -34,7 +34,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     """Return the frames of a folder, or these files, as one recording."""
     folder = paths[0] if paths[0].is_dir() else paths[0].parent
     if paths[0].is_dir():
-        paths = json_files(folder)
+        paths = files_in(folder, ".json")
     name = str(paths[0] if len(paths) == 1 else folder)
     detections = Detections(videos=[])
     strange: list[str] = []

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import Detections, as_recording
-from shapefit.io.detectors.frame_files import frame_files
+from shapefit.io.detectors.frame_files import files_in, frame_files
+from shapefit.io.detectors.json_text import read_whole
 from shapefit.io.foreign.recording import Recording
 
 Table = NDArray[np.float64]
@@ -43,6 +44,8 @@ def is_ultralytics(path: Path, head: bytes) -> bool:
         return path.name.lower().endswith(".txt") and _begins_with_pose(head)
     names = sorted(name for name in os.listdir(path) if name.lower().endswith(".txt"))
     for name in names[:20]:
+        if not (path / name).is_file():
+            continue
         with (path / name).open("rb") as file:
             head = file.read(4096)
         if head.strip():
@@ -54,7 +57,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     """Return the images of a folder of labels, or these files, as one recording."""
     folder = paths[0] if paths[0].is_dir() else paths[0].parent
     if paths[0].is_dir():
-        own = (each for each in folder.glob("*.[tT][xX][tT]") if not each.is_dir())
+        own = files_in(folder, ".txt")
         paths = tuple(each for each in own if each.name != "classes.txt")
     name = str(paths[0] if len(paths) == 1 else folder)
     files = frame_files(paths, folder.resolve().name)
@@ -120,7 +123,7 @@ def _begins_with_pose(head: bytes) -> bool:
 def _rows(path: Path) -> list[list[float]]:
     """Return the numbers of each line; comments and empty lines are skipped."""
     rows = []
-    for number, line in enumerate(path.read_bytes().splitlines(), start=1):
+    for number, line in enumerate(read_whole(path).splitlines(), start=1):
         cells = line.partition(b"#")[0].split()
         if not cells:
             continue

@@ -46,7 +46,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     parameters: Mapping[str, Any] = file["parameters"].get("POINT", {})
     points = np.asarray(file["data"]["points"], dtype=np.float64)[:3].transpose(2, 1, 0)
     residual = np.asarray(file["data"]["meta_points"]["residuals"])[0].T
-    factor, unit = in_metres(_first(parameters, "UNITS", ""))
+    factor, unit = in_metres(_decoded(_first(parameters, "UNITS", "")))
     points = factor * np.where((residual >= 0)[..., None], points, np.nan)
     labels = _labels(parameters, points.shape[1])
     computed = set().union(*(_texts(parameters, name) for name in COMPUTED))
@@ -203,7 +203,16 @@ def _labels(parameters: Mapping[str, Any], count: int) -> list[str]:
 
 
 def _texts(parameters: Mapping[str, Any], name: str) -> list[str]:
-    return [str(text).strip() for text in parameters.get(name, {}).get("value", ())]
+    return [_decoded(text).strip() for text in parameters.get(name, {}).get("value", ())]
+
+
+def _decoded(text: object) -> str:
+    """Return a text as ezc3d gives it; where it is not UTF-8 it is Latin-1, as is common."""
+    found = str(text).encode("utf-8", "surrogateescape")
+    try:
+        return found.decode()
+    except UnicodeDecodeError:
+        return found.decode("latin-1")
 
 
 def _first(parameters: Mapping[str, Any], name: str, default: Any) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 import orjson
 
 from shapefit.errors import InputError, input_error
+from shapefit.io.detectors.json_text import read_whole
 
 Place = int | tuple[float, float, float]
 Places = Mapping[str, Place]
@@ -37,7 +38,7 @@ def find_file(mesh: Path) -> Path:
 def read_places(mesh: Path) -> Places:
     """Return the places of a mesh's landmarks. Raises InputError for a file of another form."""
     path = find_file(mesh)
-    text = path.read_bytes().decode("utf-8-sig", "backslashreplace")
+    text = read_whole(path).decode("utf-8-sig", "backslashreplace")
     places = _of_json(path, text) if path.suffix == ".json" else _of_csv(path, text)
     if not places:
         raise input_error(path, "names no landmarks", f"write {FORMS}")

@@ -66,6 +66,9 @@ def load(path: Path) -> tuple[Floats, Integers]:
         raise input_error(path, found, "give a whole OBJ, PLY or GLB file") from error
     if vertices.ndim != 2 or not len(vertices):
         raise input_error(path, "has no vertices", "give a mesh")
+    if vertices.shape[1] != 3:
+        found = f"has vertices of {vertices.shape[1]} coordinates"
+        raise input_error(path, found, "give x, y and z for each")
     if not np.isfinite(vertices).all():
         raise input_error(path, "has a vertex that is not finite", "correct it")
     return vertices, faces

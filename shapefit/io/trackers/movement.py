@@ -66,6 +66,9 @@ def record(paths: tuple[Path, ...]) -> Recording:
 def _axes(file: TrackerFile, name: str) -> Axes:
     """Return the names of the axes of a dataset, as its dimension scales say."""
     found = [SINGULAR.get(axis, axis) for axis in file.scales(name)]
+    if len(found) != len(file.shape(name)):
+        what = f"has the shape {file.shape(name)}, and names {len(found)} axes"
+        raise input_error(file.place(name), what, DAMAGED)
     if len(set(found)) != len(found) or not set(found) <= set(WANTED):
         what = f"has the axes {printable(', '.join(found))}"
         raise input_error(file.place(name), what, f"name them {', '.join(WANTED)}")

@@ -111,6 +111,7 @@ def _columns(file: TrackerFile, name: str, wanted: str) -> dict[str, Integers]:
     known = file.fields(name)
     if lost := [column for column in wanted.split() if column not in known]:
         raise input_error(file.place(name), f"has no column {lost[0]}", DAMAGED)
+    file.shape(name, "rows")
     table = file.rows(name)
     return {column: table[column].astype(np.int64) for column in wanted.split()}
 

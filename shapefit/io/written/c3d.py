@@ -23,6 +23,9 @@ MISSING = -1.0
 MOST_FRAMES = 65535
 """Of a file, and the largest number of a frame: its header has 16 bits for them."""
 
+MOST_LABELS = 255
+"""Landmarks of a file, and bytes of the name of one: a byte counts each."""
+
 POINT_BYTES = 16
 """Of a point in the file: x, y, z and residual."""
 
@@ -51,14 +54,20 @@ def load_ezc3d() -> Any:
 def write_c3d(path: Path, motions: Sequence[Motion]) -> None:
     """Write one motion; a missing point has the residual -1.
 
-    Raises InputError where it has more frames than a file can number.
+    Raises InputError where it has more frames or landmarks, or longer names, than a file can hold.
     """
     (motion,) = motions
+    place = motion.name or "C3D"
+    long = max(motion.landmark_names, key=lambda name: len(name.encode()), default="")
+    if len(motion.landmark_names) > MOST_LABELS or len(long.encode()) > MOST_LABELS:
+        many = f"there are {len(motion.landmark_names)} landmarks, the longest name {long[:20]!r}"
+        found = f"{many} of {len(long.encode())} bytes, and C3D counts to {MOST_LABELS}"
+        raise input_error(place, found, "write TRC, or rename the landmark (`rename`)")
     file = load_ezc3d().c3d()
     p, f = len(motion.landmark_names), len(motion.points)
     if motion.first + f > MOST_FRAMES:
         found = f"the frames run to {motion.first + f:,}, and C3D numbers {MOST_FRAMES:,} at most"
-        raise input_error(motion.name or "C3D", found, "write TRC, or shorter sequences")
+        raise input_error(place, found, "write TRC, or shorter sequences")
     millimetres = 1000 * motion.points.transpose(1, 2, 0)
     seen = np.isfinite(millimetres).all(axis=0)
     points = np.ones((4, p, f))

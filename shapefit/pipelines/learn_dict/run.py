@@ -19,6 +19,8 @@ from shapefit.dictionary.pca_bases import principal_components
 from shapefit.dictionary.summary import Summary, summarise
 from shapefit.errors import counted, input_error
 from shapefit.io import ShapeSource, check_output, digests, open_shapes, write_dictionary
+from shapefit.io.formats import find_writer
+from shapefit.io.layout import DICTIONARY
 from shapefit.io.memory import check_fits
 from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.batches import TrainingBatches, find_training_batches
@@ -41,6 +43,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     cannot be read or written, and as `make_dictionary` does.
     """
     check_output(config.output)
+    find_writer(config.output, DICTIONARY.kind)
     with open_shapes(config.shapes, input_options(config.input)) as source:
         notes = source.notes
         training = read_training(source, config)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from shapefit import __version__
+from shapefit.config.paths import MANIFEST
 from shapefit.errors import InputError, input_error, path_text
 from shapefit.io.whole.atomic import atomic_path
 from shapefit.pipelines.parts.plan import Part
@@ -89,6 +90,12 @@ def read_manifest(path: Path) -> Manifest | None:
     return Manifest(terms, parts)
 
 
+def replace_link(path: Path) -> None:
+    """Remove a symbolic link in a folder of results: what is written must not go elsewhere."""
+    if not isinstance(path, UrlPath) and path.is_symlink():
+        path.unlink()
+
+
 @contextmanager
 def held_folder(folder: Path) -> Iterator[None]:
     """Hold a folder of results for this run. Raises InputError where another run holds it."""
@@ -102,6 +109,8 @@ def held_folder(folder: Path) -> Iterator[None]:
             yield
         return
     folder.mkdir(parents=True, exist_ok=True)
+    for name in (LOCK, MANIFEST):
+        replace_link(folder / name)
     try:
         import fcntl
     except ImportError:  # without such locks a second run is not noticed

@@ -13,6 +13,7 @@ from shapefit.config import FitConfig
 from shapefit.errors import InputError, input_error
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.outcome import Counted, Failure, add_up
+from shapefit.pipelines.parts.manifest import replace_link
 from shapefit.pipelines.parts.plan import Part
 from shapefit.pipelines.parts.spans import Span
 from shapefit.stores.opening import StoreError
@@ -96,6 +97,7 @@ def _fit(job: Job, began: float) -> Done:
     warnings: dict[str, str | Counted] = {}
     doubts: dict[str, Counted] = {}
     try:
+        replace_link(target)
         for outcome in run(config, rows):
             images += outcome.done
             failed += len(outcome.failures)

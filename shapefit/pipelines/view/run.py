@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.config import ViewConfig
-from shapefit.errors import input_error
+from shapefit.errors import input_error, listed
 from shapefit.io.kinds.listing import Listing
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_path, check_output
@@ -21,6 +21,9 @@ from shapefit.pipelines.view.files import list_files
 from shapefit.pipelines.view.frames import Frames, choose_frames, thin
 from shapefit.viewer.page import viewer_page
 from shapefit.viewer.scene import Scene
+
+PAGES = ("", ".html", ".htm")
+"""Endings of the name of a page."""
 
 MEGABYTE = 1_000_000
 CODE_BYTES = 60_000
@@ -59,6 +62,9 @@ def check_page(config: ViewConfig) -> Path:
         raise input_error(
             "output", "a page is not written to a terminal", "give the name of a file"
         )
+    if output.suffix.lower() not in PAGES:
+        found = f"is a page of HTML, and its name ends in {output.suffix}"
+        raise input_error(output, found, f"end it in {listed(PAGES[1:])}")
     check_output(output)
     return output
 

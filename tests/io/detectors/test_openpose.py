@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 
@@ -161,7 +163,7 @@ def test_damaged_files_are_errors_that_name_them(written, tmp_path, text, messag
 
 def test_a_large_file_is_refused_unread(written, tmp_path, monkeypatch):
     monkeypatch.setattr("shapefit.io.detectors.json_text.LARGEST_BYTES", 100)
-    with pytest.raises(InputError, match=r"0.json: \d+ bytes of JSON, and it is read whole"):
+    with pytest.raises(InputError, match=r"0.json: \d+ bytes of text, and it is read whole"):
         read(written("cam/0.json", frame(person(17))))
 
 
@@ -186,3 +188,15 @@ def test_a_folder_named_like_a_file_does_not_count(written, tmp_path):
     written("cam/0.json", frame(person(17)))
     (tmp_path / "cam" / "1.json").mkdir()
     assert names(read(tmp_path / "cam")[0]) == ["cam/0/0"]
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to(path)])
+@pytest.mark.parametrize("ending", [".json", ".txt"])
+def test_only_regular_files_of_a_folder_are_opened(written, tmp_path, make, ending):
+    written("cam/0.json", frame(person(17)))
+    if ending == ".txt":
+        (tmp_path / "cam/0.json").unlink()
+        (tmp_path / "cam/0.txt").write_text("0 .5 .5 .5 .5" + " .5 .5 1" * 17)
+    make(tmp_path / "cam" / f"1{ending}")
+    with pytest.raises(InputError, match=r"cam/1\.(json|txt): (is not a regular|leads to no) file"):
+        read(tmp_path / "cam")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io import open_shapes
+from shapefit.io import open_shapes, write_shapes
 from shapefit.io.motion import c3d as reader
 from shapefit.io.motion.c3d import by_subject
 
@@ -112,3 +112,12 @@ def test_a_negative_residual_is_missing_whatever_the_point(c3d, monkeypatch):
     shapes, _ = read(path)
     assert np.isnan(shapes.shapes[1, :, 0]).all()
     np.testing.assert_allclose(shapes.shapes[0], points[0] / 1000, rtol=1e-6)
+
+
+def test_labels_that_are_not_utf8_are_latin1(c3d, tmp_path):
+    path, _ = c3d(labels=("ZZpaule", "Köper"))
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(b"ZZpaule", b"\xc9paule "))
+    shapes, _ = read(path)
+    assert shapes.landmark_names == ("Épaule", "Köper")
+    write_shapes(tmp_path / "same.h5", shapes)

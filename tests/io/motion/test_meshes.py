@@ -89,3 +89,11 @@ def test_a_damaged_mesh(tmp_path, content):
     (tmp_path / "landmarks.json").write_text('{"tip": 3}')
     with pytest.raises(InputError, match=path.name):
         read(path)
+
+
+def test_a_mesh_in_the_plane(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0\nf 1 1 1\n")
+    (tmp_path / "landmarks.json").write_text('{"tip": 0}')
+    with pytest.raises(InputError, match=r"a.obj: has vertices of 2 coordinates"):
+        read(path)

@@ -225,6 +225,27 @@ def test_two_tables_in_a_file(write, problem):
     assert "holds the tables df_with_missing and tracks" in problem(path)
 
 
+@pytest.mark.parametrize("name", ["frames", "instances"])
+def test_a_table_of_two_axes(write, problem, name):
+    path = write("labels.slp")
+    with h5py.File(path, "a") as file:
+        table = file[name][:]
+        del file[name]
+        file[name] = table[:, None]
+    assert f"/{name}: has the shape" in problem(path)
+
+
+def test_fewer_axes_than_are_named(write, problem):
+    path = write("poses.nc")
+    with h5py.File(path, "a") as file:
+        scales = file["position"].attrs["DIMENSION_LIST"]
+        values = file["position"][0]
+        del file["position"]
+        file["position"] = values
+        file["position"].attrs["DIMENSION_LIST"] = scales
+    assert "names 4 axes" in problem(path)
+
+
 def test_two_skeletons(write, read):
     """Instances of each skeleton have its landmarks, and lack those of the other."""
     path = write("labels.slp")

@@ -10,6 +10,8 @@ import pytest
 
 from shapefit.io.layout import RESULTS, SHAPES
 from shapefit.io.writing import record_writer
+from shapefit.io.written.c3d import write_c3d
+from shapefit.io.written.motion import Motion
 
 ezc3d = pytest.importorskip("ezc3d")
 
@@ -80,3 +82,21 @@ def test_a_disk_that_fills_up_unseen(tmp_path, scene, problems, monkeypatch):
     assert "cannot be written: No space left" in line
     assert target.read_bytes() == b"old"
     assert [path.name for path in tmp_path.iterdir()] == ["man.c3d"]
+
+
+@pytest.mark.parametrize(("count", "bytes_"), [(3, 256), (256, 3)])
+def test_more_labels_or_longer_ones_than_a_byte_counts(tmp_path, count, bytes_, problems):
+    names = tuple(f"{number:03}".rjust(bytes_, "x") for number in range(count))
+    motion = Motion(
+        name="",
+        landmark_names=names,
+        points=np.zeros((2, 3, count)),
+        first=0,
+        rate=30.0,
+        axes="",
+        size="",
+        warnings=(),
+    )
+    (line,) = problems(write_c3d, tmp_path / "man.c3d", [motion])
+    assert f"there are {count} landmarks, the longest name" in line
+    assert f"of {bytes_} bytes, and C3D counts to 255" in line

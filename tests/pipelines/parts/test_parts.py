@@ -138,6 +138,17 @@ def test_a_damaged_part_is_done_again(folder, monkeypatch):
     same_as_one_run()
 
 
+def test_links_in_the_folder_are_replaced(folder):
+    outside = Path("outside")
+    outside.write_text("mine")
+    Path("out").mkdir()
+    for name in ("part-00001.h5", ".lock"):
+        Path("out", name).symlink_to(outside.resolve())
+    fit("out/", "partition=100")
+    assert outside.read_text() == "mine"
+    assert names() == [f"part-{n:05}.h5" for n in range(5)]
+
+
 def test_a_changed_input_is_done_again(folder):
     fit("out/", "partition=100")
     with h5py.File("two.h5", "a") as file:
