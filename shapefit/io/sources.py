@@ -9,6 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from shapefit.errors import input_error
+from shapefit.io.memory import check_fits, in_words
 from shapefit.stores.states import find_state
 from shapefit.stores.urls import UrlPath
 
@@ -18,6 +19,12 @@ STREAM = "-"
 
 BLOCK_BYTES = 1 << 16
 """Of text that are read at a time; larger blocks leave the processor's cache and take longer."""
+
+LARGEST_BYTES = 1 << 30
+"""Of a file that is read whole."""
+
+MEMORY_FACTOR = 14
+"""Memory that parsed JSON takes, as a multiple of the file (numbers of some ten digits)."""
 
 
 def is_stream(path: Path) -> bool:
@@ -72,6 +79,18 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
         while block:
             yield block
             block = file.read(BLOCK_BYTES)
+
+
+def read_whole(path: Path) -> bytes:
+    """Return the bytes of a file of text. Raises InputError where it is too large for that."""
+    with open(path, "rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > LARGEST_BYTES:
+            found = f"{in_words(size)} of text, and it is read whole"
+            fix = f"divide it into files of less than {in_words(LARGEST_BYTES)}"
+            raise input_error(path, found, fix)
+        check_fits(str(path), MEMORY_FACTOR * size, "what it holds")
+        return file.read()
 
 
 def _missing_fix(path: Path) -> str:

@@ -16,15 +16,9 @@ import orjson
 
 from shapefit.errors import InputError, abbreviate, input_error
 from shapefit.io.foreign.recording import Recording
-from shapefit.io.memory import check_fits, in_words
+from shapefit.io.sources import read_whole
 
 Paths = tuple[Path, ...]
-
-LARGEST_BYTES = 1 << 30
-"""Of a file that is read whole."""
-
-MEMORY_FACTOR = 14
-"""Memory that parsed JSON takes, as a multiple of the file (numbers of some ten digits)."""
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
@@ -93,18 +87,6 @@ def first_outline(folder: Path, suffix: str = ".json", head_bytes: int = 4096) -
             with path.open("rb") as file:
                 found.append(outline(file.read(head_bytes)))
     return found
-
-
-def read_whole(path: Path) -> bytes:
-    """Return the bytes of a file of text. Raises InputError where it is too large for that."""
-    with open(path, "rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        if size > LARGEST_BYTES:
-            found = f"{in_words(size)} of text, and it is read whole"
-            fix = f"divide it into files of less than {in_words(LARGEST_BYTES)}"
-            raise input_error(path, found, fix)
-        check_fits(str(path), MEMORY_FACTOR * size, "what it holds")
-        return file.read()
 
 
 def read_json(path: Path) -> Any:

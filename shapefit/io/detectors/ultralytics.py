@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import Detections, as_recording
 from shapefit.io.detectors.frame_files import files_in, frame_files
-from shapefit.io.detectors.json_text import read_whole
 from shapefit.io.foreign.recording import Recording
+from shapefit.io.sources import read_whole
 
 Table = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy as np
 import orjson
 
 from shapefit.errors import InputError, input_error
-from shapefit.io.detectors.json_text import read_whole
+from shapefit.io.sources import read_whole
 
 Place = int | tuple[float, float, float]
 Places = Mapping[str, Place]
