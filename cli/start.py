@@ -1,14 +1,20 @@
-"""The entry of the command: until all is imported, a signal just ends the process."""
+"""The entry of the command: until all is imported, a signal just ends the process.
+
+Nothing is imported here that the signals would have to wait for.
+"""
 
 from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
-from types import FrameType
-from typing import NoReturn
 
-Handler = Callable[[int, FrameType | None], object] | signal.Handlers
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import FrameType
+    from typing import NoReturn
+
+    Handler = Callable[[int, FrameType | None], object] | signal.Handlers
 
 STOPPING = tuple(
     signal.Signals[name]

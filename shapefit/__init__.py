@@ -4,9 +4,12 @@
 `write_*` handle the files. See docs/python.md. Each is imported when it is first used.
 """
 
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
+TYPE_CHECKING = False  # `typing` would be imported before the command can handle a signal
 if TYPE_CHECKING:
+    from typing import Any
+
     from shapefit.errors import InputError
     from shapefit.face.evaluation import Evaluation, evaluate
     from shapefit.face.files import (
