@@ -110,7 +110,8 @@ def test_parts_without_a_cluster_or_a_store_import_nothing_for_them(of_a_fit, tm
 def test_signals_wait_for_no_import_of_ours():
     """Until they are handled, an interruption is a traceback of Python."""
     script = (
-        "import sys, importlib.util, importlib.machinery, contextlib, os, signal; before = set(sys.modules)\n"
+        "import sys, importlib.util, importlib.machinery, contextlib, os, signal\n"
+        "before = set(sys.modules)\n"
         "import shapefit.cli.start; print(*sorted(set(sys.modules) - before))"
     )
     done = subprocess.run(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import islice
@@ -25,6 +26,9 @@ AHEAD = 4
 
 PATIENCE = 10
 """Seconds to wait for the scheduler to answer."""
+
+STARTING = 60
+"""Seconds to wait for the workers of this machine."""
 
 CLOSING = 5
 """Seconds to wait for it at the end."""
@@ -52,13 +56,14 @@ def connected(config: FitConfig) -> Iterator[Any]:
         with (
             dask.config.set(OF_A_NANNY),
             distributed.LocalCluster(
-                n_workers=config.workers,
+                n_workers=0,
                 threads_per_worker=1,
                 dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL,
             ) as cluster,
             distributed.Client(cluster) as client,
         ):
+            start_workers(cluster, config.workers)
             yield client
         return
     address = address_of(config)
@@ -72,6 +77,32 @@ def connected(config: FitConfig) -> Iterator[Any]:
     finally:
         with suppress(Exception):  # of a scheduler that is gone there is nothing to let go
             client.close(timeout=CLOSING)
+
+
+def start_workers(cluster: Any, count: int) -> None:
+    """Start the processes of this machine; those that die while they start are done without.
+
+    Where none lives they are started again. Raises InputError where none lives in the end.
+    """
+
+    def states() -> list[str]:
+        return [worker.status.name for worker in list(cluster.workers.values())]
+
+    def scale(wanted: int) -> None:
+        cluster.scale(wanted)
+        ends = time.monotonic() + STARTING
+        while len(states()) != wanted or {"init", "created", "starting"} & set(states()):
+            if time.monotonic() > ends:
+                return
+            time.sleep(0.01)
+
+    for _ in range(1 + RETRIES):
+        scale(count)
+        if "running" in states():
+            return
+        scale(0)
+    found = f"none of {counted(count, 'process')} starts"
+    raise input_error("workers", found, "free some memory, or do the parts without --workers")
 
 
 def address_of(config: FitConfig) -> str:

@@ -195,6 +195,30 @@ def test_processes_of_this_machine(data, workers):
     assert done.stdout == ""
 
 
+@pytest.mark.parametrize(("workers", "deaths"), [(2, 1), (1, 1), (1, 3)])
+def test_a_worker_that_dies_while_it_starts(data, tmp_path, monkeypatch, workers, deaths):
+    """Its parts are done by others, or by one that is started again; at last it is an error."""
+    (tmp_path / "die.py").write_text(
+        "import os\n"
+        f"for number in range({deaths}):\n"
+        "    try:\n"
+        f"        os.close(os.open(f'{tmp_path}/{{number}}', os.O_CREAT | os.O_EXCL))\n"
+        "    except FileExistsError:\n"
+        "        continue\n"
+        "    os._exit(1)\n"
+    )
+    monkeypatch.setenv("DASK_DISTRIBUTED__WORKER__PRELOAD", f"['{tmp_path}/die.py']")
+    output = f"dying-{workers}-{deaths}/"
+    done = fit(data, output, "--workers", workers)
+    if deaths > 1:
+        assert (done.returncode, done.stdout) == (2, "")
+        assert "workers: none of 1 process starts; free some memory" in done.stderr
+    else:
+        assert done.returncode == 0, done.stderr
+        assert done.stderr.startswith("Dask: 1 worker;")
+        same_bits(data, output)
+
+
 @pytest.mark.parametrize("by", ["--scheduler", "--scheduler-file", "environment"])
 def test_a_running_cluster(data, cluster, by, monkeypatch):
     options = {
