@@ -8,7 +8,7 @@ import os
 import stat
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, InstanceOf, PlainSerializer, PlainValidator
@@ -184,7 +184,10 @@ def result_parts(folder: Path) -> tuple[Path, ...]:
     manifest = folder / MANIFEST
     try:
         parts = json.loads(read_bytes(manifest))["parts"]
-        return tuple(folder / name for name in sorted(part["file"] for part in parts))
+        names = sorted(str(part["file"]) for part in parts)
+        if strange := [name for name in names if PurePath(name).name != name]:
+            raise ValueError(f"{strange[0]} is not in the folder")
+        return tuple(folder / name for name in names)
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
         return ()
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -1,35 +1,55 @@
-"""`verify`: a result in, every claim that does not hold out."""
+"""`verify`: a result in, every statement of it that does not hold out."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from shapefit.config.paths import result_parts
+from shapefit.config.paths import MANIFEST
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import InputError, counted, input_error
+from shapefit.errors import counted, input_error
 from shapefit.io import (
     LandmarkSet,
-    LandmarkSource,
     ResultSet,
+    digest,
     match_landmarks,
     open_landmarks,
     read_dictionary,
 )
+from shapefit.io.foreign.opening import group_inputs
 from shapefit.io.kinds.proofs import ProofFile, open_proofs
+from shapefit.io.options import AS_THEY_ARE, InputOptions
+from shapefit.pipelines.fit.joints import as_joints, find_joints
 from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.parts.run import OF_THE_RUN
+from shapefit.stores.listing import files_in
+from shapefit.stores.reading import read_bytes
+from shapefit.stores.states import find_state
 from shapefit.stores.urls import UrlPath
 from shapefit.verification.check import Check
 from shapefit.verification.claims import verify_images
-from shapefit.verification.inputs import check_landmarks, false_inputs
-from shapefit.verification.tally import Tally
-from shapefit.verification.terms import LOOKING, STARTED, Terms, lacks_proof, read_terms
+from shapefit.verification.coverage import Coverage
+from shapefit.verification.folder import (
+    Entry,
+    Folder,
+    PartItems,
+    false_items,
+    false_list,
+    false_terms,
+    read_folder,
+)
+from shapefit.verification.inputs import carried_by, check_landmarks, false_heads, false_inputs
+from shapefit.verification.proofs.sizes import Size, check_metres, check_position
+from shapefit.verification.terms import DONE, Terms, lacks_proof, read_terms
 
 Chunk = tuple[ResultSet, LandmarkSet | None]
 """Results, with the landmarks of the same images where they are given."""
@@ -50,103 +70,219 @@ class Request:
     landmarks: tuple[Path, ...] = ()
 
 
+@dataclass(frozen=True)
+class Part:
+    """A file of results, the landmarks of its images, and what a manifest states of it."""
+
+    file: Path
+    landmarks: tuple[Path, ...]
+    entry: Entry | None = None
+    folder: Folder | None = None
+
+
+@dataclass(frozen=True)
+class Work:
+    """What all parts share, and what is found out about them together.
+
+    digest of a file is taken once.
+    """
+
+    request: Request
+    dictionary: Dictionary
+    coverage: Coverage
+    digest: Callable[[Path], str] = field(default_factory=lambda: cache(digest))
+
+
 def run(request: Request) -> Generator[Outcome, None, None]:
     """Verify every image of a result; yields an Outcome per chunk, and the table as the last note.
 
-    Raises InputError where the result is no HDF5 result of `fit`, has no proof though its method
-    has one, or does not go with the dictionary or the landmarks.
+    Raises InputError where the result is no HDF5 or Parquet result of `fit`, has no proof though
+    its method has one, or does not go with the dictionary or the landmarks.
     """
-    dictionary = read_dictionary(request.dictionary)
-    tally = Tally()
-    said: tuple[str, ...] = ()
-    for file in find_results(request):
-        said = yield from _verify_file(replace(request, result=file), dictionary, tally)
-    yield Outcome(note="\n".join([*tally.lines(), "", *said]))
+    parts, wrong = find_parts(request)
+    in_folder = any(part.folder for part in parts)
+    coverage = Coverage(in_folder=in_folder, landmarks=bool(request.landmarks))
+    work = Work(request, read_dictionary(request.dictionary), coverage)
+    yield Outcome(failures=wrong)
+    for part in parts:
+        yield from verify_file(part, work)
+    failures: tuple[Failure, ...] = ()
+    if coverage.empty and not request.landmarks:
+        reason = "not checked: give the landmarks of the fit with `--landmarks`"
+        failures = (Failure(f"{counted(coverage.empty, 'image')} without a shape", reason),)
+    yield Outcome(failures=failures, note="\n".join(coverage.lines()))
 
 
-def find_results(request: Request) -> tuple[Path, ...]:
-    """Return the files of a result: those in the folder, where it was fitted part by part."""
-    in_store = isinstance(request.result, UrlPath)
-    if request.result.is_file() or not (in_store or request.result.is_dir()):
-        return (request.result,)
+def find_parts(request: Request) -> tuple[list[Part], tuple[Failure, ...]]:
+    """Return the files of a result, and what is wrong with the list of them in its manifest."""
+    result = request.result
+    if result.is_file() or not (isinstance(result, UrlPath) or result.is_dir()):
+        return [Part(result, request.landmarks)], ()
+    manifest = result / MANIFEST
     try:
-        parts = result_parts(request.result)
-    except ValueError as error:
-        raise InputError(str(error)) from None
-    if not parts:
-        raise input_error(request.result, "is a folder without results", "name a result in it")
+        folder = read_folder(manifest, read_bytes(manifest))
+    except FileNotFoundError:
+        found = "is a folder without results"
+        raise input_error(result, found, "name a result in it") from None
+    there = files_in(result)
+    wrong = false_list(folder.entries, there)
+    own: dict[tuple[str, ...], tuple[Path, ...]] = {}
     if request.landmarks:
-        found = "are compared with one result file, and this is a folder"
-        raise input_error("landmarks", found, f"verify the parts, such as {parts[0]}")
-    return parts
-
-
-def _verify_file(
-    request: Request, dictionary: Dictionary, tally: Tally
-) -> Generator[Outcome, None, tuple[str, ...]]:
-    """Verify the images of one file; return what its claims cover, in sentences."""
-    with open_proofs(request.result) as results:
-        terms = read_terms(results.attributes, request.result)
-        atoms = arrange_atoms(results, dictionary, request)
-        false = false_inputs(results.attributes, terms, request.dictionary, request.landmarks)
-        yield Outcome(failures=tuple(Failure(*one) for one in false))
-
-        def verify(result: ResultSet, images: LandmarkSet | None) -> list[Check]:
-            checks = verify_images(result, atoms, dictionary.atom_items, terms, request.result)
-            return checks + (check_landmarks(result, images) if images is not None else [])
-
-        for result, checks in side_by_side(verify, read_chunks(results, atoms, terms, request)):
-            tally.add(checks)
-            yield Outcome(
-                done=len(result), total=results.count, failures=find_failures(result, checks)
+        inputs = list(dict.fromkeys(entry.inputs for entry in folder.entries))
+        given = [paths for _, paths in group_inputs(request.landmarks, AS_THEY_ARE)]
+        if len(inputs) != len(given):
+            found = (
+                f"the parts were made from {counted(len(inputs), 'recording')}, not {len(given)}"
             )
-    return tuple(explain(terms))
+            wrong.append(("landmarks", found))
+        own = dict(zip(inputs, given, strict=False))
+        wrong += false_ends(folder, own)
+    parts = [
+        Part(result / entry.file, own.get(entry.inputs, ()), entry, folder)
+        for entry in folder.entries
+        if entry.file in there
+    ]
+    return parts, tuple(Failure(*each) for each in wrong)
+
+
+def false_ends(
+    folder: Folder, own: dict[tuple[str, ...], tuple[Path, ...]]
+) -> list[tuple[str, str]]:
+    """Return the parts whose landmarks had other sizes, and those after which some are missing."""
+    wrong = []
+    last = {entry.inputs: entry for entry in folder.entries}
+    for entry in (entry for entry in folder.entries if entry.inputs in own):
+        paths = own[entry.inputs]
+        states = [state for state in map(find_state, paths) if state is not None]
+        if entry.sizes != tuple(size for size, _ in states):
+            wrong.append((entry.file, f"was made from a file of another size than {paths[0]}"))
+        if entry is last[entry.inputs] and entry.rows is not None:
+            with open_landmarks(paths) as source:
+                if source.count != entry.rows[1]:
+                    found = (
+                        f"ends the parts at image {entry.rows[1]} of {source.count} in {paths[0]}"
+                    )
+                    wrong.append((entry.file, found))
+    return wrong
+
+
+def verify_file(part: Part, work: Work) -> Generator[Outcome, None, None]:
+    """Verify the images of one file, and what it states of them all."""
+    file, coverage, items = part.file, work.coverage, PartItems()
+    with open_proofs(file) as results:
+        terms = read_terms(results.attributes, file)
+        atoms, size = arrange_atoms(results, file, work), Size.of(work.dictionary)
+        wrong = false_files(part, results, terms, work)
+        with open_given(part, results, terms) as given:
+            head, carried = results.head, set()
+            if given is not None:
+                wrong += false_heads(head, given.head, terms)
+                carried = set(carried_by(given.head))
+            wrong += coverage.begin(results.names, head, terms, carried)
+            yield Outcome(failures=tuple(Failure(*each) for each in wrong))
+
+            def verify(result: ResultSet, images: LandmarkSet | None) -> list[Check]:
+                checks = verify_images(result, atoms, work.dictionary.atom_items, terms, file)
+                checks += [*check_metres(result, size), *check_position(result, size)]
+                return checks + (check_landmarks(result, images) if images is not None else [])
+
+            chunks = read_chunks(results, atoms, given)
+            for result, checks in side_by_side(verify, require_proof(chunks, terms, file)):
+                coverage.add(result, checks)
+                items.add(result.items, count_failed(result, terms))
+                failures = find_failures(result, checks)
+                yield Outcome(done=len(result), total=results.count, failures=failures)
+    if part.entry is not None:
+        yield Outcome(failures=tuple(Failure(*each) for each in false_items(part.entry, items)))
+
+
+def false_files(part: Part, results: ProofFile, terms: Terms, work: Work) -> list[tuple[str, str]]:
+    """Return which files, by their digests and the manifest, are not those of the fit."""
+    names = (terms.dictionary, *terms.landmarks)
+    paths = (work.request.dictionary, *part.landmarks)
+    given = [(path, name, work.digest(path)) for path, name in zip(paths, names, strict=False)]
+    wrong = false_inputs(results.attributes, terms, given)
+    if results.landmark_names != work.dictionary.landmark_names:
+        wrong.append(("landmark_names", "are not those of the dictionary, in its order"))
+    by = Size.of(work.dictionary).by
+    if results.attributes.get("metres_from", by) != by:
+        wrong.append(("metres_from", f"is not '{by}', by which the dictionary knows sizes"))
+    if part.landmarks and len(paths) != len(names):
+        found = f"the fit had {counted(len(names) - 1, 'file')} of landmarks"
+        wrong.append((str(part.landmarks[0]), found))
+    if part.entry is not None and part.folder is not None:
+        config = json.loads(str(results.attributes["config"]))
+        wrong += false_terms(part.entry, part.folder, terms, config, OF_THE_RUN)
+    return wrong
+
+
+@dataclass(frozen=True)
+class Given:
+    """Landmarks to compare with: all but the images, and what gives so many of these at a time."""
+
+    head: LandmarkSet
+    chunks: Callable[[int], Iterator[LandmarkSet]]
+
+
+@contextmanager
+def open_given(part: Part, results: ProofFile, terms: Terms) -> Iterator[Given | None]:
+    """Open the landmarks of a part as its fit did; None where none are given.
+
+    Raises InputError where there are not as many images as results.
+    """
+    if not part.landmarks:
+        yield None
+        return
+    place = ", ".join(map(str, part.landmarks)) + ": landmark names"
+    rows = part.entry.rows if part.entry is not None else None
+    options = InputOptions(**terms.input)
+    with open_landmarks(part.landmarks, options, None if rows is None else slice(*rows)) as source:
+        if source.count != results.count and part.entry is not None:
+            yield None  # the manifest says so
+            return
+        if source.count != results.count:
+            found = f"{counted(source.count, 'image')} for {counted(results.count, 'result')}"
+            raise input_error(part.landmarks[0], found, f"give the landmarks of {part.file}")
+        joints = find_joints(source.landmark_names, results.landmark_names)
+
+        def arranged(images: LandmarkSet) -> LandmarkSet:
+            named = as_joints(images, joints, place)
+            return named.arrange(results.landmark_names, place, leave_out=True)
+
+        yield Given(arranged(source.head), lambda size: map(arranged, source.chunks(size)))
 
 
 def arrange_atoms(
-    results: ProofFile, dictionary: Dictionary, request: Request
+    results: ProofFile, file: Path, work: Work
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     """Return the atoms (k, 3, p) with the landmarks of the result, in their order."""
-    place = f"{request.dictionary}: landmark names"
+    dictionary, path = work.dictionary, work.request.dictionary
+    place = f"{path}: landmark names"
     columns = match_landmarks(dictionary.landmark_names, results.landmark_names, place)
     k = results.size("k")
     if k is not None and k != dictionary.k:
-        found = f"has {counted(dictionary.k, 'atom')}, and {request.result} coefficients of {k}"
-        raise input_error(request.dictionary, found, "give the dictionary of the fit")
+        found = f"has {counted(dictionary.k, 'atom')}, and {file} coefficients of {k}"
+        raise input_error(path, found, "give the dictionary of the fit")
     return np.ascontiguousarray(dictionary.atoms[:, :, columns])
 
 
-def read_chunks(
-    results: ProofFile, atoms: np.ndarray, terms: Terms, request: Request
-) -> Iterator[Chunk]:
+def read_chunks(results: ProofFile, atoms: np.ndarray, given: Given | None) -> Iterator[Chunk]:
     """Give out the results, with the landmarks of the same images where they are given."""
     k, _, p = atoms.shape
     size = min(max(CHUNK_BYTES // (72 * k + 96 * p), FEWEST), MOST)
-    if not request.landmarks:
-        for result in results.chunks(size):
-            yield require_proof(result, terms, request.result), None
-        return
-    with open_landmarks(request.landmarks) as source:
-        check_count(source, results, request)
-        names = ", ".join(map(str, request.landmarks)) + ": landmark names"
-        for result, images in zip(results.chunks(size), source.chunks(size), strict=False):
-            arranged = images.arrange(result.landmark_names, names)
-            yield require_proof(result, terms, request.result), arranged
+    chunks = results.chunks(size, sequences=given is not None)
+    if given is None:
+        return ((result, None) for result in chunks)
+    return zip(chunks, given.chunks(size), strict=False)
 
 
-def check_count(source: LandmarkSource, results: ProofFile, request: Request) -> None:
-    """Raise InputError where there are not as many images as results."""
-    if source.count != results.count:
-        found = f"{counted(source.count, 'image')} for {counted(results.count, 'result')}"
-        raise input_error(request.landmarks[0], found, "give the landmarks of the fit")
-
-
-def require_proof(result: ResultSet, terms: Terms, file: Path) -> ResultSet:
-    """Return the result. Raises InputError where it lacks the proof that its method has."""
-    if terms.has_program and lacks_proof(result):
-        found = "holds no dual and transforms that prove its gaps (`proof: false`, or an older fit)"
-        raise input_error(file, found, "fit again with `proof: true`")
-    return result
+def require_proof(chunks: Iterator[Chunk], terms: Terms, file: Path) -> Iterator[Chunk]:
+    """Pass chunks on. Raises InputError where one lacks the proof that its method has."""
+    for chunk in chunks:
+        if terms.has_program and lacks_proof(chunk[0]):
+            found = "holds no dual and transforms that prove its gaps (`proof: false`)"
+            raise input_error(file, found, "fit again with `proof: true`")
+        yield chunk
 
 
 def side_by_side(
@@ -176,42 +312,9 @@ def find_failures(result: ResultSet, checks: list[Check]) -> tuple[Failure, ...]
     return tuple(failures)
 
 
-def explain(terms: Terms) -> list[str]:
-    """State in sentences what the claims about such a fit cover, and what they do not."""
-    said = []
-    if terms.is_program:
-        said.append("The optimum of the convex program is proved to the gap stated.")
-    elif terms.has_program and terms.perspective and terms.method not in LOOKING:
-        said.append(
-            "The optimum of the convex program from which the refinement under perspective starts "
-            "is proved; no bound is known for the result of the refinement."
-        )
-    elif terms.has_program and terms.method in STARTED:
-        said.append(
-            "Proved is the optimum of the convex program that gives the view to start from; the "
-            "posterior itself has no proof."
-        )
-    elif terms.has_program and terms.loss == "squared":
-        said.append(
-            f"The objective of {terms.method} is bounded by the dual of the convex program: no "
-            "shape with one rotation is better by more than the gap stated."
-        )
-    elif terms.has_program:
-        said.append(
-            "The optimum of the robust program that finds the outliers is proved; no bound is "
-            "known for the refinement."
-        )
-    elif terms.is_global:
-        said.append(
-            "Where a tree is stored (`search.proof_every`) no rotation has an objective below "
-            "`objective * (1 - relative_gap)`; of other images the gap is stated, not proved."
-        )
-    else:
-        said.append(f"The method {terms.method} has no proof of an optimum.")
-    if not (terms.is_program or terms.has_one_rotation):
-        said.append("How its shapes are computed is not covered.")
-    if terms.depths:
-        said.append("Depths refined along sequences are not covered.")
-    if terms.path:
-        said.append("The path of lambdas is not covered.")
-    return said
+def count_failed(result: ResultSet, terms: Terms) -> int:
+    """Count the images that `fit` reports as failed: without a shape or, if strict, not optimal."""
+    empty = np.isnan(result.shapes).all(axis=(1, 2))
+    if terms.strict and result.status is not None:
+        empty |= ~np.isin(np.asarray(result.status).astype(str), DONE)
+    return int(empty.sum())

@@ -33,6 +33,10 @@ class Check:
 
     def reason(self, image: int) -> str:
         """Say how one image misses the claim."""
+        if np.isnan(self.off[image]):
+            return f"{self.claim}: not a number is stated"
+        if not np.isfinite(self.off[image]):
+            return f"{self.claim}: it is not so"
         return (
             f"{self.claim}: off by {self.off[image]:.2g}, rounding allows {self.allowed[image]:.1g}"
         )

@@ -20,6 +20,7 @@ from shapefit.verification.proofs.transforms import Atoms, Transforms
 from shapefit.verification.statements import (
     OPTIMAL,
     check_absence,
+    check_degenerate,
     check_lambda,
     check_left_out,
     check_words,
@@ -49,13 +50,14 @@ def verify_images(
         images = read_images(result, rows, terms, file)
         kept = find_kept(result, rows, atom_items, terms, file)
         subject = Subject(result, rows, images, Atoms.of(atoms), kept, terms, file)
-        checks = [check_lambda(images, terms)]
+        checks = [check_lambda(images, subject.atoms, terms)]
         if terms.left_out:
             checks.append(check_left_out(result, rows, atom_items or (), terms, file))
         checks += check_subject(subject)
         return [
             check_words(result, fitted, terms, file),
             check_absence(result, fitted),
+            check_degenerate(result, fitted, file),
             *(one.of_images(rows, len(result)) for one in checks),
         ]
 
@@ -112,8 +114,6 @@ def check_atoms(subject: Subject, M: Transforms) -> list[Check]:
 
 def check_points_alone(subject: Subject) -> list[Check]:
     """Check what holds of a method of which the result does not hold the whole answer."""
-    if subject.terms.depths:
-        return []
     if subject.terms.perspective:
         shapes, scale = subject.stated("shapes"), subject.stated("scale")
         middle = np.zeros((len(scale), 3))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,19 +10,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.io import LandmarkSet, ResultSet, digest
-from shapefit.verification.check import Check, check
+from shapefit.io import LandmarkSet, ResultSet
+from shapefit.io.extras import Extras
+from shapefit.verification.check import Check, check, flagged
+from shapefit.verification.fates import DATASETS
+from shapefit.verification.folder import config_digest
 from shapefit.verification.lens import BOUND, REMOVED, bent_again, shown
 from shapefit.verification.terms import Terms
 
 Floats = NDArray[np.float64]
+
+DISTORTION = "distortion"
+CALIBRATED = ("camera_matrix", "image_size", "extrinsic_rotation", "extrinsic_translation")
+"""Datasets that a calibration may have stated in place of the landmarks."""
+
+Given = tuple[Path, str, str]
+"""A file that is given, the name of the input of the fit that it stands for, its digest."""
 
 UNKNOWN = "stream"
 """Stands for the digest of what could not be read twice."""
 
 
 def check_landmarks(result: ResultSet, images: LandmarkSet) -> list[Check]:
-    """Check that landmarks and confidence of n results are those of the images of a file.
+    """Check that n results have the landmarks of a file, and all that came with these.
 
     Where the fit removed the distortion of a lens, the lens must put its landmarks onto those.
     """
@@ -39,43 +49,99 @@ def check_landmarks(result: ResultSet, images: LandmarkSet) -> list[Check]:
     expected = np.where(seen[..., None], given, np.nan)
     with np.errstate(invalid="ignore", over="ignore"):
         off = np.where(np.isnan(stated) & np.isnan(expected), 0.0, np.abs(stated - expected))
-    same = np.array(result.items, dtype=object) == np.array(images.items, dtype=object)
     checks = [
-        check("items are those of the file", np.where(same, 0.0, np.inf), 0.0),
+        _same("items", np.array(result.items), np.array(images.items)),
         check("landmarks are those of the file", off, bound),
     ]
-    if images.confidence is not None:
-        confidence = np.asarray(result.extras.get("confidence", np.nan))
-        off = np.abs(np.broadcast_to(confidence, images.confidence.shape) - images.confidence)
-        checks.append(check("confidence is that of the file", off, 0.0))
+    n = len(result)
+    if result.sequences is not None or images.sequences is not None:
+        stated, expected = (
+            np.array(names or ("",) * n) for names in (result.sequences, images.sequences)
+        )
+        checks.append(_same("sequences", stated, expected))
+    if images.confidence is not None or "confidence" in result.extras:
+        of_file = np.ones(given.shape[:2]) if images.confidence is None else images.confidence
+        checks.append(_same("confidence", result.extras.get("confidence", np.nan), of_file))
+    carried = Extras.of(result.extras, n)
+    for name, values in carried_by(images).per_item.items():
+        checks.append(_same(name, carried.per_item.get(name), values))
     return checks
 
 
+def _same(name: str, stated: Any, expected: NDArray[Any]) -> Check:
+    """Check that each image has the same (n, ...) in both, nan where it is nan."""
+    claim, n = f"{name}: as in the file of landmarks", len(expected)
+    if np.shape(stated) not in (expected.shape, ()) or stated is None:
+        return flagged(claim, np.zeros(n, dtype=bool))
+    stated = np.broadcast_to(stated, expected.shape)
+    if expected.dtype.kind not in "biufc" or stated.dtype.kind not in "biufc":
+        same = stated.astype(str) == expected.astype(str)
+    else:
+        same = (stated == expected) | (np.isnan(stated) & np.isnan(expected))
+    return flagged(claim, same.reshape(n, math.prod(same.shape[1:])).all(axis=1))
+
+
+def carried_by(images: LandmarkSet) -> Extras:
+    """Return the datasets that a fit carries from landmarks into its result, as it names them.
+
+    The lens keeps its name no longer, since its distortion was removed.
+    """
+    carried = Extras.of(images.extras, len(images)).apart_from(DATASETS)
+    lens = {DISTORTION, REMOVED}
+    return Extras(
+        {name: values for name, values in carried.per_item.items() if name not in lens},
+        {name: values for name, values in carried.whole.items() if name not in lens},
+    )
+
+
+def false_heads(result: ResultSet, images: LandmarkSet, terms: Terms) -> list[tuple[str, str]]:
+    """Return what a result states of all its images otherwise than the landmarks and the config."""
+    rate = terms.frame_rate or images.frame_rate
+    pairs = {
+        "unit": (result.unit, images.unit),
+        "y_axis": (result.y_axis, images.y_axis),
+        "frame_rate": (result.frame_rate, rate),
+    }
+    wrong = [
+        (name, f"is {stated}, and that of the landmarks {given}")
+        for name, (stated, given) in pairs.items()
+        if stated != given
+    ]
+    stated = Extras.of(result.extras, len(result)).whole
+    for name, values in carried_by(images).whole.items():
+        if terms.calibrated and name in CALIBRATED:
+            continue
+        if not np.array_equal(np.asarray(stated.get(name)), np.asarray(values)):
+            wrong.append((name, "is not that of the landmarks"))
+    return wrong
+
+
 def false_inputs(
-    attributes: Mapping[str, Any], terms: Terms, dictionary: Path, landmarks: Sequence[Path]
+    attributes: Mapping[str, Any], terms: Terms, given: Sequence[Given]
 ) -> list[tuple[str, str]]:
     """Return each input, or the config, that is not the one the result was made from, and why.
 
     The result names its inputs with their SHA-256; without one there is nothing to compare.
     """
-    wrong: list[tuple[str, str]] = []
+    wrong = [
+        (name, "is absent, and every fit writes it: there is nothing to compare with")
+        for name in ("config_digest", "inputs")
+        if name not in attributes
+    ]
     stated = attributes.get("config_digest")
     if stated is not None and stated != config_digest(str(attributes["config"])):
         wrong.append(("config", "is not the file with the stored digest"))
-    pairs = [(dictionary, terms.dictionary)]
-    if landmarks:
-        if len(landmarks) != len(terms.landmarks):
-            found = f"the fit had {len(terms.landmarks)} files of landmarks"
-            wrong.append((str(landmarks[0]), found))
-        pairs += zip(landmarks, terms.landmarks, strict=False)
-    for path, name in pairs:
-        known, found = terms.inputs.get(name, UNKNOWN), digest(path)
+    if attributes.get("method") != terms.method:
+        wrong.append(("method", f"is not that of the config, {terms.method}"))
+    for path, name, found in given:
+        known = terms.inputs.get(name, UNKNOWN)
         if UNKNOWN not in (known, found) and known != found:
             reason = f"is not the file of the fit, {name}: the digests differ"
             wrong.append((str(path), f"{reason} ({found[:12]}... and {known[:12]}...)"))
     return wrong
 
 
-def config_digest(config: str) -> str:
-    """Return the SHA-256 of the text of a config."""
-    return hashlib.sha256(config.encode()).hexdigest()
+def unknown_inputs(terms: Terms) -> list[str]:
+    """Return the inputs whose digests the result does not state: they may be any files."""
+    named = (terms.dictionary, *terms.landmarks)
+    return [name for name in named if terms.inputs.get(name, UNKNOWN) == UNKNOWN]

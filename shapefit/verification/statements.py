@@ -9,25 +9,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
+from shapefit.geometry.normalisation import LARGEST, SMALLEST
 from shapefit.io import ResultSet
 from shapefit.verification.check import Check, check, flagged
 from shapefit.verification.images import Images, needed
+from shapefit.verification.proofs.block_norms import nuclear_norms
+from shapefit.verification.proofs.transforms import Atoms
 from shapefit.verification.subject import words_of
-from shapefit.verification.terms import CONVEX, Terms
+from shapefit.verification.terms import Terms
 
 Flags = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 
 WITHOUT_SHAPE = ("degenerate input", "numerical failure")
 OPTIMAL = "optimal"
+LIMITED = "iteration limit"
 HIDDEN = "left_out"
 
+DRAWS, SEED = 512, 1504_01507
+LEAST, MOST = 1e-3, 1e30
+"""Of `lambda: auto`: draws of noise, their seed, and the bounds (docs/lambda.md)."""
 
-def check_lambda(images: Images, terms: Terms) -> Check:
-    """Check that lambda is the one of the config; where that is `auto`, that it is one."""
+FEWEST, FLAT = 3, 1e-9
+"""Visible landmarks that a shape needs, and singular values whose ratio makes them a line."""
+
+
+def check_lambda(images: Images, atoms: Atoms, terms: Terms) -> Check:
+    """Check that lambda is the one of the config; where that is `auto`, that it follows from it.
+
+    Then it is noise / size E max_i ||G B_i^T||_* sqrt(visible share), the expectation over seeded
+    draws of centred noise G, in bounds. Where atoms are left out it has to be a number only.
+    """
     lam = 1.0 if terms.loss == "exact" else terms.lam
-    off = np.where(images.lam > 0, 0.0, np.inf) if lam is None else np.abs(images.lam - lam)
-    return check("lambda is that of the config", off, 0.0)
+    if lam is not None:
+        return check("lambda is that of the config", np.abs(images.lam - lam), 0.0)
+    if terms.left_out:
+        return flagged("lambda is above 0", images.lam > 0)
+    p = images.points.shape[2]
+    G = np.random.default_rng(SEED).standard_normal((DRAWS, 2, p))
+    G -= G.mean(axis=-1, keepdims=True)
+    N = (G.reshape(2 * DRAWS, p) @ atoms.columns).reshape(DRAWS, 2, 3, atoms.count)
+    unit = float(nuclear_norms(N[:, 0], N[:, 1]).max(axis=1).mean())
+    share = np.sqrt((images.weights > 0).mean(axis=1))
+    found = np.clip(terms.noise / images.size * unit * share, LEAST, MOST)
+    doubt = 3 * images.factor * (1 + images.extent / images.size)
+    return check("lambda follows from the noise", np.abs(images.lam - found), doubt * found)
 
 
 def find_kept(
@@ -61,11 +87,37 @@ def check_left_out(
 def check_words(result: ResultSet, fitted: Flags, terms: Terms, file: Path) -> Check:
     """Check that the status is one that the method can end with."""
     words = words_of(result, file)
-    good = {"iteration limit", OPTIMAL if terms.is_program or terms.is_global else "converged"}
-    if terms.by_change and terms.method == CONVEX:
-        good.add("converged")
+    good = {LIMITED, OPTIMAL if terms.is_program or terms.is_global else "converged"}
     right = np.where(fitted, np.isin(words, list(good)), np.isin(words, WITHOUT_SHAPE))
     return flagged("status is one of the method", right)
+
+
+def check_degenerate(result: ResultSet, fitted: Flags, file: Path) -> Check:
+    """Check that images without a shape have landmarks that no method could lift.
+
+    Those are fewer than 3 visible ones, or ones on a line, or of sizes whose squares float64 does
+    not hold. What a method, a camera or a search for outliers made of others cannot be computed
+    again: then the image is not proved to have no shape.
+    """
+    without = ~fitted
+    p = len(result.landmark_names)
+    raw = needed(result, "landmarks", file, p, 2)[without].swapaxes(1, 2)
+    visible = np.isfinite(raw).all(axis=1)
+    if "confidence" in result.extras:
+        visible &= needed(result, "confidence", file, p)[without] > 0
+    count = visible.sum(axis=1)
+    points = np.where(visible[:, None], raw, 0.0)
+    size = np.abs(points).max(axis=(1, 2), initial=0.0)
+    points = points / np.where(size > 0, size, 1.0)[:, None, None]
+    centred = points - (points.sum(axis=2) / np.maximum(count, 1)[:, None])[..., None]
+    centred = np.where(visible[:, None], centred, 0.0)
+    extent = np.minimum(size, LARGEST) * np.abs(centred).max(axis=(1, 2), initial=0.0)
+    s = np.linalg.svd(centred, compute_uv=False)
+    off = np.zeros(len(result))
+    flat = (s[:, 1] <= FLAT * s[:, 0]) | (s[:, 0] == 0)
+    degenerate = (count < FEWEST) | flat | (size > LARGEST) | (extent < SMALLEST)
+    off[without] = np.where(degenerate, 0.0, np.inf)
+    return check("an image without a shape has degenerate landmarks", off, 0.0, without)
 
 
 def check_absence(result: ResultSet, fitted: Flags) -> Check:

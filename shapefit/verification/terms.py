@@ -11,13 +11,26 @@ from typing import Any
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
 
+NEW_SECTIONS: dict[str, Any] = {
+    "search": {"signed": False, "modes": 0, "proof_every": 0},
+    "posterior": {"covariance": False},
+    "sequences": {"frame_rate": None},
+    "rotations": "shared",
+    "input": dict.fromkeys(("keypoints", "individual", "track"))
+    | {"format": "auto", "likelihood_below": 0, "rename": {}},
+}
+"""What configs of version 0.1.0 lack, which have the losses `l1` and `sparse-error`, and `beta`."""
+
+DONE = ("optimal", "converged")
+KEYS_OF_INPUT = ("format", "keypoints", "individual", "track", "likelihood_below", "rename")
+
 CONVEX = "convex"
-REFINED = ("convex+refine", "alternate+")
+REFINED = "convex+refine"
 STARTED = ("posterior", "sequences")
 LOOKING = ("posterior", "sequences")
 """Methods that look through a camera themselves, without coefficients."""
 
-LOCAL = ("alternate",)
+LOCAL = "alternate"
 GLOBAL = "global"
 QUADRATIC = ("squared", "sparse-error")
 ROBUST = ("l1", "sparse-error")
@@ -32,8 +45,10 @@ class Terms:
     method, loss, beta and tolerance as in the config; lam None where it is `auto`; orthogonal: the
     transforms were replaced by nearest rotations; left_out: the dataset that names the atoms left
     out, '' for none; searched: outliers were looked for before the fit; perspective: refined under
-    a camera; depths: refined along sequences; by_change: solved to a stop of the changes; path:
-    solved along lambdas; signed: the global optimum is one over coefficients of either sign;
+    a camera; signed: the global optimum is one over coefficients of either sign; noise: of the
+    landmarks, from which lambda comes; transforms, modes, trees, covariance: whether these were to
+    be stored; frame_rate where the config has one; calibrated: the camera comes from a file of its
+    own; strict: what is not optimal counts as failed; input: how the landmarks were read;
     dictionary and landmarks: the files of the fit; inputs: their digests.
     """
 
@@ -46,10 +61,16 @@ class Terms:
     left_out: str
     searched: bool
     perspective: bool
-    depths: bool
-    by_change: bool
-    path: bool
     signed: bool
+    noise: float
+    transforms: bool
+    modes: bool
+    trees: bool
+    covariance: bool
+    frame_rate: float | None
+    calibrated: bool
+    strict: bool
+    input: Mapping[str, Any]
     dictionary: str
     landmarks: tuple[str, ...]
     inputs: Mapping[str, str]
@@ -57,7 +78,7 @@ class Terms:
     @property
     def has_program(self) -> bool:
         """Whether the method solves the convex program, and so has a proof."""
-        return self.method == CONVEX or self.method in (*REFINED, *STARTED)
+        return self.method == CONVEX or self.method in (REFINED, *STARTED)
 
     @property
     def is_program(self) -> bool:
@@ -73,7 +94,18 @@ class Terms:
     def has_one_rotation(self) -> bool:
         """Whether the shapes are R sum_i c_i B_i with the rotation and coefficients stored."""
         refined = self.perspective and self.method not in LOOKING
-        return refined or self.method in (*REFINED, *LOCAL, GLOBAL)
+        return refined or self.method in (REFINED, LOCAL, GLOBAL)
+
+    @property
+    def weighs_atoms(self) -> bool:
+        """Whether the shapes are made of coefficients."""
+        return self.has_one_rotation or self.method in (CONVEX, "pmp")
+
+    @property
+    def has_gap(self) -> bool:
+        """Whether the objective of every image has a gap to a bound."""
+        refined = self.method == REFINED and self.loss == "squared" and not self.perspective
+        return self.is_program or self.is_global or refined
 
     @property
     def bound(self) -> float:
@@ -93,22 +125,29 @@ def read_terms(attributes: Mapping[str, Any], file: Path) -> Terms:
     """
     fix = "give a result that `shapefit fit` wrote"
     try:
-        config = json.loads(str(attributes["config"]))
-        lam = config["lambda"]
+        config = NEW_SECTIONS | json.loads(str(attributes["config"]))
+        lam, search, posterior = config["lambda"], config["search"], config["posterior"]
+        robust, threshold = config["outliers"]["method"], config["outliers"]["threshold"]
         return Terms(
             method=str(config["method"]),
-            loss=_data_term(config),
-            beta=_bound_of_errors(config),
+            loss=robust if robust in ROBUST else str(config["loss"]),
+            beta=float(config.get("beta", DEFAULT_THRESHOLD if threshold is None else threshold)),
             lam=None if lam == "auto" else float(lam),
             tolerance=float(config["solver"]["tolerance"]),
-            orthogonal=config.get("rotations") == "orthogonal" or bool(config.get("orthogonal")),
+            orthogonal=config["rotations"] == "orthogonal",
             left_out=config["leave_out"] or "",
-            searched=config["outliers"]["method"] not in ("none", *ROBUST),
+            searched=robust not in ("none", *ROBUST),
             perspective=config["camera"]["model"] == "perspective",
-            depths=bool(config.get("temporal", {}).get("depths")),
-            by_change=config["solver"].get("stop") == "change",
-            path=bool(config.get("path")),
-            signed=bool(config.get("search", {}).get("signed", False)),
+            signed=bool(search["signed"]),
+            noise=float(config["noise"] or 0.0),
+            transforms=bool(config["transforms"]),
+            modes=bool(search["modes"]),
+            trees=bool(search["proof_every"]),
+            covariance=bool(posterior["covariance"]),
+            frame_rate=config["sequences"]["frame_rate"],
+            calibrated=config["camera"]["calibration"] is not None,
+            strict=bool(config["strict"]),
+            input=read_as(config),
             dictionary=str(config["dictionary"]),
             landmarks=tuple(map(str, config["landmarks"])),
             inputs=dict(json.loads(str(attributes.get("inputs", "{}")))),
@@ -119,18 +158,11 @@ def read_terms(attributes: Mapping[str, Any], file: Path) -> Terms:
         raise input_error(file, found, fix) from None
 
 
-def _data_term(config: Mapping[str, Any]) -> str:
-    """Return the loss of the program; in results of version 0.1.0 it is the key `loss` always."""
-    method = str(config["outliers"]["method"])
-    return method if method in ROBUST else str(config["loss"])
-
-
-def _bound_of_errors(config: Mapping[str, Any]) -> float:
-    """Return the weight of sparse errors; in results of version 0.1.0 it is the key `beta`."""
-    if "beta" in config:
-        return float(config["beta"])
-    threshold = config["outliers"]["threshold"]
-    return DEFAULT_THRESHOLD if threshold is None else float(threshold)
+def read_as(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return how the fit read its landmarks; detections became sequences where it needed those."""
+    given = {key: config["input"][key] for key in KEYS_OF_INPUT}
+    default = "nearest" if config["method"] == "sequences" else "none"
+    return given | {"track": given["track"] or default}
 
 
 def lacks_proof(result: ResultSet) -> bool:

@@ -9,13 +9,13 @@ from pathlib import Path
 from shapefit.errors import input_error
 from shapefit.io.formats import find_format
 from shapefit.io.kinds.results import read_rows
-from shapefit.io.layout import MODES, RESULTS
+from shapefit.io.layout import RESULTS
 from shapefit.io.records import ResultSet
 from shapefit.io.stored.opening import open_stored
 from shapefit.io.stored.reader import StoredReader
 
-UNNEEDED = ("sequence", "iterations", "mesh_vertices")
-"""Datasets that nothing is claimed of, beside the modes."""
+UNNEEDED = ("iterations", "mesh_vertices")
+"""Datasets that nothing is claimed of."""
 
 
 class ProofFile:
@@ -43,12 +43,23 @@ class ProofFile:
         """Length of an axis, such as k for the atoms; None where nothing has it."""
         return self._reader.size(axis)
 
-    def chunks(self, size: int) -> Iterator[ResultSet]:
-        """Give out the results, `size` at a time."""
-        unneeded = [dataset for dataset in RESULTS.datasets if dataset.name in UNNEEDED]
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of all datasets of the file."""
+        return self._reader.names
+
+    @property
+    def head(self) -> ResultSet:
+        """All of the results but the images."""
+        return read_rows(self._reader, slice(0))
+
+    def chunks(self, size: int, *, sequences: bool = True) -> Iterator[ResultSet]:
+        """Give out the results, `size` at a time, with or without the names of sequences."""
+        without = UNNEEDED if sequences else (*UNNEEDED, "sequence")
+        unneeded = [dataset for dataset in RESULTS.datasets if dataset.name in without]
         for start in range(0, self.count, size):
             rows = slice(start, min(start + size, self.count))
-            yield read_rows(self._reader, rows, [*unneeded, *MODES])
+            yield read_rows(self._reader, rows, unneeded)
 
 
 @contextmanager

@@ -7,22 +7,31 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.verification.check import Check, check
+from shapefit.verification.check import Check, check, flagged
 from shapefit.verification.proofs.program import (
     Value,
-    at_most,
     equal,
     gap_of,
     objective,
     relative_residual,
     residual,
 )
-from shapefit.verification.proofs.reconstruction import check_nearest, check_place, check_shapes
+from shapefit.verification.proofs.reconstruction import (
+    ACTIVE,
+    check_active,
+    check_nearest,
+    check_place,
+    check_shapes,
+)
 from shapefit.verification.proofs.transforms import Transforms
-from shapefit.verification.statements import OPTIMAL
+from shapefit.verification.statements import LIMITED, OPTIMAL
 from shapefit.verification.subject import Subject
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+ORTHOGONAL = 1e-3
+"""Most that M M^T / c^2 may differ from I, in the Frobenius norm, where M counts as orthogonal."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +57,7 @@ def check_start(subject: Subject, M: Transforms, D: Value) -> list[Check]:
     gap = subject.stated("convex_relative_gap")
     return [
         equal("the convex objective is P", subject.stated("convex_objective"), found.objective),
-        at_most("the convex gap is (P - D) / P", found.gap, gap),
+        equal("the convex gap is (P - D) / P", gap, found.gap),
     ]
 
 
@@ -59,14 +68,14 @@ def check_fit(subject: Subject, M: Transforms, D: Value) -> list[Check]:
     S = M.combine(turned, subject.atoms)
     projections = M.combine(M.blocks, subject.atoms) if terms.orthogonal else S[:, :2]
     found = _solve(subject, M, D, projections)
-    must = subject.words() == OPTIMAL
     shapes = Value(S, images.factor * subject.atoms.reach * (found.total + doubt))
     T = Value(found.translation, np.zeros(len(S)))
     allowed = images.factor * (found.total + doubt)
     checks = [
         equal("the objective is P", subject.stated("objective"), found.objective),
-        at_most("the gap is (P - D) / P", found.gap, subject.stated("relative_gap"), must),
+        equal("the gap is (P - D) / P", subject.stated("relative_gap"), found.gap),
         _check_optimal(subject, found),
+        _check_limited(subject),
         *_check_transforms(subject, M, found.total),
         *check_place(subject, T),
         *check_nearest(subject.stated("rotation"), M.total(turned), found.total, allowed),
@@ -103,17 +112,51 @@ def _check_optimal(subject: Subject, found: Solution) -> Check:
     return check(claim, off - subject.terms.tolerance, allowed, made)
 
 
+def _check_limited(subject: Subject) -> Check:
+    """Check that an image that stopped at the limit states a gap beyond the tolerance."""
+    tolerance = subject.terms.tolerance
+    within = subject.stated("relative_gap") <= tolerance
+    if subject.terms.loss == "exact":
+        within &= subject.stated_extra("residual") <= tolerance
+    off = np.where(within, np.inf, 0.0)
+    claim, made = "an image at the iteration limit is not optimal", subject.words() == LIMITED
+    return check(claim, off, 0.0, made)
+
+
 def _check_transforms(subject: Subject, M: Transforms, total: Floats) -> list[Check]:
     """Check coefficients and, where the result has them, the transforms of all atoms."""
     off = np.abs(subject.stated("coefficients") - M.coefficients)
     allowed = (subject.images.factor * total)[:, None]
-    checks = [check("coefficients follow from the transforms", off, allowed)]
+    checks = [
+        check("coefficients follow from the transforms", off, allowed),
+        check_active(subject),
+        _check_tight(subject, M),
+    ]
     if subject.result.transforms is not None:
         dense = np.zeros((M.images, M.atoms, 2, 3))
         dense[M.image, M.atom] = M.blocks
         off = np.abs(subject.stated("transforms") - dense)
         checks.append(check("transforms are the active ones", off, 0.0))
     return checks
+
+
+def _check_tight(subject: Subject, M: Transforms) -> Check:
+    """Check that a fit is called tight where all active M_i / c_i have orthonormal rows.
+
+    What lies at the limit to within rounding can be called either.
+    """
+    apart, error = M.skewness, subject.images.factor[M.image]
+    active = M.norms > ACTIVE * M.coefficients.max(axis=1)[M.image]
+    some = np.bincount(M.image[active], minlength=M.images) > 0
+
+    def all_within(limit: Floats) -> Flags:
+        within = np.ones(M.images, dtype=bool)
+        within[M.image[active & (apart > limit)]] = False
+        return within & some
+
+    stated = subject.stated_extra("tight") != 0
+    surely, perhaps = all_within(ORTHOGONAL - error), all_within(ORTHOGONAL + error)
+    return flagged("tight follows from the transforms", np.where(stated, perhaps, ~surely))
 
 
 def _check_residual(subject: Subject, shapes: Value, found: Solution) -> Check:

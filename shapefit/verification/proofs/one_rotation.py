@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.verification.check import Check, flagged
+from shapefit.verification.check import Check, check, flagged
 from shapefit.verification.proofs.camera import check_camera
 from shapefit.verification.proofs.program import (
     Value,
-    at_most,
     equal,
     gap_of,
     objective,
@@ -17,6 +16,7 @@ from shapefit.verification.proofs.program import (
     residual,
 )
 from shapefit.verification.proofs.reconstruction import (
+    check_active,
     check_place,
     check_points,
     check_proper,
@@ -34,7 +34,13 @@ def check_one_rotation(subject: Subject, D: Value | None) -> list[Check]:
     mixed = (c @ atoms.rows.reshape(atoms.count, -1)).reshape(len(c), 3, -1)
     S = np.where(np.isfinite(R), R, 0.0) @ mixed
     shapes = Value(S, 2 * factor * atoms.reach * total)
-    checks = [check_proper(R, factor, total > 0)]
+    checks = [check_proper(R, factor, total > 0), check_active(subject)]
+    if subject.result.transforms is not None:
+        shared = c[:, :, None, None] * np.where(np.isfinite(R), R, 0.0)[:, None, :2]
+        off = np.abs(subject.stated("transforms") - shared)
+        checks.append(
+            check("transforms are those of the rotation", off, factor[:, None, None, None])
+        )
     if subject.kept is not None:
         unused = ~(~subject.kept & (c != 0)).any(axis=1)
         checks.append(flagged("atoms that are left out have no coefficient", unused))
@@ -68,5 +74,5 @@ def _check_objective(
     ]
     if D is not None and subject.result.relative_gap is not None:
         stated = subject.stated("relative_gap")
-        checks.append(at_most("the gap is that to the dual", gap_of(P, D), stated))
+        checks.append(equal("the gap is that to the dual", stated, gap_of(P, D)))
     return checks

@@ -126,12 +126,3 @@ def gap_of(P: Value, D: Value) -> Value:
 def equal(claim: str, stated: Floats, found: Value) -> Check:
     """Return the check that what is stated is what is found."""
     return check(claim, np.abs(stated - found.value), found.error)
-
-
-def at_most(claim: str, found: Value, stated: Floats, must: Flags | None = None) -> Check:
-    """Return the check that what is found is at most what is stated.
-
-    nan states nothing; where an image `must` state something it is a claim that does not hold.
-    """
-    made = ~np.isnan(stated)
-    return check(claim, found.value - stated, found.error, made if must is None else made | must)

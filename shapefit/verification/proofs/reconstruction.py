@@ -12,6 +12,20 @@ from shapefit.verification.subject import Subject
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+ACTIVE = 1e-6
+"""Share of the largest coefficient of an image beyond which an atom is active."""
+
+
+def check_active(subject: Subject) -> Check:
+    """Check how many coefficients are not negligible; those at the limit may count or not."""
+    size, stated = np.abs(subject.stated("coefficients")), subject.stated_extra("active_atoms")
+    limit = ACTIVE * size.max(axis=1, keepdims=True)
+    slack = subject.images.factor[:, None] * size
+    surely = (size - slack > limit).sum(axis=1)
+    perhaps = (size + slack > limit).sum(axis=1)
+    off = np.maximum(surely - stated, stated - perhaps)
+    return check("active_atoms follow from the coefficients", off, 0.0)
+
 
 def check_place(subject: Subject, T: Value) -> list[Check]:
     """Check that scale is the size (n,), and translation size x T + centroid, T (n, 2)."""
@@ -39,19 +53,11 @@ def check_points(claim: str, stated: Floats, shapes: Value, subject: Subject) ->
 
 
 def check_shapes(subject: Subject, shapes: Value) -> list[Check]:
-    """Check shapes and fitted landmarks; where depths were refined, x and y of the shapes."""
-    images, fitted, stated = (
-        subject.images, subject.stated("landmarks_fitted"), subject.stated("shapes")
-    )  # fmt: skip
-    claim = "landmarks_fitted follow from the fit"
-    checks = [check_points(claim, fitted, shapes, subject)]
-    if not subject.terms.depths:
-        return [*checks, check_points("shapes follow from the fit", stated, shapes, subject)]
-    W = images.size[:, None, None] * images.points + images.centroid[..., None]
-    expected = np.where(images.inliers[:, None] > 0, W, fitted)
-    allowed = (3 * images.factor * images.extent)[:, None, None]
-    claim = "x and y of the shapes are the landmarks seen"
-    return [*checks, check(claim, np.abs(stated[:, :2] - expected), allowed)]
+    """Check shapes and fitted landmarks, their x and y."""
+    return [
+        check_points(f"{name} follow from the fit", subject.stated(name), shapes, subject)
+        for name in ("landmarks_fitted", "shapes")
+    ]
 
 
 def check_nearest(rotation: Floats, total: Floats, size: Floats, error: Floats) -> list[Check]:

@@ -31,6 +31,7 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.integer]
 
+HOLD_ALL = "the cells hold all rotations"
 ROOTS = 60
 EDGES = tuple(combinations(range(4), 2))
 TRIPLES = tuple(combinations_with_replacement(range(4), 3))
@@ -74,7 +75,7 @@ def check_trees(subject: Subject) -> list[Check]:
             tree, leaves, subject.atoms, kept, signed=subject.terms.signed
         )
     return [
-        check("the cells hold all rotations", np.where(whole, 0.0, np.inf), 0.0, made),
+        check(HOLD_ALL, np.where(whole, 0.0, np.inf), 0.0, made),
         check("the multipliers are balanced", unbalanced, balance, made),
         check("the multipliers have the value of the bound", low, low_error, made),
         check("the multipliers are feasible in every cell", over, over_error, made),

@@ -71,6 +71,15 @@ class Transforms:
         c[self.image, self.atom] = self.norms
         return c
 
+    @property
+    def skewness(self) -> Floats:
+        """||M M^T / c^2 - I||_F of each transform (a,): 0 where its rows are orthonormal."""
+        square = self.norms**2
+        x, y = self.blocks[:, 0], self.blocks[:, 1]
+        xx, yy, xy = (np.einsum("ai,ai->a", *pair) / square for pair in ((x, x), (y, y), (x, y)))
+        skewness: Floats = np.sqrt((xx - 1) ** 2 + (yy - 1) ** 2 + 2 * xy**2)
+        return skewness
+
     def total(self, values: Floats) -> Floats:
         """Sum over the transforms of each image: (n, ...) of values (a, ...)."""
         sums = np.zeros((self.images, *values.shape[1:]))

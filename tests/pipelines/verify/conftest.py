@@ -30,13 +30,14 @@ def dictionaries(project, tmp_path_factory):
     for name, keys in kinds.items():
         paths[name] = folder / f"{name}.h5"
         list(learn_dict.run(LearnDictConfig(output=str(paths[name]), **keys)))
-    return paths
+    return paths | {"prior": project / "shapefit/dictionaries/people.h5"}
 
 
 @pytest.fixture(scope="session")
 def landmarks(project):
     data = project / "sample_data"
-    return {"people": data / "people_views.csv", "cars": data / "cars_views.h5"}
+    people = data / "people_views.csv"
+    return {"people": people, "prior": people, "cars": data / "cars_views.h5"}
 
 
 @pytest.fixture(scope="session")
