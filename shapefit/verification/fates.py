@@ -103,7 +103,7 @@ DATASETS: dict[str, Statement] = {
     ),
     **_each("position", of=lambda t: t.perspective and t.weighs_atoms, by=DICTIONARY),
     **_each(
-        "shape_sd shape_correlation log_evidence plausibility belief",
+        "shape_sd shape_correlation log_evidence plausibility belief trusted doubt",
         of=lambda t: t.method in LOOKING,
     ),
     **_each("shape_covariance", of=lambda t: t.method in LOOKING and t.covariance),

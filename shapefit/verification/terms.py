@@ -16,13 +16,11 @@ NEW_SECTIONS: dict[str, Any] = {
     "posterior": {"covariance": False},
     "sequences": {"frame_rate": None},
     "rotations": "shared",
-    "input": dict.fromkeys(("keypoints", "individual", "track"))
-    | {"format": "auto", "likelihood_below": 0, "rename": {}},
+    "input": {},
 }
 """What configs of version 0.1.0 lack, which have the losses `l1` and `sparse-error`, and `beta`."""
 
 DONE = ("optimal", "converged")
-KEYS_OF_INPUT = ("format", "keypoints", "individual", "track", "likelihood_below", "rename")
 
 CONVEX = "convex"
 REFINED = "convex+refine"
@@ -160,9 +158,8 @@ def read_terms(attributes: Mapping[str, Any], file: Path) -> Terms:
 
 def read_as(config: Mapping[str, Any]) -> dict[str, Any]:
     """Return how the fit read its landmarks; detections became sequences where it needed those."""
-    given = {key: config["input"][key] for key in KEYS_OF_INPUT}
     default = "nearest" if config["method"] == "sequences" else "none"
-    return given | {"track": given["track"] or default}
+    return config["input"] | {"track": config["input"].get("track") or default}
 
 
 def lacks_proof(result: ResultSet) -> bool:
