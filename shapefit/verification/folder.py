@@ -23,7 +23,10 @@ COMPARED = {
     "of the folder": ("version", "config", "dictionary", "parts"),
     "of a part": ("file", "inputs", "rows", "sizes", "images", "failed", "bytes", "items"),
 }
-STATED = {"of the folder": ("shapefit",), "of a part": ("changed", "seconds", "failures")}
+STATED = {
+    "of the folder": ("shapefit",),
+    "of a part": ("changed", "written", "seconds", "failures"),
+}
 """What a manifest states, by its keys: compared with the files, or stated only."""
 
 
