@@ -95,6 +95,7 @@ bodies: $(RUNS)
 
 detected: $(RUNS)
 	$(BIN)/python -m benchmarks.detected $(if $(DATA),--data '$(DATA)')
+	$(BIN)/python -m benchmarks.verdict
 
 CAR_METHODS := $(basename $(notdir $(wildcard configs/cars/methods/*.yaml)))
 CAR_SWEEPS := $(basename $(notdir $(wildcard configs/cars/outliers-*.yaml)))
