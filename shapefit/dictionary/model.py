@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import normalise
 
+SUITS = "suits"
+"""Provenance: names of the configs of `fit` that suit the dictionary, with spaces between."""
+
 
 @dataclass(frozen=True)
 class Dictionary:

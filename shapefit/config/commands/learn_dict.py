@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.fields import Expected
-from shapefit.config.model import MOST_STEPS, CommandConfig, ConfigModel
+from shapefit.config.model import MOST_STEPS, CommandConfig, ConfigModel, FromLists
 from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath
 
 _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
@@ -203,6 +203,11 @@ class LearnDictConfig(CommandConfig):
     origin: Annotated[OriginConfig, OF_THE_DATA] = Field(
         default_factory=OriginConfig.model_construct,
         description="Where the shapes come from, which the dictionary then says.",
+    )
+    suits: Annotated[tuple[str, ...], FromLists, OF_THE_DATA] = Field(
+        default=(),
+        description="Installed configs that `fit` takes with this dictionary where it is given "
+        "none: for single images and, second, for whole sequences.",
     )
     prior: PriorConfig = Field(
         default_factory=PriorConfig.model_construct,

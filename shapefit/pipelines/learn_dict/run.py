@@ -14,7 +14,7 @@ from shapefit.config import LearnDictConfig
 from shapefit.dictionary.batches import improve
 from shapefit.dictionary.coding import sparse_code
 from shapefit.dictionary.learning import evenly, learn
-from shapefit.dictionary.model import Dictionary
+from shapefit.dictionary.model import SUITS, Dictionary
 from shapefit.dictionary.pca_bases import principal_components
 from shapefit.dictionary.summary import Summary, summarise
 from shapefit.errors import counted, input_error
@@ -113,6 +113,7 @@ def make_dictionary(
         "config": config.as_json(),
         "inputs": json.dumps(inputs),
         **{key: text for key, text in config.origin if text is not None},
+        **({SUITS: " ".join(config.suits)} if config.suits else {}),
     }
     return replace(made, prior=prior, provenance=provenance)
 
