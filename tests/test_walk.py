@@ -1,10 +1,11 @@
-"""The walk of a fit through the rooms: down the map of CONTRIBUTING.md, back up at most twice."""
+"""The walk through the files of the package: down the map of CONTRIBUTING.md, with few climbs."""
 
 from __future__ import annotations
 
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,8 +13,8 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import landmark_writer, write_dictionary
-from shapefit.io.records import LandmarkSet
+from shapefit.io import landmark_writer, write_dictionary, write_shapes
+from shapefit.io.records import LandmarkSet, ShapeSet
 
 PROJECT = Path(__file__).resolve().parents[1]
 
@@ -21,7 +22,7 @@ RECORDER = """
 import sys
 from shapefit.cli.main import run
 
-rooms = {}
+files = {}
 
 def importing(frame):
     while frame:
@@ -31,38 +32,52 @@ def importing(frame):
 
 def record(frame, event, argument):
     name = frame.f_globals.get("__name__", "")
-    if event == "call" and name.startswith("shapefit") and not importing(frame):
-        room = ".".join(name.split(".")[:2])
-        rooms.setdefault(room, f"{name}.{frame.f_code.co_name}")
+    own = name.startswith("shapefit") and not frame.f_code.co_name.startswith(("<", "__"))
+    if event == "call" and own and not importing(frame):
+        files.setdefault(name)
 
 sys.setprofile(record)
 code = run(sys.argv[1:])
 sys.setprofile(None)
-print("\\n".join(f"{room} {first}" for room, first in rooms.items()))
+print("files", *files)
 sys.exit(code)
 """
-"""Prints the rooms in the order of the first call into each, and what was called.
+"""Prints the files in the order of the first call into each, as somebody reads them who follows.
 
-What runs while a module is imported is no step of the fit.
+What runs while a module is imported is no step of the command.
 """
+
+MOST_CLIMBS = {"fit": 16, "eval": 17}
+"""Steps from a file to one of a room higher on the map; the rest of the walk goes down."""
+
+COMMANDS = {
+    "fit": ("views.h5", "-d", "dictionary.h5", "-o", "result.h5"),
+    "eval": (
+        *("result.h5", "--truth", "truth.h5", "-o", "report"),
+        *("--set", "plots=false", "--set", "view=false"),
+    ),
+}
 
 
 @pytest.fixture(scope="module")
-def walk(tmp_path_factory) -> dict[str, str]:
-    """The rooms of one fit, each with the first function of it that was called."""
+def walks(tmp_path_factory) -> dict[str, list[str]]:
+    """The files of each command in the order of a reader."""
     folder = tmp_path_factory.mktemp("walk")
     rng = np.random.default_rng(0)
-    names, atoms = tuple("abcdef"), rng.normal(size=(4, 3, 6))
+    names, items, atoms = tuple("abcdef"), tuple("12345"), rng.normal(size=(4, 3, 6))
     write_dictionary(folder / "dictionary.h5", Dictionary(atoms, names, atoms[0]))
+    write_shapes(folder / "truth.h5", ShapeSet(rng.normal(size=(5, 3, 6)), names, items))
     with landmark_writer(folder / "views.h5") as writer:
         landmarks = rng.normal(size=(5, 2, 6))
-        writer.append(LandmarkSet(landmarks=landmarks, landmark_names=names, items=tuple("12345")))
-    command = ["fit", "views.h5", "-d", "dictionary.h5", "-o", "result.h5"]
-    done = subprocess.run(
-        [sys.executable, "-c", RECORDER, *command],
-        capture_output=True, text=True, cwd=folder, timeout=120, check=True,
-    )  # fmt: skip
-    return dict(line.split(" ", 1) for line in done.stdout.splitlines())
+        writer.append(LandmarkSet(landmarks=landmarks, landmark_names=names, items=items))
+    found = {}
+    for command, arguments in COMMANDS.items():
+        done = subprocess.run(
+            [sys.executable, "-c", RECORDER, command, *arguments],
+            capture_output=True, text=True, cwd=folder, timeout=120, check=True,
+        )  # fmt: skip
+        found[command] = done.stdout.splitlines()[-1].split()[1:]
+    return found
 
 
 def order_of_the_map() -> list[str]:
@@ -71,23 +86,38 @@ def order_of_the_map() -> list[str]:
     return ["shapefit.cli" if room == "cli" else room.replace("/", ".") for room in found]
 
 
-def climbs(walked: list[str], order: list[str]) -> list[str]:
-    """Return the steps of a walk that go up."""
-    steps = pairwise(walked)
-    return [f"{a} -> {b}" for a, b in steps if order.index(b) < order.index(a)]
+def room_of(file: str) -> str:
+    return ".".join(file.split(".")[:2])
 
 
-def test_a_fit_goes_down_the_map_and_back_up_at_most_twice(walk):
-    found = climbs(list(walk), order_of_the_map())
-    assert len(found) <= 2, (found, walk)
+def climbs(files: Sequence[str], order: list[str]) -> list[str]:
+    """Return the steps from a file to one that is in a higher room."""
+    rank = {file: order.index(room_of(file)) for file in files if room_of(file) in order}
+    return [f"{a} -> {b}" for a, b in pairwise(rank) if rank[b] < rank[a]]
 
 
-def test_a_fit_passes_through_the_rooms_of_the_paper(walk):
-    assert next(iter(walk)) == "shapefit.cli"
-    passed = {"config", "pipelines", "io", "lifting", "convex", "dictionary", "geometry"}
-    assert {f"shapefit.{room}" for room in passed} <= set(walk)
-    assert not {"shapefit.evaluation", "shapefit.viewer", "shapefit.verification"} & set(walk)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_climbs_seldom(walks, command):
+    found = climbs(walks[command], order_of_the_map())
+    assert len(found) <= MOST_CLIMBS[command], "\n".join(found)
+
+
+def test_a_fit_passes_through_the_rooms_of_the_paper(walks):
+    rooms = {room_of(file).removeprefix("shapefit.") for file in walks["fit"]}
+    assert room_of(walks["fit"][0]) == "shapefit.cli"
+    assert {"config", "pipelines", "io", "lifting", "convex", "dictionary", "geometry"} <= rooms
+    assert not {"evaluation", "viewer", "verification"} & rooms
+
+
+def test_a_fit_of_one_file_knows_no_parts_and_reads_no_config_after_its_plan(walks):
+    files = walks["fit"]
+    assert not [file for file in files if file.startswith("shapefit.pipelines.parts")]
+    planned = files.index("shapefit.pipelines.fit.plan")
+    assert not [file for file in files[planned:] if file.startswith("shapefit.config")]
 
 
 def test_a_climb_is_seen():
-    assert climbs(["a", "c", "b", "d", "a"], ["a", "b", "c", "d"]) == ["c -> b", "d -> a"]
+    walk = ["shapefit.a", "shapefit.c.one", "shapefit.b", "shapefit.d", "shapefit.a.other"]
+    order = [f"shapefit.{room}" for room in "abcd"]
+    found = ["shapefit.c.one -> shapefit.b", "shapefit.d -> shapefit.a.other"]
+    assert climbs(walk, order) == found

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 BETA = 0.1
 """Residual, for normalised landmarks, beyond which a robust loss judges a landmark an outlier."""
 
+SEARCHED = 0.25
+"""The same of a search before the fit, in units of the size of the shape."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PerspectiveOptions:

@@ -7,11 +7,6 @@ from typing import Literal
 from pydantic import Field
 
 from shapefit.config.model import ConfigModel
-from shapefit.lifting.methods import ROBUST
-from shapefit.lifting.options import BETA
-
-THRESHOLDS = {"ransac": 0.25, "truncated": 0.25, **dict.fromkeys(ROBUST, BETA)}
-"""Method -> the threshold where none is given."""
 
 
 class OutliersConfig(ConfigModel):
@@ -46,8 +41,3 @@ class OutliersConfig(ConfigModel):
         alias="lambda",
         description="truncated: weight of the sum of spectral norms in its programs.",
     )
-
-    @property
-    def limit(self) -> float:
-        """Return the threshold, or that of the method where none is given."""
-        return self.threshold or THRESHOLDS.get(self.method, BETA)

@@ -15,6 +15,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
 from shapefit.lifting.lift import Lifting
+from shapefit.lifting.options import SEARCHED
 from shapefit.lifting.outliers.ransac import find_consensus
 from shapefit.lifting.outliers.truncated import Solve, find_untruncated
 
@@ -29,6 +30,7 @@ Search = Callable[[LandmarkSet, Floats, Dictionary], Flags]
 
 def choose_search(config: OutliersConfig, solve: Solve, threads: int) -> Search:
     """Return the search that the config names; `solve` solves the convex program."""
+    threshold = config.threshold or SEARCHED
     if config.method == "truncated":
         return lambda images, weights, dictionary: find_untruncated(
             images.landmarks,
@@ -36,13 +38,13 @@ def choose_search(config: OutliersConfig, solve: Solve, threads: int) -> Search:
             dictionary.atoms,
             solve,
             lam=config.lam,
-            threshold=config.limit,
+            threshold=threshold,
             max_rounds=MOST_ROUNDS,
             threads=threads,
         )
     consensus = partial(
         find_consensus,
-        threshold=config.limit,
+        threshold=threshold,
         draws=config.draws,
         max_rounds=MOST_ROUNDS,
         threads=threads,

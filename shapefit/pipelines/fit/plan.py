@@ -30,7 +30,7 @@ from shapefit.lifting.methods import (
     Settings,
     choose_method,
 )
-from shapefit.lifting.options import PerspectiveOptions
+from shapefit.lifting.options import BETA, PerspectiveOptions
 from shapefit.pipelines.fit.chain import Chain, Lifter, Refinement, Search, View
 from shapefit.pipelines.fit.lens import find_calibrated
 from shapefit.pipelines.fit.read import ReadOptions, warn_of_source
@@ -55,6 +55,7 @@ class Plan:
     """
 
     dictionary: Dictionary
+    input: InputOptions
     read: ReadOptions
     lift: Chain
     record: RecordOptions
@@ -81,6 +82,7 @@ def plan_fit(config: FitConfig, dictionary: Dictionary) -> Plan:
         raise input_error("transforms", found, "name an HDF5 output, or leave it out")
     return Plan(
         dictionary=dictionary,
+        input=read_options(config),
         read=ReadOptions(
             names=dictionary.landmark_names,
             place=", ".join(str(path) for path in config.landmarks) + ": landmark names",
@@ -245,7 +247,7 @@ def choose_program(config: FitConfig) -> Program:
     return Program(
         lam=None if config.lam == "auto" else config.lam,
         loss=Loss(config.data_term),
-        beta=config.outliers.limit,
+        beta=config.outliers.threshold or BETA,
         noise=config.noise or 0.0,
     )
 

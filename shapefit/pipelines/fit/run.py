@@ -23,7 +23,7 @@ from shapefit.io import (
 from shapefit.io.options import OutputOptions
 from shapefit.pipelines.export.run import open_exports, plan_exports
 from shapefit.pipelines.fit.chain import fit_images
-from shapefit.pipelines.fit.plan import Plan, plan_fit, read_options
+from shapefit.pipelines.fit.plan import Plan, plan_fit
 from shapefit.pipelines.fit.read import read_images
 from shapefit.pipelines.fit.record import as_result
 from shapefit.pipelines.fit.report import Batch, Report
@@ -40,20 +40,21 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     files = (*(config.landmarks if rows is None else ()), config.dictionary)
     keep_copies(files)  # their digests take the whole of them
     dictionary = read_dictionary(config.dictionary)
-    plan, wanted = plan_fit(config, dictionary), plan_exports(config, dictionary)
-    report = Report(plan.report, dictionary)
+    wanted, plan = plan_exports(config, dictionary), plan_fit(config, dictionary)
     seconds, done = 0.0, 0
     with (
-        open_landmarks(config.landmarks, read_options(config), rows) as source,
+        open_landmarks(config.landmarks, plan.input, rows) as source,
         open_exports(wanted, dictionary, source.count) as exports,
         result_writer(output, OutputOptions(height=config.height)) as writer,
     ):
+        report = Report(plan.report, dictionary)
         for batch in lift_source(source, plan):
+            outcome = report.of(batch, source.count)
             writer.append(batch.record)
             exports.add(batch.record, batch.lifting.estimate.transforms)
             seconds += batch.seconds
             done += len(batch.images)
-            yield report.of(batch, source.count)
+            yield outcome
         warnings = plan.warn_of(source) + report.warnings
         writer.attributes.update(attributes_of(config, digests(files), seconds, done))
         # Taken back where the result cannot be completed, which happens on leaving this block.
