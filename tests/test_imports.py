@@ -142,7 +142,6 @@ FEW_FILES = {
 
 SHORT = {
     "shapefit.__main__": "`python -m shapefit`",
-    "shapefit.lifting.options": "options that the config reads without importing the steps",
     "shapefit.evaluation.tables.markdown": "the one escape that all tables share",
 }
 """Files of less than 20 lines, and why."""
