@@ -15,6 +15,7 @@ from shapefit.verification.proofs.camera import check_camera
 from shapefit.verification.proofs.convex import check_fit, check_start
 from shapefit.verification.proofs.one_rotation import check_one_rotation
 from shapefit.verification.proofs.program import Value, dual_bound
+from shapefit.verification.proofs.readings import check_readings
 from shapefit.verification.proofs.rotation_tree import check_trees
 from shapefit.verification.proofs.transforms import Atoms, Transforms
 from shapefit.verification.statements import (
@@ -91,7 +92,7 @@ def check_certificate(subject: Subject) -> list[Check]:
         subject.images.factor * value_share(subject),
         optimal,
     )
-    return [within, *check_trees(subject)]
+    return [within, *check_trees(subject), *check_readings(subject)]
 
 
 def value_share(subject: Subject) -> Floats:

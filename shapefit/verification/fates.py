@@ -94,6 +94,7 @@ DATASETS: dict[str, Statement] = {
     **_each(
         "modes mode_objective mode_rotation mode_shapes",
         of=lambda t: t.method == GLOBAL and t.modes,
+        proved=lambda t: t.is_global,
     ),
     **_each("modes_complete", of=lambda t: t.method == GLOBAL and t.modes),
     **_each(
