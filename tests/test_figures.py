@@ -92,6 +92,13 @@ def test_links_resolve():
     assert not broken, "\n".join(broken)
 
 
+def test_guides_guide():
+    """What was tried, and how numbers were chosen, is in `benchmarks/notes`."""
+    pages = [page for page in PAGES if page.parts[0] == "docs" and page.name not in GENERATED]
+    words = {page.name: len((PROJECT / page).read_text("utf-8").split()) for page in pages}
+    assert sum(words.values()) <= 21_000, words
+
+
 def test_the_index_reaches_every_page():
     index = (PROJECT / "docs/README.md").read_text(encoding="utf-8")
     linked = set(re.findall(r"\]\(([\w.]+\.md)", index))

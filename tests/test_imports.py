@@ -155,6 +155,13 @@ def test_the_map_lists_every_room_and_folder():
     assert ROOMS[-1] == "shapefit.cli"
 
 
+def test_the_map_fits_one_page():
+    text = (PROJECT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    lines = text.partition("## The map\n")[2].partition("\n## ")[0].splitlines()
+    assert len(lines) <= 60
+    assert max(map(len, lines)) <= 110
+
+
 def test_folders_hold_some_three_to_fifteen_files():
     counts = {room_name(folder): len(python_files(folder)) for folder in FOLDERS}
     assert {name: count for name, count in counts.items() if count > 15} == {}

@@ -47,7 +47,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What each step of a fit is told; no step sees the config, nor another step's options.
+    """What each step of a fit is given; no step sees the config, nor another step's options.
 
     stores_names   the output holds further datasets of the landmarks
     needs_rate     the frame rate of the files counts

@@ -27,7 +27,7 @@ class ReportOptions:
     strict        an image whose tolerance was not reached is a failure
     precisions    confidences divide standard deviations; else they are weights
     within        readings this share above the least objective were searched
-    leave_out     dataset that names the item whose atoms an image does without
+    leave_out     dataset that names the item whose atoms are left out of an image
     """
 
     strict: bool = False
