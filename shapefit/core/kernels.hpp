@@ -16,7 +16,7 @@ namespace shapefit {
 // A kernel works on a range of images of a batch; it writes their rows and no others.
 struct Kernels {
     void (*solve_convex)(const ConvexTask&, Range);
-    void (*certify)(const ConvexProgram&, const ConvexPoint&, const ConvexProof&, Range);
+    void (*certify)(const CertificateTask&, Range);
     void (*code)(const CodingData&, Range);
     void (*find_objectives)(const MisfitData&, Range);
     void (*alternate)(const AlternationData&, Range);
@@ -40,9 +40,9 @@ struct Kernels {
 struct Parts {
     void (*correlate)(Matrix<const double> Y, Tensor<const double> atoms, Matrix<double> N);
     double (*largest_nuclear_norm)(Matrix<const double> N);
-    double (*moreau)(const MoreauData&, Vector<double> total);
+    double (*moreau)(const MoreauData&);
     long (*derivative)(const DerivativeData&);
-    void (*solve_gram)(const GramData&, Vector<double> x);
+    void (*solve_gram)(const GramData&);
     void (*curvature)(Vector<const double> omega, Matrix<const double> curvature,
                       Matrix<double> rows, Matrix<double> matrix);
     long (*reduce)(Matrix<const double> X, Vector<const double> omega, Matrix<double> out);
@@ -53,17 +53,18 @@ struct Parts {
     void (*draw_triple)(Vector<const int64_t> candidates, Vector<uint64_t> state,
                         Vector<int64_t> triple);
     double (*find_area)(Matrix<const double> w, Vector<const int64_t> visible);
-    void (*find_moments)(const Scene& scene, Vector<const bool> inliers, Matrix<double> P,
+    void (*find_moments)(Matrix<const double> w, Vector<const double> squares,
+                         Matrix<const double> S, Vector<const bool> inliers, Matrix<double> P,
                          Matrix<double> D, Vector<double> middle, Vector<double> origin);
-    double (*judge)(const Scene& scene, double size, Matrix<const double> R,
-                    Vector<const double> T, double threshold, double area, bool lanes,
-                    Vector<bool> inliers);
+    double (*judge)(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
+                    double size, Matrix<const double> R, Vector<const double> T, double threshold,
+                    double area, bool lanes, Vector<bool> inliers);
     void (*log_of_one_plus)(Vector<const double> x, Vector<double> logarithm);
     double (*minimise_on_sphere)(Matrix<const double> G, Vector<const double> g, double radius,
                                  Vector<double> y);
     double (*pose_triple)(Matrix<const double> w, Matrix<const double> S,
                           Vector<const int64_t> triple, Tensor<double> R);
-    void (*project_perspective)(const PerspectiveData& image, Matrix<double> X, Matrix<double> r);
+    void (*project_perspective)(const ProjectionData&);
     void (*symmetric_eigen)(Matrix<double> A, Vector<double> values, Matrix<double> V);
     void (*scaled_coefficients)(Matrix<const double> Q, Vector<const double> h,
                                 Vector<const double> a, Vector<double> x);
@@ -82,8 +83,8 @@ struct Parts {
     TrustedStep (*truncated_cg)(Vector<const double> g, Matrix<const double> H, double radius,
                                 Vector<double> step);
     void (*root_cells)(Matrix<double> vertices, Matrix<int64_t> cells);
-    bool (*judge_cell)(const CellData& cell, Vector<double> excess);
-    double (*descend)(const SearchProblem& problem, Vector<double> q, double share);
+    bool (*judge_cell)(const CellData&);
+    double (*descend)(const DescentData&);
     void (*retract)(Matrix<const double> R, Vector<const double> step, Matrix<double> out);
     void (*orthonormalise)(Matrix<double> R);
 };

@@ -139,12 +139,11 @@ void Certifier::certify(long image, const ConvexPoint& point, const ConvexProof&
     proof.residual[image] = sums.scale > 0 ? root(sums.residual / sums.scale) : 0;
 }
 
-void certify_images(const ConvexProgram& program, const ConvexPoint& point,
-                    const ConvexProof& proof, Range range) {
+void certify_images(const CertificateTask& task, Range range) {
     Workspace workspace;
-    Certifier certifier(program, workspace);
+    Certifier certifier(task.program, workspace);
     for (long image = range.first; image < range.last; ++image)
-        certifier.certify(image, point, proof);
+        certifier.certify(image, task.point, task.proof);
 }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

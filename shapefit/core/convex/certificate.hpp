@@ -27,7 +27,6 @@ struct Certifier {
     void certify(long image, const ConvexPoint& point, const ConvexProof& proof);
 };
 
-void certify_images(const ConvexProgram& program, const ConvexPoint& point,
-                    const ConvexProof& proof, Range range);
+void certify_images(const CertificateTask& task, Range range);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -1,9 +1,7 @@
 // What the kernels of the convex program read and write, as Python lays it out.
 #pragma once
 
-#include <stdint.h>
-
-#include "../algebra/views.hpp"
+#include "../arguments.hpp"
 
 namespace shapefit {
 
@@ -13,72 +11,100 @@ namespace shapefit {
 // |Y| <= bound and Y omega = 0. The losses differ in delta and the bound alone: squared 1 and
 // infinity, exact 0 and infinity, l1 0 and 1, sparse errors 1 and beta.
 struct ConvexProgram {
-    Tensor<const double> landmarks;  // W (n, 2, p); what it holds where the weight is 0 is ignored
-    Matrix<const double> weights;    // Omega (n, p), 0 = hidden
-    Tensor<const double> atoms;      // B (k, 3, p)
-    Vector<const double> lam;        // (n,)
-    double delta = 1;
-    double bound = 0;
+    Arguments& from;
+    // W; what it holds where the weight is 0 is ignored
+    Tensor<const double> landmarks = from("landmarks", "n 2 p");
+    Matrix<const double> weights = from("weights", "n p");  // Omega, 0 = hidden
+    Tensor<const double> atoms = from("atoms", "k 3 p");  // B
+    Vector<const double> lam = from("lam", "n");
+    double delta = from("delta");
+    double bound = from("bound");
 };
 
 // A point of the program and of its dual for each image.
 struct ConvexPoint {
-    Blocks<double> transforms;  // M (n, k, 2, 3)
-    Matrix<double> translation;  // T (n, 2)
-    Tensor<double> dual;         // Y (n, 2, p)
-    Tensor<double> errors;       // E (n, 2, p)
+    Arguments& from;
+    Blocks<double> transforms = from("transforms", "n k 2 3");  // M
+    Matrix<double> translation = from("translation", "n 2");  // T
+    Tensor<double> dual = from("dual", "n 2 p");  // Y
+    Tensor<double> errors = from("errors", "n 2 p");  // E
 };
 
 // What a point proves: P, (P - D) / P and ||Omega o (W - sum M_i B_i - T)|| / ||Omega o (W - mean)||.
 struct ConvexProof {
-    Vector<double> objective;     // (n,)
-    Vector<double> relative_gap;  // (n,)
-    Vector<double> residual;      // (n,)
+    Arguments& from;
+    Vector<double> objective = from("objective", "n");
+    Vector<double> relative_gap = from("relative_gap", "n");
+    Vector<double> residual = from("residual", "n");
 };
 
 struct ConvexOptions {
-    double tolerance = 1e-4;
-    long most_steps = 1000;
-    bool started = false;  // the point holds a start for each image, in place of the neighbour's
+    Arguments& from;
+    double tolerance = from("tolerance");
+    long most_steps = from("most_steps");
+    // the point holds a start for each image, in place of the neighbour's
+    bool started = from("started");
 };
 
 struct ConvexEnd {
-    Vector<int64_t> steps;   // (n,) Newton steps
-    Vector<int64_t> status;  // (n,) 0 optimal, 1 iteration limit, 2 degenerate, 3 numerical failure
+    Arguments& from;
+    Vector<int64_t> steps = from("steps", "n");  // Newton steps
+    // 0 optimal, 1 iteration limit, 2 degenerate, 3 numerical failure
+    Vector<int64_t> status = from("status", "n");
 };
 
 // What the parts read that the tests judge one at a time (parts.hpp).
 struct MoreauData {
-    Matrix<const double> M, N, dN;  // (6, k)
-    double step, sigma, t;
+    Arguments& from;
+    Matrix<const double> M = from("M", "6 k"), N = from("N", "6 k");
+    double step = from("step");
+    Matrix<const double> dN = from("dN", "6 k");
+    double sigma = from("sigma"), t = from("t");
+    Vector<double> total = from("total", "k");
 };
 struct DerivativeData {
-    Vector<const double> argument, moved;  // (6,)
-    double t, sigma;
-    bool resolvent;
-    Matrix<const double> atom;  // (3, n)
-    Vector<double> prox, weighted;
-    Matrix<double> rows;
+    Arguments& from;
+    Vector<const double> argument = from("argument", "6");
+    double t = from("t"), sigma = from("sigma");
+    bool resolvent = from("resolvent");
+    Matrix<const double> atom = from("atom", "3 n");
+    Vector<const double> moved = from("moved", "6");
+    Vector<double> prox = from("prox", "6"), weighted = from("weighted", "6");
+    Matrix<double> rows = from("rows", "f c");
 };
 struct GramData {
-    Matrix<const double> F;
-    Vector<const double> f, r;
-    Matrix<const double> C;
-    double shift;
-    bool by_rows;
+    Arguments& from;
+    Matrix<const double> F = from("F", "f n");
+    Vector<const double> f = from("f", "f"), r = from("r", "n");
+    Matrix<const double> C = from("C", "n n?");
+    double shift = from("shift");
+    bool by_rows = from("by_rows");
+    Vector<double> x = from("x", "n");
 };
 struct SoftData {
-    Matrix<const double> E, Y, D;  // (2, p)
-    Vector<const double> rho;
-    double step, threshold;
+    Arguments& from;
+    Matrix<const double> E = from("E", "2 p"), Y = from("Y", "2 p");
+    double step = from("step");
+    Matrix<const double> D = from("D", "2 p");
+    Vector<const double> rho = from("rho", "p");
+    double threshold = from("threshold");
 };
 
 struct ConvexTask {
-    ConvexProgram program;
-    ConvexOptions options;
-    ConvexPoint point;
-    ConvexProof proof;
-    ConvexEnd end;
+    Arguments& from;
+    ConvexProgram program{from};
+    ConvexOptions options{from};
+    ConvexPoint point{from};
+    ConvexProof proof{from};
+    ConvexEnd end{from};
+};
+
+// A point whose proof is looked for.
+struct CertificateTask {
+    Arguments& from;
+    ConvexProgram program{from};
+    ConvexPoint point{from};
+    ConvexProof proof{from};
 };
 
 }  // namespace shapefit

@@ -32,7 +32,8 @@ double nuclear_part(Matrix<const double> N) {
     return largest_nuclear_norm(widen(N, workspace), padded(N.size[1]));
 }
 
-double moreau_part(const MoreauData& data, Vector<double> total) {
+double moreau_part(const MoreauData& data) {
+    const Vector<double> total = data.total;
     Workspace workspace;
     const long k = padded(total.size[0]);
     double* sums = workspace.zeros<double>(k);
@@ -75,7 +76,8 @@ long derivative_part(const DerivativeData& data) {
     return rows;
 }
 
-void gram_part(const GramData& data, Vector<double> x) {
+void gram_part(const GramData& data) {
+    const Vector<double> x = data.x;
     Workspace workspace;
     const long rows = data.F.size[0], n = data.F.size[1];
     ShiftedGram gram(workspace, rows, n);

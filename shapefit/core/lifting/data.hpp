@@ -1,9 +1,7 @@
 // What the kernels of lifting read and write, as Python lays it out.
 #pragma once
 
-#include <stdint.h>
-
-#include "../algebra/views.hpp"
+#include "../arguments.hpp"
 
 namespace shapefit {
 
@@ -32,33 +30,38 @@ struct AlternationEnd {
 
 // argmin sum_i ||M_i - c_i Rbar||_F^2 over c >= 0 and Rbar Rbar^T = I, for each image.
 struct SynchronisationData {
-    Blocks<const double> transforms;  // M (n, k, 2, 3)
-    Tensor<double> rotation;          // R (n, 3, 3), left alone where all M_i are 0
+    Arguments& from;
+    Blocks<const double> transforms = from("transforms", "n k 2 3");  // M
+    Tensor<double> rotation = from("rotation", "n 3 3");  // R, left alone where all M_i are 0
 };
 
 // argmin 1/2 ||w - s Rbar S||_F^2 over rotations and s >= 0, for each image.
 struct PoseData {
-    Tensor<const double> shape_moments;       // P = S S^T (n, 3, 3)
-    Tensor<const double> landmarks_by_shape;  // D = w S^T (n, 2, 3)
-    Blocks<const double> starts;              // (n, v, 3, 3)
-    Tensor<double> rotation;                  // (n, 3, 3)
-    Vector<double> size;                      // s (n,)
+    Arguments& from;
+    Tensor<const double> shape_moments = from("shape_moments", "n 3 3");  // P = S S^T
+    Tensor<const double> landmarks_by_shape = from("landmarks_by_shape", "n 2 3");  // D = w S^T
+    Blocks<const double> starts = from("starts", "n v 3 3");
+    Tensor<double> rotation = from("rotation", "n 3 3");
+    Vector<double> size = from("size", "n");  // s
 };
 
 // min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar Rbar^T = I.
 struct AlternationData {
-    Tensor<const double> landmarks;  // W (n, 2, p)
-    Matrix<const double> weights;    // Omega (n, p)
-    Tensor<const double> atoms;      // B (k, 3, p)
-    Vector<const double> lam;        // (n,)
-    Blocks<const double> starts;     // (n, s, 3, 3)
-    bool is_signed;                  // c of either sign, or c >= 0
-    double tolerance;                // relative fall of the objective in a round at which it ends
-    long most_rounds;
-    Matrix<double> coefficients;  // (n, k), of the best start; so are rotation and status
-    Tensor<double> rotation;      // (n, 3, 3)
-    Vector<int64_t> rounds;       // (n,), of all starts together
-    Vector<int64_t> status;       // (n,), a LocalStatus
+    Arguments& from;
+    Tensor<const double> landmarks = from("landmarks", "n 2 p");  // W
+    Matrix<const double> weights = from("weights", "n p");  // Omega
+    Tensor<const double> atoms = from("atoms", "k 3 p");  // B
+    Vector<const double> lam = from("lam", "n");
+    Blocks<const double> starts = from("starts", "n s 3 3");
+    bool is_signed = from("is_signed");  // c of either sign, or c >= 0
+    // relative fall of the objective in a round at which it ends
+    double tolerance = from("tolerance");
+    long most_rounds = from("most_rounds");
+    // of the best start; so are rotation and status
+    Matrix<double> coefficients = from("coefficients", "n k");
+    Tensor<double> rotation = from("rotation", "n 3 3");
+    Vector<int64_t> rounds = from("rounds", "n");  // of all starts together
+    Vector<int64_t> status = from("status", "n");  // a LocalStatus
 };
 
 }  // namespace shapefit

@@ -50,11 +50,12 @@ double area_of(Matrix<const double> w, Vector<const int64_t> visible) {
     return find_area(seen);
 }
 
-double gain_of(const Scene& scene, double size, Matrix<const double> R, Vector<const double> T,
-               double threshold, double area, bool lanes, Vector<bool> inliers) {
+double gain_of(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
+               double size, Matrix<const double> R, Vector<const double> T, double threshold,
+               double area, bool lanes, Vector<bool> inliers) {
     Workspace workspace;
     SeenLandmarks seen = room_for_landmarks(workspace, inliers.size[0]);
-    see(scene.w, scene.squares, scene.S, seen);
+    see(w, squares, S, seen);
     WeakPose pose{size, {}, {T[0], T[1]}};
     copy(R.data, 9, pose.R);
     double* inside = workspace.zeros<double>(inliers.size[0]);
@@ -71,11 +72,12 @@ double gain_of(const Scene& scene, double size, Matrix<const double> R, Vector<c
     return gains[WIDTH - 1];
 }
 
-void moments_of(const Scene& scene, Vector<const bool> inliers, Matrix<double> P, Matrix<double> D,
+void moments_of(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
+                Vector<const bool> inliers, Matrix<double> P, Matrix<double> D,
                 Vector<double> middle, Vector<double> origin) {
     Workspace workspace;
     SeenLandmarks seen = room_for_landmarks(workspace, inliers.size[0]);
-    see(scene.w, scene.squares, scene.S, seen);
+    see(w, squares, S, seen);
     double* inside = workspace.zeros<double>(inliers.size[0]);
     for (long j = 0; j < seen.count; ++j) inside[j] = inliers[seen.index[j]];
     const Moments moments = find_moments(seen, inside);

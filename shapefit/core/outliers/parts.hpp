@@ -16,10 +16,12 @@ double pose_triple(Matrix<const double> w, Matrix<const double> S, Vector<const 
 double area_of(Matrix<const double> w, Vector<const int64_t> visible);
 
 // The gain of a pose, and its inliers (p,); with `lanes` the gain as the search has it.
-double gain_of(const Scene& scene, double size, Matrix<const double> R, Vector<const double> T,
-               double threshold, double area, bool lanes, Vector<bool> inliers);
+double gain_of(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
+               double size, Matrix<const double> R, Vector<const double> T, double threshold,
+               double area, bool lanes, Vector<bool> inliers);
 
-void moments_of(const Scene& scene, Vector<const bool> inliers, Matrix<double> P, Matrix<double> D,
+void moments_of(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
+                Vector<const bool> inliers, Matrix<double> P, Matrix<double> D,
                 Vector<double> middle, Vector<double> origin);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

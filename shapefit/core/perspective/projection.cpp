@@ -114,7 +114,8 @@ double evaluate(const Shapes& shapes, const Sight& sight, const Unknowns& at,
     return 0.5 * (square_of * loss + shapes.ridge * distance);
 }
 
-void project_alone(const PerspectiveData& data, Matrix<double> X, Matrix<double> r) {
+void project_alone(const ProjectionData& one) {
+    const PerspectiveData& data = one.image;
     const long k = data.atoms.size[0], p = data.atoms.size[2];
     Workspace workspace;
     const Shapes shapes = arrange(workspace, data);
@@ -127,8 +128,8 @@ void project_alone(const PerspectiveData& data, Matrix<double> X, Matrix<double>
     for (long i = 0; i < k; ++i) at.c[i] = data.coefficients[0][i];
     project(shapes, sight, at, seen);
     for (long j = 0; j < p; ++j) {
-        for (int a = 0; a < 3; ++a) X[a][j] = seen.X[a][j];
-        for (int a = 0; a < 2; ++a) r[a][j] = seen.r[a][j];
+        for (int a = 0; a < 3; ++a) one.X[a][j] = seen.X[a][j];
+        for (int a = 0; a < 2; ++a) one.r[a][j] = seen.r[a][j];
     }
 }
 

@@ -53,6 +53,6 @@ double evaluate(const Shapes& shapes, const Sight& sight, const Unknowns& at,
                 const Projection& seen, double softness);
 
 // Project one image: X (3, p) and r (2, p) of the landmarks, all of them visible.
-void project_alone(const PerspectiveData& data, Matrix<double> X, Matrix<double> r);
+void project_alone(const ProjectionData& one);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -13,7 +13,8 @@ void root_cells(Matrix<double> vertices, Matrix<int64_t> cells) {
         for (int a = 0; a < 4; ++a) cells[c][a] = roots.cell[c].vertex[a];
 }
 
-bool judge_alone(const CellData& cell, Vector<double> excess) {
+bool judge_alone(const CellData& cell) {
+    const Vector<double> excess = cell.excess;
     Workspace workspace;
     RotationObjective objective(workspace, cell.problem);
     objective.aim(0);
@@ -33,11 +34,11 @@ bool judge_alone(const CellData& cell, Vector<double> excess) {
     return test.judge(corner).dropped;
 }
 
-double descend_alone(const SearchProblem& problem, Vector<double> q, double share) {
+double descend_alone(const DescentData& data) {
     Workspace workspace;
-    RotationObjective objective(workspace, problem);
+    RotationObjective objective(workspace, data.problem);
     objective.aim(0);
-    return descend(objective, q.data, share);
+    return descend(objective, data.q.data, data.share);
 }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

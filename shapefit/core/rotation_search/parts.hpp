@@ -10,9 +10,9 @@ void root_cells(Matrix<double> vertices, Matrix<int64_t> cells);
 
 // Whether the cell can be dropped; excess (20,) of the coefficients over their bounds, all nan where
 // a vertex does not reach the cut.
-bool judge_alone(const CellData& cell, Vector<double> excess);
+bool judge_alone(const CellData& cell);
 
 // Descend from the quaternion q; returns the objective there.
-double descend_alone(const SearchProblem& problem, Vector<double> q, double share);
+double descend_alone(const DescentData& data);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

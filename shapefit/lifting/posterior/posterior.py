@@ -8,7 +8,7 @@ landmark j.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,12 +113,13 @@ def find_posterior(
     n, _, p = landmarks.shape
     seen = np.isfinite(misfit)
     middle = np.nan_to_num(centroid(landmarks, seen))[..., None]  # of which the wide prior is
-    d, m, full = 3 * p, modes, n if covariance else 0
+    d, m = 3 * p, modes
+    whole = np.empty((n if covariance else 0, d, d))
     found = Posterior(
         mean=np.empty((n, 3, p)),
         deviation=np.empty((n, 3, p)),
         correlation=np.empty((n, 3, p)),
-        covariance=np.empty((full, d, d)),
+        covariance=whole if covariance else None,
         belief=np.empty((n, p)),
         rotation=np.empty((n, 3, 3)),
         scale=np.empty(n),
@@ -152,7 +153,7 @@ def find_posterior(
         mean=found.mean,
         deviation=found.deviation,
         correlation=found.correlation,
-        covariance=found.covariance,
+        covariance=whole,
         belief=found.belief,
         rotation=found.rotation,
         scale=found.scale,
@@ -170,7 +171,7 @@ def find_posterior(
     )
     found.mean[:, :2] += middle
     found.modes.mean[:, :, :2] += middle[:, None]
-    return found if covariance else replace(found, covariance=None)
+    return found
 
 
 def _whole(x: Floats) -> Floats:

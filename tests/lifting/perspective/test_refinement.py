@@ -102,8 +102,11 @@ def test_the_kernel_projects_as_project_does(noisy, atoms, rng):
         t = np.array([0.3, -0.2, sign * 0.5])
         omega, w = noisy.weights[image], noisy.landmarks[image]
         core.parts.project_perspective(
-            w[None], omega[None], atoms, seen.focal, seen.centre, sign, R[None], t[None], c[None],
-            X, r,
+            landmarks=w[None], weights=omega[None], atoms=atoms, prior=c, focal=seen.focal,
+            centre=seen.centre, sign=sign, ridge=0.0, softness=1.0, max_rounds=0,
+            rotation=R[None].copy(),
+            translation=t[None], coefficients=c[None], objective=np.empty(1),
+            rounds=np.empty(1, np.int64), status=np.empty(1, np.int64), X=X, r=r,
         )  # fmt: skip
         points = R @ np.tensordot(c, atoms, axes=1) + t[:, None]
         u = project(seen, points[None])[0]

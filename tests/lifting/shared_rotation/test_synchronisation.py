@@ -54,7 +54,8 @@ def test_no_climb_from_anywhere_ends_higher(loose, rng):
     found = synchronise(loose)
     for M, c in zip(loose, found.coefficients, strict=True):
         blocks = M[:6].copy()
-        best = max(core.parts.climb(blocks, R) for R in random_rotations(200, rng))
+        starts = np.ascontiguousarray(random_rotations(200, rng))
+        best = max(core.parts.climb(blocks, R) for R in starts)
         assert (2 * c @ (2 * c)) >= best * (1 - 1e-9)
 
 
@@ -81,7 +82,7 @@ def test_no_rotation_nearby_is_nearer(loose, rng):
 def test_every_step_climbs(loose, rng):
     for M in loose:
         blocks = M[:6].copy()
-        for R in random_rotations(10, rng):
+        for R in np.ascontiguousarray(random_rotations(10, rng)):
             values = []
             for _ in range(30):
                 inner = np.maximum(np.einsum("kab,ab->k", blocks, R[:2]), 0)

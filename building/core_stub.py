@@ -1,0 +1,46 @@
+"""Write the signatures of the compiled core, as its own list of arguments has them.
+
+Usage: python building/core_stub.py > shapefit/core/_core.pyi
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from shapefit.core import _core
+
+HEAD = """\
+# ruff: noqa: E501
+# fmt: off
+\"\"\"Signatures of the extension module, written by building/core_stub.py.\"\"\"
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+States = NDArray[np.uint64]
+
+LEVEL: str
+LEVELS: tuple[str, ...]
+STRETCH: int
+"""
+
+
+def stub() -> str:
+    """Return the text of the stub."""
+    parts = (f"    @staticmethod\n    {line}" for line in functions(_core.parts))
+    return "\n".join([HEAD, "class parts:", *parts, "", *functions(_core), ""])
+
+
+def functions(module: Any) -> list[str]:
+    """Return one line for each function of a module, in the order of their names."""
+    found = (getattr(module, name) for name in sorted(vars(module)))
+    return [f"def {one.__doc__}: ..." for one in found if callable(one)]
+
+
+if __name__ == "__main__":
+    print(stub(), end="")

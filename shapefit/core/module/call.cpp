@@ -1,0 +1,167 @@
+#include "call.hpp"
+
+namespace shapefit {
+namespace {
+
+struct Type {
+    const char *in_python, *in_numpy;
+};
+constexpr Type TYPES[] = {
+    {"Floats", "float64"}, {"Flags", "bool"}, {"Indices", "int64"}, {"States", "uint64"}};
+
+const Type& type_of(Element element) { return TYPES[static_cast<int>(element)]; }
+
+// The array behind an object, or behind a copy of it.
+template <class T>
+bool read(nb::handle given, AnyArray& array, std::vector<nb::ndarray<>>& kept) {
+    const auto look = [&](auto found) {
+        if (static_cast<int>(found.ndim()) != array.rank) return false;
+        array.data = const_cast<std::remove_const_t<T>*>(found.data());
+        for (int d = 0; d < array.rank; ++d) array.size[d] = static_cast<long>(found.shape(d));
+        kept.emplace_back(found);
+        return true;
+    };
+    if (array.written) {
+        nb::ndarray<T, nb::c_contig, nb::device::cpu> found;
+        return nb::try_cast(given, found, false) && look(found);
+    }
+    nb::ndarray<const T, nb::c_contig, nb::device::cpu> found;
+    return nb::try_cast(given, found) && look(found);
+}
+
+std::string text_of(const nb::object& value) { return nb::str(nb::handle(value)).c_str(); }
+
+// The parts of a text between spaces.
+template <class Visit>
+void each_token(std::string_view text, const Visit& visit) {
+    while (!text.empty()) {
+        const size_t end = std::min(text.find(' '), text.size());
+        visit(text.substr(0, end));
+        text.remove_prefix(std::min(end + 1, text.size()));
+    }
+}
+
+}  // namespace
+
+Call::Call(const char* function, nb::args values, nb::kwargs keywords)
+    : function_(function), values_(std::move(values)), keywords_(std::move(keywords)) {}
+
+nb::handle Call::find(const Argument& argument) {
+    if (taken_ < values_.size()) return values_[taken_++];
+    if (!keywords_.contains(argument.name))
+        throw nb::type_error((std::string(function_) + ": no " + argument.name).c_str());
+    ++taken_;
+    return nb::handle(PyDict_GetItemString(keywords_.ptr(), argument.name));
+}
+
+void Call::take(const Argument& argument, AnyArray& array) {
+    const nb::handle given = find(argument);
+    bool found = false;
+    switch (array.element) {
+        case Element::NUMBER: found = read<double>(given, array, kept_); break;
+        case Element::FLAG: found = read<bool>(given, array, kept_); break;
+        case Element::INDEX: found = read<int64_t>(given, array, kept_); break;
+        case Element::STATE: found = read<uint64_t>(given, array, kept_); break;
+    }
+    if (!found || !has_shape(argument, array)) {
+        const std::string kind = array.written ? "a writable, C-contiguous array of "
+                                               : "an array of ";
+        refuse(argument, kind + type_of(array.element).in_numpy + " (" + argument.shape + ")", given);
+    }
+}
+
+double Call::take_number(const Argument& argument) {
+    const nb::handle given = find(argument);
+    double value = 0;
+    if (!nb::try_cast(given, value)) refuse(argument, "a number", given);
+    return value;
+}
+
+long Call::take_count(const Argument& argument) {
+    const nb::handle given = find(argument);
+    long value = 0;
+    if (!nb::try_cast(given, value)) refuse(argument, "an integer", given);
+    return value;
+}
+
+bool Call::take_flag(const Argument& argument) {
+    const nb::handle given = find(argument);
+    bool value = false;
+    if (!nb::try_cast(given, value)) refuse(argument, "True or False", given);
+    return value;
+}
+
+void Call::end() const {
+    const size_t given = values_.size() + keywords_.size();
+    if (taken_ == given) return;
+    const std::string text = std::to_string(given) + " arguments, " + std::to_string(taken_);
+    throw nb::type_error((std::string(function_) + ": " + text + " are known").c_str());
+}
+
+long Call::size(std::string_view name) const {
+    for (const Size& size : sizes_)
+        if (size.name == name) return size.value;
+    return 0;
+}
+
+bool Call::has_shape(const Argument& argument, const AnyArray& array) {
+    std::string_view shape = argument.shape;
+    if (shape.empty()) return true;
+    if (shape.back() == '?') {
+        for (int d = 0; d < array.rank; ++d)
+            if (array.size[d] == 0) return true;
+        shape.remove_suffix(1);
+    }
+    int d = 0;
+    bool fit = true;
+    each_token(shape, [&](std::string_view token) {
+        fit = fit && d < array.rank && fits(token, array.size[d]);
+        ++d;
+    });
+    return fit && d == array.rank;
+}
+
+// "3", "p", "3p" or "1+k": a name stands for the size that it met first.
+bool Call::fits(std::string_view token, long value) {
+    long number = 0;
+    bool leads = false;
+    for (; !token.empty() && token[0] >= '0' && token[0] <= '9'; token.remove_prefix(1)) {
+        number = 10 * number + (token[0] - '0');
+        leads = true;
+    }
+    if (token.empty()) return value == number;
+    if (token[0] == '+') {
+        token.remove_prefix(1);
+        value -= number;
+    } else if (leads) {
+        if (value % number != 0) return false;
+        value /= number;
+    }
+    for (const Size& size : sizes_)
+        if (size.name == token) return size.value == value;
+    sizes_.push_back({token, value});
+    return true;
+}
+
+void Call::refuse(const Argument& argument, const std::string& wanted, nb::handle given) {
+    std::string found = text_of(given.type().attr("__name__"));
+    if (nb::hasattr(given, "dtype") && nb::hasattr(given, "shape"))
+        found = text_of(given.attr("dtype")) + " " + text_of(given.attr("shape"));
+    std::string text = std::string(function_) + ": " + argument.name;
+    if (!*argument.name) text += "argument " + std::to_string(taken_);
+    text += " must be " + wanted;
+    for (const Size& size : sizes_)
+        text += std::string(&size == sizes_.data() ? " with " : ", ") + std::string(size.name) +
+                " = " + std::to_string(size.value);
+    throw nb::type_error((text + ", not " + found).c_str());
+}
+
+void Signature::take(const Argument& argument, AnyArray& array) {
+    add(argument, type_of(array.element).in_python);
+}
+
+void Signature::add(const Argument& argument, const char* type) {
+    text += std::string(text.empty() ? "" : ", ") + argument.name + ": " + type;
+}
+
+}  // namespace shapefit

@@ -1,0 +1,67 @@
+// The arguments of a call from Python, and what they are called.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "../arguments.hpp"
+
+namespace shapefit {
+
+namespace nb = nanobind;
+
+// Arrays are C-contiguous and have their element type; those that are only read may be copies.
+// Raises TypeError for an argument that is missing, unknown, of another type or another shape.
+class Call : public Arguments {
+  public:
+    Call(const char* function, nb::args values, nb::kwargs keywords);
+
+    void take(const Argument& argument, AnyArray& array) override;
+    double take_number(const Argument& argument) override;
+    long take_count(const Argument& argument) override;
+    bool take_flag(const Argument& argument) override;
+
+    // After the last one.
+    void end() const;
+
+    // Of a name in the shapes, 0 where it does not occur.
+    long size(std::string_view name) const;
+
+  private:
+    struct Size {
+        std::string_view name;
+        long value;
+    };
+
+    nb::handle find(const Argument& argument);
+    bool fits(std::string_view token, long value);
+    bool has_shape(const Argument& argument, const AnyArray& array);
+    [[noreturn]] void refuse(const Argument& argument, const std::string& wanted, nb::handle given);
+
+    const char* function_;
+    nb::args values_;
+    nb::kwargs keywords_;
+    size_t taken_ = 0;
+    std::vector<Size> sizes_;
+    std::vector<nb::ndarray<>> kept_;
+};
+
+// The list of arguments as Python writes it.
+class Signature : public Arguments {
+  public:
+    void take(const Argument& argument, AnyArray& array) override;
+    double take_number(const Argument& argument) override { return add(argument, "float"), 0; }
+    long take_count(const Argument& argument) override { return add(argument, "int"), 0; }
+    bool take_flag(const Argument& argument) override { return add(argument, "bool"), false; }
+
+    std::string text;
+
+  private:
+    void add(const Argument& argument, const char* type);
+};
+
+}  // namespace shapefit
