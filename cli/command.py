@@ -23,7 +23,6 @@ from .streams import tell
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from shapefit.config.model import CommandConfig
     from shapefit.pipelines.outcome import Outcome
 
     from .commands import Spec
@@ -94,7 +93,9 @@ def run_command(
     file = find_config(spec.name, config_path)
     config = load_config(spec.name, file, overrides, arguments, to_show=print_config)
     if file is None and spec.name == "fit":
-        name = _suited(config, overrides)
+        from shapefit.pipelines.fit.suited import find_suited
+
+        name = find_suited(config)  # type: ignore[arg-type]
         if name is not None:
             file = find_config(spec.name, Path(name))
             config = load_config(spec.name, file, overrides, arguments, to_show=print_config)
@@ -118,14 +119,6 @@ def run_command(
     for action in afterwards:
         action(report)
     return report.exit_code
-
-
-def _suited(config: CommandConfig, overrides: Sequence[str]) -> str | None:
-    """Return the name of the installed config that suits the dictionary of a fit."""
-    from shapefit.pipelines.fit.suited import find_suited
-
-    said = {option.partition("=")[0].strip() for option in overrides}
-    return find_suited(config, names_method="method" in said)  # type: ignore[arg-type]
 
 
 def follow(outcomes: Iterable[Outcome], report: Report, *, shows_notes: bool) -> None:

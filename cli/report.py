@@ -76,9 +76,11 @@ class Report:
 
     def lines(self, *, with_note: bool = True) -> Iterator[str]:
         """Yield the report as lines of text: warnings, failures, then one line on everything."""
+        from shapefit.pipelines.outcome import Note
+
         if not self.quiet:
             for warning in self._warnings.values():
-                yield f"Warning: {warning}"
+                yield f"{'Note' if isinstance(warning, Note) else 'Warning'}: {warning}"
             if self._unlisted_warnings:
                 yield f"Warning: and {self._unlisted_warnings} more"
             yield from self._not_to_be_trusted()

@@ -29,7 +29,7 @@ from shapefit.pipelines.fit.landmark_names import name_warnings
 from shapefit.pipelines.fit.plan import plan_fit
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
-from shapefit.pipelines.outcome import Counted, add_up
+from shapefit.pipelines.outcome import Counted, Note, add_up
 
 CAMERA = "camera_matrix"
 """Dataset that holds the matrices given as `camera`."""
@@ -85,7 +85,8 @@ def fit(
             for warning in outcome.warnings:
                 add_up(messages, warning)
     for message in (*messages.values(), *names, *report.warnings):
-        warnings.warn(str(message), stacklevel=2)
+        if not isinstance(message, Note):
+            warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
     attributes = attributes_of(config, {}, seconds, len(whole))
     return fit_of(replace(whole, attributes=attributes), failures)

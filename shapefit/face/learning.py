@@ -16,7 +16,7 @@ from shapefit.io.kinds.given import given_shapes
 from shapefit.io.layout import DICTIONARY
 from shapefit.pipelines.learn_dict.run import make_dictionary
 from shapefit.pipelines.learn_dict.training_shapes import find_training_shapes
-from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.outcome import Failure, Note, Outcome
 
 FILES = {"shapes": (Path("shapes"),), "output": Path("dictionary")}
 """What stands for the files of the command in messages."""
@@ -49,7 +49,7 @@ def learn(
             dictionary = stop.value
             break
         failures += outcome.failures
-        messages += map(str, outcome.warnings)
+        messages += [str(each) for each in outcome.warnings if not isinstance(each, Note)]
     if failures:
         unused = f"{failures[0].item}, for one: {failures[0].reason}"
         messages.insert(0, f"{counted(len(failures), 'shape')} cannot be used; {unused}")

@@ -43,6 +43,10 @@ class Counted:
         return f"{words}, the worst: {self.worst}" if self.worst else words
 
 
+class Note(str):
+    """Stands among the warnings for what is good to know, and no sign of anything wrong."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What became of one part of the work.

@@ -22,14 +22,14 @@ LOOKED_AT = 4096
 """Images whose sequences are counted."""
 
 
-def find_suited(config: FitConfig, *, names_method: bool) -> str | None:
+def find_suited(config: FitConfig) -> str | None:
     """Return the name of the installed config that suits dictionary and images; None without one.
 
-    A dictionary names one for single images and, after it, one for whole sequences. Where the fit
-    `names_method`, the one with that method is meant. `config` may lack its inputs.
+    A dictionary names one for single images and, after it, one for whole sequences. Where the
+    config sets a method, the one with that method is meant. `config` may lack its inputs.
     """
     suits = suited_by(config.dictionary)
-    if names_method:
+    if "method" in config.model_fields_set:
         methods = {name: method_of(find_presets("fit")[name]) for name in suits}
         return next((name for name in suits if methods[name] == config.method), None)
     if len(suits) < 2:

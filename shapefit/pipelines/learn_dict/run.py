@@ -25,7 +25,11 @@ from shapefit.io.memory import check_fits
 from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.batches import TrainingBatches, find_training_batches
 from shapefit.pipelines.learn_dict.prior import learn_prior
-from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, find_training_shapes
+from shapefit.pipelines.learn_dict.training_shapes import (
+    TrainingShapes,
+    find_k,
+    find_training_shapes,
+)
 from shapefit.pipelines.outcome import Outcome
 from shapefit.pipelines.reading import input_options
 
@@ -138,7 +142,7 @@ def _sparse_coding(config: LearnDictConfig, training: TrainingShapes) -> Making:
     shapes = training.alignment.shapes
     rounds = learn(
         shapes,
-        config.k,
+        find_k(len(shapes), config),
         config.beta,
         iterations=config.iterations,
     )
@@ -170,7 +174,8 @@ def _sparse_coding_in_batches(config: LearnDictConfig, training: TrainingBatches
     The trace is that of all shapes, and starts with the atoms of the sample.
     """
     sample = training.shapes.column.take(evenly(len(training), min(config.batch, len(training))))
-    for learned in learn(sample, config.k, config.beta, iterations=config.iterations):
+    k = find_k(len(sample), config)
+    for learned in learn(sample, k, config.beta, iterations=config.iterations):
         note = f"sample of {counted(len(sample), 'shape')}, objective {learned.trace[-1]:.6g}"
         yield Outcome(done=1, unit="round", note=note)
     atoms, trace = learned.atoms, learned.trace

@@ -20,7 +20,7 @@ from shapefit.geometry.procrustes import Alignment, coincide, generalised_procru
 from shapefit.io import ShapeSet, match_landmarks
 from shapefit.meshes.dense import carry_mesh
 from shapefit.pipelines.learn_dict.symmetry import apply_symmetry, find_partners
-from shapefit.pipelines.outcome import Failure
+from shapefit.pipelines.outcome import Failure, Note
 
 Floats = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
             edge_length=None if edges is None else find_edge_length(shapes.shapes, edges),
         ),
         failures=failures,
-        warnings=tuple(find_warnings(usable, shapes, alignment)),
+        warnings=tuple(find_warnings(usable, shapes, alignment, config)),
     )
 
 
@@ -93,9 +93,14 @@ def check_number(number: int, failures: Sequence[Failure], config: LearnDictConf
         if failures:
             found += f"; {failures[0].item}, for one: {failures[0].reason}"
         raise input_error("shapes", found, "give more shapes")
-    if config.method == "sparse-coding" and config.k > number:
+    if config.method == "sparse-coding" and find_k(number, config) > number:
         found = f"{config.k} atoms are more than the {counted(number, 'shape')} to learn from"
         raise input_error("k", found, "lower k or `every`, or give more shapes")
+
+
+def find_k(number: int, config: LearnDictConfig) -> int:
+    """Return the number of atoms: as it is set, and without that at most that of the shapes."""
+    return config.k if "k" in config.model_fields_set else min(config.k, number)
 
 
 def dictionary_of(
@@ -182,8 +187,13 @@ def still_moving(rounds: int) -> str:
     return f"the mean of the aligned shapes was still moving after {rounds} rounds"
 
 
-def find_warnings(given: ShapeSet, shapes: ShapeSet, alignment: Alignment) -> Iterator[str]:
+def find_warnings(
+    given: ShapeSet, shapes: ShapeSet, alignment: Alignment, config: LearnDictConfig
+) -> Iterator[str]:
     """Say what became worse on the way from the shapes given to those to learn from."""
+    if config.method == "sparse-coding" and find_k(len(shapes), config) < config.k:
+        shapes_there = counted(len(shapes), "shape")
+        yield Note(f"{len(shapes)} atoms in place of {config.k}: there are {shapes_there}")
     if not alignment.still:
         yield still_moving(alignment.rounds)
     if given.mesh_vertices is not None and shapes.mesh_vertices is None:

@@ -31,8 +31,7 @@ def suited(tmp_path):
             writer.append(images)
         files = {"landmarks": (str(tmp_path / "images.h5"),), "dictionary": str(dictionary)}
         files["output"] = str(tmp_path / "result.h5")
-        names_method = any(option.startswith("method=") for option in overrides)
-        return find_suited(load_config("fit", None, overrides, files), names_method=names_method)
+        return find_suited(load_config("fit", None, overrides, files))
 
     return find
 

@@ -22,6 +22,7 @@ from shapefit.io import ShapeSet, ShapeSource, digest, read_dictionary, read_sha
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict import training_shapes
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
+from shapefit.pipelines.outcome import Note
 
 NAMES = ("hip", "neck", "head", "left hand", "right hand")
 EDGES = np.array([[0, 1], [1, 2], [1, 3], [1, 4]])
@@ -222,6 +223,16 @@ class TestOutcomes:
         outcomes, _ = learned(config())
         expected = "the mean of the aligned shapes was still moving after 1 rounds"
         assert warnings(outcomes) == [expected]
+
+    def test_fewer_shapes_than_atoms_lower_their_number_unless_it_is_set(self, config):
+        asked = config()
+        unset = LearnDictConfig(shapes=str(asked.shapes[0]), output=str(asked.output), iterations=1)
+        outcomes, dictionary = learned(unset)
+        assert dictionary.k == 30
+        assert warnings(outcomes) == ["30 atoms in place of 64: there are 30 shapes"]
+        assert isinstance(warnings(outcomes)[0], Note)
+        with pytest.raises(InputError, match="64 atoms are more than"):
+            learned(config(k=64))
 
     def test_a_good_run_has_no_warnings_or_failures(self, config):
         outcomes, _ = learned(config())
