@@ -114,6 +114,51 @@ def write_alphapose(path: Path, points: Floats, confidence: Floats) -> None:
     _write(path, images)
 
 
+def write_wide(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write a row per frame of the first person, cells parted by semicolons, decimal commas."""
+    numbers = range(points.shape[2])
+    header = [f"point{n}_{axis}" for n in numbers for axis in ("x", "y", "likelihood")]
+    rows = np.concatenate([points, confidence[..., None]], axis=-1)[:, 0].reshape(len(points), -1)
+    lines = [";".join(["frame", *header])]
+    lines += [";".join([str(n), *map(str, row)]) for n, row in enumerate(rows.tolist())]
+    path.write_text("\n".join(lines).replace(".", ",") + "\n", encoding="utf-8")
+
+
+def write_long(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write a row per landmark of the first person."""
+    lines = ["Filename,Bodypart,X,Y,Score"]
+    for frame, (people, certain) in enumerate(zip(points, confidence, strict=True)):
+        lines += [
+            f"{frame}.jpg,point{n},{x},{y},{certain[0, n]}"
+            for n, (x, y) in enumerate(people[0].tolist())
+        ]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_array(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write the first person as an array of NumPy, or an archive of one and its confidences."""
+    if path.suffix == ".npz":
+        np.savez(path, keypoints=points[:, 0], scores=confidence[:, 0])
+    else:
+        np.save(path, np.concatenate([points, confidence[..., None]], axis=-1)[:, 0])
+
+
+def write_mediapipe(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write lists of x, y, z and visibility."""
+    named = ("x", "y", "z", "visibility")
+    found = [
+        [
+            [
+                dict(zip(named, (x, y, 0.0, seen), strict=True))
+                for (x, y), seen in zip(*one, strict=True)
+            ]
+            for one in zip(people.tolist(), certain.tolist(), strict=True)
+        ]
+        for people, certain in zip(points, confidence, strict=True)
+    ]
+    _write(path, [{"pose_landmarks": people} for people in found])
+
+
 WRITERS: Mapping[str, Callable[[Path, Floats, Floats], None]] = {
     "alphapose.json": write_alphapose,
     "openpose": write_openpose,
@@ -122,5 +167,10 @@ WRITERS: Mapping[str, Callable[[Path, Floats, Floats], None]] = {
     "mmpose.json": write_mmpose,
     "xy.csv": write_caliscope,
     "yolo": write_yolo,
+    "wide.csv": write_wide,
+    "long.csv": write_long,
+    "array.npy": write_array,
+    "arrays.npz": write_array,
+    "mediapipe.json": write_mediapipe,
 }
 """By the name of the file or folder that is written."""

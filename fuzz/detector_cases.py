@@ -13,6 +13,7 @@ import numpy as np
 from benchmarks.detector_files import WRITERS
 
 from .csv_cases import SPOILS
+from .hdf5_cases import spoil_bytes
 
 VALUES: tuple[Any, ...] = (
     *(None, True, False, -1, 0, 1, 2.5, 1e308, -1e308, 10**18, 10**30, float("nan"), float("inf")),
@@ -68,6 +69,8 @@ def make(rng: Random, folder: Path) -> tuple[str, ...]:
         for _ in range(rng.choice((1, 1, 2, 3))):
             _spoil_json(rng, found)
         path.write_text(json.dumps(found), encoding="utf-8")
+    elif path.suffix.startswith(".np"):
+        spoil_bytes(rng, path)
     else:
         path.write_bytes(rng.choice(SPOILS)(rng, path.read_bytes()))
     track = rng.choice(("nearest", "none"))

@@ -51,7 +51,15 @@ MOST_BYTES = 1 << 20
 
 SECTION = "input"
 
-SHORT = ("keypoints", "individual", "track", "likelihood_below", "rename", "y_axis")
+SHORT = (
+    "keypoints",
+    "individual",
+    "track",
+    "likelihood_below",
+    "rename",
+    "image_size",
+    "y_axis",
+)
 """Keys of the section that may be given beside it, in short."""
 
 Config = TypeVar("Config", bound=ConfigModel)

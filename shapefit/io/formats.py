@@ -16,6 +16,7 @@ from shapefit.errors import input_error, listed
 from shapefit.io.detectors import table as detectors
 from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.motion import table as motion
+from shapefit.io.plain import table as plain
 from shapefit.io.sources import (
     HDF5_SIGNATURE,
     PARQUET_SIGNATURE,
@@ -88,6 +89,7 @@ FORMATS: dict[str, FileFormat] = {
     **trackers.FORMATS,
     **detectors.FORMATS,
     **motion.FORMATS,
+    **plain.FORMATS,
 }
 """Those of the package come first; the recognisers of others are asked before theirs."""
 

@@ -25,6 +25,7 @@ class InputOptions:
                       an item of its own
     likelihood_below  landmarks whose confidence is below this are hidden
     rename            landmarks, as files have them -> the names that they are given out under
+    image_size        width and height of the images in pixels, by which fractions are multiplied
     y_axis            where y points in landmarks and results whose files do not say it
     """
 
@@ -34,6 +35,7 @@ class InputOptions:
     track: Track = "none"
     likelihood_below: float = 0.0
     rename: Mapping[str, str] = field(default_factory=dict)
+    image_size: tuple[float, float] | None = None
     y_axis: Direction = "down"
 
 

@@ -124,7 +124,7 @@ def _told(
         count = recording.landmark_count
         fitting = fitting_skeletons(count)
         nameless = recording.landmark_names is None and not recording.default_keypoints
-        if nameless and options.keypoints is None and len(fitting) > 1:
+        if nameless and options.keypoints is None and fitting:
             hint = " or ".join(f"`--set keypoints={name}`" for name in fitting)
             title.append(("landmarks", f"{count} without names: say which with {hint}"))
             names = SKELETONS[fitting[0]].landmark_names
@@ -242,6 +242,8 @@ def _following(
     """Return the command to go on with; for joints of people one that needs no dictionary."""
     given = [f"--set keypoints={options.keypoints}"] if options.keypoints else []
     given += [f"--set individual={shlex.quote(options.individual)}"] if options.individual else []
+    if options.image_size:
+        given.append(f"--set image_size=[{','.join(f'{side:g}' for side in options.image_size)}]")
     more = "".join(f" {each}" for each in given)
     files = [paths[0].parent / f"*{paths[0].suffix}"] if len(paths) > LISTED_FILES else paths
     what = " ".join(map(_typed, files))

@@ -19,5 +19,6 @@ def input_options(config: InputConfig, track: Track = "none") -> InputOptions:
         track=config.track or track,
         likelihood_below=config.likelihood_below,
         rename=config.rename,
+        image_size=config.image_size,
         y_axis=config.y_axis,
     )

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from shapefit.config.model import ConfigModel, Renaming
+from shapefit.config.fields import Expected
+from shapefit.config.model import ConfigModel, FromLists, Renaming
+
+_SIZE = "a list of two numbers > 0"
+
+Pixels = Annotated[float, Field(gt=0)]
 
 
 class InputConfig(ConfigModel):
@@ -21,7 +26,7 @@ class InputConfig(ConfigModel):
         default=None,
         min_length=1,
         description="Skeleton that names the landmarks of files without names, such as body_25b "
-        "or coco_17 (docs/formats.md).",
+        "or coco_17 (docs/formats.md); numbered: 0, 1 and so on.",
     )
     individual: str | None = Field(
         default=None, min_length=1, description="Read only this individual; by default, all."
@@ -40,6 +45,11 @@ class InputConfig(ConfigModel):
         default_factory=dict,
         description="Landmarks to rename: name in the files that are read -> name in the "
         "dictionary or the results.",
+    )
+    image_size: Annotated[tuple[Pixels, Pixels] | None, Expected(_SIZE), FromLists] = Field(
+        default=None,
+        description="Width and height of the images in pixels, for files whose coordinates are "
+        "fractions of them (MediaPipe, YOLO).",
     )
     y_axis: Literal["down", "up"] = Field(
         default="down",

@@ -34,8 +34,6 @@ _KNOWN = {
     "MMPose": ("frame_id", "instances", "keypoints", "keypoint_scores", "meta_info"),
 }
 
-MEDIAPIPE = {"landmarks", "pose_landmarks", "pose_world_landmarks", "poseLandmarks"}
-
 
 @dataclass(frozen=True)
 class Outline:
@@ -140,6 +138,4 @@ def unknown_json(path: Path, head: bytes) -> InputError:
     hint = f"the nearest is {near}" if shared[near] else "none of them is near"
     if {"shapes", "imagePath"} <= own.keys:
         hint = "it is LabelMe's: export it as COCO keypoints"
-    if MEDIAPIPE & own.keys or {"x", "y", "visibility"} <= own.keys:
-        hint = "it looks like MediaPipe's: write a CSV with item,landmark,x,y,confidence"
     return input_error(path, f"is JSON of no known kind, {found}", f"known are {looked}; {hint}")

@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import Detections, as_recording
 from shapefit.io.detectors.frame_files import files_in, frame_files
-from shapefit.io.foreign.recording import Recording
+from shapefit.io.foreign.recording import FRACTION, Recording
 from shapefit.io.sources import read_whole
 
 Table = NDArray[np.float64]
 
 BOX = 5
 FILE = "data.yaml"
-UNIT = "fraction of the image"
 
 
 class Layout(NamedTuple):
@@ -89,14 +88,10 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=name,
         video=folder.resolve().name,
         frames=len(files),
-        unit=UNIT,
+        unit=FRACTION,
         landmark_names=layout.names or (None if person else numbers),
         default_keypoints="coco_17" if person else None,
         edges=layout.edges,
-        notes=(
-            "x and y are fractions of the width and the height of the image, so that figures are "
-            "squeezed where it is not square",
-        ),
     )
 
 

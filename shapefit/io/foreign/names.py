@@ -9,6 +9,8 @@ from shapefit.io.records import nearest_names
 from shapefit.io.skeletons import SKELETONS
 
 KEY = "keypoints"
+NUMBERED = "numbered"
+"""In place of a skeleton: landmarks are called 0, 1 and so on."""
 
 
 def fitting_skeletons(count: int) -> list[str]:
@@ -20,12 +22,12 @@ def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ..
     """Return the names of the landmarks of a recording.
 
     They are those of the file. Where it has none, they are those of the skeleton `keypoints`, of
-    the one that its format implies, or their numbers where no known skeleton has as many. Raises
-    InputError for an unknown skeleton, one of another number of landmarks, and where several have
-    as many as the file and `keypoints` names none.
+    the one that its format implies, or their numbers where no known skeleton has as many, or
+    `keypoints` is `numbered`. Raises InputError for an unknown skeleton, one of another number of
+    landmarks, and where some have as many as the file and `keypoints` names none.
     """
     wanted = options.keypoints
-    if wanted is not None and wanted not in SKELETONS:
+    if wanted is not None and wanted not in (*SKELETONS, NUMBERED):
         near = nearest_names(wanted, tuple(SKELETONS))
         fix = f"did you mean {near[0]}?" if near else f"use {listed(SKELETONS)}"
         raise input_error(KEY, f"there is no skeleton {wanted!r}", fix)
@@ -35,10 +37,11 @@ def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ..
     chosen = wanted or recording.default_keypoints
     if chosen is None:
         fitting = fitting_skeletons(count)
-        if len(fitting) > 1:
+        if fitting:
             found = f"{count} landmarks without names, as {listed(fitting, 'and')} have"
-            fix = f"say which: {' or '.join(f'`--set {KEY}={name}`' for name in fitting)}"
-            raise input_error(recording.name, found, fix)
+            ways = [f"`--set {KEY}={name}`" for name in (*fitting, NUMBERED)]
+            raise input_error(recording.name, found, f"say which: {listed(ways)}")
+    if chosen in (None, NUMBERED):
         return tuple(map(str, range(count)))
     names = SKELETONS[chosen].landmark_names
     if len(names) != count:

@@ -19,6 +19,10 @@ ANYBODY = -1
 """The individual of an instance whose identity over frames is not known."""
 
 
+FRACTION = "fraction of the image"
+"""Unit of coordinates that are divided by the width and the height of the image."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Instances:
     """N instances, each one individual in one frame, in order of the frames.
@@ -63,6 +67,7 @@ class Recording:
     y_axis           direction of y in the image (2 dimensions)
     edges            pairs of landmarks, by place
     extras           datasets of the whole file: camera_matrix (3, 3), distortion, image_size
+    size_needed      of fractions of the image: whether they are useless without `image_size`
     notes            warnings about the file as a whole
     default_keypoints  the skeleton that the format implies, where landmarks have no names
     """
@@ -80,6 +85,7 @@ class Recording:
     y_axis: Literal["up", "down"] = "down"
     edges: tuple[tuple[int, int], ...] = ()
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    size_needed: bool = False
     notes: tuple[str, ...] = ()
     default_keypoints: str | None = None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from shapefit.io.chunked import SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
 from shapefit.io.foreign.names import landmark_names
-from shapefit.io.foreign.recording import Recording
+from shapefit.io.foreign.recording import FRACTION, Instances, Recording
 from shapefit.io.foreign.selection import Chosen, choose, stacked
 from shapefit.io.options import InputOptions
 from shapefit.io.records import LandmarkSet, ShapeSet
@@ -26,6 +26,12 @@ HELD_BYTES = 256 << 20
 
 FRAME = "frame"
 """Dataset (n,): the place of each item in its video, from 0."""
+
+
+SQUEEZED = (
+    "x and y are fractions of the width and the height of the image, so that figures are squeezed "
+    "where it is not square"
+)
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,7 @@ class Survey:
 def landmark_file(recording: Recording, options: InputOptions) -> SourceFile[LandmarkSet]:
     """Return a recording of 2D landmarks as a file of a source; its head has `notes`."""
     names = landmark_names(recording, options)
+    recording = in_pixels(recording, options)
     read = choose(recording, options)
     survey = _survey(recording, read)
     whole = dict(recording.extras)
@@ -75,6 +82,28 @@ def landmark_file(recording: Recording, options: InputOptions) -> SourceFile[Lan
         _opener(survey, read, record),
         notes=_notes(recording, survey),
     )
+
+
+def in_pixels(recording: Recording, options: InputOptions) -> Recording:
+    """Return a recording whose fractions of the image are pixels, where its size is given.
+
+    Raises InputError where they are useless without; else a note says so.
+    """
+    if recording.unit != FRACTION:
+        return recording
+    fix = "give the size of the images in pixels: `--set image_size=[1920,1080]`"
+    if options.image_size is None:
+        if recording.size_needed:
+            found = "x and y are fractions of the width and height of the image"
+            raise input_error(recording.name, found, fix)
+        return replace(recording, notes=(*recording.notes, f"{SQUEEZED}; {fix}"))
+    size = np.array(options.image_size)
+
+    def blocks() -> Iterator[Instances]:
+        for block in recording.blocks():
+            yield replace(block, points=block.points * size)
+
+    return replace(recording, blocks=blocks, unit="px")
 
 
 def shape_file(recording: Recording, options: InputOptions) -> tuple[ShapeSet, tuple[str, ...]]:

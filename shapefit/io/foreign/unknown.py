@@ -19,10 +19,9 @@ SIGNS: tuple[tuple[bytes, str, str], ...] = (
     (b"\x28\xb5\x2f\xfd", "is compressed by zstd", UNPACK),
     (
         b"PK\x03\x04",
-        "is a zip archive, as models of PyTorch and arrays of NumPy are, too",
+        "is a zip archive, as models of PyTorch are, too",
         "give a file of landmarks; unpack it first if it holds one",
     ),
-    (b"\x93NUMPY", "is an array of NumPy, without names of landmarks", EXPORT),
     *(
         (
             bytes([128, protocol]),

@@ -164,7 +164,7 @@ def _open(known: FileFormat, paths: tuple[Path, ...], options: InputOptions) -> 
 
         recording = open_recording(known, paths, "landmarks")
         found = landmark_file(recording, options)
-        return _File(**vars(found), y_axis=recording.y_axis)
+        return _File(**vars(found), y_axis=recording.y_axis if known.states_y_axis else None)
     file = read = find_reader(path, "landmarks")(path)
     if not isinstance(read, _File):
         name = source_name(path)

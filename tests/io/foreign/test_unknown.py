@@ -27,12 +27,6 @@ def archive() -> bytes:
     return file.getvalue()
 
 
-def array() -> bytes:
-    file = io.BytesIO()
-    np.save(file, np.zeros((3, 4, 2)))
-    return file.getvalue()
-
-
 def refusal(path) -> str:
     with pytest.raises(InputError) as error, open_landmarks([path]):
         pass
@@ -50,14 +44,13 @@ def refusal(path) -> str:
         (bz2.compress(TEXT), "is compressed by bzip2; unpack it first"),
         (lzma.compress(TEXT), "is compressed by xz; unpack it first"),
         (archive(), "is a zip archive, as models of PyTorch"),
-        (array(), "is an array of NumPy"),
         (pickle.dumps({"weight": 1}, 2), "is a pickle of Python"),
         (pickle.dumps({"weight": 1}, 5), "is a pickle of Python"),
         (b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM", "is a file of MATLAB"),
         (b"CDF\2" + bytes(60), "is netCDF 3; write it as netCDF 4"),
     ],
     # contents hold the time at which they were made, and make no stable names
-    ids=["gzip", "bzip2", "xz", "zip", "npy", "pickle 2", "pickle 5", "mat", "netcdf 3"],
+    ids=["gzip", "bzip2", "xz", "zip", "pickle 2", "pickle 5", "mat", "netcdf 3"],
 )
 def test_files_of_another_kind(tmp_path, name, content, found):
     path = tmp_path / name
@@ -84,12 +77,6 @@ def test_tables_of_another_kind(tmp_path, line, found):
     path = tmp_path / "walk.csv"
     path.write_text(f"{line}\n")
     assert found in refusal(path)
-
-
-def test_json_of_mediapipe(tmp_path):
-    path = tmp_path / "walk.json"
-    path.write_text('{"pose_landmarks": [[{"x": 0.1, "y": 0.2, "z": 0.3, "visibility": 1}]]}')
-    assert "it looks like MediaPipe's" in refusal(path)
 
 
 def test_hdf5_of_another_kind_says_what_was_looked_for(tmp_path):

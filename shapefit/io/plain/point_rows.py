@@ -1,0 +1,94 @@
+"""Points of one body per image, however they were written down, as a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shapefit.errors import counted, input_error
+from shapefit.io.foreign.recording import (
+    ANYBODY,
+    FRACTION,
+    Floats,
+    Instances,
+    Recording,
+    video_name,
+)
+from shapefit.io.layout import UNKNOWN_UNIT
+
+BLOCK = 4096
+
+AT_ZERO = 0.01
+"""Share of landmarks at exactly (0, 0) from which on there is a warning."""
+
+LEAST, MOST = -0.5, 1.5
+"""Coordinates that are all within these are fractions of an image, those outside of it too."""
+
+
+def of_bodies(
+    path: Path,
+    points: Floats,
+    confidence: Floats | None,
+    *,
+    labels: Sequence[str] | None = None,
+    frames: Sequence[int] | None = None,
+    videos: Sequence[str] | None = None,
+    images: bool = False,
+    notes: tuple[str, ...] = (),
+    **further: Any,
+) -> Recording:
+    """Return a recording of points (n, p, 2 or 3), one body per image, NaN where one is missing.
+
+    labels (n) are names or numbers of the images, by default their places; frames (n) do not fall
+    within a video. They are `images` that have nothing to do with one another, or the frames of a
+    video. (0, 0) with a confidence of 0 is missing. `further` are fields of a Recording. Raises
+    InputError for confidences below 0.
+    """
+    n, p, dimensions = points.shape
+    points = points.copy()
+    if confidence is not None and (confidence < 0).any():
+        found = f"has a confidence of {np.nanmin(confidence):g}"
+        raise input_error(path, found, "write 0 (hidden) or a positive number")
+    if dimensions == 2:
+        at_zero = (points == 0).all(axis=2)
+        if confidence is not None:
+            points[at_zero & (confidence == 0)] = np.nan
+        elif at_zero.sum() > AT_ZERO * at_zero.size:
+            found = f"{int(at_zero.sum())} of {counted(n * p, 'landmark')} are at exactly (0, 0)"
+            notes += (f"{found}: if these were not found, leave them empty, or NaN",)
+    fraction = dimensions == 2 and are_fractions(points[np.isfinite(points)])
+    names = labels if labels is not None else [str(row) for row in range(n)]
+    places = np.arange(n) if frames is None else np.array(frames, dtype=np.int64)
+
+    def blocks() -> Iterator[Instances]:
+        for start in range(0, n, BLOCK):
+            rows = slice(start, min(start + BLOCK, n))
+            yield Instances(
+                points=points[rows],
+                confidence=None if confidence is None else confidence[rows],
+                frames=places[rows],
+                labels=names[rows],
+                individuals=np.full(rows.stop - start, ANYBODY if images else 0, np.int64),
+                videos=None if videos is None else videos[rows],
+            )
+
+    return Recording(
+        name=str(path),
+        video=video_name(path),
+        dimensions=3 if dimensions == 3 else 2,
+        landmark_count=p,
+        blocks=blocks,
+        frames=n,
+        unit=FRACTION if fraction else UNKNOWN_UNIT,
+        size_needed=fraction,
+        notes=notes,
+        **further,
+    )
+
+
+def are_fractions(known: Floats) -> bool:
+    """Whether coordinates are fractions of an image rather than pixels."""
+    return known.size > 0 and bool(known.min() >= LEAST and known.max() <= MOST)
