@@ -2,11 +2,29 @@
 
 from __future__ import annotations
 
+import io
 import sys
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from unittest.mock import patch
 
 import pytest
 from shapefit.cli.main import run
+
+
+def run_in(folder: Path, *arguments: object, text: str = "") -> SimpleNamespace:
+    """Run the command line in a folder, in this process, with a text as standard input."""
+    stdin, stdout = io.TextIOWrapper(io.BytesIO(text.encode())), io.TextIOWrapper(io.BytesIO())
+    with (
+        chdir(folder), patch.object(sys, "stdin", stdin),
+        redirect_stdout(stdout), redirect_stderr(io.StringIO()) as told,
+    ):  # fmt: skip
+        code = run([str(argument) for argument in arguments])
+        stdout.flush()
+    return SimpleNamespace(
+        returncode=code, stdout=stdout.buffer.getvalue().decode(), stderr=told.getvalue()
+    )
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The installed commands on shapes drawn from a prior: error bars hold what they say."""
+"""The commands on shapes drawn from a prior: error bars hold what they say."""
 
 from __future__ import annotations
 

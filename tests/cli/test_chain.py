@@ -1,24 +1,22 @@
-"""The installed commands one after the other, on sample data and on real data."""
+"""The commands one after the other, on sample data and on real data."""
 
 from __future__ import annotations
 
 import csv
-import subprocess
-import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from shapefit.config import load_config
+from tests.cli.conftest import run_in
 
-COMMAND = Path(sys.executable).with_name("shapefit")
 SMALL = ("--set", "k=16", "--set", "iterations=2")
 
 
-def shapefit(*arguments: object, folder: Path, text: str = "") -> subprocess.CompletedProcess[str]:
-    """Run the installed command in `folder`; fail with what it says unless it exits with 0."""
-    line = [str(COMMAND), *map(str, arguments)]
-    result = subprocess.run(line, cwd=folder, input=text, capture_output=True, text=True)
+def shapefit(*arguments: object, folder: Path, text: str = "") -> SimpleNamespace:
+    """Run a command in `folder`; fail with what it says unless it exits with 0."""
+    result = run_in(folder, *arguments, text=text)
     assert result.returncode == 0, result.stderr
     return result
 
@@ -86,9 +84,8 @@ def test_fit_writes_csv_to_a_pipe(demo, project):
 def test_a_wrong_name_leaves_the_old_result(demo):
     folder, _ = demo
     before = (folder / "result.h5").read_bytes()
-    line = [COMMAND, "fit", "-d", "dict.h5", "-o", "result.h5", "-"]
     wrong = "item,landmark,x,y\na,pelviss,1,2\na,rhip,2,1\na,lhip,0,0\n"
-    result = subprocess.run(line, cwd=folder, input=wrong, capture_output=True, text=True)
+    result = run_in(folder, "fit", "-d", "dict.h5", "-o", "result.h5", "-", text=wrong)
     assert result.returncode == 2
     assert "pelviss" in result.stderr
     assert "pelvis" in result.stderr.replace("pelviss", "")
@@ -99,8 +96,7 @@ def test_a_hidden_image_fails_and_the_others_go_on(demo, project):
     folder, _ = demo
     views = (project / "sample_data/people_views.csv").read_text(encoding="utf-8")
     text = views.rstrip("\n") + "\nhidden,pelvis,,\n"
-    line = [COMMAND, "fit", "-d", "dict.h5", "-o", "-", "-"]
-    result = subprocess.run(line, cwd=folder, input=text, capture_output=True, text=True)
+    result = run_in(folder, "fit", "-d", "dict.h5", "-o", "-", "-", text=text)
     assert result.returncode == 1
     assert "Failed: hidden: " in result.stderr
     assert "1 failed" in result.stderr

@@ -1,10 +1,9 @@
-"""Meshes and pictures through the installed command: from models to files that open."""
+"""Meshes and pictures through the command line: from models to files that open."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +11,8 @@ import trimesh
 from matplotlib.image import imread
 
 from shapefit.io import read_results
+from tests.cli.conftest import run_in
 
-COMMAND = Path(sys.executable).with_name("shapefit")
 FEW = "item,landmark,x,y\nlorry,left_front_wheel,1,2\nlorry,left_rear_wheel,3,4\n"
 
 
@@ -22,10 +21,7 @@ def folder(project, tmp_path_factory):
     """A folder with the dictionary of the sample cars, as a user makes it."""
     folder = tmp_path_factory.mktemp("cars")
     line = ["learn-dict", project / "sample_data/cars.h5", "-o", "cars.h5"]
-    told = subprocess.run(
-        [COMMAND, *line, "--set", "method=exemplars", "--set", "align=none"],
-        cwd=folder, capture_output=True, text=True,
-    )  # fmt: skip
+    told = run_in(folder, *line, "--set", "method=exemplars", "--set", "align=none")
     assert told.returncode == 0, told.stderr
     return folder
 
@@ -42,10 +38,8 @@ def fit(project, folder):
     )
 
     def run(*options, landmarks=project / "sample_data/cars_views.h5"):
-        line = [COMMAND, "fit", "-c", "fit.yaml", str(landmarks)]
-        for option in options:
-            line += ["--set", option]
-        return subprocess.run(line, cwd=folder, capture_output=True, text=True)
+        settings = [word for option in options for word in ("--set", option)]
+        return run_in(folder, "fit", "-c", "fit.yaml", landmarks, *settings)
 
     return run
 

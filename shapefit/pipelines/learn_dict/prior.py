@@ -1,11 +1,11 @@
-"""The prior over shapes of a dictionary, as the config of `learn-dict` says."""
+"""The prior over shapes of a dictionary, as the section `prior` says."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.config import LearnDictConfig
+from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.mixture_learning import cross_validate, learn_mixture
 from shapefit.dictionary.variations import find_skeleton, vary
@@ -13,24 +13,29 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import choose, rotation_onto
 from shapefit.io.extras import Extras
-from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, chosen_landmarks
+from shapefit.pipelines.learn_dict.training_shapes import (
+    TrainingOptions,
+    TrainingShapes,
+    chosen_landmarks,
+)
 
 Floats = NDArray[np.float64]
 
 
-def learn_prior(config: LearnDictConfig, training: TrainingShapes) -> tuple[Mixture, str]:
+def learn_prior(
+    training: TrainingShapes, options: PriorConfig, aligned: TrainingOptions
+) -> tuple[Mixture, str]:
     """Return the mixture over the aligned shapes, varied, and a note on how likely shapes are.
 
     Raises InputError for more components than shapes, weights that are none, and bones that are no
     tree where they are to vary.
     """
-    options = config.prior
     if options.components > len(training):
         there = counted(len(training), "shape")
         found = f"{options.components} components are more than the {there} to learn from"
         raise input_error("prior.components", found, "lower it, or give more shapes")
-    weights = np.tile(find_weights(config, training), options.copies)
-    shapes = vary_shapes(config, training)
+    weights = np.tile(find_weights(training, options.weights), options.copies)
+    shapes = vary_shapes(training, options, aligned)
     learned = learn_mixture(
         shapes,
         options.components,
@@ -53,9 +58,8 @@ def learn_prior(config: LearnDictConfig, training: TrainingShapes) -> tuple[Mixt
     return learned.mixture, note
 
 
-def find_weights(config: LearnDictConfig, training: TrainingShapes) -> Floats:
-    """Return the weight of each shape (n,): 1, or as the dataset of the config says."""
-    name = config.prior.weights
+def find_weights(training: TrainingShapes, name: str | None) -> Floats:
+    """Return the weight of each shape (n,): 1, or as the dataset of that name says."""
     if name is None:
         return np.ones(len(training))
     place = f"prior.weights: {name}"
@@ -69,9 +73,9 @@ def find_weights(config: LearnDictConfig, training: TrainingShapes) -> Floats:
     return weights.astype(np.float64)
 
 
-def vary_shapes(config: LearnDictConfig, training: TrainingShapes) -> Floats:
+def vary_shapes(training: TrainingShapes, options: PriorConfig, aligned: TrainingOptions) -> Floats:
     """Return the shapes to learn from (copies n, 3, p), normalised and turned onto their mean."""
-    options, shapes = config.prior, training.alignment.shapes
+    shapes = training.alignment.shapes
     if options.copies == 1 and not (options.stretch or options.exchange):
         return shapes
     edges, points = training.original.edges, shapes.shape[2]
@@ -91,10 +95,10 @@ def vary_shapes(config: LearnDictConfig, training: TrainingShapes) -> Floats:
         partners=training.dictionary.mirror_index,
     )
     varied = normalise(varied).points
-    if config.align == "none":
+    if aligned.align == "none":
         return varied
     # Landmarks that are indexed lie in another order in memory, in which sums round differently.
-    chosen = chosen_landmarks(training.original.landmark_names, config) or list(range(points))
+    chosen = chosen_landmarks(training.original.landmark_names, aligned) or list(range(points))
     mean = choose(training.alignment.mean, chosen)
     turned: Floats = rotation_onto(choose(varied, chosen), mean) @ varied
     return turned

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.config import LearnDictConfig
 from shapefit.errors import input_error
 from shapefit.geometry.symmetry import double, lateral_axis, symmetrise
 from shapefit.io import ShapeSet, match_landmarks
 from shapefit.io.extras import Extras
 
+if TYPE_CHECKING:
+    from shapefit.pipelines.learn_dict.training_shapes import TrainingOptions
 
-def apply_symmetry(shapes: ShapeSet, config: LearnDictConfig) -> ShapeSet:
+
+def apply_symmetry(shapes: ShapeSet, options: TrainingOptions) -> ShapeSet:
     """Return the shapes, or their symmetric ones, or the shapes and then their mirror images.
 
     A mirror image has the item and sequence of its shape. The shapes come without meshes unless
@@ -24,22 +26,22 @@ def apply_symmetry(shapes: ShapeSet, config: LearnDictConfig) -> ShapeSet:
     can be mirrored as a surface only, not vertex by vertex as mixing meshes needs. Raises
     InputError where the shapes have no `mirror_index`, or one that does not pair the landmarks.
     """
-    if config.symmetry == "none":
+    if options.symmetry == "none":
         return shapes
-    index = find_partners(shapes, config)
+    index = find_partners(shapes, options)
     lateral = lateral_axis(shapes.shapes, index)
     bare = replace(shapes, mesh_vertices=None, mesh_faces=None)
-    if config.symmetry == "symmetrise":
+    if options.symmetry == "symmetrise":
         return replace(bare, shapes=symmetrise(shapes.shapes, index, lateral))
     twice = bare.take(np.tile(np.arange(len(shapes)), 2))
     return replace(twice, shapes=double(shapes.shapes, index, lateral))
 
 
-def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> NDArray[Any]:
+def find_partners(shapes: ShapeSet, options: TrainingOptions) -> NDArray[Any]:
     """Return the partner of each landmark. Raises InputError as `apply_symmetry` does."""
-    if config.mirror is not None:
-        return read_mirror(shapes.landmark_names, config.mirror)
-    place = ", ".join(str(path) for path in config.shapes)
+    if options.mirror is not None:
+        return read_mirror(shapes.landmark_names, options.mirror)
+    place = options.place
     fix = "give `mirror`, store the index of each landmark's mirror image, or set `symmetry: none`"
     index = Extras.of(shapes.extras, len(shapes)).whole.get("mirror_index")
     if index is None:

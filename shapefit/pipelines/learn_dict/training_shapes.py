@@ -6,11 +6,12 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.config import LearnDictConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.motion import find_acceleration, find_give
 from shapefit.dictionary.size import find_edge_length
@@ -25,6 +26,27 @@ from shapefit.pipelines.outcome import Failure, Note
 Floats = NDArray[np.float64]
 
 
+@dataclass(frozen=True, kw_only=True)
+class TrainingOptions:
+    """How shapes become training shapes; the keys of `learn-dict` that say so.
+
+    place    of the files, for messages
+    atoms    to learn, for which as many shapes are needed
+    fewer    with fewer shapes, as many atoms will do
+    batch    shapes in memory at a time; those of a batch lie in unnamed files in `folder`
+    """
+
+    place: str
+    every: int | Mapping[str, int] = 1
+    align: Literal["all", "none"] | tuple[str, ...] = "all"
+    symmetry: Literal["none", "symmetrise", "double"] = "none"
+    mirror: Mapping[str, str] | None = None
+    atoms: int = 1
+    fewer: bool = False
+    batch: int = 0
+    folder: Path = Path()
+
+
 @dataclass(frozen=True)
 class TrainingShapes:
     """n training shapes: `original` in their unit, and `alignment` of the normalised ones.
@@ -32,7 +54,7 @@ class TrainingShapes:
     scale (n,): shape j measures scale[j] * alignment.shapes[j]; mesh_vertices (n, 3, q) in the
     frame and on the scale of alignment.shapes, None where there are no meshes. `dictionary` has no
     atoms yet; its acceleration and edge_give are those of all shapes given, and its mirror_index
-    is None where the config asks for no symmetry.
+    is None where no symmetry is asked for.
     failures: the shapes that should have been among them; warnings about the rest.
     """
 
@@ -48,7 +70,7 @@ class TrainingShapes:
         return len(self.original)
 
 
-def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingShapes:
+def find_training_shapes(given: ShapeSet, options: TrainingOptions) -> TrainingShapes:
     """Take every n-th shape of each sequence, made symmetric or doubled, normalised and aligned.
 
     Shapes that cannot be normalised are failures. Raises InputError for shapes without the pairs
@@ -61,12 +83,12 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
     if fine.edges is not None and len(fine):
         give = find_give(fine.shapes, fine.edges, fine.sequences or ("",) * len(fine))
     sequences = given.sequences or ("",) * len(given)
-    kept = given.take(every_nth(sequences, config.every))
+    kept = given.take(every_nth(sequences, options.every))
     usable, failures = separate(kept)
-    shapes = apply_symmetry(usable, config) if len(usable) else usable
-    check_number(len(shapes), failures, config)
+    shapes = apply_symmetry(usable, options) if len(usable) else usable
+    check_number(len(shapes), failures, options)
     normalised = normalise(shapes.shapes)
-    alignment = align(normalised.points, shapes.landmark_names, config)
+    alignment = align(normalised.points, shapes.landmark_names, options)
     mesh, edges = shapes.mesh_vertices, shapes.edges
     return TrainingShapes(
         original=shapes,
@@ -76,31 +98,31 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
         dictionary=dictionary_of(
             shapes,
             alignment.mean,
-            None if config.symmetry == "none" else find_partners(usable, config),
+            None if options.symmetry == "none" else find_partners(usable, options),
             acceleration=acceleration,
             give=give,
             edge_length=None if edges is None else find_edge_length(shapes.shapes, edges),
         ),
         failures=failures,
-        warnings=tuple(find_warnings(usable, shapes, alignment, config)),
+        warnings=tuple(find_warnings(usable, shapes, alignment, options)),
     )
 
 
-def check_number(number: int, failures: Sequence[Failure], config: LearnDictConfig) -> None:
+def check_number(number: int, failures: Sequence[Failure], options: TrainingOptions) -> None:
     """Raise InputError where there are no shapes, or not as many as atoms."""
     if not number:
         found = "there are 0 shapes to learn from"
         if failures:
             found += f"; {failures[0].item}, for one: {failures[0].reason}"
         raise input_error("shapes", found, "give more shapes")
-    if config.method == "sparse-coding" and find_k(number, config) > number:
-        found = f"{config.k} atoms are more than the {counted(number, 'shape')} to learn from"
+    if find_k(number, options) > number:
+        found = f"{options.atoms} atoms are more than the {counted(number, 'shape')} to learn from"
         raise input_error("k", found, "lower k or `every`, or give more shapes")
 
 
-def find_k(number: int, config: LearnDictConfig) -> int:
-    """Return the number of atoms: as it is set, and without that at most that of the shapes."""
-    return config.k if "k" in config.model_fields_set else min(config.k, number)
+def find_k(number: int, options: TrainingOptions) -> int:
+    """Return the number of atoms for a number of shapes."""
+    return min(options.atoms, number) if options.fewer else options.atoms
 
 
 def dictionary_of(
@@ -166,19 +188,19 @@ def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
     return shapes.take(usable), failures
 
 
-def align(points: Floats, names: tuple[str, ...], config: LearnDictConfig) -> Alignment:
+def align(points: Floats, names: tuple[str, ...], options: TrainingOptions) -> Alignment:
     """Turn normalised shapes (n, 3, p) onto each other, or leave them in their common frame."""
-    if config.align == "none":
+    if options.align == "none":
         unturned = np.tile(np.eye(3), (len(points), 1, 1))
         return Alignment(points, points.mean(axis=0), unturned, rounds=0, still=True)
-    return generalised_procrustes(points, chosen_landmarks(names, config))
+    return generalised_procrustes(points, chosen_landmarks(names, options))
 
 
-def chosen_landmarks(names: tuple[str, ...], config: LearnDictConfig) -> list[int] | None:
+def chosen_landmarks(names: tuple[str, ...], options: TrainingOptions) -> list[int] | None:
     """Return the indices of the landmarks that shapes are aligned by; None for all."""
-    if config.align in ("all", "none"):
+    if options.align in ("all", "none"):
         return None
-    indices: list[int] = match_landmarks(names, config.align, place="align").tolist()
+    indices: list[int] = match_landmarks(names, options.align, place="align").tolist()
     return indices
 
 
@@ -188,12 +210,12 @@ def still_moving(rounds: int) -> str:
 
 
 def find_warnings(
-    given: ShapeSet, shapes: ShapeSet, alignment: Alignment, config: LearnDictConfig
+    given: ShapeSet, shapes: ShapeSet, alignment: Alignment, options: TrainingOptions
 ) -> Iterator[str]:
     """Say what became worse on the way from the shapes given to those to learn from."""
-    if config.method == "sparse-coding" and find_k(len(shapes), config) < config.k:
+    if find_k(len(shapes), options) < options.atoms:
         shapes_there = counted(len(shapes), "shape")
-        yield Note(f"{len(shapes)} atoms in place of {config.k}: there are {shapes_there}")
+        yield Note(f"{len(shapes)} atoms in place of {options.atoms}: there are {shapes_there}")
     if not alignment.still:
         yield still_moving(alignment.rounds)
     if given.mesh_vertices is not None and shapes.mesh_vertices is None:
