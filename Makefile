@@ -38,6 +38,9 @@ SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 .PHONY: demo test test-all fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper people bodies detected cars bench clean
 
 demo: $(RUNS)
+	$(SHAPEFIT) fit sample_data/openpose -d people --set keypoints=body_25 \
+	    --set sequences.frame_rate=25 -o results/demo/walk.h5
+	$(SHAPEFIT) view results/demo/walk.h5 -o results/demo/walk.html
 	$(call chain,demo)
 	$(SHAPEFIT) learn-dict -c configs/demo/cars/learn-dict.yaml
 	$(SHAPEFIT) fit -c configs/demo/cars/fit.yaml
@@ -45,6 +48,7 @@ demo: $(RUNS)
 	@echo "Meshes, pictures and a report of cars are in results/demo/cars."
 	@echo
 	@echo "Open these first, in a browser:"
+	@echo "  walkers $(CURDIR)/results/demo/walk.html"
 	@echo "  people  $(CURDIR)/results/demo/report/view.html"
 	@echo "  cars    $(CURDIR)/results/demo/cars/report/view.html"
 

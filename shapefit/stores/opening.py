@@ -10,7 +10,7 @@ from shapefit.errors import InputError, input_error, printable
 from shapefit.stores.options import STORAGE_OPTIONS, masked, storage_options
 from shapefit.stores.urls import UrlPath
 
-EXTRAS = {"s3": "s3", "s3a": "s3", "gs": "gs", "gcs": "gs"}
+LIBRARIES = {"s3": "s3fs", "s3a": "s3fs", "gs": "gcsfs", "gcs": "gcsfs"}
 """Schemes of URLs -> the extra that reads and writes them."""
 
 PATIENCE: Mapping[str, Mapping[str, Any]] = {
@@ -36,15 +36,14 @@ def open_store(path: UrlPath) -> tuple[Any, str]:
 
     Raises InputError where what speaks to it is not installed, or does not know the options.
     """
-    extra = EXTRAS.get(path.scheme)
+    library = LIBRARIES.get(path.scheme, "fsspec")
     try:
         import fsspec
 
         fsspec.get_filesystem_class(path.scheme)
     except ImportError as error:
-        needs = f"shapefit[{extra}]" if extra else "fsspec"
         found = f"cannot be opened ({first_line(error)})"
-        raise input_error(path, found, f"run `pip install '{needs}'`") from None
+        raise input_error(path, found, f"run `pip install {library}`") from None
     except ValueError:
         found = f"there is no kind of store {path.scheme!r}"
         raise input_error(path, found, "give s3:// or gs://, or a file") from None

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from shapefit.errors import input_error
-from shapefit.stores.opening import EXTRAS, open_store, store_errors
+from shapefit.stores.opening import LIBRARIES, open_store, store_errors
 from shapefit.stores.shelf import current_shelf
 from shapefit.stores.urls import UrlPath
 
@@ -25,7 +25,7 @@ def check_target(target: UrlPath) -> None:
         raise input_error(target, "is read only", fix)
     if len(target.parts) < 3:
         raise input_error(target, "is no object", f"name one, such as {target}/result.h5")
-    if target.scheme not in EXTRAS:  # other stores make what is missing
+    if target.scheme not in LIBRARIES:  # other stores make what is missing
         return
     bucket = type(target)(*target.parts[:2])
     system, name = open_store(bucket)

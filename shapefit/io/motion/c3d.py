@@ -184,7 +184,7 @@ def _read(path: Path) -> Any:
         ezc3d = import_module("ezc3d")
     except ImportError as error:
         found = "is a C3D file, which ezc3d reads, and that is not installed"
-        raise input_error(path, found, "run `pip install 'shapefit[c3d]'`") from error
+        raise input_error(path, found, "run `pip install ezc3d`") from error
     try:
         return ezc3d.c3d(os.fspath(path))
     except Exception as error:  # ezc3d has many kinds of error for damaged files

@@ -14,7 +14,7 @@ try:
     import pyarrow.parquet
 except ImportError as error:
     found = "these files need the library pyarrow, which is not installed"
-    raise input_error("Parquet", found, "run `pip install 'shapefit[parquet]'`") from error
+    raise input_error("Parquet", found, "run `pip install pyarrow`") from error
 
 __all__ = ["damage", "pyarrow"]
 

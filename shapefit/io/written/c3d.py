@@ -46,7 +46,7 @@ def load_ezc3d() -> Any:
     try:
         import ezc3d
     except ImportError as error:
-        fix = "install it: pip install 'shapefit[c3d]'"
+        fix = "run `pip install ezc3d`"
         raise input_error("C3D", "these files need the library ezc3d", fix) from error
     return ezc3d
 

@@ -25,8 +25,8 @@ LOOKED_AT = 4096
 def find_suited(config: FitConfig) -> str | None:
     """Return the name of the installed config that suits dictionary and images; None without one.
 
-    A dictionary names one for single images and, after it, one for whole sequences. Where the
-    config sets a method, the one with that method is meant. `config` may lack its inputs.
+    A dictionary names one for single images and, after it, one for whole sequences. Where
+    the method is set, the one that has it is meant. `config` may lack its inputs.
     """
     suits = suited_by(config.dictionary)
     if "method" in config.model_fields_set:

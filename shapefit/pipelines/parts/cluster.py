@@ -195,7 +195,7 @@ def _dask() -> Any:
         import distributed
     except ImportError:
         found = "a cluster needs dask distributed, which is not installed"
-        fix = "run `pip install 'shapefit[dask]'`, or leave out --workers and --scheduler"
+        fix = "run `pip install distributed`, or leave out --workers and --scheduler"
         raise input_error("fit", found, fix) from None
     for name in ("distributed", "distributed.client", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)

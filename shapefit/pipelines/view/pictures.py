@@ -27,7 +27,7 @@ def find_images(images: Path, items: Sequence[str]) -> dict[int, Path]:
     InputError where there is no such folder, no image at all, or no Pillow to read one.
     """
     if find_spec("PIL") is None:
-        fix = "install it with `pip install shapefit[plots]`, or leave `images` out"
+        fix = "install it with `pip install pillow`, or leave `images` out"
         raise input_error("images", "Pillow is not installed", fix)
     if isinstance(images, UrlPath):
         fix = "copy the images to a folder of this machine"

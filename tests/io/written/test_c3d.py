@@ -64,7 +64,7 @@ def test_more_frames_than_a_file_can_number(tmp_path, scene, problems):
 def test_without_the_library_the_error_says_how_to_get_it(tmp_path, scene, problems, monkeypatch):
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     (line,) = problems(write, tmp_path / "man.c3d", scene.result)
-    assert line.endswith("need the library ezc3d; install it: pip install 'shapefit[c3d]'")
+    assert line.endswith("need the library ezc3d; run `pip install ezc3d`")
 
 
 def test_a_disk_that_fills_up_unseen(tmp_path, scene, problems, monkeypatch):
