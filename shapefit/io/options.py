@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from shapefit.geometry.upright import Up
 
-Track = Literal["nearest", "none"]
+Track = Literal["nearest", "none", "motion"]
 Direction = Literal["down", "up"]
 
 
@@ -22,7 +22,8 @@ class InputOptions:
     keypoints         the skeleton whose names landmarks have in files that do not name them
     individual        the one individual that is read, by its name; None for all
     track             nearest joins detections without identity over frames; none leaves each
-                      an item of its own
+                      an item of its own; motion joins them, and refuses images that follow no
+                      order (the default where sequences are asked for)
     likelihood_below  landmarks whose confidence is below this are hidden
     rename            landmarks, as files have them -> the names that they are given out under
     image_size        width and height of the images in pixels, by which fractions are multiplied

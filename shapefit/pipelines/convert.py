@@ -28,7 +28,7 @@ Source = LandmarkSource | ShapeSource | ResultSource
 def run(config: ConvertConfig) -> Iterator[Outcome]:
     """Read the files and write them; yields an Outcome per chunk."""
     target = find_target_format(config.output, config.to)
-    options = input_options(config.input, "nearest" if target.by_sequence else "none")
+    options = input_options(config.input, "motion" if target.by_sequence else "none")
     kind = find_common_kind(config.files, options)
     if kind == "dictionary":
         found = "is a dictionary, which has no other format"

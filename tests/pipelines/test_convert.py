@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -162,3 +163,15 @@ def test_an_ending_that_no_writer_knows(tmp_path, capsys, command, monkeypatch):
     said = capsys.readouterr().err
     assert "walk.bvh: " in said and ".html" in said if command == "view" else ".c3d" in said
     assert not list(tmp_path.iterdir())
+
+
+def test_pixels_have_two_decimals_in_csv(tmp_path, landmarks):
+    wide = replace(landmarks, landmarks=100 * landmarks.landmarks)
+    with landmark_writer(tmp_path / "wide.h5") as writer:
+        writer.append(wide)
+    convert(tmp_path / "wide.h5", output=tmp_path / "wide.csv")
+    convert(tmp_path / "wide.csv", output=tmp_path / "back.h5")
+    with open_landmarks([tmp_path / "back.h5"]) as source:
+        (same,) = source.chunks(source.count)
+    np.testing.assert_array_equal(same.landmarks, np.round(wide.landmarks, 2))
+    np.testing.assert_array_equal(same.confidence, wide.confidence)

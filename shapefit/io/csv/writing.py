@@ -24,6 +24,9 @@ Write = Callable[[bytes], None]
 BLOCK_ROWS = 4096
 """Rows that are written at a time; larger blocks leave the processor's cache and take longer."""
 
+DECIMALS, WIDE = 2, 100
+"""Of pixels, where the landmarks of an image spread over so many of them."""
+
 Y_UP = "y points up, which CSV cannot say: read the file with `--set y_axis=up`"
 
 _IN_QUOTES = re.compile('[",\\r\\n]')
@@ -34,7 +37,8 @@ class CsvWriter:
 
     Results with readings also have a column `modes`.
 
-    NaN becomes an empty cell; numbers have the fewest digits that read back to the same float.
+    NaN becomes an empty cell; numbers have the fewest digits that read back to the same float, but
+    pixels two decimals, where landmarks spread over WIDE of them or more.
     The header is written with the first record. CSV has no place for `attributes`.
     """
 
@@ -43,6 +47,7 @@ class CsvWriter:
         self.summary = Summary()
         self._write = write
         self._columns: list[str] | None = None
+        self._in_pixels = False
 
     @property
     def begun(self) -> bool:
@@ -57,13 +62,14 @@ class CsvWriter:
         columns = _columns(record)
         if not self.begun:
             self._write(f"{','.join(columns)}\n".encode())
+            self._in_pixels = _is_wide(record)
         elif columns != self._columns:
             raise ValueError("the columns of this record are not those of the first")
         self._columns = columns
         if not isinstance(record, ShapeSet) and record.y_axis == "up":
             self.summary = Summary(warnings=(Y_UP,))
         for part in _parts(len(record), len(record.landmark_names)):
-            self._write(_rows(record, part))
+            self._write(_rows(record, part, DECIMALS if self._in_pixels else None))
 
 
 @contextmanager
@@ -109,9 +115,22 @@ def _parts(n: int, p: int) -> Iterator[slice]:
     return (slice(start, start + items) for start in range(0, n, items))
 
 
-def _rows(record: ShapeSet | LandmarkSet | ResultSet, part: slice) -> bytes:
-    """Return the lines of some of the items."""
+def _is_wide(record: ShapeSet | LandmarkSet | ResultSet) -> bool:
+    """Whether these are pixels, of which a hundredth does not count."""
+    if not isinstance(record, LandmarkSet) or record.unit != "px" or not record.landmarks.size:
+        return False
+    known = np.isfinite(record.landmarks)
+    least = np.where(known, record.landmarks, np.inf).min(axis=2)
+    most = np.where(known, record.landmarks, -np.inf).max(axis=2)
+    return bool(np.median((most - least).max(axis=1)) >= WIDE)
+
+
+def _rows(
+    record: ShapeSet | LandmarkSet | ResultSet, part: slice, decimals: int | None = None
+) -> bytes:
+    """Return the lines of some of the items, with so many decimals of the points."""
     points = _points(record)[part]
+    points = points if decimals is None else np.round(points, decimals)
     n, dimensions, p = points.shape
     numbers = points.swapaxes(1, 2).reshape(n * p, dimensions)
     if isinstance(record, LandmarkSet) and record.confidence is not None:

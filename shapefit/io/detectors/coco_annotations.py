@@ -12,6 +12,7 @@ from typing import Any
 from shapefit.errors import counted, input_error
 from shapefit.io.detectors.coco_results import labels_of
 from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording, image_key
+from shapefit.io.detectors.frame_files import are_series
 from shapefit.io.detectors.json_text import outline, read_json, without_collection
 from shapefit.io.foreign.recording import Recording
 
@@ -81,6 +82,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=str(path),
         video=path.name.partition(".")[0],
         frames=len(called),
+        unordered=not are_series(labels),
         landmark_names=names or None,
         default_keypoints=None if names else NAMED_BY_COUNT.get(values.shape[1]),
         edges=_edges(categories, columns),

@@ -21,6 +21,7 @@ from shapefit.io.detectors.detections import (
     image_key,
     numbered,
 )
+from shapefit.io.detectors.frame_files import are_series
 from shapefit.io.detectors.json_text import outline, read_json, without_collection
 from shapefit.io.foreign.recording import Floats, Recording
 
@@ -65,6 +66,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=str(path),
         video=path.name.partition(".")[0],
         frames=len(order),
+        unordered=not are_series(names),
         notes=notes,
         default_keypoints=NAMED_BY_COUNT.get(values.shape[1]),
     )

@@ -38,6 +38,20 @@ def files_in(folder: Path, suffix: str) -> tuple[Path, ...]:
     return tuple(found)
 
 
+MOST_APART = 100
+"""Numbers per image, between the least and the largest, of what is a series of frames."""
+
+
+def are_series(names: Sequence[str]) -> bool:
+    """Whether names differ in one number, by which they can be the frames of a video."""
+    found = [_LAST_NUMBER.match(name) for name in names]
+    parts = {(match[1], match[3]) for match in found if match}
+    numbers = {int(match[2]) for match in found if match}
+    if None in found or len(parts) > 1 or len(numbers) < len(names):
+        return False
+    return not numbers or max(numbers) - min(numbers) < MOST_APART * len(numbers)
+
+
 def frame_files(paths: Sequence[Path], folder: str) -> list[FrameFile]:
     """Return files in order of videos and frames; `folder` is the name of a single video.
 
@@ -67,6 +81,11 @@ def frame_files(paths: Sequence[Path], folder: str) -> list[FrameFile]:
         for name, own in zip(names, series.values(), strict=True)
         for number in sorted(own)
     ]
+
+
+def unordered(files: Sequence[FrameFile]) -> bool:
+    """Whether files are named as images, without numbers of frames."""
+    return not all(file.label.isdigit() for file in files)
 
 
 def _video_names(series: list[tuple[str, str]], folder: str) -> list[str]:

@@ -7,6 +7,7 @@ and keypoint_scores, which are taken as they are; they may be a little above 1.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording
-from shapefit.io.detectors.frame_files import files_in, frame_files
+from shapefit.io.detectors.frame_files import files_in, frame_files, unordered
 from shapefit.io.detectors.json_text import (
     Outline,
     first_outline,
@@ -83,7 +84,8 @@ def record_images(paths: tuple[Path, ...]) -> Recording:
     if len({file.video for file in files}) == 1:
         detections.videos = None
     name = str(paths[0] if len(paths) == 1 else folder)
-    return _recorded(detections, name, video, len(files), {})
+    recording = _recorded(detections, name, video, len(files), {})
+    return replace(recording, unordered=unordered(files))
 
 
 def _is_list_of_instances(own: Outline) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording
-from shapefit.io.detectors.frame_files import files_in, frame_files
+from shapefit.io.detectors.frame_files import files_in, frame_files, unordered
 from shapefit.io.detectors.json_text import first_outline, outline, read_json
 from shapefit.io.foreign.recording import Recording
 
@@ -73,6 +73,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=name,
         video=folder.resolve().name,
         frames=len(files) - len(strange),
+        unordered=unordered(files),
         notes=notes,
         default_keypoints=NAMED_BY_COUNT.get(values.shape[1]),
     )

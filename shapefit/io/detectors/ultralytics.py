@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import Detections, as_recording
-from shapefit.io.detectors.frame_files import files_in, frame_files
+from shapefit.io.detectors.frame_files import files_in, frame_files, unordered
 from shapefit.io.foreign.recording import FRACTION, Recording
 from shapefit.io.sources import read_whole
 
@@ -88,6 +88,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=name,
         video=folder.resolve().name,
         frames=len(files),
+        unordered=unordered(files),
         unit=FRACTION,
         landmark_names=layout.names or (None if person else numbers),
         default_keypoints="coco_17" if person else None,

@@ -69,6 +69,7 @@ class Recording:
     extras           datasets of the whole file: camera_matrix (3, 3), distortion, image_size
     size_needed      of fractions of the image: whether they are useless without `image_size`
     notes            warnings about the file as a whole
+    unordered        whether the images are, as far as names say, no frames of a video
     default_keypoints  the skeleton that the format implies, where landmarks have no names
     """
 
@@ -87,6 +88,7 @@ class Recording:
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     size_needed: bool = False
     notes: tuple[str, ...] = ()
+    unordered: bool = False
     default_keypoints: str | None = None
 
 

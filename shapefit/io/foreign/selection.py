@@ -83,10 +83,14 @@ def choose(recording: Recording, options: InputOptions) -> Callable[[], Iterator
     """Return what reads anew the instances that the options ask for.
 
     Instances without a landmark are left out. Raises InputError for an individual that the
-    recording does not have.
+    recording does not have, and for images without order of which motion is asked for.
     """
     names = recording.individuals
-    tracks = options.track == "nearest"
+    if options.track == "motion" and recording.unordered and (recording.frames or 0) > 1:
+        found = "holds images of different files, without numbers of frames: no motion"
+        fix = "set `track: nearest` if they are one all the same, or write .h5 or .csv"
+        raise input_error(recording.name, found, fix)
+    tracks = options.track != "none"
     if options.individual is not None and not tracks and options.individual not in names:
         raise _unknown_individual(recording, options.individual, names)
 

@@ -37,7 +37,7 @@ def is_table(path: Path, head: bytes) -> bool:
     line = _decoded(head).replace("\r", "\n").partition("\n")[0]
     if not path.name.lower().endswith(ENDINGS) or "\0" in line or is_anipose(path, head):
         return False
-    return {"item", "landmark"} - {cell.strip(' "') for cell in line.split(",")} != set() and (
+    return {"item", "landmark"} - {cell.strip(' "\t') for cell in line.split(",")} != set() and (
         understand(line) is not None
     )
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import counted, input_error
+from shapefit.io.detectors.frame_files import are_series
 from shapefit.io.foreign.recording import (
     ANYBODY,
     FRACTION,
@@ -84,6 +85,7 @@ def of_bodies(
         frames=n,
         unit=FRACTION if fraction else UNKNOWN_UNIT,
         size_needed=fraction,
+        unordered=images and not are_series(names),
         notes=notes,
         **further,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -87,8 +87,8 @@ def _write_staged(target: Path, groups: dict[str, list[Motion]], write: Write) -
     """Write a file for each group and have them appear together."""
     resolved = Path(os.path.realpath(target))
     names = {}
-    for ending in groups:
-        stem = file_stem(f"{resolved.stem}_{ending.replace('/', '_')}")
+    for ending, own in zip(groups, _plain_names(groups), strict=True):
+        stem = file_stem(f"{resolved.stem}_{own}")
         names[ending] = PurePosixPath(f"{stem}{resolved.suffix}")
     with staged_files(resolved.parent) as staged:
         for ending, motions in groups.items():
@@ -101,6 +101,19 @@ def _write_and_sync(write: Write, motions: Sequence[Motion], path: Path) -> None
         write(path, motions)
         with path.open("rb") as written:
             os.fsync(written.fileno())
+
+
+def _plain_names(endings: Iterable[str]) -> list[str]:
+    """Return endings without / and spaces; those that become the same get a number."""
+    names: dict[str, None] = {}
+    for ending in endings:
+        plain = name = ending.replace("/", "_").replace(" ", "_")
+        number = 1
+        while name in names:
+            number += 1
+            name = f"{plain}_{number}"
+        names[name] = None
+    return list(names)
 
 
 def _own_names(names: Sequence[str]) -> list[str]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, input_error
 from shapefit.io.extras import METRES_PER_UNIT, Extras
 from shapefit.io.foreign.sources import FRAME
 from shapefit.io.records import ResultSet, ShapeSet, concatenate
@@ -59,12 +59,18 @@ def find_tracks(parts: list[Solid], place: str) -> list[Track]:
     """Join records and part them by sequence, each in the order of its frames.
 
     Frames are those of the dataset `frame`, or, without one, the order of the items. Raises
-    InputError where two items of a sequence are of one frame.
+    InputError where two items of a sequence are of one frame, and for items of no sequence whose
+    places in a video are known: nobody says that they are of one body.
     """
     records: Solid = concatenate(parts)  # type: ignore[type-var]
     names = np.array(records.sequences or ("",) * len(records), dtype=object)
     frames = _frames(records)
     tracks = []
+    loose = [item for item, name in zip(records.items, names, strict=True) if not name]
+    if frames is not None and len(loose) > 1:
+        found = f"{abbreviate(loose)} belong to no sequence: they are no motion"
+        fix = "read them with `track: nearest`, which joins detections over frames"
+        raise input_error(place, found, fix)
     for name in dict.fromkeys(names.tolist()) or ("",):
         rows = np.flatnonzero(names == name)
         own = np.arange(len(rows)) if frames is None else frames[rows]

@@ -125,7 +125,7 @@ def read_options(config: FitConfig) -> InputOptions:
     Detections without identity are joined to sequences where those are needed.
     """
     joined = output_format(config).by_sequence or METHODS[config.method].sequences
-    return input_options(config.input, "nearest" if joined else "none")
+    return input_options(config.input, "motion" if joined else "none")
 
 
 def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:

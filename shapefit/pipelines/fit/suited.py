@@ -64,9 +64,12 @@ def in_sequences(config: FitConfig) -> bool:
     """
     if not config.landmarks or STANDARD_STREAM in config.landmarks:
         return False
-    options = replace(input_options(config.input, "nearest"), rename={})
-    with open_landmarks(config.landmarks, options) as source:
-        first = next(iter(source.chunks(LOOKED_AT)), None)
+    options = replace(input_options(config.input, "motion"), rename={})
+    try:
+        with open_landmarks(config.landmarks, options) as source:
+            first = next(iter(source.chunks(LOOKED_AT)), None)
+    except InputError:  # no frames of a video; what is wrong with files the fit says itself
+        return False
     if first is None or first.sequences is None:
         return False
     _, which, counts = np.unique(first.sequences, return_inverse=True, return_counts=True)

@@ -103,9 +103,9 @@ def test_an_item_in_two_sequences(csv, problems, read_views):
             ],
         ),
         (
-            "item;landmark;x;y",
+            "item;landmark;x;colour",
             [
-                "the header is 'item;landmark;x;y'; "
+                "the header is 'item;landmark;x;colour'; "
                 "write the header item,landmark,x,y[,confidence][,sequence], with commas"
             ],
         ),

@@ -132,3 +132,26 @@ def test_damaged_results(written, contents, message):
 def test_nan_as_python_writes_it(written):
     images, _ = read(written("r.json", [result(1, float("nan"), 2, 0.5, *[1, 2, 0.5] * 16)]))
     assert np.isnan(images.landmarks[0, :, 0]).all()
+
+
+@pytest.mark.parametrize(
+    ("names", "motion"),
+    [
+        (["frame_000.jpg", "frame_001.jpg", "frame_007.jpg"], True),
+        (["000000000785.jpg", "000000040083.jpg", "000000397133.jpg"], False),
+        (["beach.jpg", "dog.jpg", "street.jpg"], False),
+    ],
+)
+def test_images_of_different_files_are_no_motion(written, names, motion):
+    content = {
+        "images": [{"id": n, "file_name": name} for n, name in enumerate(names)],
+        "annotations": [{"image_id": n, "keypoints": [1.0, 2.0, 2] * 17} for n in range(3)],
+        "categories": [],
+    }
+    path = written("all.json", content)
+    if motion:
+        assert len(set(read(path, track="motion")[0].sequences)) == 1
+    else:
+        with pytest.raises(InputError, match=r"without numbers of frames: no motion; set `track"):
+            read(path, track="motion")
+    assert len(set(read(path, track="nearest")[0].sequences)) == 1

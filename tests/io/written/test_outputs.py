@@ -121,3 +121,15 @@ def test_names_without_what_all_begin_with():
     assert outputs._own_names(["v/a", "w/a"]) == ["v/a", "w/a"]
     assert outputs._own_names(["v", "v/a"]) == ["v", "v/a"]
     assert outputs._own_names([""]) == [""]
+
+
+def test_names_of_files_have_no_spaces(tmp_path, several):
+    record = replace(several, sequences=("a b", "a b", "a_b", "a_b"))
+    written = [path.name for path in write(tmp_path / "man.trc", record).written]
+    assert written == ["man_a_b.trc", "man_a_b_2.trc"]
+    assert sorted(os.listdir(tmp_path)) == sorted(written)
+
+
+def test_items_of_no_sequence_are_no_motion(tmp_path, several, problems):
+    (line,) = problems(write, tmp_path / "man.trc", replace(several, sequences=None))
+    assert "a/0, a/1, b/0, b/1 belong to no sequence: they are no motion; read them with" in line

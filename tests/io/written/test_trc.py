@@ -93,7 +93,7 @@ def test_each_individual_has_a_file(tmp_path, scene, rng):
     )
     summary = write(tmp_path / "man.trc", several)
     names = [path.name for path in summary.written]
-    assert names == ["man_anna.trc", "man_person 2.trc"]
+    assert names == ["man_anna.trc", "man_person_2.trc"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
     np.testing.assert_array_equal(parse(tmp_path / names[1])[3][:, 0], [0, 1])
 

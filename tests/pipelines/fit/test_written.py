@@ -123,7 +123,7 @@ def test_a_real_man_is_as_large_as_a_man_and_stands_on_his_feet(real_data, tmp_p
     )
     given = {"landmarks": files, "dictionary": "people"}
     written, note = run(fit, "fit", tmp_path / "man.trc", *overrides, **given)
-    assert written[0] == "man_person 1.trc"
+    assert written[0] == "man_person_1.trc"
     assert "in m by height 1.72 m, y up, the axis z of the extrinsics" in note
     man = dict(zip(PEOPLE, points(tmp_path / written[0]).transpose(1, 0, 2), strict=True))
 
