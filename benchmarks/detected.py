@@ -168,7 +168,7 @@ def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") ->
 def names_of(landmarks: Path) -> frozenset[str]:
     """Names of the landmarks of a file."""
     with open_landmarks([landmarks]) as source:
-        return frozenset(source.landmark_names)
+        return frozenset(source.head.landmark_names)
 
 
 def cells(report: Path, methods: Sequence[str]) -> list[str]:

@@ -200,7 +200,7 @@ def test_folders_of_a_room_import_one_way():
 
 
 def test_an_import_against_the_order_of_folders_is_seen():
-    source = "def f():\n    from shapefit.io.kinds.shapes import read_shapes"
+    source = "def f():\n    from shapefit.io.kinds.opening import read_shapes"
     assert len(wrong_folder_imports(source, "shapefit.io.whole.atomic")) == 1
     assert wrong_folder_imports(source, "shapefit.pipelines.fit.run") == []
 

@@ -16,7 +16,7 @@ from shapefit.errors import input_error
 from shapefit.evaluation.summary import Summary, summarise
 from shapefit.face.options import config_of, default
 from shapefit.face.records import Fit, Shapes, result_set, shape_set
-from shapefit.io.kinds.given import given_shapes
+from shapefit.io.kinds.given import given_source
 from shapefit.pipelines.evaluate.image_errors import find_grouping, image_errors
 from shapefit.pipelines.evaluate.judgement import judge
 from shapefit.pipelines.evaluate.visible_enough import visible_enough
@@ -71,7 +71,8 @@ def evaluate(
         fix = "use `groups`, `least_visible` or `rename`, or the command line"
         raise input_error(f"evaluate.{min(beyond)}", "is a key of reports only", fix)
     names = result.landmark_names if isinstance(result, Fit | Shapes) else None
-    true = given_shapes(shape_set(truth, names), "truth", config.input.rename, gaps=True)
+    true_set = shape_set(truth, names)
+    true = given_source(true_set, "truth", config.input.rename, gaps=True).whole()
     record = result_set(result, true.landmark_names)
     if not isinstance(truth, Shapes) or truth.items is None:
         if len(true) != len(record):

@@ -23,7 +23,7 @@ from shapefit.face.records import (
     landmark_set,
 )
 from shapefit.io.extras import Extras
-from shapefit.io.kinds.given import check_given_dictionary, given_landmarks
+from shapefit.io.kinds.given import check_given_dictionary, given_source
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.pipelines.fit.landmark_names import name_warnings
 from shapefit.pipelines.fit.plan import plan_fit
@@ -75,8 +75,8 @@ def fit(
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
     messages: dict[str, str | Counted] = {text: text for text in plan.warnings}
-    with given_landmarks(images, "landmarks", config.input.rename) as source:
-        names = name_warnings(source.landmark_names, atoms.landmark_names)
+    with given_source(images, "landmarks", config.input.rename) as source:
+        names = name_warnings(source.head.landmark_names, atoms.landmark_names)
         for batch in lift_source(source, plan):
             outcome = report.of(batch)
             records.append(batch.record)

@@ -1,19 +1,78 @@
-"""Whether several input files go together."""
+"""Whether several input files go together, and what all of their items then have in common."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import input_error
+from shapefit.errors import input_error, listed
 from shapefit.io.extras import Array, Extras
+from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.magnitudes import Axis, check_magnitudes
+from shapefit.io.options import Direction
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
 Text = TypeVar("Text", bound=str)
 APART = "use files that agree, or process them separately"
 ALL_OR_NONE = "give it to all files (CSV cannot hold it) or to none, or process them separately"
+
+
+def common_head(
+    heads: Sequence[tuple[str, Any]],
+    y_axes: Sequence[tuple[str, Direction | None]],
+    y_axis: Direction,
+) -> Any:
+    """Return what all items of files have in common, each head and direction with the file's name.
+
+    The landmarks of images are those of all files in order of appearance, those of shapes and of
+    results are the same in all; where no file states the direction of y, it is `y_axis`. Raises
+    InputError where files do not go together.
+    """
+    (_, first), *_ = heads
+    names = first.landmark_names
+    if isinstance(first, LandmarkSet):
+        names = tuple(dict.fromkeys(name for _, head in heads for name in head.landmark_names))
+    if isinstance(first, ResultSet):
+        _check_same_datasets(heads)
+    else:
+        heads = [(place, head.arrange(names, place)) for place, head in heads]
+    if isinstance(first, ShapeSet):
+        meshes = [(place, head.mesh_vertices) for place, head in heads]
+        sizes = [(place, None if m is None else np.array(m.shape[1:])) for place, m in meshes]
+        check_same_array("mesh", sizes)
+        check_same_array("mesh_faces", [(place, head.mesh_faces) for place, head in heads])
+    check_same_extras([(place, Extras.of(head.extras, 0)) for place, head in heads])
+    units = [(place, None if head.unit == UNKNOWN_UNIT else head.unit) for place, head in heads]
+    changes: dict[str, Any] = {
+        "unit": agreed("unit", units, UNKNOWN_UNIT),
+        "frame_rate": agreed_rate([(place, head.frame_rate) for place, head in heads]),
+    }
+    if not isinstance(first, ShapeSet):
+        changes["y_axis"] = agreed("y_axis", y_axes, y_axis)
+    for name in ("sequences", "confidence", "edges"):
+        known = (getattr(head, name, None) for _, head in heads)
+        if (value := next((each for each in known if each is not None), None)) is not None:
+            changes[name] = value
+    return heads[0][1].replaced(**changes)
+
+
+def conform(part: Any, head: Any, place: str) -> Any:
+    """Return a part of one file with the landmarks and fields of the whole source."""
+    changes: dict[str, Any] = {"unit": head.unit, "frame_rate": head.frame_rate}
+    if head.sequences is not None and part.sequences is None:
+        changes["sequences"] = ("",) * len(part)
+    if isinstance(part, ResultSet):
+        items, landmarks = Axis("item", part.items), Axis("landmark", part.landmark_names)
+        check_magnitudes(place, part.shapes, items, landmarks)
+        return part.replaced(**changes, y_axis=head.y_axis, attributes=head.attributes)
+    if isinstance(part, ShapeSet):
+        return part.arrange(head.landmark_names, place).replaced(**changes, edges=head.edges)
+    if head.confidence is not None and part.confidence is None:
+        changes["confidence"] = np.ones((len(part), len(part.landmark_names)))
+    return part.replaced(**changes, y_axis=head.y_axis).arrange(head.landmark_names, place)
 
 
 def agreed(what: str, stated: Sequence[tuple[str, Text | None]], default: Text) -> Text:
@@ -60,6 +119,18 @@ def check_same_extras(files: Sequence[tuple[str, Extras]]) -> None:
         for name in first:
             one, other = _comparable(first, name), _comparable(extras, name)
             _compare(f"dataset {name}", (first_place, one), (place, other))
+
+
+def _check_same_datasets(heads: Sequence[tuple[str, ResultSet]]) -> None:
+    """Raise InputError unless all results have the same landmarks and datasets."""
+    (first_place, first), *others = heads
+    for place, head in others:
+        if head.landmark_names != first.landmark_names:
+            found = f"its landmarks are not those of {first_place}, in their order"
+            raise input_error(place, found, APART)
+        if differing := sorted(head.datasets ^ first.datasets):
+            found = f"only one of it and {first_place} has {listed(differing, 'and')}"
+            raise input_error(place, found, APART)
 
 
 def _comparable(extras: Extras, name: str) -> Array | None:

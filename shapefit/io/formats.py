@@ -31,11 +31,7 @@ from shapefit.stores.reading import read_head
 HEAD_BYTES = 4096
 """Of a file that a recogniser sees."""
 
-STORED = {
-    "landmarks": "shapefit.io.kinds.landmarks:open_stored_file",
-    "shapes": "shapefit.io.kinds.shapes:open_stored_file",
-    "result": "shapefit.io.kinds.results:open_stored_file",
-}
+STORED = dict.fromkeys(("landmarks", "shapes", "result"), "shapefit.io.stored.files:stored_file")
 """Readers of the formats that hold every dataset, by kind."""
 
 HDF5 = FileFormat(
@@ -48,7 +44,6 @@ HDF5 = FileFormat(
     },
     reader="shapefit.io.hdf5.reading:Hdf5Reader",
     form="shapefit.io.hdf5.reading:hdf5_form",
-    lister="shapefit.io.kinds.listing:list_stored",
     writer="shapefit.io.hdf5.writing:hdf5_output",
     writes=("landmarks", "shapes", "result", "dictionary"),
     points_only=False,
@@ -61,7 +56,6 @@ PARQUET = FileFormat(
     readers=STORED,
     reader="shapefit.io.parquet.reading:ParquetReader",
     form="shapefit.io.parquet.reading:parquet_form",
-    lister="shapefit.io.kinds.listing:list_stored",
     writer="shapefit.io.parquet.writing:parquet_output",
     writes=("landmarks", "shapes", "result"),
     points_only=False,
@@ -76,7 +70,6 @@ CSV = FileFormat(
         "shapes": "shapefit.io.csv.tables:read_shape_table",
         "result": "shapefit.io.csv.tables:read_result_table",
     },
-    lister="shapefit.io.kinds.listing:list_table",
     writer="shapefit.io.csv.writing:csv_output",
     writes=("landmarks", "shapes", "result"),
     states_y_axis=False,
@@ -159,12 +152,6 @@ def find_reader(path: Path, kind: str) -> Callable[..., Any]:
         found = f"is {known.title}, not {titles}" if path.is_file() else "is not a file on a disk"
         raise input_error(source_name(path), found, f"give a shapefit-{kind} file")
     return load(known.readers[kind])
-
-
-def find_lister(path: Path) -> Callable[[Path], Any] | None:
-    """Return what lists a file without reading all of it, if its format has such a thing."""
-    lister = find_format(path).lister
-    return None if lister is None else load(lister)
 
 
 def find_target_format(path: Path, name: str = "auto") -> FileFormat:

@@ -67,6 +67,11 @@ class Format:
         return self.name.removeprefix("shapefit-")
 
     @property
+    def points(self) -> Dataset:
+        """The dataset that every item has: its landmarks, or its shape."""
+        return next(known for known in self.datasets if known.required and known.points)
+
+    @property
     def per_item(self) -> tuple[Dataset, ...]:
         """Datasets with a row for each item."""
         return tuple(dataset for dataset in self.datasets if dataset.per_item)

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from itertools import chain
-from typing import Any, Literal, TypeVar
+from typing import Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.extras import LABELS, LANDMARK_COVARIANCE, Extras
-from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Dataset, Format
-from shapefit.io.problems import input_problems
+from shapefit.io.landmark_names import match_landmarks, renamed
+from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Format
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -22,9 +21,109 @@ Names = tuple[str, ...]
 Attribute = str | float | int
 Rows = NDArray[Any] | Sequence[int] | slice
 
+_TYPES = {"number": np.float64, "index": np.int64}
+
+
+class Records:
+    """n items of one kind, with their names and those of p landmarks; one item takes one row.
+
+    FORM lists the fields that files hold, and their axes.
+    """
+
+    FORM: ClassVar[Format]
+    landmark_names: Names
+    items: Names
+    sequences: Names | None
+    unit: str
+    frame_rate: float | None
+    extras: Mapping[str, NDArray[Any]]
+
+    def __post_init__(self) -> None:
+        """Bring the fields to their types; ValueError where axes disagree, a programmer's error."""
+        sizes: dict[str, int] = {}
+        for dataset in self.FORM.datasets:
+            value = getattr(self, dataset.attribute)
+            if value is None:
+                continue
+            text = dataset.kind == "text"
+            value = tuple(value) if text else np.asarray(value, _TYPES.get(dataset.kind))
+            object.__setattr__(self, dataset.attribute, value)
+            shape = (len(value),) if text else np.shape(value)
+            expected = tuple(
+                sizes.setdefault(axis, size) if isinstance(axis, str) else axis
+                for axis, size in zip(dataset.memory_axes, shape, strict=False)
+            )
+            if shape != expected or len(shape) != len(dataset.axes):
+                raise ValueError(
+                    f"{dataset.attribute} has the shape {shape}; "
+                    f"expected {dataset.memory_axes} = {expected}"
+                )
+        object.__setattr__(self, "extras", Extras.of(self.extras, len(self)))
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def replaced(self, **fields: Any) -> Self:
+        """Return the same with some fields replaced."""
+        return replace(self, **fields)  # type: ignore[type-var]
+
+    @property
+    def datasets(self) -> frozenset[str]:
+        """Names of the datasets of the layout that are known."""
+        known = self.FORM.datasets
+        return frozenset(each.name for each in known if getattr(self, each.attribute) is not None)
+
+    def arrange(self, names: Sequence[str], place: str = "landmark_names") -> Self:
+        """Return the same items with the landmarks `names`, in that order.
+
+        Raises InputError at `place` for landmarks that do not fit.
+        """
+        if tuple(names) == self.landmark_names:
+            return self
+        raise ValueError(f"{type(self).__name__} cannot be arranged otherwise")
+
+    @property
+    def points(self) -> Floats:
+        """The landmarks (n, 2, p), or the shapes (n, 3, p)."""
+        points: Floats = getattr(self, self.FORM.points.attribute)
+        return points
+
+    def with_whole_points(self) -> Self:
+        """Return the same items; a landmark with one unknown coordinate has none."""
+        unknown = np.isnan(self.points).any(axis=1, keepdims=True)
+        points = np.where(unknown, np.nan, self.points)
+        return self.replaced(**{self.FORM.points.attribute: points})
+
+    def take(self, indices: Rows) -> Self:
+        """Return the items at these indices (numbers, a mask or a slice), in their order."""
+        rows = np.arange(len(self))[indices]
+        changes: dict[str, Any] = {}
+        for dataset in self.FORM.growing:
+            value = getattr(self, dataset.attribute)
+            if value is None:
+                continue
+            if dataset.kind == "text":
+                changes[dataset.attribute] = tuple(value[row] for row in rows)
+            else:
+                counts = getattr(self, dataset.counted_by) if dataset.counted_by else None
+                changes[dataset.attribute] = value[
+                    rows if counts is None else _pieces(counts, rows)
+                ]
+        extras = Extras.of(self.extras, len(self)).take(rows)
+        return self.replaced(**changes, extras=extras)
+
+    def renamed(self, rename: Mapping[str, str], place: str) -> Self:
+        """Return the same items with the landmarks that `rename` (old name -> new) knows renamed.
+
+        Raises InputError at `place` where two landmarks would have one name.
+        """
+        if not rename:
+            return self
+        return self.replaced(landmark_names=renamed(self.landmark_names, rename, place))
+
 
 @dataclass(frozen=True)
-class ShapeSet:
+class ShapeSet(Records):
     """n shapes of p landmarks: shapes (n, 3, p) in `unit`.
 
     items are unique; sequences (n) name the clip or group of each; edges (e, 2) and mesh_faces
@@ -32,6 +131,8 @@ class ShapeSet:
     Hz, is that of the items of a sequence, None where it is unknown. extras are further datasets
     as they stand in the file.
     """
+
+    FORM = SHAPES
 
     shapes: Floats
     landmark_names: Names
@@ -44,24 +145,40 @@ class ShapeSet:
     frame_rate: float | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
 
-    def __post_init__(self) -> None:
-        _complete(self)
+    def arrange(self, names: Sequence[str], place: str = "landmark_names") -> ShapeSet:
+        """Return the same shapes with the same landmarks, in the order of `names`.
 
-    def __len__(self) -> int:
-        return len(self.items)
-
-    def take(self, indices: Rows) -> ShapeSet:
-        """Return the shapes at these indices (numbers, a mask or a slice), in their order."""
-        return _take(self, indices)
+        Raises InputError at `place` where the names are not those of this set.
+        """
+        names = tuple(names)
+        if self.landmark_names == names:
+            return self
+        match_landmarks(names, self.landmark_names, place)
+        columns = match_landmarks(self.landmark_names, names, place)
+        position = np.argsort(columns)
+        extras = Extras.of(self.extras, len(self))
+        whole = dict(extras.whole)
+        if "mirror_index" in whole:
+            index = _mirror_index(whole["mirror_index"], len(names), place)
+            whole["mirror_index"] = position[index[columns]]
+        return replace(
+            self,
+            shapes=self.shapes[..., columns],
+            landmark_names=names,
+            edges=None if self.edges is None else position[self.edges],
+            extras=Extras(extras.per_item, whole),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
-class LandmarkSet:
+class LandmarkSet(Records):
     """n images of p landmarks: landmarks (n, 2, p) in `unit`, NaN where unseen.
 
     confidence (n, p) >= 0 or None, which means 1 for all; y_axis is the direction of y; frame_rate
     as in a ShapeSet.
     """
+
+    FORM = LANDMARKS
 
     landmarks: Floats
     confidence: Floats | None = None
@@ -72,16 +189,6 @@ class LandmarkSet:
     y_axis: Literal["up", "down"] = "down"
     frame_rate: float | None = None
     extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
-
-    def __post_init__(self) -> None:
-        _complete(self)
-
-    def __len__(self) -> int:
-        return len(self.items)
-
-    def take(self, indices: Rows) -> LandmarkSet:
-        """Return the images at these indices (numbers, a mask or a slice), in their order."""
-        return _take(self, indices)
 
     def weights(self) -> Floats:
         """Omega (n, p): the confidence, or 1, where a landmark has a place, and 0 elsewhere."""
@@ -134,7 +241,7 @@ class LandmarkSet:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ResultSet:
+class ResultSet(Records):
     """What a fit found for n images: shapes (n, 3, p) in the camera frame and `unit`.
 
     NaN where an item failed. landmarks_fitted (n, 2, p); coefficients (n, k); rotation (n, 3, 3);
@@ -156,6 +263,8 @@ class ResultSet:
     frame_rate as in a ShapeSet. attributes are stored with the file (method, times, config,
     digests).
     """
+
+    FORM = RESULTS
 
     shapes: Floats
     landmarks_fitted: Floats | None = None
@@ -195,47 +304,8 @@ class ResultSet:
     frame_rate: float | None = None
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        _complete(self)
 
-    def __len__(self) -> int:
-        return len(self.items)
-
-    def take(self, indices: Rows) -> ResultSet:
-        """Return the results at these indices (numbers, a mask or a slice), in their order."""
-        return _take(self, indices)
-
-
-Record = TypeVar("Record", ShapeSet, LandmarkSet, ResultSet)
-
-_FORMATS: Mapping[type, Format] = {
-    ShapeSet: SHAPES,
-    LandmarkSet: LANDMARKS,
-    ResultSet: RESULTS,
-}
-
-
-def match_landmarks(
-    have: Sequence[str], want: Sequence[str], place: str = "landmark_names"
-) -> NDArray[np.intp]:
-    """Return i with have[i[j]] == want[j] for every j.
-
-    Raises InputError at `place` with the nearest names for every wanted name that is not there.
-    """
-    index = {name: number for number, name in enumerate(have)}
-    strange = [name for name in want if name not in index]
-    stripped = {name.strip() for name in have}
-    if spaced := [repr(name) for name in strange if name.strip() in stripped]:
-        found = f"names of landmarks differ from the known ones in spaces ({_some(spaced)})"
-        raise input_error(place, found, "remove the spaces around names")
-    if len(strange) == len(want) > 1:
-        found = (
-            f"none of the {len(want)} landmarks ({_some(want)}) is known; known are {_some(have)}"
-        )
-        raise input_error(place, found, "give files with the same landmark names")
-    if strange:
-        raise input_problems([_strange_landmark(place, name, have) for name in strange])
-    return np.array([index[name] for name in want], dtype=np.intp)
+Record = TypeVar("Record", bound=Records)
 
 
 def concatenate(parts: Sequence[Record]) -> Record:
@@ -247,7 +317,7 @@ def concatenate(parts: Sequence[Record]) -> Record:
     if len(parts) == 1:
         return first
     changes: dict[str, Any] = {}
-    for dataset in _FORMATS[type(first)].growing:
+    for dataset in first.FORM.growing:
         values = [getattr(part, dataset.attribute) for part in parts]
         if values[0] is None:
             continue
@@ -257,41 +327,7 @@ def concatenate(parts: Sequence[Record]) -> Record:
     per_item = {
         name: np.concatenate([e.per_item[name] for e in extras]) for name in extras[0].per_item
     }
-    return replace(first, **changes, extras=Extras(per_item, extras[0].whole))
-
-
-def nearest_names(name: str, known: Sequence[str]) -> list[str]:
-    """Return the up to three known names that look most like a name."""
-    return get_close_matches(name, known, n=3, cutoff=0.5)
-
-
-def _strange_landmark(place: str, name: str, known: Sequence[str]) -> str:
-    nearest = nearest_names(name, known)
-    if nearest:
-        fix = "did you mean " + " or ".join(f"'{near}'" for near in nearest) + "?"
-    else:
-        fix = f"use one of: {_some(known)}"
-    return f"{place}: there is no landmark '{name}'; {fix}"
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:10]) + (", ..." if len(names) > 10 else "")
-
-
-def _take(records: Record, indices: Rows) -> Record:
-    rows = np.arange(len(records))[indices]
-    changes: dict[str, Any] = {}
-    for dataset in _FORMATS[type(records)].growing:
-        value = getattr(records, dataset.attribute)
-        if value is None:
-            continue
-        if dataset.kind == "text":
-            changes[dataset.attribute] = tuple(value[row] for row in rows)
-        else:
-            counts = getattr(records, dataset.counted_by) if dataset.counted_by else None
-            changes[dataset.attribute] = value[rows if counts is None else _pieces(counts, rows)]
-    extras = Extras.of(records.extras, len(records))
-    return replace(records, **changes, extras=extras.take(rows))
+    return first.replaced(**changes, extras=Extras(per_item, extras[0].whole))
 
 
 def _pieces(counts: Integers, rows: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -301,27 +337,11 @@ def _pieces(counts: Integers, rows: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.concatenate([np.empty(0, dtype=np.intp), *pieces])
 
 
-def _complete(records: ShapeSet | LandmarkSet | ResultSet) -> None:
-    """Bring the fields to their types; ValueError where axes disagree (a programmer's error)."""
-    sizes: dict[str, int] = {}
-    for dataset in _FORMATS[type(records)].datasets:
-        value = getattr(records, dataset.attribute)
-        if value is None:
-            continue
-        value = tuple(value) if dataset.kind == "text" else np.asarray(value, _dtype(dataset))
-        object.__setattr__(records, dataset.attribute, value)
-        shape = np.shape(value) if dataset.kind != "text" else (len(value),)
-        expected = tuple(
-            sizes.setdefault(axis, size) if isinstance(axis, str) else axis
-            for axis, size in zip(dataset.memory_axes, shape, strict=False)
-        )
-        if shape != expected or len(shape) != len(dataset.axes):
-            raise ValueError(
-                f"{dataset.attribute} has the shape {shape}; "
-                f"expected {dataset.memory_axes} = {expected}"
-            )
-    object.__setattr__(records, "extras", Extras.of(records.extras, len(records)))
-
-
-def _dtype(dataset: Dataset) -> type | None:
-    return {"number": np.float64, "index": np.int64}.get(dataset.kind)
+def _mirror_index(index: NDArray[Any], p: int, place: str) -> NDArray[Any]:
+    """Return the index of each landmark's mirror image; InputError where it is none."""
+    whole_numbers = index.dtype.kind in "iu" and index.shape == (p,)
+    if not whole_numbers or ((index < 0) | (index >= p)).any():
+        found = "does not pair the landmarks"
+        fix = "store the index of each landmark's mirror image, or remove it"
+        raise input_error(f"{place}:/mirror_index", found, fix)
+    return index

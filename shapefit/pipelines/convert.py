@@ -11,8 +11,9 @@ from shapefit.config import ConvertConfig
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSource, ShapeSource, open_landmarks, open_shapes
 from shapefit.io.formats import find_target_format
+from shapefit.io.joined import ResultSource
 from shapefit.io.kinds.kind import Kind, find_kind
-from shapefit.io.kinds.results import ResultSource, open_results
+from shapefit.io.kinds.opening import open_results
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.options import InputOptions, OutputOptions
 from shapefit.io.sources import is_stream
@@ -67,7 +68,7 @@ def _open(kind: Kind, files: Sequence[Path], options: InputOptions) -> Source:
         return open_landmarks(files, options)
     if kind == "shapes":
         return open_shapes(files, options, gaps=True)
-    return open_results(files, proofs=True)
+    return open_results(files, without=())
 
 
 def _with_rate(records: Any, config: ConvertConfig) -> Any:

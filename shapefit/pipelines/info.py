@@ -15,7 +15,6 @@ from shapefit.dictionary.origin import origin_of
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import (
     LandmarkSet,
-    LandmarkSource,
     ShapeSet,
     open_landmarks,
     open_shapes,
@@ -27,7 +26,7 @@ from shapefit.io.foreign.names import fitting_skeletons
 from shapefit.io.foreign.opening import group_inputs, open_either
 from shapefit.io.formats import find_format
 from shapefit.io.kinds.kind import find_kind
-from shapefit.io.kinds.results import read_results
+from shapefit.io.kinds.opening import read_results
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions
 from shapefit.io.skeletons import PEOPLE, SKELETONS, people_joints
@@ -136,9 +135,9 @@ def _told(
         for chunk in source.chunks(BLOCK):
             found.add(chunk)
         lines = title + _of_records(source.head, found, source.count, kind)
-        if isinstance(source, LandmarkSource):
+        if isinstance(source.head, LandmarkSet):
             stated = "" if source.states_y_axis else ", as the file does not say"
-            lines.append(("y axis", source.y_axis + stated))
+            lines.append(("y axis", source.head.y_axis + stated))
         lines.append(("go on with", _following(kind, paths, options, source.head.landmark_names)))
         return lines, source.notes
 

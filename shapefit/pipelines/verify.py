@@ -243,7 +243,7 @@ def open_given(part: Part, results: ProofFile, terms: Terms) -> Iterator[Given |
         if source.count != results.count:
             found = f"{counted(source.count, 'image')} for {counted(results.count, 'result')}"
             raise input_error(part.landmarks[0], found, f"give the landmarks of {part.file}")
-        joints = find_joints(source.landmark_names, results.landmark_names)
+        joints = find_joints(source.head.landmark_names, results.landmark_names)
 
         def arranged(images: LandmarkSet) -> LandmarkSet:
             named = as_joints(images, joints, place)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from shapefit.io.extras import Extras
-from shapefit.io.records import LandmarkSet, ShapeSet, concatenate, match_landmarks
+from shapefit.io.landmark_names import match_landmarks
+from shapefit.io.records import LandmarkSet, ShapeSet, concatenate
 
 
 def test_match_landmarks_finds_every_wanted_name():

@@ -166,8 +166,8 @@ def test_chunks_run_over_the_ends_of_files(tmp_path, landmarks, same):
     ]
     with open_landmarks(paths) as source:
         assert source.count == 5
-        assert source.landmark_names == landmarks.landmark_names
-        assert (source.unit, source.y_axis) == ("px", "down")
+        assert source.head.landmark_names == landmarks.landmark_names
+        assert (source.head.unit, source.head.y_axis) == ("px", "down")
         for size in (1, 2, 3, 5, 100):
             chunks = list(source.chunks(size))
             assert [len(chunk) for chunk in chunks] == [size] * (5 // size) + [5 % size] * (
@@ -203,7 +203,7 @@ def test_landmarks_of_files_are_united(tmp_path, landmarks):
     two = views_file(tmp_path / "b.h5", other)
     with open_landmarks([one, two]) as source:
         chunk = source.whole()
-    assert source.landmark_names == ("head", "left hand", "right hand", "foot", "tail")
+    assert source.head.landmark_names == ("head", "left hand", "right hand", "foot", "tail")
     assert chunk.sequences == ("", "a", "b")
     np.testing.assert_array_equal(chunk.landmarks[0, :, :4], landmarks.landmarks[0])
     assert np.isnan(chunk.landmarks[0, :, 4]).all()
@@ -221,7 +221,12 @@ def test_csv_and_hdf5_together(tmp_path, landmarks):
     with open_landmarks([one, two]) as source:
         chunk = source.whole()
     np.testing.assert_array_equal(chunk.landmarks, landmarks.landmarks)
-    assert (source.unit, source.y_axis, chunk.unit, chunk.y_axis) == ("px", "down", "px", "down")
+    assert (source.head.unit, source.head.y_axis, chunk.unit, chunk.y_axis) == (
+        "px",
+        "down",
+        "px",
+        "down",
+    )
 
 
 def test_landmarks_that_do_not_go_together(tmp_path, landmarks, problems):

@@ -71,7 +71,7 @@ def test_landmarks_to_csv_and_back(tmp_path, landmarks):
 def test_a_frame_rate_of_the_config_is_stored(tmp_path, landmarks):
     convert(tmp_path / "views.h5", output=tmp_path / "slow.h5", frame_rate=12.5)
     with open_landmarks([tmp_path / "slow.h5"]) as source:
-        assert source.frame_rate == 12.5
+        assert source.head.frame_rate == 12.5
 
 
 def test_doubtful_landmarks_are_hidden(tmp_path, landmarks):

@@ -27,7 +27,6 @@ class FileFormat:
     reader       of a format of ours that holds every dataset: takes a path and a layout, opens a
                  StoredReader
     form         of such a format: takes a path, returns the layout that the file says it has
-    lister       takes a path, returns a Listing; without one the whole file is read
     writer       takes a path and the layout of the records, gives a RecordWriter in a `with`
     writes       the kinds that it can write
     in_metres    what it writes is in metres and upright; its writer takes OutputOptions, too
@@ -46,7 +45,6 @@ class FileFormat:
     readers: Mapping[str, str] = field(default_factory=dict)
     reader: str | None = None
     form: str | None = None
-    lister: str | None = None
     writer: str | None = None
     writes: tuple[str, ...] = ()
     in_metres: bool = False

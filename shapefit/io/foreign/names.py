@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from shapefit.errors import input_error, listed
 from shapefit.io.foreign.recording import Recording
+from shapefit.io.landmark_names import nearest_names
 from shapefit.io.options import InputOptions
-from shapefit.io.records import nearest_names
 from shapefit.io.skeletons import SKELETONS
 
 KEY = "keypoints"

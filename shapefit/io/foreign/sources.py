@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error
-from shapefit.io.chunked import SourceFile
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
 from shapefit.io.foreign.names import landmark_names
 from shapefit.io.foreign.recording import FRACTION, Instances, Recording
 from shapefit.io.foreign.selection import Chosen, choose, stacked
+from shapefit.io.joined import SourceFile
 from shapefit.io.options import InputOptions
 from shapefit.io.records import LandmarkSet, ShapeSet
 
@@ -81,6 +81,8 @@ def landmark_file(recording: Recording, options: InputOptions) -> SourceFile[Lan
         ItemList(lambda: [survey.items], lambda _: recording.name),
         _opener(survey, read, record),
         notes=_notes(recording, survey),
+        sequences=lambda: [survey.sequences],
+        y_axis=recording.y_axis,
     )
 
 

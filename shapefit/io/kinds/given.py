@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import nullcontext
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-import numpy as np
-
 from shapefit.dictionary.model import Dictionary
-from shapefit.io.duplicates import ItemList, check_unique_items
+from shapefit.io.duplicates import ItemList
+from shapefit.io.joined import Source, SourceFile
 from shapefit.io.kinds.dictionaries import check_dictionary
-from shapefit.io.kinds.landmarks import LandmarkSource, one_file
-from shapefit.io.layout import DICTIONARY, LANDMARKS, SHAPES, Format
-from shapefit.io.records import LandmarkSet, ShapeSet
-from shapefit.io.renaming import check_known, renamed
-from shapefit.io.stored import checks
+from shapefit.io.landmark_names import check_known
+from shapefit.io.layout import DICTIONARY, Format
+from shapefit.io.records import LandmarkSet, Record
+from shapefit.io.stored.checks import check_values
 
 
 class Given:
@@ -56,47 +52,29 @@ class Given:
         """Return a dataset; None if there is none."""
         return self._values[name]
 
+    def read_blocks(self, name: str, part: slice | None = None) -> Iterator[Any]:
+        """Read a dataset, or the rows of a part of it."""
+        yield self._values[name][part or slice(None)]
+
     def is_written(self, name: str) -> bool:
         """Whether the dataset has values: in memory all have."""
         return True
 
 
-def given_landmarks(landmarks: LandmarkSet, name: str, rename: Mapping[str, str]) -> LandmarkSource:
-    """Return landmarks in memory as a source; `name` stands for its file in messages.
+def given_source(
+    records: Record, name: str, rename: Mapping[str, str], *, gaps: bool = False
+) -> Source[Record]:
+    """Return landmarks or shapes in memory as a source; `name` stands for a file in messages.
 
-    Raises InputError as `open_landmarks` does for what a file holds.
+    With `gaps` landmarks of shapes may be unknown. Raises InputError as for what a file holds.
     """
-    given = Given(name, landmarks, LANDMARKS)
-    checks.check_named(given, [landmarks.items])
-    checks.check_not_infinite(given, "landmarks", [landmarks.landmarks])
-    if landmarks.confidence is not None:
-        checks.check_confidence(given, [landmarks.confidence])
-    check_known(rename, [(name, landmarks.landmark_names)])
-    landmarks = renamed(landmarks, rename, name)
-    items = ItemList(lambda: [landmarks.items], lambda row: given.place("item", row))
-    read = nullcontext(landmarks.take)
-    file = one_file(name, landmarks, items, lambda: read, landmarks.y_axis)
-    return LandmarkSource([file], landmarks.y_axis)
-
-
-def given_shapes(
-    shapes: ShapeSet, name: str, rename: Mapping[str, str], *, gaps: bool = False
-) -> ShapeSet:
-    """Return shapes in memory as `read_shapes` gives them, and with its errors."""
-    given = Given(name, shapes, SHAPES)
-    checks.check_named(given, [shapes.items])
-    check_points = checks.check_finite_or_gap if gaps else checks.check_finite
-    check_points(given, "shapes", [shapes.shapes])
-    if shapes.mesh_vertices is not None:
-        checks.check_finite(given, "mesh_vertices", [shapes.mesh_vertices])
-    checks.check_indices(given, "edges", "p")
-    checks.check_indices(given, "mesh_faces", "q")
-    items = ItemList(lambda: [shapes.items], lambda row: given.place("item", row))
-    check_unique_items([items])
-    check_known(rename, [(name, shapes.landmark_names)])
-    unknown = np.isnan(shapes.shapes).any(axis=1, keepdims=True)
-    points = np.where(unknown, np.nan, shapes.shapes)
-    return renamed(replace(shapes, shapes=points), rename, name)
+    given = Given(name, records, records.FORM)
+    check_values(given, records.FORM, gaps=gaps)
+    check_known(rename, [(name, records.landmark_names)])
+    records = records.with_whole_points().renamed(rename, name)
+    items = ItemList(lambda: [records.items], lambda row: given.place("item", row))
+    stated = records.y_axis if isinstance(records, LandmarkSet) else None
+    return Source([SourceFile.held(name, records, items, y_axis=stated)])
 
 
 def check_given_dictionary(dictionary: Dictionary, name: str) -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from shapefit.errors import input_error
 from shapefit.io.formats import find_format
-from shapefit.io.kinds.results import read_rows
 from shapefit.io.layout import RESULTS
 from shapefit.io.records import ResultSet
+from shapefit.io.stored.files import read_rows
 from shapefit.io.stored.opening import open_stored
 from shapefit.io.stored.reader import StoredReader
 

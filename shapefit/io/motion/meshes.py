@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import counted, input_error
+from shapefit.io.landmark_names import match_landmarks
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.motion.mesh_landmarks import Places, read_places
-from shapefit.io.records import ShapeSet, match_landmarks
+from shapefit.io.records import ShapeSet
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

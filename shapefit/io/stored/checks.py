@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.geometry.normalisation import LARGEST
+from shapefit.io.layout import LANDMARKS, SHAPES, Format
 from shapefit.io.problems import Problems
 
 Blocks = Iterable[NDArray[np.float64]]
@@ -35,8 +36,33 @@ class Datasets(Protocol):
     def read(self, name: str) -> Any:
         """Return a dataset; None if there is none."""
 
+    def read_blocks(self, name: str, part: slice | None = None) -> Iterator[Any]:
+        """Read a dataset per item, or the rows of a part of it, some at a time."""
+
     def is_written(self, name: str) -> bool:
         """Whether anything was ever written to the dataset."""
+
+
+def check_values(
+    reader: Datasets, form: Format, *, gaps: bool = False, part: slice | None = None
+) -> None:
+    """Raise InputError for items without a name, and values that cannot be computed with.
+
+    With `gaps` a landmark of a shape may be unknown. Only the rows of `part` are looked at. What
+    results hold is checked where it is read.
+    """
+    check_named(reader, reader.read_blocks("item", part))
+    if form is LANDMARKS:
+        check_not_infinite(reader, "landmarks", reader.read_blocks("landmarks", part))
+        if reader.has("confidence"):
+            check_confidence(reader, reader.read_blocks("confidence", part))
+    if form is SHAPES:
+        check_points = check_finite_or_gap if gaps else check_finite
+        check_points(reader, "shapes", reader.read_blocks("shapes", part))
+        if reader.has("mesh_vertices"):
+            check_finite(reader, "mesh_vertices", reader.read_blocks("mesh_vertices", part))
+        check_indices(reader, "edges", "p")
+        check_indices(reader, "mesh_faces", "q")
 
 
 def check_finite(reader: Datasets, name: str, blocks: Blocks) -> None:

@@ -12,7 +12,8 @@ from shapefit.evaluation.calibration import ErrorBars, find_levels
 from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, PLAUSIBILITY, TRUE_ROTATION
 from shapefit.evaluation.metrics import truth_scale
 from shapefit.evaluation.report import NORMALISED
-from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
+from shapefit.io.landmark_names import match_landmarks
+from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate.judgement import Judgement, common_landmarks
 from shapefit.pipelines.evaluate.result_datasets import find_dataset
 

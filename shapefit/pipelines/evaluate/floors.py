@@ -22,7 +22,8 @@ from shapefit.evaluation.metrics import similarity
 from shapefit.evaluation.statistics.labels import Coder, Labels
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import read_dictionary
-from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
+from shapefit.io.landmark_names import match_landmarks
+from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.spilled.columns import Column, Spill
 from shapefit.io.spilled.name_index import NameIndex
 from shapefit.io.spilled.texts import Texts

@@ -16,7 +16,8 @@ from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 from shapefit.evaluation.summary import ALL
 from shapefit.geometry.normalisation import centroid
 from shapefit.geometry.procrustes import coincide
-from shapefit.io.records import ResultSet, ShapeSet, match_landmarks
+from shapefit.io.landmark_names import match_landmarks
+from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate.measurement import Kind, datasets_of, measure
 from shapefit.pipelines.evaluate.result_datasets import find_dataset
 from shapefit.pipelines.items import named_items

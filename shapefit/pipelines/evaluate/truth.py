@@ -10,7 +10,7 @@ import numpy as np
 
 from shapefit.config import EvalConfig
 from shapefit.errors import counted
-from shapefit.io.kinds.shapes import ShapeSource, open_shapes
+from shapefit.io import ShapeSource, open_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.io.spilled.columns import Spill
 from shapefit.io.spilled.name_index import NameIndex

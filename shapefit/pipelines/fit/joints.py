@@ -11,7 +11,6 @@ import numpy as np
 
 from shapefit.errors import abbreviate, counted
 from shapefit.io import LandmarkSet
-from shapefit.io.renaming import renamed
 from shapefit.io.skeletons import people_joints, people_weights
 
 
@@ -52,4 +51,4 @@ def as_joints(images: LandmarkSet, joints: Joints, place: str) -> LandmarkSet:
     if (weights != 1.0).any():
         given = 1.0 if images.confidence is None else images.confidence
         images = replace(images, confidence=given * weights * np.ones((len(images), 1)))
-    return renamed(images, joints.names, place)
+    return images.renamed(joints.names, place)

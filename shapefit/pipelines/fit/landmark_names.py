@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from shapefit.errors import abbreviate, counted, input_error
-from shapefit.io.records import match_landmarks, nearest_names
+from shapefit.io.landmark_names import match_landmarks, nearest_names
 from shapefit.io.skeletons import people_joints
 from shapefit.pipelines.fit.joints import find_joints
 

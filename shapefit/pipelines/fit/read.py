@@ -43,8 +43,8 @@ def read_images(source: LandmarkSource, options: ReadOptions) -> Iterator[Landma
     Raises InputError where landmarks and dictionary have too few names in common.
     """
     names, place = options.names, options.place
-    joints = find_joints(source.landmark_names, names)
-    renamed = joints.rename(source.landmark_names)
+    joints = find_joints(source.head.landmark_names, names)
+    renamed = joints.rename(source.head.landmark_names)
     check_enough(renamed, names, place)
     strange = find_strange(renamed, names)
     for batch in batches(source, options.batch):
@@ -112,6 +112,6 @@ def warn_of_source(source: LandmarkSource, options: ReadOptions) -> tuple[str, .
     return (
         *nothing_in(source.count, "images"),
         *source.notes,
-        *name_warnings(source.landmark_names, options.names),
+        *name_warnings(source.head.landmark_names, options.names),
         *find_doubts(source.head.extras, options.camera),
     )

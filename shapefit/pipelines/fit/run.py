@@ -60,7 +60,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
         # Taken back where the result cannot be completed, which happens on leaving this block.
         exports.publish()
     of_writer = writer.summary.warnings
-    if plan.needs_rate and not source.frame_rate:
+    if plan.needs_rate and not source.head.frame_rate:
         of_writer = with_rate_warning(of_writer)
     yield Outcome(
         total=source.count,

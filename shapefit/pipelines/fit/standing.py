@@ -17,7 +17,7 @@ STEEP = 0.5
 def said_of_y(source: LandmarkSource) -> str:
     """Say which way y was taken to point in the images."""
     taken = "" if source.states_y_axis else ", as no file says otherwise"
-    return f"y {source.y_axis} in the images{taken}"
+    return f"y {source.head.y_axis} in the images{taken}"
 
 
 class Standing:

@@ -116,7 +116,7 @@ def _view_of(config: SweepConfig, value: Value) -> ViewConfig | None:
 def _check_match(config: SweepConfig, landmarks: Sequence[Path]) -> None:
     """Raise InputError where the landmarks have no dataset that names the truth of an image."""
     with open_landmarks(landmarks) as source:
-        if config.match not in ("item", *source.further_datasets):
+        if config.match not in ("item", *source.head.extras):
             found = f"the landmarks have no dataset '{config.match}'"
             raise input_error("match", found, "name one that holds items of the truth, or `item`")
 

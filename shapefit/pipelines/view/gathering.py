@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.kinds.listing import Listing, Records, read_chunks
+from shapefit.io.kinds.listing import AnyRecords, Listing, read_chunks
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.lifting.verdict import DOUBT
 
@@ -85,7 +85,7 @@ def gather(
 
 def _take(
     gathered: Gathered,
-    records: Records,
+    records: AnyRecords,
     frames: NDArray[np.intp],
     columns: NDArray[np.intp],
     match: str,

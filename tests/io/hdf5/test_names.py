@@ -32,4 +32,4 @@ def test_many_landmark_names_are_compared_at_once(tmp_path):
     with landmark_writer(tmp_path / "many.h5") as writer:
         writer.append(few)
     with open_landmarks([tmp_path / "many.h5"]) as source:
-        assert source.landmark_names == names
+        assert source.head.landmark_names == names

@@ -58,7 +58,7 @@ def test_landmarks_truth_and_methods_stand_in_the_frame_of_the_first(truth, turn
     ((drawn, edges, y_axis),) = poses
     (pose,) = drawn
     assert list(pose.shapes) == ["truth", "Convex", "Mirrored"]
-    assert (pose.title, y_axis) == ("walk/02", "up")
+    assert (pose.title, y_axis) == ("walk/02", "down")
     np.testing.assert_array_equal(edges, EDGES)
     estimate = pose.shapes["Convex"]
     np.testing.assert_allclose(pose.shapes["truth"][:, :4], estimate[:, :4])

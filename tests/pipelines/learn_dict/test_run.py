@@ -18,7 +18,8 @@ from shapefit.errors import InputError
 from shapefit.geometry.normalisation import centroid, normalise, spread
 from shapefit.geometry.procrustes import generalised_procrustes, rotation_onto
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import ShapeSet, ShapeSource, digest, read_dictionary, read_shapes, write_shapes
+from shapefit.io import ShapeSet, digest, read_dictionary, read_shapes, write_shapes
+from shapefit.io.joined import Source
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict import training_shapes
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
@@ -319,7 +320,7 @@ class TestFailures:
         points = shapes.shapes.copy()
         points[4, 0, 0], points[7, 1, 2] = np.nan, np.inf
         spoiled = replace(shapes, shapes=points)
-        monkeypatch.setattr(ShapeSource, "whole", lambda _: spoiled)
+        monkeypatch.setattr(Source, "whole", lambda _: spoiled)
         outcomes, dictionary = learned(config())
         assert failures(outcomes) == dict.fromkeys(("item4", "item7"), "a coordinate is not finite")
         assert np.isfinite(dictionary.atoms).all()

@@ -1,31 +1,29 @@
-"""Several files of records, read as one, some items at a time."""
+"""Several files of records as one source, some items at a time."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import chain
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, Generic, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.io.agreement import common_head, conform
 from shapefit.io.duplicates import ItemList, check_unique_items
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, concatenate
-from shapefit.io.renaming import renamed
+from shapefit.io.options import Direction
+from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
 from shapefit.io.spilled.columns import stretches
-
-Record = TypeVar("Record", ShapeSet, LandmarkSet, ResultSet)
 
 
 @dataclass(frozen=True)
 class SourceFile(Generic[Record]):
     """One file of a source: `head` has all but the items, `open` gives a reader of rows.
 
-    notes are warnings about what was left out of it.
+    notes are warnings about what was left out of it; `sequences` reads those of all items, if it
+    has any; y_axis is where y points, None where it does not say it.
     """
 
     name: str
@@ -34,44 +32,50 @@ class SourceFile(Generic[Record]):
     items: ItemList
     open: Callable[[], AbstractContextManager[Callable[[slice], Record]]]
     notes: tuple[str, ...] = ()
+    sequences: Callable[[], Iterable[Sequence[str]]] = tuple
+    y_axis: Direction | None = None
+
+    @classmethod
+    def held(cls, name: str, records: Record, items: ItemList | None = None, **said: Any) -> Self:
+        """Return records in memory as a file; without `items` messages name the file alone."""
+        return cls(
+            name,
+            records.take(slice(0)),
+            len(records),
+            items or ItemList(lambda: [records.items], lambda _: name),
+            lambda: nullcontext(records.take),
+            sequences=lambda: [records.sequences or ()],
+            **said,
+        )
+
+    def changed(self, change: Callable[[Record], Record]) -> Self:
+        """Return a file that gives its records out changed, its head too."""
+
+        @contextmanager
+        def opened() -> Iterator[Callable[[slice], Record]]:
+            with self.open() as read:
+                yield lambda rows: change(read(rows))
+
+        return replace(self, head=change(self.head), open=opened)
 
 
-File = TypeVar("File", bound=SourceFile[Any])
+class Source(Generic[Record]):
+    """The items of one or more files; a context manager, which closes the files.
 
+    `head` has all but the items: their landmarks, unit, datasets. y_axis is where y points in
+    files that do not say it.
+    """
 
-def changed(file: File, change: Callable[[Any], Any]) -> File:
-    """Return a file that gives its records out changed, its head too."""
-
-    @contextmanager
-    def opened() -> Iterator[Callable[[slice], Any]]:
-        with file.open() as read:
-            yield lambda rows: change(read(rows))
-
-    return replace(file, head=change(file.head), open=opened)
-
-
-def with_names(file: File, rename: Mapping[str, str]) -> File:
-    """Return a file that gives its landmarks out under their new names (`renamed`)."""
-    return changed(file, partial(renamed, rename=rename, place=file.name)) if rename else file
-
-
-class ChunkedSource(ABC, Generic[Record, File]):
-    """The items of one or more files; a context manager, which closes the files."""
-
-    def __init__(self, files: Sequence[File]) -> None:
-        """Take files; raises InputError for items that occur twice."""
+    def __init__(self, files: Sequence[SourceFile[Record]], y_axis: Direction = "down") -> None:
+        """Take files; raises InputError for items that occur twice, and for files that differ."""
         self._files = files
         self._running: list[Generator[Record, None, None]] = []
         check_unique_items([file.items for file in files])
-
-    @property
-    @abstractmethod
-    def head(self) -> Record:
-        """All of the source but its items."""
-
-    @abstractmethod
-    def _conform(self, part: Record, place: str) -> Record:
-        """Give a part of one file the landmarks and fields of the whole source."""
+        filled = [file for file in files if file.count] or files[:1]
+        heads = [(file.name, file.head) for file in filled]
+        stated = [(file.name, file.y_axis) for file in filled]
+        self.states_y_axis = any(direction is not None for _, direction in stated)
+        self.head: Record = common_head(heads, stated, y_axis)
 
     @property
     def count(self) -> int:
@@ -107,6 +111,14 @@ class ChunkedSource(ABC, Generic[Record, File]):
         """Read the items, block by block."""
         return chain.from_iterable(file.items.blocks() for file in self._files)
 
+    def sequences(self) -> Iterator[Sequence[str]]:
+        """Read the sequences of all items, block by block; an empty text where there is none."""
+        for file in self._files:
+            if file.head.sequences is None:
+                yield ("",) * file.count
+            else:
+                yield from file.sequences()
+
     def take(self, rows: NDArray[np.intp]) -> Record:
         """Return the items of these rows, which ascend, none twice; near ones are read together."""
         parts: list[Record] = []
@@ -119,7 +131,7 @@ class ChunkedSource(ABC, Generic[Record, File]):
                     first, last = int(near[0]), int(near[-1])
                     part = read(slice(first, last + 1))
                     part = part if len(part) == len(near) else part.take(near - first)
-                    parts.append(self._conform(part, file.name))
+                    parts.append(conform(part, self.head, file.name))
         return concatenate(parts) if parts else self.head
 
     def whole(self) -> Record:
@@ -155,4 +167,9 @@ class ChunkedSource(ABC, Generic[Record, File]):
             with file.open() as read:
                 for start in range(0, file.count, size):
                     rows = slice(start, min(start + size, file.count))
-                    yield self._conform(read(rows), file.name)
+                    yield conform(read(rows), self.head, file.name)
+
+
+LandmarkSource = Source[LandmarkSet]
+ShapeSource = Source[ShapeSet]
+ResultSource = Source[ResultSet]

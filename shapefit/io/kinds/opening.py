@@ -1,0 +1,175 @@
+"""Open files of landmarks, shapes and results, in any format, as sources; write shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shapefit.io.foreign.file_format import FileFormat
+from shapefit.io.foreign.gaps import without_gaps
+from shapefit.io.foreign.opening import group_inputs, mixture, open_recording
+from shapefit.io.formats import find_format, find_reader
+from shapefit.io.joined import LandmarkSource, ResultSource, ShapeSource, SourceFile
+from shapefit.io.landmark_names import check_known
+from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Dataset, Format
+from shapefit.io.magnitudes import Axis, check_magnitudes
+from shapefit.io.options import AS_THEY_ARE, InputOptions
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.sources import source_name
+from shapefit.io.stored.files import stored_file
+from shapefit.io.writing import record_writer
+
+PROOFS = PROOF + TREES
+"""Datasets of results that stay in the file unless they are asked for, see proofs.py."""
+
+
+def open_landmarks(
+    paths: Sequence[Path], options: InputOptions = AS_THEY_ARE, rows: slice | None = None
+) -> LandmarkSource:
+    """Open files of landmarks in any format (`-` is standard input) as one source.
+
+    Everything is checked before the first image is given out. Raises InputError for what is
+    wrong with a file, for items that occur twice, and for files that do not go together (other
+    units, directions of y, frame rates, or further datasets), and for names of landmarks to rename
+    that no file has. HDF5 and Parquet are read a chunk at a time, all else whole. `rows` are those
+    of the one HDF5 or Parquet file that are given out: nothing else of it is read.
+    """
+    groups = group_inputs(paths, options)
+    files = [_open(LANDMARKS, known, own, options, part=rows) for known, own in groups]
+    files[0] = replace(files[0], notes=files[0].notes + mixture(groups))
+    return LandmarkSource(_renamed(files, options), options.y_axis)
+
+
+def open_shapes(
+    paths: Sequence[Path], options: InputOptions = AS_THEY_ARE, *, gaps: bool = False
+) -> ShapeSource:
+    """Open files of shapes in any format (`-` is standard input) as one source.
+
+    Landmarks are matched by name and stand in the order of the first file, items in the order of
+    the files; where only some files have sequences, those of the others are empty texts.
+    Everything is checked before the first shape is given out. Raises InputError for what is wrong
+    with a file, for items that occur twice, and for files that do not go together (other
+    landmarks, units, meshes or further datasets). HDF5 and Parquet are read a chunk at a time,
+    all else whole.
+
+    With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where it is in
+    one, and may lack its row in CSV. Without, that is wrong. `rename` as in `open_landmarks`.
+    """
+    groups = group_inputs(paths, options)
+    files = [_open(SHAPES, known, own, options, gaps=gaps) for known, own in groups]
+    return ShapeSource(_renamed(files, options))
+
+
+def open_results(paths: Sequence[Path], without: Collection[Dataset] = PROOFS) -> ResultSource:
+    """Open results as one source; datasets in `without` are not read.
+
+    From CSV all but shapes, names, items and sequences is None. HDF5 and Parquet are read a chunk
+    at a time, CSV whole. Raises InputError for what is wrong with a file, for items that occur
+    twice, and for files that do not go together.
+    """
+    known = [(find_format(path), (path,)) for path in paths]
+    return ResultSource([_open(RESULTS, *own, AS_THEY_ARE, without=without) for own in known])
+
+
+def read_shapes(
+    paths: Sequence[Path], options: InputOptions = AS_THEY_ARE, *, gaps: bool = False
+) -> ShapeSet:
+    """Read shapes from files of any format as one set, as `open_shapes` opens them."""
+    with open_shapes(paths, options, gaps=gaps) as source:
+        return source.whole()
+
+
+def read_results(path: Path, *, proofs: bool = False) -> ResultSet:
+    """Read a result from a file of any format that has one (`-` is standard input), as one.
+
+    What proves the optimum stays in the file unless `proofs` asks for it. Raises InputError as
+    `open_results`.
+    """
+    with open_results([path], () if proofs else PROOFS) as source:
+        return source.whole()
+
+
+def write_shapes(path: Path, shapes: ShapeSet) -> None:
+    """Write shapes to HDF5, or to CSV for `-` and names in .csv (without mesh, edges, extras).
+
+    Raises InputError where the file cannot be written; the old one then stays as it was.
+    """
+    with record_writer(path, SHAPES) as writer:
+        writer.append(shapes)
+
+
+def _open(
+    form: Format,
+    known: FileFormat,
+    paths: tuple[Path, ...],
+    options: InputOptions,
+    *,
+    gaps: bool = False,
+    part: slice | None = None,
+    without: Collection[Dataset] = (),
+) -> SourceFile[Any]:
+    """Open a file of any format; one that is read whole gives out parts of what was read."""
+    path, name = paths[0], source_name(paths[0])
+    notes: tuple[str, ...] = ()
+    if known.recorder is not None and form is not RESULTS:
+        from shapefit.io.foreign.sources import landmark_file, shape_file
+
+        recording = open_recording(known, paths, form.kind)
+        if form is LANDMARKS:
+            file = landmark_file(recording, options)
+            return file if known.states_y_axis else replace(file, y_axis=None)
+        records, notes = shape_file(recording, options)
+        if not gaps:
+            records, notes = without_gaps(records, notes, name)
+    else:
+        read = find_reader(path, form.kind)
+        if read is stored_file:
+            file = stored_file(path, form, gaps=gaps, part=part, without=without)
+            return _hiding(file, options.likelihood_below)
+        records = read(*((paths,) if known.together else paths), **_unknown(form, gaps))
+        if known.together:
+            records, notes = records
+    if form is SHAPES:
+        landmarks = Axis("landmark", records.landmark_names)
+        check_magnitudes(name, records.shapes, Axis("item", records.items), landmarks)
+    stated = getattr(records, "y_axis", None) if known.states_y_axis else None
+    file = SourceFile.held(name, records, notes=notes, y_axis=stated)
+    return _hiding(file, options.likelihood_below)
+
+
+def _unknown(form: Format, gaps: bool) -> dict[str, bool]:
+    """Return what readers of shapes take beside a path: whether landmarks may be unknown."""
+    return {"gaps": gaps} if form is SHAPES else {}
+
+
+def _renamed(files: Sequence[SourceFile[Any]], options: InputOptions) -> list[SourceFile[Any]]:
+    """Return files whose landmarks have their new names; InputError for those that none has."""
+    rename = options.rename
+    check_known(rename, [(file.name, file.head.landmark_names) for file in files])
+    return [
+        file.changed(lambda records, place=file.name: records.renamed(rename, place))  # type: ignore[misc]
+        if rename
+        else file
+        for file in files
+    ]
+
+
+def _hiding(file: SourceFile[Any], least: float) -> SourceFile[Any]:
+    """Return a file that hides landmarks whose confidence is below `least`."""
+    if not least or getattr(file.head, "confidence", None) is None:
+        return file
+
+    def hidden(images: LandmarkSet) -> LandmarkSet:
+        assert images.confidence is not None
+        doubtful = images.confidence < least
+        return replace(
+            images,
+            landmarks=np.where(doubtful[:, None], np.nan, images.landmarks),
+            confidence=np.where(doubtful, 0.0, images.confidence),
+        )
+
+    return file.changed(hidden)

@@ -1,0 +1,71 @@
+"""Files of our own layouts as files of a source: read a chunk at a time, checked first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from shapefit.io.duplicates import ItemList
+from shapefit.io.joined import SourceFile
+from shapefit.io.layout import Dataset, Format
+from shapefit.io.records import LandmarkSet, Records, ResultSet, ShapeSet
+from shapefit.io.stored.checks import check_values
+from shapefit.io.stored.opening import open_stored
+from shapefit.io.stored.reader import StoredReader
+
+KINDS: dict[str, type[Records]] = {
+    kind.FORM.name: kind for kind in (LandmarkSet, ShapeSet, ResultSet)
+}
+
+
+def stored_file(
+    path: Path,
+    form: Format,
+    *,
+    gaps: bool = False,
+    part: slice | None = None,
+    without: Collection[Dataset] = (),
+) -> SourceFile[Any]:
+    """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
+
+    With `gaps` a landmark of a shape may be unknown. Raises InputError for what is wrong with it.
+    """
+
+    @contextmanager
+    def opened() -> Iterator[Callable[[slice], Records]]:
+        with open_stored(path, form) as reader:
+            yield lambda rows: read_rows(
+                reader, slice(start + rows.start, start + rows.stop), without
+            )
+
+    def texts(name: str) -> Iterator[tuple[str, ...]]:
+        with open_stored(path, form) as reader:
+            yield from reader.read_blocks(name, part)
+
+    with open_stored(path, form) as reader:
+        start, stop, _ = (part or slice(None)).indices(reader.count)
+        check_values(reader, form, gaps=gaps, part=part)
+        return SourceFile(
+            str(path),
+            read_rows(reader, slice(0), without),
+            stop - start,
+            ItemList(lambda: texts("item"), lambda row: reader.place("item", start + row)),
+            opened,
+            sequences=lambda: texts("sequence"),
+            y_axis=reader.y_axis,
+        )
+
+
+def read_rows(reader: StoredReader, rows: slice, without: Collection[Dataset] = ()) -> Any:
+    """Return the records of these items, but for some datasets."""
+    kind = KINDS[reader.form.name]
+    said: dict[str, Any] = {"unit": reader.unit, "frame_rate": reader.frame_rate}
+    if kind is not ShapeSet:
+        said["y_axis"] = reader.y_axis or "down"
+    if kind is ResultSet:
+        said["attributes"] = reader.attributes
+    fields = reader.fields(rows, without=without)
+    found = kind(**fields, extras=reader.extras(rows), **said)  # type: ignore[call-arg]
+    return found if kind is ResultSet else found.with_whole_points()
