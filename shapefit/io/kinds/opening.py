@@ -120,8 +120,8 @@ def _open(
 
         recording = open_recording(known, paths, form.kind)
         if form is LANDMARKS:
-            file = landmark_file(recording, options)
-            return file if known.states_y_axis else replace(file, y_axis=None)
+            own = landmark_file(recording, options)
+            return own if known.states_y_axis else replace(own, y_axis=None)
         records, notes = shape_file(recording, options)
         if not gaps:
             records, notes = without_gaps(records, notes, name)
