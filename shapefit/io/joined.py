@@ -70,12 +70,20 @@ class Source(Generic[Record]):
         """Take files; raises InputError for items that occur twice, and for files that differ."""
         self._files = files
         self._running: list[Generator[Record, None, None]] = []
-        check_unique_items([file.items for file in files])
-        filled = [file for file in files if file.count] or files[:1]
+        self.head: Record = self._checked_head(y_axis)
+
+    def _checked_head(self, y_axis: Direction) -> Record:
+        """Return what all items have in common; files without items have no say."""
+        check_unique_items([file.items for file in self._files])
+        filled = [file for file in self._files if file.count] or self._files[:1]
         heads = [(file.name, file.head) for file in filled]
-        stated = [(file.name, file.y_axis) for file in filled]
-        self.states_y_axis = any(direction is not None for _, direction in stated)
-        self.head: Record = common_head(heads, stated, y_axis)
+        head: Record = common_head(heads, [(f.name, f.y_axis) for f in filled], y_axis)
+        return head
+
+    @property
+    def states_y_axis(self) -> bool:
+        """Whether a file says where y points."""
+        return any(file.y_axis is not None for file in self._files)
 
     @property
     def count(self) -> int:
