@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.admm import solve_admm
 from benchmarks.cases import LAMBDA, Case, cars_case, made_case, mocap_case
 from benchmarks.table import Row
-from shapefit.convex.admm import solve_admm
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solution import Status

@@ -286,7 +286,7 @@ def test_verification_loads_nothing_of_the_solver():
 AGAINST_THE_ORDER = [
     ("shapefit.errors", "from shapefit.geometry import rotations"),
     ("shapefit.geometry.rotations", "import shapefit.convex.problem"),
-    ("shapefit.convex.admm", "def f():\n    from shapefit.dictionary.model import Dictionary"),
+    ("shapefit.convex.newton", "def f():\n    from shapefit.dictionary.model import Dictionary"),
     ("shapefit.config.commands.fit", "from shapefit import io"),
     ("shapefit.config.commands.fit", "from ...io import records"),
     ("shapefit.io.hdf5", "from shapefit.pipelines.fit.run import run"),

@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from shapefit.convex.admm import solve_admm
+from benchmarks.admm import prox_spectral_norm, solve_admm
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Status
-from shapefit.convex.spectral_norm import prox_spectral_norm
 
 
 def paper_steps(

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from shapefit.convex.admm import solve_admm
+from benchmarks.admm import solve_admm
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Problem, build_problem
 from shapefit.convex.solution import Status

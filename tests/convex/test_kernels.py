@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shapefit.convex.spectral_norm import nuclear_norm, prox_spectral_norm
+from benchmarks.admm import prox_spectral_norm
+from shapefit.convex.spectral_norm import nuclear_norm
 from shapefit.core import parts
 
 

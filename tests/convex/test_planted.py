@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from shapefit.convex.admm import solve_admm
+from benchmarks.admm import solve_admm
 from shapefit.convex.certificate import certify_transforms
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem

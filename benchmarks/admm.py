@@ -8,7 +8,7 @@ change of mu costs nothing.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shapefit.convex.certificate import certify_transforms
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Solution, Status
-from shapefit.convex.spectral_norm import prox_spectral_norm
+from shapefit.convex.spectral_norm import sum_and_difference
 
 Floats = NDArray[np.float64]
 
@@ -72,6 +72,33 @@ def solve_admm(
 
     status = tuple(judge(image) for image in range(n))
     return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)
+
+
+def prox_spectral_norm(Q: Floats, t: Floats | float) -> Floats:
+    """argmin_X 1/2 ||Q - X||_F^2 + t ||X||_2 for blocks (..., 2, 3) (paper, eq. prox-2norm).
+
+    t > 0 broadcasts over the blocks. X = 0 where s1 + s2 <= t; both singular values become
+    (s1 + s2 - t) / 2 where s1 - s2 <= t; otherwise only s1 falls, by t.
+    """
+    total, difference, product = sum_and_difference(Q)
+    A = Q @ np.swapaxes(Q, -1, -2)
+    s1, s2 = (total + difference) / 2, (total - difference) / 2
+    eye = np.eye(2)
+
+    def block(scalar: NDArray[Any]) -> NDArray[Any]:
+        return scalar[..., None, None]
+
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # U V^T = A^(-1/2) Q with A^(-1/2) = ((tr A + r) I - A) / (r (s1 + s2))
+        trace = (A[..., 0, 0] + A[..., 1, 1]) + product
+        polar = (block(trace) * eye - A) @ Q / block(product * total)
+        equal = block((total - t) / 2) * polar
+        # u1 u1^T = (A - s2^2 I) / (s1^2 - s2^2)
+        leading = (A - block(s2**2) * eye) / block(total * difference)
+        shrunk = Q - block(t / s1) * (leading @ Q)
+    # In a block of rank one up to rounding U V^T is noise; there both formulas are zero up to it.
+    tight = block((difference <= t) & (product > 1e-16 * total**2))
+    return np.where(block(total <= t), 0.0, np.where(tight, equal, shrunk))
 
 
 class _Centred:
