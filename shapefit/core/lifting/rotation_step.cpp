@@ -22,10 +22,7 @@ constexpr int MOST_STEPS = 200;
 // or the step not short enough to end where conjugate gradients would.
 bool newton_step(const double* g, const double* H, double radius, double* step, double& fall) {
     double C[9];
-    cross(H + 3, H + 6, C);
-    cross(H + 6, H, C + 3);
-    cross(H, H + 3, C + 6);
-    const double det = inner3(H, C);
+    const double det = find_cofactors(H, C);
     if (!(H[0] > 0 && C[8] > 0 && det > 0)) return false;
     for (int a = 0; a < 3; ++a) step[a] = -inner3(C + 3 * a, g) / det;
     fall = -0.5 * inner3(g, step);

@@ -1,5 +1,7 @@
 #include "triple_poses.hpp"
 
+#include "../lifting/rotations.hpp"
+
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
@@ -25,24 +27,6 @@ void gather(const SeenLandmarks& seen, const Triple* triples, TripleLanes& lanes
     }
 }
 
-[[gnu::always_inline]] inline Lanes dot(const Lanes* u, const Lanes* v) {
-    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
-}
-
-// Orthonormalise the first two rows of R (3, 3); their cross product is the third.
-[[gnu::always_inline]] inline void orthonormalise(Lanes* R) {
-    const Lanes xx = dot(R, R), along = dot(R, R + 3) / xx;
-    for (int b = 0; b < 3; ++b) R[3 + b] -= along * R[b];
-    const Lanes first = 1 / root(xx), second = 1 / root(dot(R + 3, R + 3));
-    for (int b = 0; b < 3; ++b) {
-        R[b] *= first;
-        R[3 + b] *= second;
-    }
-    R[6] = R[1] * R[5] - R[2] * R[4];
-    R[7] = R[2] * R[3] - R[0] * R[5];
-    R[8] = R[0] * R[4] - R[1] * R[3];
-}
-
 // The plane of a triangle in the shape.
 struct Plane {
     Lanes Q[9];           // an orthonormal basis, and the normal
@@ -51,11 +35,11 @@ struct Plane {
 
 [[gnu::always_inline]] inline Plane span(const TripleLanes& triple) {
     Plane plane;
-    plane.base = root(dot(triple.to_S[0], triple.to_S[0]));
+    plane.base = root(inner3(triple.to_S[0], triple.to_S[0]));
     for (int b = 0; b < 3; ++b) plane.Q[b] = triple.to_S[0][b] / plane.base;
-    plane.along = dot(plane.Q, triple.to_S[1]);
+    plane.along = inner3(plane.Q, triple.to_S[1]);
     for (int b = 0; b < 3; ++b) plane.Q[3 + b] = triple.to_S[1][b] - plane.along * plane.Q[b];
-    plane.height = root(dot(plane.Q + 3, plane.Q + 3));
+    plane.height = root(inner3(plane.Q + 3, plane.Q + 3));
     orthonormalise(plane.Q);
     return plane;
 }
@@ -89,7 +73,7 @@ void pose_triples(const SeenLandmarks& seen, const Triple* triples, PoseLanes po
                 pose.R[3 * a + b] = (G[a][0] * plane.Q[b] + G[a][1] * plane.Q[3 + b] +
                                      sign * normal[a] * plane.Q[6 + b]) / s;
         orthonormalise(pose.R);
-        for (int a = 0; a < 2; ++a) pose.T[a] = triple.w[a] - s * dot(pose.R + 3 * a, triple.S);
+        for (int a = 0; a < 2; ++a) pose.T[a] = triple.w[a] - s * inner3(pose.R + 3 * a, triple.S);
     }
 }
 

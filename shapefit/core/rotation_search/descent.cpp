@@ -27,10 +27,7 @@ void invert_curvature(const double* curvature, double* H) {
     double A[9], C[9];
     const double trace = curvature[0] + curvature[4] + curvature[8];
     for (int e = 0; e < 9; ++e) A[e] = curvature[e] + (e % 4 == 0 ? DAMPING * trace : 0);
-    cross(A + 3, A + 6, C);
-    cross(A + 6, A, C + 3);
-    cross(A, A + 3, C + 6);
-    const double determinant = inner3(A, C);
+    const double determinant = find_cofactors(A, C);
     for (int e = 0; e < 9; ++e) H[e] = determinant > 0 ? C[e] / determinant : e % 4 == 0;
 }
 
