@@ -88,6 +88,18 @@ class Estimate:
     trees: tuple[Tree | None, ...] | None = None
     further: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
+    def in_unit(self, grow: Floats | float = 1.0, shrink: Floats | float = 1.0) -> Estimate:
+        """Return it with error bars times grow / shrink, numbers (n, 1, 1) or one for all.
+
+        A unit that is smaller by `grow`, or larger by `shrink`; variances change by the squares.
+        """
+        deviation, covariance = self.deviation, self.covariance
+        return replace(
+            self,
+            deviation=None if deviation is None else grow * deviation / shrink,
+            covariance=None if covariance is None else grow**2 * covariance / shrink**2,
+        )
+
 
 Estimator = Callable[[Problem], Estimate]
 

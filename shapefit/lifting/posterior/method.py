@@ -93,19 +93,15 @@ def look_through(
     """The same estimate with shapes in the unit of the dictionary, placed before the camera."""
     lost = np.isnan(found.scale)
     at = place(found.mean, found.scale, find_rays(problem.landmarks, camera), camera)
-    size = found.scale[:, None, None]
     projected = project(camera, at.shapes + at.translation[..., None])
     # what is hidden may lie behind the camera, and counts for nothing
     shown = np.where(problem.weights[:, None] > 0, projected, 0.0)
-    covariance, deviation = estimate.covariance, estimate.deviation
     return replace(
-        estimate,
+        estimate.in_unit(shrink=found.scale[:, None, None]),
         shapes=np.where(lost[:, None, None], 0.0, at.shapes),
         translation=np.where(lost[:, None], 0.0, at.middle),
         camera_translation=at.translation,
         residual=fit_translation(problem, shown, np.zeros((len(lost), 2))).residual,
-        deviation=None if deviation is None else deviation / size,
-        covariance=None if covariance is None else covariance / size**2,
     )
 
 

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.geometry.pinhole import project
-from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.posterior.rays import find_rays
 
@@ -54,7 +53,7 @@ def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -
         shapes=points,
         translation=flat,
         scale=size,
-        estimate=in_unit_of(replace(found, translation=flat), grow),
+        estimate=replace(found, translation=flat).in_unit(grow),
         perspective=None,
     )
     refined = weak
@@ -82,19 +81,9 @@ def see_again(
         landmarks_fitted=fitted,
         translation=translation,
         estimate=replace(
-            in_unit_of(refined.estimate, 1 / grow),
+            refined.estimate.in_unit(1 / grow),
             translation=lifting.estimate.translation,
             camera_translation=t,
         ),
         perspective=PerspectiveView(t, camera),
-    )
-
-
-def in_unit_of(estimate: Estimate, grow: Floats) -> Estimate:
-    """The estimate with error bars in a unit that is smaller by the factor grow (n, 1, 1)."""
-    deviation, covariance = estimate.deviation, estimate.covariance
-    return replace(
-        estimate,
-        deviation=None if deviation is None else grow * deviation,
-        covariance=None if covariance is None else grow**2 * covariance,
     )

@@ -59,6 +59,7 @@ def as_result(
 ) -> ResultSet:
     """Lay out a batch as it is stored, with the observed landmarks beside the fitted ones."""
     found = lifting.estimate
+    bars = found.in_unit(lifting.scale[:, None, None])
     failed = np.isnan(lifting.scale)
 
     def where_fitted(values: Floats | None) -> Floats | None:
@@ -81,7 +82,7 @@ def as_result(
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
-        shape_sd=scaled_deviation(lifting) if options.deviations else None,
+        shape_sd=bars.deviation if options.deviations else None,
         transforms=where_fitted(found.transforms) if options.transforms else None,
         unit=images.unit,
         y_axis=images.y_axis,
@@ -100,20 +101,13 @@ def size_attributes(dictionary: Dictionary) -> dict[str, str | float | int]:
     return {METRES_FROM: "edges" if has_lengths(dictionary) else "spread"}
 
 
-def scaled_deviation(lifting: Lifting) -> Floats | None:
-    """Return the standard deviations of the shapes (n, 3, p) in the unit of the landmarks."""
-    deviation = lifting.estimate.deviation
-    return None if deviation is None else lifting.scale[:, None, None] * deviation
-
-
-def covariance_by_landmark(lifting: Lifting) -> Floats | None:
-    """Return the covariance (n, 3p, 3p) of x, y, z of one landmark after the other, likewise."""
-    covariance = lifting.estimate.covariance
+def by_landmark(covariance: Floats | None) -> Floats | None:
+    """Return a covariance (n, 3p, 3p) with x, y, z of one landmark after the other."""
     if covariance is None:
         return None
     n, d, _ = covariance.shape
     blocks = covariance.reshape(n, 3, d // 3, 3, d // 3).transpose(0, 2, 1, 4, 3)
-    return lifting.scale[:, None, None] ** 2 * blocks.reshape(n, d, d)
+    return blocks.reshape(n, d, d)
 
 
 def with_proof(record: ResultSet, lifting: Lifting, *, optimum: bool) -> ResultSet:
@@ -156,7 +150,7 @@ def further_datasets(
         "active_atoms": found.active_atoms,
         "tight": found.tight,
         "outliers": found.outliers,
-        "shape_covariance": covariance_by_landmark(lifting),
+        "shape_covariance": by_landmark(found.in_unit(lifting.scale[:, None, None]).covariance),
         METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
         **found.further,
         **verdict(images, lifting, options),
