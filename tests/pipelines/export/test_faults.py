@@ -306,6 +306,6 @@ def test_zero_images_give_no_files(tmp_path, export, views):
     pictures = {"folder": str(tmp_path / "pictures"), "sheet": 4}
     found, outcomes = export(nothing, fit_keys={"method": "convex", "pictures": pictures})
     assert len(found) == 0
-    assert outcomes[-1].note == "0 meshes, 0 pictures"
+    assert outcomes[-1].note == "y down in the images; 0 meshes, 0 pictures"
     assert outcomes[-1].written == (tmp_path / "result.h5",)
     assert sorted(os.listdir(tmp_path)) == ["result.h5", "views.h5"]

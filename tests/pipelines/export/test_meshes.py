@@ -61,7 +61,7 @@ def test_the_mesh_is_that_of_the_coefficients_in_every_format(
         usual = trimesh.load_mesh(tmp_path / "meshes" / f"{item}.{file_format.split('-')[0]}")
         assert usual.is_watertight
     assert outcomes[-1].written == (tmp_path / "result.h5", tmp_path / "meshes")
-    assert outcomes[-1].note == "6 meshes"
+    assert outcomes[-1].note == "y down in the images; 6 meshes"
     assert [warning for outcome in outcomes for warning in outcome.warnings] == []
 
 
@@ -181,7 +181,7 @@ def test_images_without_a_shape_are_counted(tmp_path, export, views):
     assert [failure.item for outcome in outcomes for failure in outcome.failures] == [
         views.items[1]
     ]
-    assert outcomes[-1].note == "5 meshes"
+    assert outcomes[-1].note == "y down in the images; 5 meshes"
     assert outcomes[-1].warnings == (
         "images without a shape (failed, or with all coefficients 0): 1; they have no mesh",
     )
@@ -251,7 +251,7 @@ def test_names_too_long_for_a_path_are_cut(tmp_path, export, views):
     items = ("/".join(["x" * 200] * 25), "/".join("y" * 3000), *views.items[2:])
     pictures = {"folder": str(tmp_path / "pictures"), "items": ["*/x*", "*/y"]}
     _, outcomes = export(replace(views, items=items), fit_keys={"pictures": pictures})
-    assert outcomes[-1].note == "6 meshes, 2 pictures"
+    assert outcomes[-1].note == "y down in the images; 6 meshes, 2 pictures"
     assert len(list((tmp_path / "meshes").rglob("*.ply"))) == 6
     assert len(list((tmp_path / "pictures").rglob("%-*.png"))) == 2
 
@@ -271,7 +271,7 @@ def test_what_is_too_far_for_single_precision_has_no_mesh(
     images = replace(views, landmarks=views.landmarks.copy())
     images.landmarks[2] *= 1e45
     _, outcomes = export(images, format=file_format)
-    assert outcomes[-1].note == f"{meshes} meshes"
+    assert outcomes[-1].note == f"y down in the images; {meshes} meshes"
     assert len(list((tmp_path / "meshes").iterdir())) == meshes
     warnings = [warning for outcome in outcomes for warning in outcome.warnings]
     assert len(warnings) == 6 - meshes

@@ -56,7 +56,7 @@ def test_chosen_items_and_a_contact_sheet(tmp_path, draw, views):
         assert (pixels[..., :3] < 0.9).any(axis=-1).mean() > 0.1
     sheet = tmp_path / "pictures/contact_sheet.png"
     assert outcomes[-1].written == (tmp_path / "result.h5", tmp_path / "pictures", sheet)
-    assert outcomes[-1].note == "2 pictures, contact sheet of 4"
+    assert outcomes[-1].note == "y down in the images; 2 pictures, contact sheet of 4"
     assert outcomes[-1].warnings == ("pictures.items: no item has this name or matches 'lorry*'",)
 
 
@@ -77,7 +77,7 @@ def test_svg(tmp_path, draw, views):
 def test_at_most_so_many(tmp_path, draw, views):
     _, outcomes = draw(most=2, fit_keys={"chunk": 1})
     assert written(tmp_path) == {f"{item}.png" for item in views.items[:2]}
-    assert outcomes[-1].note == "2 pictures"
+    assert outcomes[-1].note == "y down in the images; 2 pictures"
 
 
 @pytest.mark.parametrize("chunk", [1, 4, 100])
@@ -121,7 +121,7 @@ def test_an_image_without_a_shape_has_its_picture(tmp_path, draw, views, sheets)
     for image, observed in zip(images, landmarks, strict=True):
         np.testing.assert_array_equal(image.landmarks, observed)
     assert np.isfinite(images[1].landmarks[0]).sum() == 2
-    assert outcomes[-1].note == "1 picture, contact sheet of 6"
+    assert outcomes[-1].note == "y down in the images; 1 picture, contact sheet of 6"
 
 
 def test_images_without_a_shape_that_nobody_names_make_room_for_others(tmp_path, draw, views):
@@ -141,7 +141,7 @@ def test_meshes_and_pictures_may_share_a_folder(tmp_path, run, views):
     _, outcomes = run(export=both, pictures=both)
     assert written(tmp_path) == {f"{views.items[0]}.ply", f"{views.items[0]}.png"}
     assert outcomes[-1].written == (tmp_path / "result.h5", tmp_path / "pictures")
-    assert outcomes[-1].note == "1 mesh, 1 picture"
+    assert outcomes[-1].note == "y down in the images; 1 mesh, 1 picture"
 
 
 class TestFittedImages:

@@ -28,7 +28,7 @@ def bones(people):
 @FORMATS
 def test_people_are_a_closed_tube_a_bone(export, people, poses, bones, read_one, file_format):
     found, outcomes = export(poses, people, format=file_format, frame="camera")
-    assert outcomes[-1].note == "12 meshes"
+    assert outcomes[-1].note == "y down in the images; 12 meshes"
     for image, item in enumerate(found.items):
         mesh = read_one(item, file_format)
         assert mesh.is_watertight
