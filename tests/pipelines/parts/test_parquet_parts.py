@@ -123,9 +123,10 @@ def test_what_is_done_stays(folder):
 
 
 def test_another_format_of_parts_replaces_those_of_the_first(folder):
-    fit("images.parquet", "out/", "partition=100")
-    assert fit("images.parquet", "out/", "partition=100", "part_format=parquet") == 500
-    assert sorted(path.suffix for path in Path("out").glob("part-*")) == [".parquet"] * 3
+    formats = {"hdf5": ".h5", "parquet": ".parquet"}
+    for name in ("hdf5", "parquet", "hdf5"):
+        assert fit("images.parquet", "out/", "partition=100", f"part_format={name}") == 500
+        assert sorted(path.suffix for path in Path("out").glob("part-*")) == [formats[name]] * 3
 
 
 def test_items_in_two_parts_are_found(folder):
