@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import logging
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +16,8 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from shapefit.config import load_config
+from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.stores.options import use_storage_options
 
 _numbers = count()
@@ -57,6 +60,37 @@ def real_data() -> Path:
             pytest.fail(reason)
         pytest.skip(reason)
     return REAL_DATA
+
+
+@pytest.fixture(scope="session")
+def make_once(tmp_path_factory) -> Callable[[str, Callable[[Path], object]], Path]:
+    """Return what makes a file once for all processes of a run; the others wait for it."""
+    own = tmp_path_factory.getbasetemp()
+    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+    def once(name: str, make: Callable[[Path], object]) -> Path:
+        path, part = shared / name, shared / f"part-{name}"
+        with (shared / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                make(part)
+                part.rename(path)
+        return path
+
+    return once
+
+
+@pytest.fixture(scope="session")
+def people_of_86(real_data, make_once) -> Path:
+    """The dictionary of `configs/people/learn-dict.yaml`: subject 86, with a prior."""
+
+    def learn(path: Path) -> None:
+        shapes = [str(real_data / "mocap" / "subject86_24fps.h5")]
+        arguments = {"shapes": shapes, "output": str(path)}
+        config = PROJECT / "configs/people/learn-dict.yaml"
+        list(learn_dict.run(load_config("learn-dict", config, arguments=arguments)))
+
+    return make_once("people_of_86.h5", learn)
 
 
 @pytest.fixture(scope="session")

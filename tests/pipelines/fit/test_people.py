@@ -1,4 +1,4 @@
-"""The recommended way for people, on motion capture: the figures of docs/posterior.md."""
+"""The recommended way for people on motion capture, as in benchmarks/notes/posterior.md."""
 
 from __future__ import annotations
 
@@ -14,27 +14,14 @@ from shapefit.geometry.cameras import turntable
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import LandmarkSet, landmark_writer, read_results, read_shapes
 from shapefit.pipelines.fit import run as fit
-from shapefit.pipelines.learn_dict import run as learn_dict
 
 CONFIGS = Path(__file__).resolve().parents[3] / "configs" / "people"
 
-pytestmark = pytest.mark.real_data
+pytestmark = [pytest.mark.slow, pytest.mark.real_data]
 
 
 @pytest.fixture(scope="module")
-def people(real_data, tmp_path_factory):
-    """The dictionary of configs/people."""
-    output = tmp_path_factory.mktemp("people") / "dictionary.h5"
-    shapes = [str(real_data / "mocap" / "subject86_24fps.h5")]
-    arguments = {"shapes": shapes, "output": str(output)}
-    config = load_config("learn-dict", CONFIGS / "learn-dict.yaml", arguments=arguments)
-    for _ in learn_dict.run(config):
-        pass
-    return output
-
-
-@pytest.fixture(scope="module")
-def lift(people, tmp_path_factory):
+def lift(people_of_86, tmp_path_factory):
     """Return what lifts views of shapes by configs/people: the result."""
 
     def lift(shapes, landmarks):
@@ -46,7 +33,7 @@ def lift(people, tmp_path_factory):
             writer.append(images)
         arguments = {
             "landmarks": [str(folder / "landmarks.h5")],
-            "dictionary": str(people),
+            "dictionary": str(people_of_86),
             "output": str(folder / "result.h5"),
         }
         config = load_config("fit", CONFIGS / "fit.yaml", arguments=arguments)
@@ -78,7 +65,7 @@ def errors(result, shapes):
 
 @pytest.mark.parametrize(
     ("subject", "error", "noisy"),
-    [pytest.param(13, 0.2268, 0.2503, marks=pytest.mark.slow), (14, 0.2288, 0.2534)],
+    [(13, 0.2268, 0.2503), (14, 0.2288, 0.2534)],
 )
 def test_headline_figures(real_data, lift, subject, error, noisy):
     shapes, landmarks = views(real_data, subject)
