@@ -18,7 +18,7 @@ from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.io import read_shapes
 from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.perspective.start import mean_coefficients
-from shapefit.pipelines.fit.intrinsics import read_intrinsics
+from shapefit.pipelines.fit.camera import read_intrinsics
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
 Arrays = dict[str, Any]

@@ -31,8 +31,8 @@ from shapefit.lifting.methods import (
     choose_method,
 )
 from shapefit.lifting.options import BETA, PerspectiveOptions
+from shapefit.pipelines.fit.camera import find_calibrated
 from shapefit.pipelines.fit.chain import Chain, Lifter, Refinement, Search, View
-from shapefit.pipelines.fit.lens import find_calibrated
 from shapefit.pipelines.fit.read import ReadOptions, warn_of_source
 from shapefit.pipelines.fit.record import RecordOptions, warn_of_names
 from shapefit.pipelines.fit.report import ReportOptions
@@ -186,7 +186,7 @@ def choose_view(config: FitConfig) -> View | None:
     """Return what follows weak perspective: nothing, or refinement under the full projection."""
     if config.camera.model == "weak-perspective" or METHODS[config.method].perspective != "refined":
         return None
-    from shapefit.pipelines.fit.intrinsics import refine_through_camera
+    from shapefit.pipelines.fit.camera import refine_through_camera
 
     options = choose_options(config)
     views = AlternationOptions(views=config.alternation.views).number_of_views
@@ -197,7 +197,7 @@ def choose_camera(config: FitConfig) -> Callable[[LandmarkSet], Camera] | None:
     """Return what finds the cameras of images for a method that looks through them itself."""
     if config.camera.model == "weak-perspective" or METHODS[config.method].perspective != "own":
         return None
-    from shapefit.pipelines.fit.intrinsics import find_camera
+    from shapefit.pipelines.fit.camera import find_camera
 
     return partial(find_camera, config=config.camera)
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, LandmarkSource
 from shapefit.io.records import concatenate
+from shapefit.pipelines.fit.camera import find_doubts, straightened
 from shapefit.pipelines.fit.joints import as_joints, find_joints
 from shapefit.pipelines.fit.landmark_names import check_enough, find_strange, name_warnings
-from shapefit.pipelines.fit.lens import find_doubts, straightened
 from shapefit.pipelines.outcome import nothing_in
 
 if TYPE_CHECKING:

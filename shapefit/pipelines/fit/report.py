@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -10,14 +11,18 @@ import numpy as np
 from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted
-from shapefit.io import LandmarkSet, ResultSet
+from shapefit.io import LandmarkSet, LandmarkSource, ResultSet
+from shapefit.io.skeletons import PEOPLE, people_joints
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.verdict import DOUBT, NO_SHAPE
-from shapefit.pipelines.fit.standing import Standing
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
 
 if TYPE_CHECKING:
     from shapefit.pipelines.fit.left_out import UnknownItems
+
+
+STEEP = 0.5
+"""Cosine of the angle to the vertical within which a body stands, or is on its head: 60 degrees."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +39,39 @@ class ReportOptions:
     precisions: bool = False
     within: float = 0.0
     leave_out: str | None = None
+
+
+class Standing:
+    """Counts the images of a run whose bodies stand, and those whose bodies are on their heads."""
+
+    def __init__(self, landmark_names: Sequence[str]) -> None:
+        joints = people_joints(landmark_names) | {n: n for n in landmark_names if n in PEOPLE}
+        place = {joint: landmark_names.index(name) for name, joint in joints.items()}
+        ends = [place.get(joint) for joint in ("head", "lankle", "rankle")]
+        self._ends = [end for end in ends if end is not None]
+        self._images = self._on_head = 0
+        self._y_axis = "down"
+
+    def add(self, record: ResultSet) -> None:
+        """Take the shapes of a chunk, in the camera frame."""
+        if len(self._ends) < 3:
+            return
+        head, *ankles = np.moveaxis(record.shapes[:, :, self._ends], 2, 0)
+        body = head - sum(ankles) / 2
+        body = body[np.isfinite(body).all(axis=1)]
+        up = body[:, 1] * (1 if record.y_axis == "up" else -1)
+        self._images += len(body)
+        self._on_head += int((up < -STEEP * np.linalg.norm(body, axis=1)).sum())
+        self._y_axis = record.y_axis
+
+    @property
+    def warnings(self) -> tuple[Counted, ...]:
+        """A warning where most bodies are on their heads."""
+        if self._on_head <= self._images / 2:
+            return ()
+        other = "up" if self._y_axis == "down" else "down"
+        taken = f"y was taken to point {self._y_axis}; if it points {other}, set `y_axis: {other}`"
+        return (Counted(self._on_head, "image", f"with people on their heads: {taken}"),)
 
 
 class Batch(NamedTuple):
@@ -97,6 +135,12 @@ class Report:
         return tuple(found)
 
 
+def said_of_y(source: LandmarkSource) -> str:
+    """Say which way y was taken to point in the images."""
+    taken = "" if source.states_y_axis else ", as no file says otherwise"
+    return f"y {source.head.y_axis} in the images{taken}"
+
+
 def find_failures(images: LandmarkSet, lifting: Lifting, *, strict: bool) -> tuple[Failure, ...]:
     """List the items without a shape and, where `strict`, those that are not optimal."""
     reasons = dict(lifting.failures)
@@ -146,7 +190,7 @@ def find_warnings(
         )
         found.append(Counted(len(empty), "image", text))
     if lifting.perspective:
-        from shapefit.pipelines.fit.intrinsics import all_aside
+        from shapefit.pipelines.fit.camera import all_aside
 
         if all_aside(images.landmarks, lifting.perspective.camera):
             found.append(

@@ -26,8 +26,7 @@ from shapefit.pipelines.fit.chain import fit_images
 from shapefit.pipelines.fit.plan import Plan, plan_fit
 from shapefit.pipelines.fit.read import read_images
 from shapefit.pipelines.fit.record import as_result
-from shapefit.pipelines.fit.report import Batch, Report
-from shapefit.pipelines.fit.standing import said_of_y
+from shapefit.pipelines.fit.report import Batch, Report, said_of_y
 from shapefit.pipelines.outcome import Outcome
 from shapefit.stores.copies import keep_copies
 

@@ -9,7 +9,7 @@ from shapefit.config.fit.camera import ViewingConfig
 from shapefit.errors import InputError
 from shapefit.geometry.pinhole import Camera
 from shapefit.io import LandmarkSet
-from shapefit.pipelines.fit.intrinsics import all_aside, find_camera
+from shapefit.pipelines.fit.camera import all_aside, find_camera
 
 N = 4
 MATRIX = np.array([[800.0, 0, 320], [0, 810, 240], [0, 0, 1]])

@@ -12,7 +12,7 @@ from shapefit.config import FitConfig
 from shapefit.geometry.lens import complete, distort
 from shapefit.io import landmark_writer, open_landmarks, read_results, write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit.pipelines.fit.lens import doubts, straightened
+from shapefit.pipelines.fit.camera import doubts, straightened
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import run as run_verify
