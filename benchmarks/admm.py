@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.convex.certificate import certify_transforms
-from shapefit.convex.problem import Loss, Problem
+from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution, Status
 from shapefit.convex.spectral_norm import sum_and_difference
 
@@ -41,8 +41,7 @@ def solve_admm(
     CONVERGED. An image with fewer than two visible landmarks is DEGENERATE. Raises ValueError for
     any other loss.
     """
-    if problem.loss is not Loss.SQUARED:
-        raise ValueError(f"the ADMM solves the squared loss only, not {problem.loss.value}")
+    problem.require_squared("the ADMM")
     n, _, p = problem.landmarks.shape
     k = len(problem.atoms)
     transforms, dual = np.zeros((n, k, 2, 3)), np.zeros((n, 2, p))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.convex.problem import Loss, Problem
+from shapefit.convex.problem import Problem
 from shapefit.convex.spectral_norm import nuclear_norm
 
 Floats = NDArray[np.float64]
@@ -48,8 +48,7 @@ def certify_transforms(
     Y = np.array(dual, dtype=np.float64)
     objective, gap, residual, T = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 2))
     core.certify(
-        landmarks=problem.landmarks, weights=problem.weights, atoms=problem.atoms, lam=problem.lam,
-        delta=float(problem.loss.has_quadratic), bound=problem.bound, threads=0,
+        **problem.arrays, delta=float(problem.loss.has_quadratic), bound=problem.bound, threads=0,
         transforms=np.require(transforms, np.float64, ("C", "W")), translation=T, dual=Y, errors=E,
         objective=objective, relative_gap=gap, residual=residual,
     )  # fmt: skip
@@ -61,8 +60,7 @@ def lambda_max(problem: Problem) -> Floats:
 
     The mean is weighted by omega^2. Squared loss only: raises ValueError for any other.
     """
-    if problem.loss is not Loss.SQUARED:
-        raise ValueError(f"lambda_max is for the squared loss, not {problem.loss.value}")
+    problem.require_squared("lambda_max")
     square = problem.weights[:, None, :] ** 2
     W = np.where(square > 0, problem.landmarks, 0.0)
     mean = (square * W).sum(axis=2, keepdims=True) / square.sum(axis=2, keepdims=True)

@@ -36,8 +36,7 @@ def solve_newton(
     objective, gap, residual = np.zeros(n), np.zeros(n), np.zeros(n)
     steps, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
     core.solve_convex(
-        landmarks=problem.landmarks, weights=problem.weights, atoms=problem.atoms, lam=problem.lam,
-        delta=float(problem.loss.has_quadratic), bound=problem.bound,
+        **problem.arrays, delta=float(problem.loss.has_quadratic), bound=problem.bound,
         tolerance=tolerance, most_steps=max_iterations, started=start is not None, threads=threads,
         transforms=transforms, translation=translation, dual=dual, errors=errors,
         objective=objective, relative_gap=gap, residual=residual, steps=steps, status=codes,

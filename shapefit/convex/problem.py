@@ -94,6 +94,21 @@ class Problem:
         )
 
     @property
+    def arrays(self) -> dict[str, Floats]:
+        """What every kernel needs of it, by the names of its arguments."""
+        return {
+            "landmarks": self.landmarks,
+            "weights": self.weights,
+            "atoms": self.atoms,
+            "lam": self.lam,
+        }
+
+    def require_squared(self, method: str) -> None:
+        """Raise ValueError, which names the method, unless the loss is the squared one."""
+        if self.loss is not Loss.SQUARED:
+            raise ValueError(f"{method} knows the squared loss only, not {self.loss.value}")
+
+    @property
     def bound(self) -> float:
         """Bound on the entries of the dual Y: beta, 1 or none, by the loss."""
         if self.loss is Loss.SPARSE_ERROR:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.convex.problem import Loss, Problem
+from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.rotations import complete_rotation
 from shapefit.lifting.estimate import STATUS, Estimate, fit_translation
@@ -70,8 +70,7 @@ def pursue(
     constraint then settles how size is shared between S and M, and costs nothing where a loop
     comes to rest; with c_0 = 1 it would leave a single atom no more than two coefficients.
     """
-    if problem.loss is not Loss.SQUARED:
-        raise ValueError(f"matching pursuit knows the squared loss only, not {problem.loss.value}")
+    problem.require_squared("matching pursuit")
     n, k, _, p = len(problem.landmarks), *problem.atoms.shape
     if mean_shape.shape != (3, p):
         raise ValueError(f"mean_shape {mean_shape.shape} must be (3, {p})")

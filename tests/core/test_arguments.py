@@ -36,7 +36,7 @@ def test_the_stub_is_that_of_the_core(project):
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused(arguments, name, value, message):
-    with pytest.raises(TypeError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         core.synchronise(**{**arguments, name: value})
     assert not arguments["rotation"].any()
 
@@ -61,5 +61,5 @@ def test_sizes_that_are_named_with_others_hold_too():
         "landmarks": np.zeros((4, 6)), "weight": np.zeros((4, 6)), "log_share": np.zeros((4, 1)),
         "means": np.zeros((4, 1, 10)),
     }  # fmt: skip
-    with pytest.raises(TypeError, match=r"means must be .* \(t K 3p\) with t = 4, p = 3, K = 1"):
+    with pytest.raises(ValueError, match=r"means must be .* \(t K 3p\) with t = 4, p = 3, K = 1"):
         core.smooth_sequence(**smooth)

@@ -11,22 +11,25 @@ constexpr Type TYPES[] = {
 
 const Type& type_of(Element element) { return TYPES[static_cast<int>(element)]; }
 
-// The array behind an object, or behind a copy of it.
+constexpr int NO_ARRAY = -1;
+
+// The array behind an object, or behind a copy of it; returns its rank.
 template <class T>
-bool read(nb::handle given, AnyArray& array, std::vector<nb::ndarray<>>& kept) {
+int read(nb::handle given, AnyArray& array, std::vector<nb::ndarray<>>& kept) {
     const auto look = [&](auto found) {
-        if (static_cast<int>(found.ndim()) != array.rank) return false;
+        const int rank = static_cast<int>(found.ndim());
+        if (rank != array.rank) return rank;
         array.data = const_cast<std::remove_const_t<T>*>(found.data());
         for (int d = 0; d < array.rank; ++d) array.size[d] = static_cast<long>(found.shape(d));
         kept.emplace_back(found);
-        return true;
+        return rank;
     };
     if (array.written) {
         nb::ndarray<T, nb::c_contig, nb::device::cpu> found;
-        return nb::try_cast(given, found, false) && look(found);
+        return nb::try_cast(given, found, false) ? look(found) : NO_ARRAY;
     }
     nb::ndarray<const T, nb::c_contig, nb::device::cpu> found;
-    return nb::try_cast(given, found) && look(found);
+    return nb::try_cast(given, found) ? look(found) : NO_ARRAY;
 }
 
 std::string text_of(const nb::object& value) { return nb::str(nb::handle(value)).c_str(); }
@@ -56,17 +59,19 @@ nb::handle Call::find(const Argument& argument) {
 
 void Call::take(const Argument& argument, AnyArray& array) {
     const nb::handle given = find(argument);
-    bool found = false;
+    int rank = NO_ARRAY;
     switch (array.element) {
-        case Element::NUMBER: found = read<double>(given, array, kept_); break;
-        case Element::FLAG: found = read<bool>(given, array, kept_); break;
-        case Element::INDEX: found = read<int64_t>(given, array, kept_); break;
-        case Element::STATE: found = read<uint64_t>(given, array, kept_); break;
+        case Element::NUMBER: rank = read<double>(given, array, kept_); break;
+        case Element::FLAG: rank = read<bool>(given, array, kept_); break;
+        case Element::INDEX: rank = read<int64_t>(given, array, kept_); break;
+        case Element::STATE: rank = read<uint64_t>(given, array, kept_); break;
     }
-    if (!found || !has_shape(argument, array)) {
+    const bool is_array = rank != NO_ARRAY;
+    if (!is_array || rank != array.rank || !has_shape(argument, array)) {
         const std::string kind = array.written ? "a writable, C-contiguous array of "
                                                : "an array of ";
-        refuse(argument, kind + type_of(array.element).in_numpy + " (" + argument.shape + ")", given);
+        refuse(argument, kind + type_of(array.element).in_numpy + " (" + argument.shape + ")", given,
+               is_array);
     }
 }
 
@@ -143,7 +148,8 @@ bool Call::fits(std::string_view token, long value) {
     return true;
 }
 
-void Call::refuse(const Argument& argument, const std::string& wanted, nb::handle given) {
+void Call::refuse(const Argument& argument, const std::string& wanted, nb::handle given,
+                  bool is_array) {
     std::string found = text_of(given.type().attr("__name__"));
     if (nb::hasattr(given, "dtype") && nb::hasattr(given, "shape"))
         found = text_of(given.attr("dtype")) + " " + text_of(given.attr("shape"));
@@ -153,7 +159,9 @@ void Call::refuse(const Argument& argument, const std::string& wanted, nb::handl
     for (const Size& size : sizes_)
         text += std::string(&size == sizes_.data() ? " with " : ", ") + std::string(size.name) +
                 " = " + std::to_string(size.value);
-    throw nb::type_error((text + ", not " + found).c_str());
+    text += ", not " + found;
+    if (is_array) throw nb::value_error(text.c_str());
+    throw nb::type_error(text.c_str());
 }
 
 void Signature::take(const Argument& argument, AnyArray& array) {

@@ -15,7 +15,8 @@ namespace shapefit {
 namespace nb = nanobind;
 
 // Arrays are C-contiguous and have their element type; those that are only read may be copies.
-// Raises TypeError for an argument that is missing, unknown, of another type or another shape.
+// Raises TypeError for an argument that is missing, unknown or of another type, ValueError for an
+// array of another shape.
 class Call : public Arguments {
   public:
     Call(const char* function, nb::args values, nb::kwargs keywords);
@@ -40,7 +41,8 @@ class Call : public Arguments {
     nb::handle find(const Argument& argument);
     bool fits(std::string_view token, long value);
     bool has_shape(const Argument& argument, const AnyArray& array);
-    [[noreturn]] void refuse(const Argument& argument, const std::string& wanted, nb::handle given);
+    [[noreturn]] void refuse(const Argument& argument, const std::string& wanted, nb::handle given,
+                             bool is_array = false);
 
     const char* function_;
     nb::args values_;

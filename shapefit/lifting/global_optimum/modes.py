@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shapefit import core
 from shapefit.convex.problem import Problem
-from shapefit.lifting.global_optimum.optimum import Limits, as_arguments, check_loss
+from shapefit.lifting.global_optimum.optimum import Limits
 from shapefit.lifting.reconstruction import combine
 
 Floats = NDArray[np.float64]
@@ -54,7 +54,7 @@ def find_modes(
     best (n, 3, 3) are the global optima; images where it is nan have no mode. Raises ValueError
     for a loss other than the squared one.
     """
-    check_loss(problem)
+    problem.require_squared("the search")
     limits = limits or Limits()
     known = np.asarray(np.isfinite(best).all(axis=(1, 2)))
     part = problem.take(known)
@@ -62,7 +62,8 @@ def find_modes(
     rotation, objective = np.zeros((n, MOST, 3, 3)), np.zeros((n, MOST))
     count, valleys, cells, codes = (np.zeros(n, np.int64) for _ in range(4))
     core.find_modes(
-        **as_arguments(part, signed=signed),
+        **part.arrays,
+        is_signed=signed,
         best=np.ascontiguousarray(best[known]),
         within=within,
         apart=float(APART),
@@ -80,7 +81,8 @@ def find_modes(
     R, value = rotation[listed], objective[listed]
     c = np.zeros((len(R), k))
     core.find_coefficients(
-        **as_arguments(part.take(np.repeat(np.arange(n), count)), signed=signed),
+        **part.take(np.repeat(np.arange(n), count)).arrays,
+        is_signed=signed,
         rotation=R,
         coefficients=c,
         objective=value,

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.convex.problem import Loss, Problem
+from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 
 Floats = NDArray[np.float64]
@@ -73,18 +72,17 @@ def find_optimum(
     that is nan counts for nothing. Fewer than two visible landmarks are DEGENERATE. Bound and
     search: docs/global.md. Raises ValueError for a loss other than the squared one.
     """
-    check_loss(problem)
+    problem.require_squared("the search")
     limits = limits or Limits()
     n, k = len(problem.landmarks), len(problem.atoms)
     if starts is None:
         starts = np.zeros((n, 0, 3, 3))
-    if starts.shape[0] != n or starts.shape[2:] != (3, 3):
-        raise ValueError(f"starts {starts.shape} must be ({n}, s, 3, 3)")
     coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
     objective, bound = np.full(n, np.nan), np.full(n, np.nan)
     cells, vertices, codes = (np.zeros(n, np.int64) for _ in range(3))
     core.find_optimum(
-        **as_arguments(problem, signed=signed),
+        **problem.arrays,
+        is_signed=signed,
         starts=np.ascontiguousarray(starts, dtype=np.float64),
         tolerance=tolerance,
         most_cells=limits.cells,
@@ -101,20 +99,3 @@ def find_optimum(
     rotation[~coefficients.any(axis=1)] = np.nan
     status = tuple(STATUS[code] for code in codes)
     return GlobalOptimum(coefficients, rotation, objective, bound, cells, vertices, status)
-
-
-def check_loss(problem: Problem) -> None:
-    """Raise ValueError unless the loss is the squared one."""
-    if problem.loss is not Loss.SQUARED:
-        raise ValueError(f"the search knows the squared loss only, not {problem.loss.value}")
-
-
-def as_arguments(problem: Problem, *, signed: bool) -> dict[str, Any]:
-    """Return the arguments of a kernel that say what the problem is."""
-    return {
-        "landmarks": problem.landmarks,
-        "weights": problem.weights,
-        "atoms": problem.atoms,
-        "lam": problem.lam,
-        "is_signed": signed,
-    }

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from shapefit import core
 from shapefit.convex.problem import Problem
-from shapefit.lifting.global_optimum.optimum import as_arguments, check_loss
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -34,14 +33,15 @@ def record_tree(
     problem: Problem, image: int, bound: float, *, signed: bool = False, most_cells: int = 200_000
 ) -> Tree | None:
     """Return a tree that proves v >= bound for one image; None where there is none so small."""
-    check_loss(problem)
+    problem.require_squared("the search")
     one = problem.take(np.array([image]))
     p = one.landmarks.shape[2]
 
     def record(cells: int, vertices: int) -> tuple[Tree, tuple[int, int, bool]]:
         tree = Tree(np.zeros(cells, np.int64), np.zeros((vertices, 4)), np.zeros((vertices, 2, p)))
         size = core.record_tree(
-            **as_arguments(one, signed=signed),
+            **one.arrays,
+            is_signed=signed,
             cut=bound,
             most_cells=most_cells,
             vertices=tree.vertices,

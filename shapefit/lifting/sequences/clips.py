@@ -150,12 +150,12 @@ def refine_clip(
     spread = np.full_like(seen.start, np.inf)
     spread[there] = sd
 
-    def keep_off() -> None:
+    def steady_images() -> None:
         found.points[rows] = unit * steady(seen.start, spread, acceleration)[finite]
 
     # Unknown lengths of bones that hardly turn fit what the images have wrong alike.
     if motion.known is None and find_turn(seen, model) < LEAST_TURN:
-        keep_off()
+        steady_images()
         return
     sigma = find_noise(seen, model)
     wanted = found.covariance is not None
@@ -163,7 +163,7 @@ def refine_clip(
     assert smoothed.deviation is not None
     assert smoothed.correlation is not None
     if contradicts(seen.start[there], smoothed.points[there], sd):
-        keep_off()
+        steady_images()
         return
     found.points[rows] = unit * smoothed.points[finite]
     found.deviation[rows] = unit * smoothed.deviation[finite]

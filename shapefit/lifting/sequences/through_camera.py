@@ -60,10 +60,10 @@ def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -
     for _ in range(ROUNDS):
         depth = view.camera.sign * refined.shapes[:, 2:] / rays.focal[:, None, None]
         refined = refine(weak, rays.landmarks * (1 + depth))
-    return see_again(lifting, view, refined, rays.focal, grow)
+    return place_before_camera(lifting, view, refined, rays.focal, grow)
 
 
-def see_again(
+def place_before_camera(
     lifting: Lifting, view: PerspectiveView, refined: Lifting, focal: Floats, grow: Floats
 ) -> Lifting:
     """Put the refined shapes (n, 3, p) before the camera, in the place of those of the images."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.convex.problem import Loss, Problem
+from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.lifting.estimate import STATUS
 from shapefit.lifting.methods import AlternationOptions
@@ -47,18 +47,14 @@ def alternate(
     `tolerance` of itself. starts (n, s, 3, 3) are the rotations to begin at: the best result of
     an image counts. Fewer than two visible landmarks are DEGENERATE.
     """
-    if problem.loss is not Loss.SQUARED:
-        raise ValueError(f"alternation knows the squared loss only, not {problem.loss.value}")
+    problem.require_squared("alternation")
     n, k = len(problem.landmarks), len(problem.atoms)
-    if starts.shape[0] != n or starts.shape[2:] != (3, 3) or starts.shape[1] == 0:
-        raise ValueError(f"starts {starts.shape} must be ({n}, s, 3, 3)")
+    if starts.shape[1] == 0:
+        raise ValueError("alternation needs starts")
     coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
     rounds, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
     core.alternate(
-        landmarks=problem.landmarks,
-        weights=problem.weights,
-        atoms=problem.atoms,
-        lam=problem.lam,
+        **problem.arrays,
         starts=np.ascontiguousarray(starts, dtype=np.float64),
         is_signed=signed,
         tolerance=tolerance,
