@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 LISTED = 20
 """Failures (and different warnings) that are listed; the rest is counted."""
 
-LISTED_FILES = 3
+LISTED_FILES = 8
 """Files in one folder that are named; more are counted."""
 
 
@@ -114,7 +114,7 @@ class Report:
     def _files(self) -> str:
         folders = {path.parent for path in self.written}
         if len(self.written) > LISTED_FILES and len(folders) == 1 and not self.verbose:
-            return f"{len(self.written)} files in {_shown(folders.pop())}"
+            return f"{len(self.written)} files in {folders.pop().resolve()}"
         return ", ".join(map(_shown, self.written))
 
 

@@ -22,8 +22,8 @@ from shapefit.lifting.posterior.plausibility import VIEWED
 
 Floats = NDArray[np.float64]
 
-TRUSTED, DOUBT = "trusted", "doubt"
-"""Datasets (n,) of a result: true or false, and why not."""
+TRUSTED, DOUBT, PLAUSIBILITY = "trusted", "doubt", "plausibility"
+"""Datasets (n,) of a result: true or false, why not, and a p-value."""
 
 NO_SHAPE = "no shape"
 TOO_FEW = "too few landmarks seen"

@@ -15,6 +15,7 @@ from shapefit.io.layout import DEVIATIONS, MODE_COUNT
 from shapefit.io.memory import check_fits
 from shapefit.io.problems import Problems
 from shapefit.io.records import Floats, Integers, LandmarkSet, Names, ResultSet, ShapeSet
+from shapefit.lifting.verdict import TRUSTED
 
 FINITE_FIX = "write a finite number"
 UNSEEN_FIX = f"{FINITE_FIX}, or leave the cell empty where the landmark is unseen"
@@ -23,7 +24,7 @@ FAILED_FIX = f"{FINITE_FIX}, or leave the cell empty where the item failed"
 CONFIDENCE_FIX = "write 0 (hidden) or a positive number"
 
 
-RESULT_COLUMNS = ("sequence", *DEVIATIONS, MODE_COUNT.name)
+RESULT_COLUMNS = ("sequence", *DEVIATIONS, MODE_COUNT.name, TRUSTED)
 """Columns that a result may have; only the sequence is read."""
 
 

@@ -18,6 +18,7 @@ from shapefit.io.options import Summary
 from shapefit.io.records import Floats, LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_file, storage_errors, write_all
+from shapefit.lifting.verdict import TRUSTED
 
 Write = Callable[[bytes], None]
 
@@ -35,7 +36,7 @@ _IN_QUOTES = re.compile('[",\\r\\n]')
 class CsvWriter:
     """Appends records as rows `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence]`.
 
-    Results with readings also have a column `modes`.
+    Results with readings also have a column `modes`, those with a verdict a column `trusted`.
 
     NaN becomes an empty cell; numbers have the fewest digits that read back to the same float, but
     pixels two decimals, where landmarks spread over WIDE of them or more.
@@ -102,11 +103,7 @@ def _columns(record: ShapeSet | LandmarkSet | ResultSet) -> list[str]:
         columns.append("confidence")
     if _deviations(record) is not None:
         columns += DEVIATIONS
-    if record.sequences is not None:
-        columns.append("sequence")
-    if isinstance(record, ResultSet) and record.modes is not None:
-        columns.append("modes")
-    return columns
+    return [*columns, *_of_items(record, slice(0))]
 
 
 def _parts(n: int, p: int) -> Iterator[slice]:
@@ -140,17 +137,26 @@ def _rows(
         numbers = np.column_stack([numbers, deviations[part].swapaxes(1, 2).reshape(n * p, 3)])
     landmarks = [b",%b," % _cell(name) for name in record.landmark_names]
     names = [item + landmark for item in map(_cell, record.items[part]) for landmark in landmarks]
-    ends = [b"\n"] * n
-    if record.sequences is not None:
-        ends = [b",%b\n" % _cell(sequence) for sequence in record.sequences[part]]
-    if isinstance(record, ResultSet) and record.modes is not None:
-        counts = record.modes[part].tolist()
-        ends = [
-            b",%d\n" % count if end == b"\n" else end[:-1] + b",%d\n" % count
-            for end, count in zip(ends, counts, strict=True)
-        ]
+    columns = _of_items(record, part).values()
+    cells = zip(*columns, strict=True) if columns else [()] * n
+    ends = [b"".join(b",%b" % _cell(cell) for cell in row) + b"\n" for row in cells]
     ends = [end for end in ends for _ in range(p)]
     return b"".join(chain.from_iterable(zip(names, _texts(numbers), ends, strict=True)))
+
+
+def _of_items(record: ShapeSet | LandmarkSet | ResultSet, part: slice) -> dict[str, list[str]]:
+    """Return the columns that are the same in all rows of an item, with a cell per item."""
+    columns: dict[str, list[str]] = {}
+    if record.sequences is not None:
+        columns["sequence"] = list(record.sequences[part])
+    if isinstance(record, ResultSet):
+        if record.modes is not None:
+            columns["modes"] = [str(count) for count in record.modes[part].tolist()]
+        if TRUSTED in record.extras:
+            columns[TRUSTED] = [
+                "true" if each else "false" for each in record.extras[TRUSTED][part]
+            ]
+    return columns
 
 
 def _points(record: ShapeSet | LandmarkSet | ResultSet) -> Floats:

@@ -31,9 +31,13 @@ FARTHEST = 100.0
 
 @dataclass(frozen=True)
 class Placed:
-    """points (n, 3, p) in metres, and where their `axes` and their `size` come from, in words."""
+    """points (n, 3, p) in metres, and where their `axes` and their `size` come from, in words.
+
+    factor (n,): metres in a unit of each shape.
+    """
 
     points: Floats
+    factor: Floats
     axes: str
     size: str
     warnings: tuple[str, ...] = ()
@@ -57,7 +61,7 @@ def in_metres(records: Solid, options: OutputOptions, place: str) -> Placed:
         points = _in_the_world(records, factor, known, world, place)
         origin = "position from the camera"
         warnings = _doubts(world)
-    return Placed(points, f"{axes}; {origin}", size, warnings)
+    return Placed(points, factor, f"{axes}; {origin}", size, warnings)
 
 
 def _shapes(records: ShapeSet, options: OutputOptions, place: str) -> Placed:
@@ -66,7 +70,7 @@ def _shapes(records: ShapeSet, options: OutputOptions, place: str) -> Placed:
     if options.up is not None:
         shapes, axes = TO_Y_UP[options.up] @ shapes, f"y up, which was {options.up}"
     factor, size = _factor(records, shapes, options, place)
-    return Placed(factor[:, None, None] * shapes, axes, size)
+    return Placed(factor[:, None, None] * shapes, factor, axes, size)
 
 
 def _factor(

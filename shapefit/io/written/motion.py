@@ -12,6 +12,7 @@ from shapefit.io.options import OutputOptions
 from shapefit.io.records import Floats, Names
 from shapefit.io.written.metres import in_metres
 from shapefit.io.written.tracks import Track
+from shapefit.io.written.verdicts import Verdicts, find_verdicts
 
 MOST_GAPS = 100
 """Frames without an item, for each with one; with more it is no sequence."""
@@ -27,7 +28,8 @@ class Motion:
     """Every frame of a sequence from its first to its last.
 
     points (f, 3, p) in metres, nan where there is nothing; first, the number of the first frame;
-    rate in Hz, 1 where it is not known; axes and size in words; warnings about the sequence.
+    rate in Hz, 1 where it is not known; axes and size in words; warnings about the sequence;
+    verdicts where the records say which shapes are to be trusted.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Motion:
     axes: str
     size: str
     warnings: tuple[str, ...]
+    verdicts: Verdicts | None = None
 
     @property
     def frames(self) -> NDArray[np.int64]:
@@ -76,6 +79,7 @@ def find_motion(track: Track, options: OutputOptions, place: str) -> Motion:
         axes=placed.axes,
         size=placed.size,
         warnings=tuple(warnings),
+        verdicts=find_verdicts(track, placed.factor, records.frame_rate or 1.0),
     )
 
 

@@ -17,6 +17,7 @@ from shapefit.io.whole.folder import staged_files
 from shapefit.io.whole.item_files import file_stem
 from shapefit.io.written.motion import Motion, find_motion
 from shapefit.io.written.tracks import Solid, find_tracks, points_of
+from shapefit.io.written.verdicts import write_verdicts
 from shapefit.stores.urls import UrlPath
 
 Write = Callable[[Path, Sequence[Motion]], None]
@@ -66,13 +67,13 @@ def motion_output(
     writer = MotionWriter()
     yield writer
     motions = writer.motions(options, str(target))
-    groups = group(motions)
-    if len(groups) <= 1:
-        paths = [target]
+    files = _files(target, group(motions), write)
+    if len(files) == 1:
         with atomic_path(target) as path:
             write(path, motions)
     else:
-        paths = _write_staged(target, groups, write)
+        _write_staged(target, files)
+    paths = [target] if len(files) == 1 else [target.parent / name for name in files]
     writer.summary = _summary(motions, paths, unit)
 
 
@@ -83,22 +84,34 @@ def by_individual(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
     )
 
 
-def _write_staged(target: Path, groups: dict[str, list[Motion]], write: Write) -> list[Path]:
-    """Write a file for each group and have them appear together."""
+def _files(
+    target: Path, groups: dict[str, list[Motion]], write: Write
+) -> dict[PurePosixPath, Callable[[Path], None]]:
+    """Return the files to write, by name: a motion file per group, and its verdicts beside it."""
     resolved = Path(os.path.realpath(target))
-    names = {}
-    for ending, own in zip(groups, _plain_names(groups), strict=True):
-        stem = file_stem(f"{resolved.stem}_{own}")
-        names[ending] = PurePosixPath(f"{stem}{resolved.suffix}")
-    with staged_files(resolved.parent) as staged:
-        for ending, motions in groups.items():
-            staged.write(names[ending], partial(_write_and_sync, write, motions), ending)
-    return [target.parent / name for name in names.values()]
+    files: dict[PurePosixPath, Callable[[Path], None]] = {}
+    for name, motions in zip(_plain_names(groups), groups.values(), strict=True):
+        stem = file_stem(f"{resolved.stem}_{name}") if len(groups) > 1 else resolved.stem
+        files[PurePosixPath(f"{stem}{resolved.suffix}")] = partial(_write_group, write, motions)
+        if verdicts := [each.verdicts for each in motions if each.verdicts]:
+            files[PurePosixPath(f"{stem}_frames.csv")] = partial(write_verdicts, verdicts)
+    return files
 
 
-def _write_and_sync(write: Write, motions: Sequence[Motion], path: Path) -> None:
+def _write_group(write: Write, motions: Sequence[Motion], path: Path) -> None:
+    write(path, motions)
+
+
+def _write_staged(target: Path, files: dict[PurePosixPath, Callable[[Path], None]]) -> None:
+    """Write files that appear together."""
+    with staged_files(Path(os.path.realpath(target)).parent) as staged:
+        for name, write in files.items():
+            staged.write(name, partial(_write_and_sync, write), name.stem)
+
+
+def _write_and_sync(write: Callable[[Path], None], path: Path) -> None:
     with storage_errors(path):
-        write(path, motions)
+        write(path)
         with path.open("rb") as written:
             os.fsync(written.fileno())
 

@@ -11,6 +11,7 @@ from shapefit.errors import abbreviate, input_error
 from shapefit.io.extras import METRES_PER_UNIT, Extras
 from shapefit.io.foreign.sources import FRAME
 from shapefit.io.records import ResultSet, ShapeSet, concatenate
+from shapefit.lifting.verdict import DOUBT, PLAUSIBILITY
 
 Solid = ShapeSet | ResultSet
 Integers = NDArray[np.int64]
@@ -19,7 +20,10 @@ CAMERA_TRANSLATION = "camera_translation"
 EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION = "extrinsic_rotation", "extrinsic_translation"
 """Datasets of the file or of each image: X_camera = R X_world + t, in metres; z away from it."""
 
-KEPT = (METRES_PER_UNIT, CAMERA_TRANSLATION, EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION, FRAME)
+KEPT = (
+    *(METRES_PER_UNIT, CAMERA_TRANSLATION, EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION),
+    *(FRAME, DOUBT, PLAUSIBILITY),
+)
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,7 @@ def points_of(record: Solid) -> Solid:
         landmark_names=record.landmark_names,
         items=record.items,
         sequences=record.sequences,
+        shape_sd=record.shape_sd,
         extras=kept,
         unit=record.unit,
         y_axis=record.y_axis,

@@ -91,7 +91,9 @@ def plan_fit(config: FitConfig, dictionary: Dictionary) -> Plan:
         ),
         lift=choose_chain(config, dictionary),
         record=RecordOptions(
-            deviations=not target.points_only or config.posterior.csv_deviations,
+            deviations=not target.points_only
+            or target.by_sequence
+            or config.posterior.csv_deviations,
             transforms=config.transforms,
             proof=config.proof,
             optimum=method.proves == "optimum",
