@@ -73,7 +73,7 @@ class Source(Generic[Record]):
         self.head: Record = self._checked_head(y_axis)
 
     def _checked_head(self, y_axis: Direction) -> Record:
-        """Return what all items have in common; files without items have no say."""
+        """Return what all items have in common; files without items do not count."""
         check_unique_items([file.items for file in self._files])
         filled = [file for file in self._files if file.count] or self._files[:1]
         heads = [(file.name, file.head) for file in filled]

@@ -99,6 +99,7 @@ def test_written_files_are_named_from_the_working_folder(tmp_path, monkeypatch):
 def test_many_files_in_one_folder_are_counted(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     files = tuple(tmp_path / "report" / f"{name}.csv" for name in "abcdefghi")
-    assert next(folded(Outcome(written=files)).lines()).endswith(f"; wrote 9 files in {tmp_path}/report")
+    summary = next(folded(Outcome(written=files)).lines())
+    assert summary.endswith(f"; wrote 9 files in {tmp_path}/report")
     apart = (*files, tmp_path / "e.csv")
     assert next(folded(Outcome(written=apart)).lines()).endswith("report/i.csv, e.csv")
