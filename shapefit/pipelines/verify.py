@@ -28,9 +28,7 @@ from shapefit.io import (
 from shapefit.io.foreign.opening import group_inputs
 from shapefit.io.kinds.proofs import ProofFile, open_proofs
 from shapefit.io.options import AS_THEY_ARE, InputOptions
-from shapefit.pipelines.fit.joints import as_joints, find_joints
 from shapefit.pipelines.outcome import Failure, Outcome
-from shapefit.pipelines.parts.run import OF_THE_RUN
 from shapefit.stores.listing import files_in
 from shapefit.stores.reading import read_bytes
 from shapefit.stores.states import find_state
@@ -211,6 +209,8 @@ def false_files(part: Part, results: ProofFile, terms: Terms, work: Work) -> lis
         found = f"the fit had {counted(len(names) - 1, 'file')} of landmarks"
         wrong.append((str(part.landmarks[0]), found))
     if part.entry is not None and part.folder is not None:
+        from shapefit.pipelines.parts.run import OF_THE_RUN
+
         config = json.loads(str(results.attributes["config"]))
         wrong += false_terms(part.entry, part.folder, terms, config, OF_THE_RUN)
     return wrong
@@ -233,6 +233,8 @@ def open_given(part: Part, results: ProofFile, terms: Terms) -> Iterator[Given |
     if not part.landmarks:
         yield None
         return
+    from shapefit.pipelines.fit.joints import as_joints, find_joints
+
     place = ", ".join(map(str, part.landmarks)) + ": landmark names"
     rows = part.entry.rows if part.entry is not None else None
     options = InputOptions(**terms.input)

@@ -146,7 +146,7 @@ def _check_tight(subject: Subject, M: Transforms) -> Check:
     What lies at the limit to within rounding can be called either.
     """
     apart, error = M.skewness, subject.images.factor[M.image]
-    active = M.norms > ACTIVE * M.coefficients.max(axis=1)[M.image]
+    active = M.norms > ACTIVE * subject.stated("coefficients").max(axis=1)[M.image]
     some = np.bincount(M.image[active], minlength=M.images) > 0
 
     def all_within(limit: Floats) -> Flags:

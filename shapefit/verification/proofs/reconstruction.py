@@ -19,10 +19,9 @@ ACTIVE = 1e-6
 def check_active(subject: Subject) -> Check:
     """Check how many coefficients are not negligible; those at the limit may count or not."""
     size, stated = np.abs(subject.stated("coefficients")), subject.stated_extra("active_atoms")
-    limit = ACTIVE * size.max(axis=1, keepdims=True)
-    slack = subject.images.factor[:, None] * size
-    surely = (size - slack > limit).sum(axis=1)
-    perhaps = (size + slack > limit).sum(axis=1)
+    limit, slack = ACTIVE * size.max(axis=1), 1 + subject.images.factor
+    surely = (size > (limit * slack)[:, None]).sum(axis=1)
+    perhaps = (size > (limit / slack)[:, None]).sum(axis=1)
     off = np.maximum(surely - stated, stated - perhaps)
     return check("active_atoms follow from the coefficients", off, 0.0)
 
