@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.convex.solution import Status
-from shapefit.evaluation.statistics.samples import Floats, Sample, Sliced, mean, slices
+from shapefit.evaluation.averages import Sliced, mean
 from shapefit.geometry.normalisation import LARGEST
 
 SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)
@@ -65,11 +64,6 @@ def sum_up(run: Run) -> Solving:
 
 def _mean(objective: Sliced) -> float | None:
     """Mean of the objectives that are known."""
-
-    def blocks() -> Iterator[Floats]:
-        for rows in slices(len(objective)):
-            block = objective[rows]
-            yield block[np.abs(block) <= LARGEST]
-
-    count = sum(map(len, blocks()))
-    return mean(Sample(count, blocks)) if count else None
+    values = objective[:]
+    known = values[np.abs(values) <= LARGEST]
+    return mean(known) if len(known) else None

@@ -9,8 +9,16 @@ from typing import Protocol
 
 import numpy as np
 
-from shapefit.evaluation.statistics.labels import Labels, by_name, labels_of
-from shapefit.evaluation.statistics.samples import Sample, Sliced, mean, median, percentiles
+from shapefit.evaluation.averages import (
+    Floats,
+    Labels,
+    Sliced,
+    by_name,
+    labels_of,
+    mean,
+    median,
+    percentiles,
+)
 
 ALL = "all"
 """Name of the one group, and of the one sequence, where none are named."""
@@ -90,8 +98,8 @@ def summarise(errors: ImageErrors, grouping: Mapping[str, Sequence[str]]) -> lis
     A sequence or group of which the errors have no image at all is left out.
     """
     by_sequence = {
-        name: _sequence(errors, name, count, sample)
-        for name, count, sample in by_name(errors.values, errors.sequences)
+        name: _sequence(errors, name, count, known)
+        for name, count, known in by_name(errors.values, errors.sequences)
     }
     summaries = []
     for group, members in grouping.items():
@@ -101,10 +109,10 @@ def summarise(errors: ImageErrors, grouping: Mapping[str, Sequence[str]]) -> lis
     return summaries
 
 
-def _sequence(errors: ImageErrors, sequence: str, count: int, known: Sample) -> Summary:
+def _sequence(errors: ImageErrors, sequence: str, count: int, known: Floats) -> Summary:
     """Sum up a sequence of so many images; its group is not known yet."""
     labels = (errors.method, errors.metric, errors.unit, "", sequence)
-    counts = (known.count, count - known.count)
+    counts = (len(known), count - len(known))
     return Summary(*labels, *counts, mean(known), median(known), *percentiles(known, (90,)))
 
 

@@ -9,7 +9,6 @@ from itertools import chain
 import numpy as np
 
 from shapefit.io.problems import LIMIT, input_problems
-from shapefit.io.spilled.columns import Spill
 from shapefit.io.spilled.name_index import index_of
 
 
@@ -26,9 +25,8 @@ def check_unique_items(files: Sequence[ItemList]) -> None:
 
     Only where two hashes agree are the items read again and compared.
     """
-    with Spill() as spill:
-        index = index_of(spill, chain.from_iterable(file.blocks() for file in files))
-        suspects = frozenset(chain.from_iterable(map(np.ndarray.tolist, index.repeated())))
+    index = index_of(None, chain.from_iterable(file.blocks() for file in files))
+    suspects = frozenset(chain.from_iterable(map(np.ndarray.tolist, index.repeated())))
     if suspects:
         _compare(files, suspects)
 

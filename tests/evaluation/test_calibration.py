@@ -7,7 +7,6 @@ import pytest
 from scipy.stats import chi2
 
 from shapefit.evaluation.calibration import Coverages, ErrorBars, find_levels, join
-from shapefit.evaluation.statistics import samples
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.trust import keep_trusted
 
@@ -126,9 +125,7 @@ def test_the_least_plausible_tenth_of_a_group_is_left_out():
     assert (second.images, second.kept, second.mean_kept) == (1, 1, 100.0)
 
 
-@pytest.mark.parametrize("most", [7, 1 << 20])
-def test_of_equally_plausible_images_the_first_are_left_out(rng, monkeypatch, most):
-    monkeypatch.setattr(samples, "AT_ONCE", most)
+def test_of_equally_plausible_images_the_first_are_left_out(rng):
     values, trust = rng.random(300), np.round(rng.random(300), 1)
     values[::17], trust[::13] = np.nan, np.nan
     sequences = np.array(["a", "b", "c"])[rng.integers(0, 3, 300)]

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from shapefit.config import EvalConfig, SweepConfig
-from shapefit.evaluation.statistics import samples
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.tables.document import (
     Italic,
@@ -90,8 +89,7 @@ def test_the_worst_median_and_best_images_are_ranked(rng):
 
 
 @pytest.mark.parametrize("decimals", [0, 1, 9], ids=["all-equal", "ties", "no-ties"])
-def test_images_of_equal_errors_are_ranked_in_their_order(rng, monkeypatch, decimals):
-    monkeypatch.setattr(samples, "AT_ONCE", 11)
+def test_images_of_equal_errors_are_ranked_in_their_order(rng, decimals):
     values = np.round(rng.random(150) / 3, decimals)
     values[::7] = np.nan
     items = tuple(f"i{i}" for i in range(150))

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from shapefit.evaluation.averages import by_name, percentiles
 from shapefit.evaluation.metric_table import METRICS
-from shapefit.evaluation.statistics.labels import by_name
-from shapefit.evaluation.statistics.samples import percentiles
 from shapefit.evaluation.summary import ALL, ImageErrors, summarise
 from shapefit.evaluation.tables.cells import ABSENT, HOW_TO_READ_PAIRS, pairs, percent
 from shapefit.evaluation.tables.csv_table import null_for_nan, write_table
@@ -92,7 +91,7 @@ def points(
     quartiles = {
         name: percentiles(known, (25, 75))
         for name, _, known in by_name(errors.values, errors.sequences)
-        if known.count
+        if len(known)
     }
     found = []
     for group in (summary for summary in summaries if summary.sequence is None):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from shapefit.evaluation.averages import Floats, of_names, percentiles
 from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.plots.bars import (
     BARS,
@@ -16,8 +17,6 @@ from shapefit.evaluation.plots.bars import (
     look,
     style_axis,
 )
-from shapefit.evaluation.statistics.labels import of_names
-from shapefit.evaluation.statistics.samples import Sample, neighbours, percentiles
 from shapefit.evaluation.summary import ALL, ImageErrors
 
 if TYPE_CHECKING:
@@ -44,15 +43,13 @@ def box_plot(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[str]
         group: [of_names(e.values, e.sequences, members) for e in errors]
         for group, members in grouping.items()
     }
-    values = {
-        group: boxes for group, boxes in values.items() if any(known.count for known in boxes)
-    }
+    values = {group: boxes for group, boxes in values.items() if any(map(len, boxes))}
     taken = [max(len(errors), LETTER * (len(group) + 2) / SLOT) for group in values]
     slots = max(FEWEST_SLOTS, sum(taken) + GAP * (len(taken) - 1))
     figure = Figure(figsize=(1.1 + SLOT * slots, 3.9))
     figure.set_layout_engine("constrained")
     axis = figure.subplots()
-    every = [known for boxes in values.values() for known in boxes if known.count]
+    every = [known for boxes in values.values() for known in boxes if len(known)]
     reach = [percentiles(known, (WHISKERS[1],))[0] for known in every]
     style_axis(axis, slots, 1.05 * max(reach, default=0.0) or 1.0, axis_label(errors[0].unit))
     start = (slots - sum(taken) - GAP * (len(taken) - 1)) / 2
@@ -70,20 +67,18 @@ def box_plot(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[str]
     return figure
 
 
-def _draw_box(axis: Axes, place: float, known: Sample, style: tuple[str, str]) -> None:
-    if not known.count:
+def _draw_box(axis: Axes, place: float, known: Floats, style: tuple[str, str]) -> None:
+    if not len(known):
         return
     colour, hatch = style
-    first, (*_, lower), (*_, middle), (*_, upper), last = neighbours(
-        known, (WHISKERS[0], 25, 50, 75, WHISKERS[1])
-    )
+    first, lower, middle, upper, last = percentiles(known, (WHISKERS[0], 25, 50, 75, WHISKERS[1]))
     box = {
         "med": middle,
         "q1": lower,
         "q3": upper,
         # Whiskers reach to the outermost images that are not beyond their percentiles.
-        "whislo": min(lower, *(error for error in first[:2] if error >= first[2])),
-        "whishi": max(upper, *(error for error in last[:2] if error <= last[2])),
+        "whislo": min(lower, known[known >= first].min()),
+        "whishi": max(upper, known[known <= last].max()),
     }
     axis.bxp(
         [box], positions=[place], widths=[BARS], showfliers=False,

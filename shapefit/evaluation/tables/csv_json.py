@@ -8,9 +8,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
+from shapefit.evaluation.averages import slices
 from shapefit.evaluation.calibration import LEVELS, Coverage
 from shapefit.evaluation.report import Report
-from shapefit.evaluation.statistics.samples import slices
 from shapefit.evaluation.summary import ImageErrors, Summary
 from shapefit.evaluation.tables.csv_table import null_for_nan, write_table
 from shapefit.evaluation.trust import Kept

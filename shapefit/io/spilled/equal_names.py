@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from shapefit.io.spilled.columns import Spill
 from shapefit.io.spilled.name_index import Hashes, hashed, index_of
 
 MOST_COMPARED = 1_000_000
@@ -45,7 +44,7 @@ class Equal:
 def find_equal_names(lists: Mapping[Path, Blocks], folder: Path | None) -> Equal:
     """Return the names that are in two or more of these lists, each of which a file holds.
 
-    Hashes that do not fit in memory go to an unnamed file in the folder, as a `Spill` takes it.
+    Hashes that do not fit in memory go to an unnamed file in the folder, as a `Column` does.
     """
     found = Equal(0, ())
     if len(lists) < 2:
@@ -66,13 +65,12 @@ def find_equal_names(lists: Mapping[Path, Blocks], folder: Path | None) -> Equal
 
 def _met_twice(lists: Mapping[Path, Blocks], folder: Path | None) -> Iterator[Hashes]:
     """Yield the hashes that are there twice, a limited number at a time."""
-    with Spill(folder) as spill:
-        index = index_of(spill, chain.from_iterable(blocks() for blocks in lists.values()))
-        held: list[Hashes] = []
-        for hashes in index.repeated():
-            held.append(hashes)
-            if sum(map(len, held)) >= MOST_COMPARED:
-                yield np.concatenate(held)
-                held = []
-        if any(map(len, held)):
+    index = index_of(folder, chain.from_iterable(blocks() for blocks in lists.values()))
+    held: list[Hashes] = []
+    for hashes in index.repeated():
+        held.append(hashes)
+        if sum(map(len, held)) >= MOST_COMPARED:
             yield np.concatenate(held)
+            held = []
+    if any(map(len, held)):
+        yield np.concatenate(held)

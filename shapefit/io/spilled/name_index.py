@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.io.spilled.columns import Column, Spill
+from shapefit.io.spilled.columns import Column
 from shapefit.io.spilled.texts import Texts
 
 RUN = 1 << 16
@@ -36,9 +37,9 @@ class _Run:
 class NameIndex:
     """Hashes of names that were added, each with its row, counted from 0."""
 
-    def __init__(self, spill: Spill) -> None:
-        self._hashes = Column(spill, np.uint64)
-        self._rows = Column(spill, np.int64)
+    def __init__(self, folder: Path | None) -> None:
+        self._hashes = Column(folder, np.uint64)
+        self._rows = Column(folder, np.int64)
         self._runs: list[_Run] = []
         self._waiting: list[Hashes] = []
         self._count = 0
@@ -109,9 +110,9 @@ class NameIndex:
         self._runs.append(_Run(start, len(self._hashes), shares))
 
 
-def index_of(spill: Spill, blocks: Iterable[Sequence[str]]) -> NameIndex:
+def index_of(folder: Path | None, blocks: Iterable[Sequence[str]]) -> NameIndex:
     """Return the index of the names in these blocks."""
-    index = NameIndex(spill)
+    index = NameIndex(folder)
     for block in blocks:
         index.add(block)
     return index

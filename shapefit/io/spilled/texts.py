@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.io.spilled.columns import Column, Spill, stretches
+from shapefit.io.spilled.columns import Column, stretches
 
 AT_A_TIME = 1 << 14
 """Texts that are read at a time."""
@@ -17,9 +18,9 @@ AT_A_TIME = 1 << 14
 class Texts:
     """Texts that are appended, then read by slices like a tuple."""
 
-    def __init__(self, spill: Spill) -> None:
-        self._letters = Column(spill, np.uint8)
-        self._ends = Column(spill, np.int64)
+    def __init__(self, folder: Path | None) -> None:
+        self._letters = Column(folder, np.uint8)
+        self._ends = Column(folder, np.int64)
 
     def __len__(self) -> int:
         return len(self._ends)

@@ -9,7 +9,7 @@ import numpy as np
 
 from shapefit.config import EvalConfig
 from shapefit.io import ResultSet, ShapeSet, read_results
-from shapefit.io.spilled.columns import Column, Spill
+from shapefit.io.spilled.columns import Column
 from shapefit.io.spilled.name_index import index_of
 from shapefit.pipelines.evaluate.examples import Lifted, choose, keep
 from shapefit.pipelines.evaluate.judgement import judge
@@ -20,12 +20,12 @@ from shapefit.pipelines.items import named_items
 
 
 def chosen_items(
-    wanted: int | Sequence[str], methods: Sequence[MethodImages], spill: Spill
+    wanted: int | Sequence[str], methods: Sequence[MethodImages], folder: Path | None
 ) -> tuple[str, ...]:
     """Choose from the images that no method failed on; raises as `choose`."""
     first, *others = methods
-    indices = [(each, index_of(spill, each.items.blocks())) for each in others]
-    common = Column(spill, np.int64)
+    indices = [(each, index_of(folder, each.items.blocks())) for each in others]
+    common = Column(folder, np.int64)
     start = 0
     for items in first.items.blocks():
         shown = ~first.failed[start : start + len(items)]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from shapefit.config.commands.evaluate import MOST_EXAMPLES
 from shapefit.errors import abbreviate, input_error
+from shapefit.evaluation.averages import slices
 from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, LANDMARKS
-from shapefit.evaluation.statistics.samples import slices
 from shapefit.evaluation.summary import Names
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.records import ResultSet, ShapeSet

@@ -17,14 +17,14 @@ from shapefit.config.commands.evaluate import (
 )
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import abbreviate, input_error
+from shapefit.evaluation.averages import Coder, Labels
 from shapefit.evaluation.floors import best_combination, nearest_atom
 from shapefit.evaluation.metrics import similarity
-from shapefit.evaluation.statistics.labels import Coder, Labels
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import read_dictionary
 from shapefit.io.landmark_names import match_landmarks
 from shapefit.io.records import ResultSet, ShapeSet
-from shapefit.io.spilled.columns import Column, Spill
+from shapefit.io.spilled.columns import Column
 from shapefit.io.spilled.name_index import NameIndex
 from shapefit.io.spilled.texts import Texts
 from shapefit.pipelines.evaluate.judgement import Judgement, common_landmarks
@@ -67,7 +67,7 @@ class Floors:
     many methods have it. Some thousand are measured together, wherever files end and begin.
     """
 
-    def __init__(self, config: FloorsConfig, head: ShapeSet, spill: Spill) -> None:
+    def __init__(self, config: FloorsConfig, head: ShapeSet, folder: Path | None) -> None:
         """Take the head of the truth. Raises InputError where few landmarks are shared."""
         self._leave_out = config.leave_out
         self._file = config.dictionary
@@ -78,10 +78,10 @@ class Floors:
         self._unit = head.unit
         self._waiting = _Waiting()
         self._left_out: dict[str | None, None] = {}
-        self._items, self._coder, self._codes = Texts(spill), Coder(), Column(spill, np.int32)
+        self._items, self._coder, self._codes = Texts(folder), Coder(), Column(folder, np.int32)
         self._errors: dict[tuple[str, str, str], Column] = {}
-        self._of_others = NameIndex(spill)
-        self._spill = spill
+        self._of_others = NameIndex(folder)
+        self._folder = folder
 
     def begin_method(self) -> None:
         """Go on with another method: the images so far are not measured again."""
@@ -138,7 +138,7 @@ class Floors:
             both = in_both_units(METRIC, error, true, true, self._unit)
             for (metric, unit), values in both.items():
                 column = self._errors.setdefault(
-                    (name, metric, unit), Column(self._spill, np.float64)
+                    (name, metric, unit), Column(self._folder, np.float64)
                 )
                 column.append(values[waiting.of_image])
         self._items.append(waiting.items)

@@ -12,7 +12,6 @@ from shapefit.evaluation.calibration import Coverages, image_shares
 from shapefit.evaluation.solving import Run, count_solved
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import ResultSet, read_results
-from shapefit.io.spilled.columns import Spill
 from shapefit.pipelines.evaluate.error_bars import find_plausibility, judge_error_bars
 from shapefit.pipelines.evaluate.example_images import chosen_items, read_lifted
 from shapefit.pipelines.evaluate.examples import examples_picture
@@ -37,7 +36,7 @@ class Found:
     the fits.
     """
 
-    def __init__(self, config: EvalConfig, truth: Truth, spill: Spill) -> None:
+    def __init__(self, config: EvalConfig, truth: Truth, folder: Path | None) -> None:
         self.truth = truth
         self.methods: list[MethodImages] = []
         self.errors: list[ImageErrors] = []
@@ -45,9 +44,9 @@ class Found:
         self.warnings = dict.fromkeys(truth.count_gaps())
         self.sheets: dict[str, dict[Path, None]] = {}
         self.bars: dict[str, Coverages] = {}
-        self.floors = Floors(config.floors, truth.head, spill) if config.floors else None
+        self.floors = Floors(config.floors, truth.head, folder) if config.floors else None
         self._config = config
-        self._spill = spill
+        self._folder = folder
         self._held: dict[Path, ResultSet] = {}
 
     def judge_all(self, *, hold: bool) -> Iterator[Outcome]:
@@ -56,7 +55,7 @@ class Found:
         With `hold` results that cannot be read again stay in memory, to draw examples of them.
         """
         for name, files in self._config.results.items():
-            images = MethodImages(name, self._spill)
+            images = MethodImages(name, self._folder)
             if self.floors:
                 self.floors.begin_method()
             for file in files:
@@ -68,7 +67,7 @@ class Found:
 
     def draw_examples(self, wanted: int | Sequence[str]) -> Figure:
         """Draw the images that are wanted, of those that no method failed on."""
-        chosen = chosen_items(wanted, self.methods, self._spill)
+        chosen = chosen_items(wanted, self.methods, self._folder)
         lifted, true = read_lifted(self._config, chosen, self.methods, self.truth, self._held)
         return examples_picture(chosen, lifted, true)
 

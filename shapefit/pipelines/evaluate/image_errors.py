@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error
+from shapefit.evaluation.averages import Floats, labels_of
 from shapefit.evaluation.metric_table import METRICS
-from shapefit.evaluation.statistics.labels import labels_of
-from shapefit.evaluation.statistics.samples import Floats
 from shapefit.evaluation.summary import ImageErrors, group_sequences
 from shapefit.pipelines.evaluate.judgement import Judgement
 from shapefit.pipelines.evaluate.measurement import Kind

@@ -7,20 +7,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error, path_text
+from shapefit.evaluation.averages import Coder, Floats, Labels
 from shapefit.evaluation.calibration import INSIDE
 from shapefit.evaluation.metric_table import SHARE
 from shapefit.evaluation.report import Method
 from shapefit.evaluation.solving import Run, sum_up
-from shapefit.evaluation.statistics.labels import Coder, Labels
-from shapefit.evaluation.statistics.samples import Floats, slices
 from shapefit.evaluation.summary import ImageErrors
-from shapefit.io.spilled.columns import Column, Spill
+from shapefit.io.spilled.columns import Column
 from shapefit.io.spilled.equal_names import find_equal_names
 from shapefit.io.spilled.texts import Texts
 from shapefit.pipelines.evaluate.image_errors import rows_judged
@@ -45,12 +44,11 @@ class Picked:
         return self.column.take(self.rows[rows])
 
 
-@dataclass
-class _Errors:
-    """Errors in one metric and unit; rows of their images, None while all images have one."""
+class _Errors(NamedTuple):
+    """Errors in one metric and unit, and the rows of their images."""
 
     values: Column
-    rows: Column | None = None
+    rows: Column
 
 
 class MethodImages:
@@ -59,16 +57,16 @@ class MethodImages:
     items and failed (whether an image lacks an error) have a row for each.
     """
 
-    def __init__(self, name: str, spill: Spill) -> None:
+    def __init__(self, name: str, folder: Path | None) -> None:
         self.name = name
-        self.items = Texts(spill)
-        self.failed = Column(spill, np.bool_)
+        self.items = Texts(folder)
+        self.failed = Column(folder, np.bool_)
         self.files: list[Path] = []
-        self._spill = spill
+        self._folder = folder
         self._ends: list[int] = []
-        self._coder, self._codes = Coder(), Column(spill, np.int32)
-        self._plausibility = Column(spill, np.float64)
-        self._objective = Column(spill, np.float64)
+        self._coder, self._codes = Coder(), Column(folder, np.int32)
+        self._plausibility = Column(folder, np.float64)
+        self._objective = Column(folder, np.float64)
         self._errors: dict[Kind, _Errors] = {}
         self._shares: dict[Kind, _Errors] = {}
         self._failures: dict[str, str] = {}
@@ -91,9 +89,10 @@ class MethodImages:
         failed = judgement.failed()
         for kind, values in judgement.errors.items():
             rows = rows_judged(kind, values, failed)
-            self._add_errors(self._errors, kind, before, n, (rows, values[rows]))
+            self._add_errors(self._errors, kind, before + rows, values[rows])
         if shares is not None:
-            self._add_errors(self._shares, (INSIDE, SHARE), before, n, shares)
+            rows, values = shares
+            self._add_errors(self._shares, (INSIDE, SHARE), before + rows, values)
         self.items.append(judgement.items)
         self.failed.append(failed)
         self.files.append(judgement.file)
@@ -122,11 +121,10 @@ class MethodImages:
         for kind, own in kinds.items():
             if not len(own.values):
                 continue
-            if len(own.values) < len(self):
-                self._number(own)
+            every = len(own.values) == len(self)
             columns: tuple[Any, ...] = (self.items, self._codes, self._plausibility)
             names, codes, trust = (
-                column if own.rows is None else Picked(column, own.rows) for column in columns
+                column if every else Picked(column, own.rows) for column in columns
             )
             labels = Labels(self._coder.names, codes)
             known = trust if self._knows_plausibility else None
@@ -165,33 +163,17 @@ class MethodImages:
             file: partial(self.items.blocks, start, end)
             for file, start, end in zip(self.files, starts, self._ends, strict=False)
         }
-        for item, first, second in find_equal_names(blocks, self._spill.folder).examples[:1]:
+        for item, first, second in find_equal_names(blocks, self._folder).examples[:1]:
             found = f"has the item '{item}', which {first} has too"
             fix = "give each file a unique name in `results`, or leave one out"
             raise input_error(second, found, fix)
 
     def _add_errors(
-        self,
-        kinds: dict[Kind, _Errors],
-        kind: Kind,
-        before: int,
-        n: int,
-        errors: tuple[NDArray[np.intp], Floats],
+        self, kinds: dict[Kind, _Errors], kind: Kind, rows: NDArray[np.intp], values: Floats
     ) -> None:
-        """Add rows and errors of a file of n images; there are so many images before it."""
-        rows, values = errors
+        """Add errors of these rows."""
         if kind not in kinds:
-            kinds[kind] = _Errors(Column(self._spill, np.float64))
+            kinds[kind] = _Errors(Column(self._folder, np.float64), Column(self._folder, np.int64))
         own = kinds[kind]
-        if len(own.values) < before or len(rows) < n:
-            self._number(own)
-        if own.rows is not None:
-            own.rows.append(before + rows)
+        own.rows.append(rows)
         own.values.append(values)
-
-    def _number(self, own: _Errors) -> None:
-        """Write down the rows of the errors so far, which are all up to theirs."""
-        if own.rows is None:
-            own.rows = Column(self._spill, np.int64)
-            for part in slices(len(own.values)):
-                own.rows.append(np.arange(part.start, part.stop))

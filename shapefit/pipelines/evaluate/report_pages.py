@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +16,6 @@ import numpy as np
 from shapefit.config import ViewConfig
 from shapefit.errors import InputError
 from shapefit.evaluation.metric_table import METRICS
-from shapefit.evaluation.statistics.samples import Sample, in_order, slices
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.tables.document import Block, Picture, Section, as_markdown
 from shapefit.pipelines.view.run import Page, make_page
@@ -114,52 +112,27 @@ def first_of_each(errors: Sequence[ImageErrors]) -> list[ImageErrors]:
 
 
 def rank(errors: ImageErrors) -> dict[str, list[Ranked]]:
-    """Return the worst, median and best images, worst first; all of them where they are few."""
-    known = Sample(
-        sum(int((~np.isnan(errors.values[rows])).sum()) for rows in slices(len(errors.values))),
-        lambda: (
-            block[~np.isnan(block)]
-            for block in (errors.values[rows] for rows in slices(len(errors.values)))
-        ),
-    )
-    n = known.count
+    """Return the worst, median and best images, worst first; all of them where they are few.
+
+    Those of equal errors are in their order.
+    """
+    values = errors.values[:]
+    known = np.flatnonzero(~np.isnan(values))
+    falling = known[np.argsort(-values[known], kind="stable")]
+
+    def at(start: int, stop: int) -> list[Ranked]:
+        rows = falling[start:stop].tolist()
+        return [Ranked(row, errors.items[row : row + 1][0], float(values[row])) for row in rows]
+
+    n = len(falling)
     if n <= 3 * SHOWN:
-        return {"all images, worst first": _at(errors, known, 0, n)}
+        return {"all images, worst first": at(0, n)}
     middle = (n - SHOWN) // 2
     return {
-        "worst": _at(errors, known, 0, SHOWN),
-        "median": _at(errors, known, middle, middle + SHOWN),
-        "best": _at(errors, known, n - SHOWN, n),
+        "worst": at(0, SHOWN),
+        "median": at(middle, middle + SHOWN),
+        "best": at(n - SHOWN, n),
     }
-
-
-def _at(errors: ImageErrors, known: Sample, start: int, stop: int) -> list[Ranked]:
-    """Images from one place to before another, worst first; those of equal errors in their order.
-
-    `known` are the errors that are not nan.
-    """
-    n = known.count
-    values = in_order(known, range(n - 1 - start, n - 1 - stop, -1)).tolist()
-    if not values:
-        return []
-    wanted = Counter(values)
-    # Of those with the error at the first place, some are before it.
-    before = start - sum(int((block > values[0]).sum()) for block in known.blocks())
-    skipped = {value: before if value == values[0] else 0 for value in wanted}
-    rows: dict[float, list[int]] = {value: [] for value in wanted}
-    for part in slices(len(errors.values)):
-        block = errors.values[part]
-        for value, own in rows.items():
-            places = np.flatnonzero(block == value)
-            first = min(skipped[value], len(places))
-            skipped[value] -= first
-            last = first + wanted[value] - len(own)
-            own += (part.start + places[first:last]).tolist()
-    return [
-        Ranked(row, errors.items[row : row + 1][0], value)
-        for value, own in rows.items()
-        for row in own
-    ]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn

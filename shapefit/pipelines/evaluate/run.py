@@ -17,7 +17,7 @@ from shapefit.evaluation.summary import ImageErrors, Summary, summarise
 from shapefit.evaluation.tables import csv_json as tables
 from shapefit.evaluation.tables.errors_document import document, markdown
 from shapefit.evaluation.trust import keep_trusted
-from shapefit.io.spilled.columns import Spill, nearest_folder
+from shapefit.io.spilled.columns import nearest_folder
 from shapefit.io.whole.atomic import digests
 from shapefit.io.whole.report_folder import Writer, check_folder, write_folder
 from shapefit.pipelines.drawing import check_can_draw, draws_plots, plots_left_out
@@ -51,9 +51,10 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     if examples:
         check_can_draw("examples")
     draws = draws_plots(config.plots)
-    with Spill(nearest_folder(config.output)) as spill, open_truth(config, spill) as truth:
+    folder = nearest_folder(config.output)
+    with open_truth(config, folder) as truth:
         check_examples(examples, truth.head, config.truth)
-        found = Found(config, truth, spill)
+        found = Found(config, truth, folder)
         if found.warnings:
             yield Outcome(warnings=tuple(found.warnings))
         yield from found.judge_all(hold=bool(examples))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from shapefit.config import EvalConfig
 from shapefit.errors import counted
 from shapefit.io import ShapeSource, open_shapes
 from shapefit.io.records import ShapeSet
-from shapefit.io.spilled.columns import Spill
 from shapefit.io.spilled.name_index import NameIndex
 from shapefit.io.spilled.texts import Texts
 from shapefit.pipelines.reading import input_options
@@ -24,9 +24,9 @@ AT_A_TIME = 1 << 14
 class Truth:
     """The true shapes of an evaluation, found by their items."""
 
-    def __init__(self, source: ShapeSource, spill: Spill) -> None:
+    def __init__(self, source: ShapeSource, folder: Path | None) -> None:
         self._source = source
-        self._spill = spill
+        self._folder = folder
 
     @property
     def head(self) -> ShapeSet:
@@ -62,7 +62,7 @@ class Truth:
 
     @cached_property
     def _index(self) -> tuple[Texts, NameIndex]:
-        names, index = Texts(self._spill), NameIndex(self._spill)
+        names, index = Texts(self._folder), NameIndex(self._folder)
         for block in self._source.names():
             names.append(block)
             index.add(block)
@@ -70,7 +70,7 @@ class Truth:
 
 
 @contextmanager
-def open_truth(config: EvalConfig, spill: Spill) -> Iterator[Truth]:
+def open_truth(config: EvalConfig, folder: Path | None) -> Iterator[Truth]:
     """Open the truth of a config. Raises InputError as `open_shapes` does."""
     with open_shapes(config.truth, input_options(config.input), gaps=True) as source:
-        yield Truth(source, spill)
+        yield Truth(source, folder)

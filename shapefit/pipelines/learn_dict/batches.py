@@ -13,12 +13,12 @@ from shapefit.dictionary.learning import evenly
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.motion import MotionSums
 from shapefit.dictionary.size import find_edge_length
-from shapefit.evaluation.statistics.samples import Sample, median
+from shapefit.evaluation.averages import median
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import choose, rotation_onto, settle_mean
 from shapefit.geometry.symmetry import lateral_squares, mirror, symmetrise
 from shapefit.io import ShapeSet, ShapeSource
-from shapefit.io.spilled.columns import Batched, Column, Spill, nearest_folder
+from shapefit.io.spilled.columns import Batched, Column, nearest_folder
 from shapefit.pipelines.learn_dict.symmetry import find_partners
 from shapefit.pipelines.learn_dict.training_shapes import (
     TrainingOptions,
@@ -66,9 +66,9 @@ def find_training_batches(source: ShapeSource, options: TrainingOptions) -> Trai
     partners = None if options.symmetry == "none" else find_partners(head, options)
     doubled = options.symmetry == "double"
     lateral = 0 if partners is None else find_lateral(source, options, partners)
-    spill = Spill(nearest_folder(options.folder))
-    points = Column(spill, np.float64, (3, len(head.landmark_names)))
-    scale, sizes = Column(spill, np.float64), Column(spill, np.float64)
+    folder = nearest_folder(options.folder)
+    points = Column(folder, np.float64, (3, len(head.landmark_names)))
+    scale, sizes = Column(folder, np.float64), Column(folder, np.float64)
     failures: list[Failure] = []
     edges = np.empty((0, 2), np.int64) if head.edges is None else head.edges
     motion, length = MotionSums(edges), np.zeros(len(edges))
@@ -96,7 +96,7 @@ def find_training_batches(source: ShapeSource, options: TrainingOptions) -> Trai
     mean, warnings = align_batches(Batched(points, options.batch), head.landmark_names, options)
     if head.mesh_vertices is not None:
         warnings.append("the meshes are left out: leave out `batch` to keep them")
-    unit = median(Sample(len(sizes), lambda: iter(Batched(sizes, options.batch))))
+    unit = median(sizes[:])
     return TrainingBatches(
         Batched(points, options.batch),
         Batched(scale, options.batch),

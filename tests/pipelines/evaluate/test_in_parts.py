@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation import calibration
-from shapefit.evaluation.statistics import samples
 from shapefit.evaluation.tables import csv_json
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import write_dictionary, write_shapes
@@ -32,8 +31,8 @@ NUMBERS = ("per_image.csv", "report.csv", "calibration.csv", "trusted.csv")
 
 
 LIMITS = [
-    *((columns, "BLOCK"), (columns, "GAP"), (name_index, "RUN"), (texts, "AT_A_TIME")),
-    *((samples, "AT_ONCE"), (calibration, "TOGETHER"), (csv_json, "IMAGES_AT_ONCE")),
+    *((columns, "MOST_HELD"), (columns, "GAP"), (columns, "STRETCH"), (name_index, "RUN")),
+    *((texts, "AT_A_TIME"), (calibration, "TOGETHER"), (csv_json, "IMAGES_AT_ONCE")),
     *((floors, "TOGETHER"), (truths, "AT_A_TIME")),
 ]
 """How much is in memory at a time."""

@@ -26,7 +26,7 @@ MIRROR = {f"r{name}": f"l{name}" for name in ("hip", "knee", "ankle", "shoulder"
 @pytest.fixture(autouse=True)
 def _on_the_disk(monkeypatch):
     """Let shapes go to the disk that would all be in memory, as few as they are."""
-    monkeypatch.setattr(columns, "BLOCK", 5000)
+    monkeypatch.setattr(columns, "MOST_HELD", 40_000)
 
 
 @pytest.fixture
@@ -206,7 +206,7 @@ class TestRefusals:
 
     def test_a_full_disk(self, learned, people, monkeypatch):
         class Full:
-            def __init__(self, **_):
+            def __init__(self, *_, **__):
                 pass
 
             def seek(self, _):
@@ -215,7 +215,7 @@ class TestRefusals:
             def write(self, _):
                 raise OSError(errno.ENOSPC, "No space left on device")
 
-        monkeypatch.setattr(columns, "TemporaryFile", Full)
+        monkeypatch.setattr(columns, "SpooledTemporaryFile", Full)
         with pytest.raises(InputError, match="used for temporary files: No space left"):
             learned(people, batch=300)
 
