@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from shapefit.evaluation.tables.markdown import markdown_table
+
+
+TAG = re.compile(r"<(?=[a-zA-Z/!?])")
+"""What begins HTML in Markdown."""
 
 
 class Italic(str):
@@ -56,8 +61,8 @@ Block = str | Title | Section | Table | Listing | Picture
 
 
 def as_markdown(blocks: Iterable[Block]) -> str:
-    """Return the blocks as a Markdown page."""
-    return "\n\n".join(map(_markdown, blocks)) + "\n"
+    """Return the blocks as a Markdown page, in which no name is HTML."""
+    return "\n\n".join(TAG.sub("&lt;", _markdown(block)) for block in blocks) + "\n"
 
 
 def _markdown(block: Block) -> str:

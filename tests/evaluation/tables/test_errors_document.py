@@ -140,3 +140,13 @@ class TestWithoutGroups:
             ["all", "0.300", "0.050", "–"],
             ["Subject 13", "–", "–", "0.259"],
         ]
+
+
+def test_names_are_no_html(report):
+    tag = "<script>alert(1)</script>"
+    text = markdown(Report((Method(tag, (), 1, {"<img src=x>": "a < b"}),), report.summaries))
+    assert "<script" not in text
+    assert "</script" not in text
+    assert "<img" not in text
+    assert "&lt;script>alert(1)&lt;/script>" in text
+    assert "a < b" in text
