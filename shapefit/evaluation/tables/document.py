@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from shapefit.evaluation.tables.markdown import markdown_table
 
-
 TAG = re.compile(r"<(?=[a-zA-Z/!?])")
 """What begins HTML in Markdown."""
 
