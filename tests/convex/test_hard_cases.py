@@ -14,12 +14,6 @@ from shapefit.geometry.rotations import random_rotations
 
 Arrays = dict[str, np.ndarray | float]
 STEPS = 300
-CASES: dict[str, Callable[[np.random.Generator], Arrays]] = {}
-
-
-def case(function: Callable[[np.random.Generator], Arrays]) -> Callable:
-    CASES[function.__name__.replace("_", " ")] = function
-    return function
 
 
 def centred(atoms: np.ndarray) -> np.ndarray:
@@ -34,55 +28,19 @@ def random(rng: np.random.Generator, n: int = 12, k: int = 16, p: int = 12) -> A
     }
 
 
-@case
-def nothing_special(rng: np.random.Generator) -> Arrays:
-    return random(rng)
-
-
-@case
-def duplicated_atoms(rng: np.random.Generator) -> Arrays:
-    found = random(rng)
-    return found | {"atoms": np.concatenate([found["atoms"]] * 3)}
-
-
-@case
 def turned_duplicates(rng: np.random.Generator) -> Arrays:
     found = random(rng, k=4)
     return found | {"atoms": np.concatenate([R @ found["atoms"] for R in random_rotations(5, rng)])}
 
 
-@case
-def zero_atoms(rng: np.random.Generator) -> Arrays:
-    found = random(rng)
-    found["atoms"][::2] = 0
-    return found
+def rank_one(rng: np.random.Generator) -> np.ndarray:
+    return rng.standard_normal((16, 3, 1)) * centred(rng.standard_normal((16, 1, 12)))
 
 
-@case
-def rank_one_atoms(rng: np.random.Generator) -> Arrays:
-    atoms = rng.standard_normal((16, 3, 1)) * centred(rng.standard_normal((16, 1, 12)))
-    return random(rng) | {"atoms": atoms}
+def line(rng: np.random.Generator) -> np.ndarray:
+    return rng.standard_normal((12, 2, 1)) * rng.standard_normal((12, 1, 12))
 
 
-@case
-def flat_atoms(rng: np.random.Generator) -> Arrays:
-    found = random(rng)
-    found["atoms"][:, 2] = 0
-    return found
-
-
-@case
-def landmarks_on_a_line(rng: np.random.Generator) -> Arrays:
-    landmarks = rng.standard_normal((12, 2, 1)) * rng.standard_normal((12, 1, 12))
-    return random(rng) | {"landmarks": landmarks}
-
-
-@case
-def line_and_rank_one_atoms(rng: np.random.Generator) -> Arrays:
-    return rank_one_atoms(rng) | {"landmarks": landmarks_on_a_line(rng)["landmarks"]}
-
-
-@case
 def equal_singular_values(rng: np.random.Generator) -> Arrays:
     """Images that are one orthonormal atom seen from somewhere: Y B^T has s1 = s2."""
     atoms = np.linalg.qr(rng.standard_normal((12, 11, 3)))[0].swapaxes(1, 2)
@@ -91,49 +49,10 @@ def equal_singular_values(rng: np.random.Generator) -> Arrays:
     return {"landmarks": landmarks, "atoms": atoms, "lam": 0.1}
 
 
-@case
-def landmarks_that_are_zero(rng: np.random.Generator) -> Arrays:
-    return random(rng) | {"landmarks": np.zeros((12, 2, 12))}
+def visible(count: int, rng: np.random.Generator) -> np.ndarray:
+    return (np.argsort(rng.random((12, 12)), axis=1) < count).astype(float)
 
 
-@case
-def landmarks_on_one_point(rng: np.random.Generator) -> Arrays:
-    return random(rng) | {"landmarks": np.full((12, 2, 12), 0.1)}
-
-
-@case
-def two_landmarks(rng: np.random.Generator) -> Arrays:
-    return random(rng, p=2)
-
-
-@case
-def three_landmarks(rng: np.random.Generator) -> Arrays:
-    return random(rng, p=3)
-
-
-@case
-def two_visible_of_twelve(rng: np.random.Generator) -> Arrays:
-    weights = np.argsort(rng.random((12, 12)), axis=1) < 2
-    return random(rng) | {"weights": weights.astype(float)}
-
-
-@case
-def three_visible_of_twelve(rng: np.random.Generator) -> Arrays:
-    weights = np.argsort(rng.random((12, 12)), axis=1) < 3
-    return random(rng) | {"weights": weights.astype(float)}
-
-
-@case
-def one_atom(rng: np.random.Generator) -> Arrays:
-    return random(rng, k=1)
-
-
-@case
-def a_thousand_atoms(rng: np.random.Generator) -> Arrays:
-    return random(rng, n=3, k=1000, p=15)
-
-
-@case
 def many_landmarks(rng: np.random.Generator) -> Arrays:
     found = random(rng, n=1, k=20, p=256)
     shapes = np.tensordot(rng.standard_normal(5), found["atoms"][:5], 1)
@@ -141,26 +60,50 @@ def many_landmarks(rng: np.random.Generator) -> Arrays:
     return found | {"landmarks": shapes[None, :2] + gross * found["landmarks"]}
 
 
-@case
-def weights_over_six_orders(rng: np.random.Generator) -> Arrays:
-    return random(rng) | {"weights": 10 ** rng.uniform(-3, 3, (12, 12))}
-
-
-@case
-def weights_from_a_millionth(rng: np.random.Generator) -> Arrays:
-    return random(rng) | {"weights": 10 ** rng.uniform(-6, 0, (12, 12))}
-
-
-@case
 def atoms_of_all_sizes(rng: np.random.Generator) -> Arrays:
     found = random(rng)
     return found | {"atoms": found["atoms"] * 10 ** rng.uniform(-4, 4, (16, 1, 1))}
 
 
-@case
-def uncentred_landmarks_far_away(rng: np.random.Generator) -> Arrays:
-    found = random(rng)
-    return found | {"landmarks": found["landmarks"] + 1e6}
+def changed(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[..., Arrays]:
+    """Return a function that draws a random case with one of its arrays changed."""
+
+    def draw(rng: np.random.Generator) -> Arrays:
+        found = random(rng)
+        return found | {name: change(found[name])}
+
+    return draw
+
+
+EVERY_OTHER = (np.arange(16) % 2)[:, None, None]
+CASES: dict[str, Callable[[np.random.Generator], Arrays]] = {
+    "nothing special": random,
+    "duplicated atoms": changed("atoms", lambda atoms: np.concatenate([atoms] * 3)),
+    "turned duplicates": turned_duplicates,
+    "zero atoms": changed("atoms", lambda atoms: atoms * EVERY_OTHER),
+    "rank one atoms": lambda rng: random(rng) | {"atoms": rank_one(rng)},
+    "flat atoms": changed("atoms", lambda atoms: atoms * [[1.0], [1.0], [0.0]]),
+    "landmarks on a line": lambda rng: random(rng) | {"landmarks": line(rng)},
+    "line and rank one atoms": lambda rng: {
+        "landmarks": line(rng), "atoms": rank_one(rng), "lam": 0.1,
+    },
+    "equal singular values": equal_singular_values,
+    "landmarks that are zero": changed("landmarks", np.zeros_like),
+    "landmarks on one point": changed("landmarks", lambda w: np.full_like(w, 0.1)),
+    "two landmarks": lambda rng: random(rng, p=2),
+    "three landmarks": lambda rng: random(rng, p=3),
+    "two visible of twelve": lambda rng: {"weights": visible(2, rng)} | random(rng),
+    "three visible of twelve": lambda rng: {"weights": visible(3, rng)} | random(rng),
+    "one atom": lambda rng: random(rng, k=1),
+    "a thousand atoms": lambda rng: random(rng, n=3, k=1000, p=15),
+    "many landmarks": many_landmarks,
+    "weights over six orders": lambda rng: random(rng)
+    | {"weights": 10 ** rng.uniform(-3, 3, (12, 12))},
+    "weights from a millionth": lambda rng: random(rng)
+    | {"weights": 10 ** rng.uniform(-6, 0, (12, 12))},
+    "atoms of all sizes": atoms_of_all_sizes,
+    "uncentred landmarks far away": changed("landmarks", lambda w: w + 1e6),
+}  # fmt: skip
 
 
 def make(name: str, loss: Loss, rng: np.random.Generator) -> Problem:
