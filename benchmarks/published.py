@@ -24,7 +24,7 @@ from shapefit.evaluation.summary import Summary
 from shapefit.evaluation.tables.csv_json import report_json
 from shapefit.evaluation.tables.errors_document import markdown
 from shapefit.evaluation.trust import Kept
-from shapefit.io.whole.report_folder import Writer, write_folder
+from shapefit.io.whole.folder import Write, write_folder
 
 QUOTED = Path(__file__).with_name("published.yaml")
 
@@ -112,7 +112,7 @@ def beside_shares(folder: Path) -> str:
     return page
 
 
-def _heat_maps(panels: dict[str, dict[Place, float]]) -> dict[str, Writer]:
+def _heat_maps(panels: dict[str, dict[Place, float]]) -> dict[str, Write]:
     if find_spec("matplotlib") is None:
         return {}
     from shapefit.evaluation.plots import bars
@@ -146,7 +146,7 @@ def _with_nan(summary: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _text(text: str) -> Writer:
+def _text(text: str) -> Write:
     return lambda path: path.write_text(text, encoding="utf-8")
 
 

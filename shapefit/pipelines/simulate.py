@@ -20,7 +20,7 @@ from shapefit.evaluation.experiments.recovery_grid import Cell, RecoveryGrid
 from shapefit.evaluation.plots import bars as plots
 from shapefit.evaluation.plots.heat_maps import heat_maps
 from shapefit.io.memory import check_fits
-from shapefit.io.whole.report_folder import Writer, check_folder, write_folder
+from shapefit.io.whole.folder import Write, check_folder, write_folder
 from shapefit.pipelines.drawing import draws_plots, plots_left_out
 from shapefit.pipelines.outcome import Failure, Outcome
 
@@ -111,8 +111,8 @@ def _failure(cell: Cell, trial: int) -> Failure:
     )
 
 
-def _writers(grid: RecoveryGrid, *, with_plot: bool) -> dict[str, Writer]:
-    writers: dict[str, Writer] = {
+def _writers(grid: RecoveryGrid, *, with_plot: bool) -> dict[str, Write]:
+    writers: dict[str, Write] = {
         "recovery.csv": lambda path: recovery_grid.write_csv(path, grid),
         "recovery.json": lambda path: path.write_text(recovery_grid.grid_json(grid), "utf-8"),
         "recovery.md": lambda path: path.write_text(recovery_grid.markdown(grid), "utf-8"),

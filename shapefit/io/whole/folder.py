@@ -1,50 +1,41 @@
-"""Many files that appear together: write them aside, then move them into their folder."""
+"""Many files for one folder: written aside, then moved there one by one, each of them whole."""
 
 from __future__ import annotations
 
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path, PurePosixPath
 
 from shapefit.errors import input_error
-from shapefit.io.whole.atomic import is_writable, new_folders, shortened, storage_errors
-from shapefit.io.whole.held_signals import held_signals
+from shapefit.io.sources import is_stream
+from shapefit.io.whole.atomic import (
+    check_output,
+    is_writable,
+    new_folders,
+    shortened,
+    storage_errors,
+)
 from shapefit.io.whole.litter import lock_new, remove_litter
-from shapefit.io.whole.staged_names import StagedNames
-
-NEW, REPLACED, NAMES = "new", "replaced", "names"
-"""In the staging folder: the files to come, those that they replaced, and the list of them."""
+from shapefit.stores.writing import refuse_folder
 
 Write = Callable[[Path], object]
 
 
 class StagedFiles:
-    """Files on their way to `folder`; `stuck` if those they replaced cannot be put back."""
+    """Files on their way to `folder`, in a hidden folder."""
 
-    def __init__(self, folder: Path, staging: Path, hold: ExitStack) -> None:
-        """Take a folder to write to, and what will hold back signals once files move."""
+    def __init__(self, folder: Path, staging: Path) -> None:
         self.folder = folder
         self._staging = staging
-        self._new, self._old = staging / NEW, staging / REPLACED
-        self._new.mkdir()
-        self._names = StagedNames(staging / NAMES)
-        self._hold = hold
-        self._made: list[Path] = []
-        self._published = False
-        self.stuck = False
-
-    @property
-    def empty(self) -> bool:
-        """Whether no file was written."""
-        return self._names.empty
+        self.empty = True
 
     def __contains__(self, name: PurePosixPath) -> bool:
         """Whether folder/name was written, or what the file system takes for the same name."""
-        return (self._new / name).exists()
+        return (self._staging / name).exists()
 
     def write(self, name: PurePosixPath, write: Write, item: str) -> None:
         """Let `write` fill the file of an item that becomes folder/name, its folders included.
@@ -53,91 +44,56 @@ class StagedFiles:
         and where a file of another item is: the names of two items may be equal for the
         file system.
         """
-        target, path = self.folder / name, self._new / name
+        target, path = self.folder / name, self._staging / name
         with storage_errors(target, None):
-            self._check_clash(path, item)
+            occupied = next(place for place in (path, *path.parents) if place.exists())
+            if occupied == path or not occupied.is_dir():
+                found = f"is a file of another item as well as of {item!r}"
+                place = self.folder / occupied.relative_to(self._staging)
+                raise input_error(place, found, "rename one of them, or choose another format")
             check_replaceable(target)
             path.parent.mkdir(parents=True, exist_ok=True)
             write(path)
-            self._names.add(str(name), item)
+            self.empty = False
 
     def publish(self) -> None:
         """Move every file to its place, over the one of an earlier run if there is one.
 
-        What is replaced is kept until the end of `staged_files`, which puts it back on any error.
-        So something else can be completed together with the files: publish them, complete it,
-        leave. Signals wait until then. Raises InputError, before anything moves, where something
-        is in the way.
+        Raises InputError, before anything moves, where something is in the way.
         """
-        if self._published or self.empty:
-            return
-        with storage_errors(self.folder, None):
-            for name, _ in self._names:
-                check_replaceable(self.folder / name)
-        self._hold.enter_context(held_signals())
-        self._published = True
-        for name, _ in self._names:
-            target = self.folder / name
+        made = [Path(place, name) for place, _, names in os.walk(self._staging) for name in names]
+        targets = {path: self.folder / path.relative_to(self._staging) for path in made}
+        for target in targets.values():
+            check_replaceable(target)
+        for path, target in targets.items():
             with storage_errors(target, None):
-                self._make(target.parent)
-                _keep(target, self._old / name)
-                (self._new / name).replace(target)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                path.replace(target)
 
-    def withdraw(self) -> None:
-        """Leave the folder as it was before `publish`.
 
-        Raises InputError where that is not possible; earlier files then stay in `replaced`.
-        """
-        if not self._published:
-            return
-        stuck = _put_all_back(self.folder, self._staging, self._names)
-        for made in reversed(self._made):
-            with suppress(OSError):  # another run may have come to use it
-                made.rmdir()
-        if stuck is not None:
-            self.stuck = True
-            found = f"the earlier files in it cannot be put back: {stuck.strerror}"
-            raise input_error(self._old, found, f"move them to {self.folder}") from stuck
+@contextmanager
+def staged_files(folder: Path) -> Iterator[StagedFiles]:
+    """Give files that move into `folder` on a clean exit, and are gone on any error before.
 
-    def settle(self) -> None:
-        """Give up what was replaced: from now on nothing is put back."""
-        if self._published and self._old.exists():
-            with suppress(OSError):
-                self._old.rename(self._staging / "obsolete")
-
-    def close(self) -> None:
-        """Let go of the list of files."""
-        self._names.close()
-
-    def _make(self, folder: Path) -> None:
-        """Make a folder and those around it, and remember which were new."""
-        missing = []
-        while not folder.exists():
-            missing.append(folder)
-            folder = folder.parent
-        for new in reversed(missing):
-            new.mkdir(exist_ok=True)
-            self._made.append(new)
-
-    def _check_clash(self, path: Path, item: str) -> None:
-        """Raise InputError where a file of this run has the place of another, or of its folder."""
-        occupied = next(place for place in (path, *path.parents) if place.exists())
-        if occupied != path and occupied.is_dir():
-            return
-        other = next(item for name, item in self._names if self._lies_at(name, occupied))
-        if occupied.is_dir():
-            found = f"is a file of the item {item!r} and a folder of the item {other!r}"
-        elif occupied != path:
-            found = f"is a file of the item {other!r} and a folder of the item {item!r}"
-        else:
-            found = f"is a file of two items, {other!r} and {item!r}"
-        place = self.folder / occupied.relative_to(self._new)
-        raise input_error(place, found, "rename one of them, or choose another format")
-
-    def _lies_at(self, name: str, place: Path) -> bool:
-        """Whether `place` is that file, or a folder around it, to the file system."""
-        around = PurePosixPath(name)
-        return any((self._new / part).samefile(place) for part in (around, *around.parents))
+    They lie in a hidden folder: in `folder` itself, or beside it as long as it does not exist. What
+    else the folder holds stays; without files it is not made. The files are not synced one by one,
+    which would take most of the time: a power failure, unlike a killed process, may leave empty
+    ones. Raises InputError as `StagedFiles` does.
+    """
+    around = folder if folder.is_dir() else folder.parent
+    start, end = f".{shortened(folder.name)}-", ".partial"
+    with new_folders(around):
+        for place in (folder, folder.parent):
+            remove_litter(place, start, end, shutil.rmtree)
+        with storage_errors(folder, None):
+            staging, held = lock_new(lambda: Path(tempfile.mkdtemp(end, start, around)))
+        try:
+            files = StagedFiles(folder, staging)
+            yield files
+            files.publish()
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+            os.close(held)
 
 
 def check_replaceable(target: Path) -> None:
@@ -154,79 +110,30 @@ def check_replaceable(target: Path) -> None:
         raise input_error(around, "it is not writable, but files must go into it", fix)
 
 
-@contextmanager
-def staged_files(folder: Path) -> Iterator[StagedFiles]:
-    """Give files that move into `folder` on `publish` or a clean exit, and are gone on any error.
+def check_folder(folder: Path) -> None:
+    """Raise InputError unless the folder can be made or written to; change nothing."""
+    if is_stream(folder):
+        raise input_error("output", "a report is several files", "give the name of a folder")
+    refuse_folder(folder)
+    if os.path.exists(folder) and not os.path.isdir(folder):
+        raise input_error(folder, "it is not a folder", "give the name of a folder")
+    check_output(folder / "report" if os.path.isdir(folder) else folder)
 
-    They lie in a hidden folder: in `folder` itself, or beside it as long as it does not exist. What
-    else the folder holds stays; without files it is not made. The files are not synced one by one,
-    which would take most of the time: a power failure, unlike a killed process, may leave empty
-    ones. Raises InputError as `StagedFiles` does.
+
+def write_folder(folder: Path, writers: Mapping[str, Write]) -> tuple[Path, ...]:
+    """Write each file, name -> writer, to the folder, which is made; return their paths.
+
+    Nothing appears before all are written and on the disk. Raises InputError where that is not
+    possible.
     """
-    around = folder if folder.is_dir() else folder.parent
-    with new_folders(around), _staged_files(folder, around) as files:
-        yield files
+    with staged_files(folder) as staged:
+        for name, write in writers.items():
+            staged.write(PurePosixPath(name), partial(write_and_sync, write), name)
+    return tuple(folder / name for name in writers)
 
 
-@contextmanager
-def _staged_files(folder: Path, around: Path) -> Iterator[StagedFiles]:
-    start, end = f".{shortened(folder.name)}-", ".partial"
-    for place in (folder, folder.parent):
-        remove_litter(place, start, end, partial(_undo, folder))
-    with storage_errors(folder, None):
-        make = partial(tempfile.mkdtemp, end, start, around)
-        staging, held = lock_new(lambda: Path(make()))
-    # Signals that were held back act when the staging folder is gone.
-    with ExitStack() as hold:
-        files = None
-        try:
-            with storage_errors(folder, None):
-                files = StagedFiles(folder, staging, hold)
-            yield files
-            files.publish()
-            files.settle()
-        except BaseException:
-            if files is not None:
-                files.withdraw()
-            raise
-        finally:
-            if files is not None:
-                files.close()
-            if files is None or not files.stuck:
-                shutil.rmtree(staging, ignore_errors=True)
-            os.close(held)
-
-
-def _undo(folder: Path, staging: Path) -> None:
-    """Remove what a killed run left; where it was moving files, put back those it replaced."""
-    if (staging / REPLACED).exists():
-        names = StagedNames.left_in(staging / NAMES)
-        if _put_all_back(folder, staging, names) is not None:
-            return
-    shutil.rmtree(staging)
-
-
-def _put_all_back(folder: Path, staging: Path, names: Iterable[tuple[str, str]]) -> OSError | None:
-    """Leave the folder as it was before files of these names moved to it; return what failed."""
-    stuck = None
-    for name, _ in names:
-        target, old = folder / name, staging / REPLACED / name
-        try:
-            if os.path.lexists(old):
-                old.replace(target)
-            elif not os.path.lexists(staging / NEW / name):
-                target.unlink(missing_ok=True)
-        except OSError as error:
-            stuck = error
-    return stuck
-
-
-def _keep(target: Path, aside: Path) -> None:
-    """Give the file at `target`, if there is one, a second name: it stays until it is replaced."""
-    if not os.path.lexists(target):
-        return
-    aside.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        os.link(target, aside, follow_symlinks=False)
-    except (OSError, NotImplementedError):  # a system or file system without such links
-        target.replace(aside)
+def write_and_sync(write: Write, path: Path) -> None:
+    """Write a file, and have it on the disk."""
+    write(path)
+    with path.open("rb") as written:
+        os.fsync(written.fileno())

@@ -12,8 +12,8 @@ from shapefit.errors import input_error
 from shapefit.io.layout import NOTHING_APPENDED
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.sources import is_stream
-from shapefit.io.whole.atomic import atomic_path, check_output, storage_errors
-from shapefit.io.whole.folder import staged_files
+from shapefit.io.whole.atomic import atomic_path, check_output
+from shapefit.io.whole.folder import staged_files, write_and_sync
 from shapefit.io.whole.item_files import file_stem
 from shapefit.io.written.motion import Motion, find_motion
 from shapefit.io.written.tracks import Solid, find_tracks, points_of
@@ -106,14 +106,7 @@ def _write_staged(target: Path, files: dict[PurePosixPath, Callable[[Path], None
     """Write files that appear together."""
     with staged_files(Path(os.path.realpath(target)).parent) as staged:
         for name, write in files.items():
-            staged.write(name, partial(_write_and_sync, write), name.stem)
-
-
-def _write_and_sync(write: Callable[[Path], None], path: Path) -> None:
-    with storage_errors(path):
-        write(path)
-        with path.open("rb") as written:
-            os.fsync(written.fileno())
+            staged.write(name, partial(write_and_sync, write), name.stem)
 
 
 def _plain_names(endings: Iterable[str]) -> list[str]:

@@ -19,7 +19,7 @@ from shapefit.evaluation.tables.errors_document import document, markdown
 from shapefit.evaluation.trust import keep_trusted
 from shapefit.io.spilled.columns import nearest_folder
 from shapefit.io.whole.atomic import digests
-from shapefit.io.whole.report_folder import Writer, check_folder, write_folder
+from shapefit.io.whole.folder import Write, check_folder, write_folder
 from shapefit.pipelines.drawing import check_can_draw, draws_plots, plots_left_out
 from shapefit.pipelines.evaluate.examples import check_examples
 from shapefit.pipelines.evaluate.found import Found
@@ -132,9 +132,9 @@ def _provenance(config: EvalConfig) -> dict[str, object]:
     }
 
 
-def _tables(errors: Sequence[ImageErrors], report: Report) -> dict[str, Writer]:
+def _tables(errors: Sequence[ImageErrors], report: Report) -> dict[str, Write]:
     """Return the writers of the tables; those on error bars only where a method has some."""
-    of_bars: dict[str, Writer] = {}
+    of_bars: dict[str, Write] = {}
     if report.coverage:
         of_bars["calibration.csv"] = lambda path: tables.write_coverage(path, report.coverage)
     if report.kept:
@@ -150,7 +150,7 @@ def _plots(
     errors: Sequence[ImageErrors],
     summaries: Sequence[Summary],
     grouping: Mapping[str, tuple[str, ...]],
-) -> dict[str, Writer]:
+) -> dict[str, Write]:
     """Draw each metric once, as bars and boxes: what is also in the unit of the truth, normalised.
 
     Images in no group are in neither.
@@ -161,7 +161,7 @@ def _plots(
         if metric not in drawn or unit == NORMALISED:
             drawn[metric] = metric, unit
     summed_up = tables.by_kind(summaries)
-    writers: dict[str, Writer] = {}
+    writers: dict[str, Write] = {}
     for metric, kind in drawn.items():
         if kind in summed_up:
             writers |= plots.writers(metric, plots.bar_plot(summed_up[kind]))

@@ -19,8 +19,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
 from shapefit.io.sources import is_stream
-from shapefit.io.whole.folder import StagedFiles, staged_files
-from shapefit.io.whole.report_folder import check_folder
+from shapefit.io.whole.folder import StagedFiles, check_folder, staged_files
 from shapefit.pipelines.drawing import check_can_draw
 from shapefit.pipelines.export.carried_mesh import Pose
 from shapefit.stores.urls import real_path
@@ -44,11 +43,6 @@ class Exports:
         """Export a chunk; transforms (n, k, 2, 3) where the method has them."""
         for exporter in self.exporters:
             exporter.add(found, transforms)
-
-    def publish(self) -> None:
-        """Move all files to their folders; an error before `open_exports` ends takes them back."""
-        for files in self.staged:
-            files.publish()
 
     @property
     def folders(self) -> tuple[Path, ...]:
@@ -104,7 +98,7 @@ def plan_exports(config: FitConfig, dictionary: Dictionary) -> ExportPlan:
 
 @contextmanager
 def open_exports(plan: ExportPlan, dictionary: Dictionary, count: int) -> Iterator[Exports]:
-    """Give what exports the results of `count` images; `publish` makes the files appear."""
+    """Give what exports the results of `count` images; the files appear on a clean exit."""
     exporters: list[MeshExport | PictureExport] = []
     staged: dict[str, StagedFiles] = {}
     with ExitStack() as stack:

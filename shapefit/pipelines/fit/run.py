@@ -56,8 +56,6 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
             yield outcome
         warnings = plan.warn_of(source) + report.warnings
         writer.attributes.update(attributes_of(config, digests(files), seconds, done))
-        # Taken back where the result cannot be completed, which happens on leaving this block.
-        exports.publish()
     of_writer = writer.summary.warnings
     if plan.needs_rate and not source.head.frame_rate:
         of_writer = with_rate_warning(of_writer)

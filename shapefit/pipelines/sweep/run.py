@@ -34,7 +34,7 @@ from shapefit.io import (
     read_shapes,
 )
 from shapefit.io.extras import CORRUPTED
-from shapefit.io.whole.report_folder import Writer, check_folder, write_folder
+from shapefit.io.whole.folder import Write, check_folder, write_folder
 from shapefit.pipelines.drawing import draws_plots, plots_left_out
 from shapefit.pipelines.evaluate.image_errors import find_grouping, image_errors
 from shapefit.pipelines.evaluate.judgement import judge
@@ -147,8 +147,8 @@ def _provenance(config: SweepConfig) -> dict[str, object]:
     }
 
 
-def _writers(sweep: Sweep, judged: Sequence[ImageErrors], *, with_plot: bool) -> dict[str, Writer]:
-    writers: dict[str, Writer] = {
+def _writers(sweep: Sweep, judged: Sequence[ImageErrors], *, with_plot: bool) -> dict[str, Write]:
+    writers: dict[str, Write] = {
         "per_image.csv": lambda path: write_per_image(path, judged, of="value"),
         "sweep.csv": lambda path: write_csv(path, sweep),
         "sweep.json": lambda path: path.write_text(sweep_json(sweep), encoding="utf-8"),

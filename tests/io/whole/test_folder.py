@@ -46,7 +46,7 @@ def test_files_appear_when_all_are_complete(tmp_path, exists):
         # on the file system of the folder, whose neighbours may not be writable
         (staging,) = (path for path in tmp_path.rglob("*.partial"))
         assert staging.parent == (folder if exists else tmp_path)
-        assert content(staging / "new") == {"a.txt": "new", "sub/sub/b.txt": "b"}
+        assert content(staging) == {"a.txt": "new", "sub/sub/b.txt": "b"}
     assert content(folder) == before | {"a.txt": "new", "sub/sub/b.txt": "b"}
     assert os.listdir(tmp_path) == ["out"]
     assert not [path for path in folder.iterdir() if path.name.startswith(".")]
@@ -77,12 +77,12 @@ def test_an_error_leaves_everything_as_it_was(tmp_path, exists, error):
 @pytest.mark.parametrize(
     ("first", "second", "message"),
     [
-        ("sub/a.txt", "sub/a.txt", "sub/a.txt: is a file of two items, 'one' and 'two'"),
-        ("a.txt", "a.txt/b/c", "a.txt: is a file of the item 'one' and a folder of the item 'two'"),
-        ("a.txt/b/c", "a.txt", "a.txt: is a file of the item 'two' and a folder of the item 'one'"),
+        ("sub/a.txt", "sub/a.txt", "sub/a.txt: is a file of another item as well as of 'two'"),
+        ("a.txt", "a.txt/b/c", "a.txt: is a file of another item as well as of 'two'"),
+        ("a.txt/b/c", "a.txt", "a.txt: is a file of another item as well as of 'two'"),
     ],
 )
-def test_two_items_that_clash_are_both_named(tmp_path, first, second, message):
+def test_two_items_that_clash_are_refused(tmp_path, first, second, message):
     def write_both():
         with staged_files(tmp_path / "out") as files:
             put(files, "before", "", "neither")
@@ -171,95 +171,10 @@ def test_a_folder_that_is_not_writable_is_told_before_anything_moves(tmp_path, m
     assert content(tmp_path) == {}
 
 
-@pytest.mark.parametrize("links", [True, False])
-@pytest.mark.parametrize("failing", range(6))
-def test_a_move_that_fails_takes_back_those_before(tmp_path, earlier, monkeypatch, failing, links):
-    if not links:
-
-        def refuse(*_, **__):
-            raise OSError(errno.EPERM, "no links here")
-
-        monkeypatch.setattr(os, "link", refuse)
-    replace = Path.replace
-
-    def fail(path, target):
-        if Path(target) == tmp_path / NEW[failing] and path.parts[-2 - NEW[failing].count("/")] == (
-            "new"
-        ):
-            raise OSError(errno.EXDEV, "Invalid cross-device link")
-        return replace(path, target)
-
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(InputError, match=rf"{NEW[failing]}: cannot be written: Invalid cross"):
-        write(tmp_path, *NEW)
-    assert content(tmp_path) == earlier
-    assert (tmp_path / "b.txt").is_symlink()
-    assert sorted(os.listdir(tmp_path)) == ["a.txt", "b.txt", "other.txt", "sub"]
-
-
-def publish(folder, then):
-    """Publish the files NEW, then do something else."""
-    with staged_files(folder) as files:
-        for name in NEW:
-            put(files, name, "new")
-        files.publish()
-        assert [(folder / name).read_text() for name in NEW] == ["new"] * len(NEW)
-        then()
-
-
-def fail():
-    raise ZeroDivisionError
-
-
-def test_published_files_are_taken_back_where_what_follows_fails(tmp_path, earlier):
-    with pytest.raises(ZeroDivisionError):
-        publish(tmp_path, fail)
-    assert content(tmp_path) == earlier
-    assert (tmp_path / "b.txt").is_symlink()
-
-
-def test_a_folder_that_was_made_is_taken_back(tmp_path):
-    with pytest.raises(ZeroDivisionError):
-        publish(tmp_path / "out", fail)
-    assert os.listdir(tmp_path) == []
-
-
-def test_earlier_files_that_cannot_be_put_back_are_kept(tmp_path, earlier, monkeypatch):
-    replace = Path.replace
-
-    def get_stuck(path, target):
-        if "replaced" in path.parts and path.name == "a.txt":
-            raise OSError(errno.EIO, "Input/output error")
-        return replace(path, target)
-
-    monkeypatch.setattr(Path, "replace", get_stuck)
-    with pytest.raises(InputError, match=r"partial/replaced: .*put back: Input.*; move them to"):
-        publish(tmp_path, fail)
-    (kept,) = tmp_path.glob(".*.partial/replaced/*.txt")
-    assert kept.read_text() == earlier["a.txt"]
-    assert (tmp_path / "sub/c.txt").read_text() == earlier["sub/c.txt"]
-
-
 def test_without_files_there_is_no_folder(tmp_path):
     with staged_files(tmp_path / "out") as files:
         assert files.empty
     assert os.listdir(tmp_path) == []
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_waits_until_all_is_in_place(tmp_path, earlier, number):
-    def handler(number, _frame):
-        raise SystemExit(128 + number)
-
-    before = signal.signal(number, handler)
-    try:
-        with pytest.raises(SystemExit) as ended:
-            publish(tmp_path, lambda: signal.raise_signal(number))
-        assert signal.getsignal(number) is handler
-    finally:
-        signal.signal(number, before)
-    assert ended.value.code == 128 + number
-    assert content(tmp_path) == earlier | dict.fromkeys(NEW, "new")
 
 
 KILLED = """
@@ -279,23 +194,14 @@ with staged_files(Path(sys.argv[1])) as files:
 """
 
 
-def test_a_process_killed_while_it_moves_leaves_what_it_replaced(tmp_path, run_python):
+def test_the_next_run_clears_away_what_a_killed_one_left(tmp_path, run_python):
+    """What it moved before is whole."""
     for name in "ab":
         (tmp_path / name).write_text("old")
     assert run_python(KILLED, tmp_path).returncode == -signal.SIGKILL
-    (staging,) = tmp_path.glob(".*.partial")
-    assert (tmp_path / "a").read_text() == "new"
-    assert (tmp_path / "b").read_text() == "old"
-    assert (staging / "replaced/a").read_text() == "old"
-
-
-def test_the_next_run_puts_back_what_a_killed_one_replaced(tmp_path, run_python):
-    for name in "ab":
-        (tmp_path / name).write_text("old")
-    run_python(KILLED, tmp_path)
     with staged_files(tmp_path):
         pass
-    assert content(tmp_path) == {"a": "old", "b": "old"}
+    assert sorted(content(tmp_path).values()) == ["new", "old"]
 
 
 def test_a_folder_of_another_run_at_work_is_no_litter(tmp_path, run_python):
