@@ -218,16 +218,6 @@ def test_a_folder_may_have_a_long_name(tmp_path, name):
     assert content(tmp_path) == {f"{name}/a.txt": "a.txt"}
 
 
-def test_items_that_clash_are_named_in_one_line(tmp_path):
-    def write_both():
-        with staged_files(tmp_path) as files:
-            put(files, "a", "", "two\nlines")
-            put(files, "a", "", "é")
-
-    with pytest.raises(InputError, match=r"two items, 'two\\nlines' and 'é'"):
-        write_both()
-
-
 def test_a_path_that_is_too_long_is_an_input_error(tmp_path):
     folder = tmp_path
     while len(bytes(folder)) < 3700:
