@@ -36,7 +36,7 @@ from shapefit.pipelines.parts.manifest import Manifest
 from shapefit.pipelines.reading import input_options
 from shapefit.pipelines.result_folder import find_folders, sum_up
 
-BLOCK = 16384
+BATCH = 16384
 """Items that are read at a time."""
 
 CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
@@ -132,7 +132,7 @@ def _told(
     opened = open_landmarks(paths, options) if kind == "landmarks" else None
     with opened or open_shapes(paths, options, gaps=True) as source:
         found = _Found()
-        for chunk in source.chunks(BLOCK):
+        for chunk in source.chunks(BATCH):
             found.add(chunk)
         lines = title + _of_records(source.head, found, source.count, kind)
         if isinstance(source.head, LandmarkSet):

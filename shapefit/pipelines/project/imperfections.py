@@ -1,7 +1,7 @@
 """What goes wrong with landmarks in real images: noise, hidden landmarks, wrong landmarks.
 
 Random numbers belong to the seed, the purpose, and the position of the image: they are drawn for
-whole blocks of `BLOCK` images, from a stream of their own for each block and purpose. So what
+whole batches of `BATCH` images, from a stream of their own for each batch and purpose. So what
 happens to an image does not depend on how many follow, and less noise leaves the same landmarks
 hidden.
 """
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-BLOCK = 1024
+BATCH = 1024
 LEAST_VISIBLE = 3
 
 
@@ -28,19 +28,19 @@ class Purpose(IntEnum):
     CORRUPTION = 4
 
 
-def stream(seed: int, purpose: Purpose, block: int) -> np.random.Generator:
-    """Return the random numbers of one purpose for images block * BLOCK, ... of the set."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose, block)))
+def stream(seed: int, purpose: Purpose, batch: int) -> np.random.Generator:
+    """Return the random numbers of one purpose for images batch * BATCH, ... of the set."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose, batch)))
 
 
 def add_noise(landmarks: Floats, deviation: float, rng: np.random.Generator) -> Floats:
-    """W + deviation * N(0, 1), landmarks (n, 2, p), n <= BLOCK."""
+    """W + deviation * N(0, 1), landmarks (n, 2, p), n <= BATCH."""
     n, *rest = landmarks.shape
-    return landmarks + deviation * rng.standard_normal((BLOCK, *rest))[:n]
+    return landmarks + deviation * rng.standard_normal((BATCH, *rest))[:n]
 
 
 def hide(landmarks: Floats, share: float, rng: np.random.Generator) -> Floats:
-    """Set a random `share` of the landmarks (n, 2, p) of each image to NaN, n <= BLOCK.
+    """Set a random `share` of the landmarks (n, 2, p) of each image to NaN, n <= BATCH.
 
     The number hidden in an image is share * p, rounded up or down at random so that the share
     holds on average; at least LEAST_VISIBLE landmarks stay.
@@ -57,7 +57,7 @@ def corrupt(
     margin: float,
     rng: np.random.Generator,
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Replace a random `share` of the landmarks (n, 2, p) that are visible (n, p), n <= BLOCK.
+    """Replace a random `share` of the landmarks (n, 2, p) that are visible (n, p), n <= BATCH.
 
     The points are uniform over the bounding box of the visible landmarks grown on each side by
     `margin` times its size; the number in an image is rounded as in `hide`. Returns the landmarks,
@@ -65,7 +65,7 @@ def corrupt(
     """
     n, _, p = landmarks.shape
     chosen = _choose(visible, share, p, rng)
-    place = rng.random((BLOCK, 2, p))[:n]
+    place = rng.random((BATCH, 2, p))[:n]
     seen = visible[:, None]
     low = np.where(seen, landmarks, np.inf).min(axis=2, keepdims=True)
     size = np.where(seen, landmarks, -np.inf).max(axis=2, keepdims=True) - low
@@ -79,8 +79,8 @@ def _choose(
 ) -> NDArray[np.bool_]:
     """Choose share * count of the candidates (n, p) of each image at random, `most` at most."""
     n, p = candidates.shape
-    rounding = rng.random(BLOCK)[:n]
-    keys = np.where(candidates, rng.random((BLOCK, p))[:n], np.inf)
+    rounding = rng.random(BATCH)[:n]
+    keys = np.where(candidates, rng.random((BATCH, p))[:n], np.inf)
     number = np.floor(share * candidates.sum(axis=1) + rounding).clip(0, max(most, 0))
     rank = keys.argsort(axis=1).argsort(axis=1)
     return rank < number[:, None]

@@ -23,7 +23,7 @@ from shapefit.io import (
 from shapefit.io.extras import CORRUPTED, Extras
 from shapefit.pipelines.outcome import Outcome, nothing_in
 from shapefit.pipelines.project.imperfections import (
-    BLOCK,
+    BATCH,
     Purpose,
     add_noise,
     hide,
@@ -45,7 +45,7 @@ TURN = np.diag([1.0, -1.0, -1.0])
 
 
 def run(config: ProjectConfig) -> Iterator[Outcome]:
-    """Look at every shape with the camera of the config; yields an Outcome per block of images.
+    """Look at every shape with the camera of the config; yields an Outcome per batch of images.
 
     The images have the items, sequences and further datasets of the shapes and `true_rotation`
     (n, 3, 3), object to camera frame; y points as the config says. An orthographic camera keeps the
@@ -58,9 +58,9 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
         landmark_writer(config.output) as writer,
     ):
         turntable = Turntable(sequence_lengths(source))
-        for block, part in enumerate(source.chunks(BLOCK)):
-            rotations = _rotations(config, turntable.turns(_sequences(part)), block)
-            writer.append(_images(part, rotations, config, block))
+        for batch, part in enumerate(source.chunks(BATCH)):
+            rotations = _rotations(config, turntable.turns(_sequences(part)), batch)
+            writer.append(_images(part, rotations, config, batch))
             yield Outcome(done=len(part), total=source.count)
         writer.attributes.update(
             version=__version__,
@@ -76,24 +76,24 @@ def _sequences(shapes: ShapeSet) -> Sequence[str]:
     return ("",) * len(shapes) if shapes.sequences is None else shapes.sequences
 
 
-def _rotations(config: ProjectConfig, turns: Floats, block: int) -> Floats:
-    """Rotations from object to camera frame (n, 3, 3) for the n images of a block."""
+def _rotations(config: ProjectConfig, turns: Floats, batch: int) -> Floats:
+    """Rotations from object to camera frame (n, 3, 3) for the n images of a batch."""
     camera = config.camera
     if camera.view == "turntable":
         rotations = cameras.turntable(turns, camera.up)
         return rotations if config.y_axis == "up" else TURN @ rotations
     if camera.view == "random":
-        return random_rotations(BLOCK, stream(config.seed, Purpose.VIEW, block))[: len(turns)]
+        return random_rotations(BATCH, stream(config.seed, Purpose.VIEW, batch))[: len(turns)]
     return np.broadcast_to(np.array(camera.view, dtype=np.float64), (len(turns), 3, 3))
 
 
-def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, block: int) -> LandmarkSet:
+def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, batch: int) -> LandmarkSet:
     scale = config.camera.scale
     landmarks = cameras.project(shapes.shapes, rotations, 1.0 if scale is None else scale)
     if config.noise > 0:
-        landmarks = add_noise(landmarks, config.noise, stream(config.seed, Purpose.NOISE, block))
+        landmarks = add_noise(landmarks, config.noise, stream(config.seed, Purpose.NOISE, batch))
     if config.hidden > 0:
-        landmarks = hide(landmarks, config.hidden, stream(config.seed, Purpose.HIDDEN, block))
+        landmarks = hide(landmarks, config.hidden, stream(config.seed, Purpose.HIDDEN, batch))
     extras = Extras.of(shapes.extras, len(shapes)).apart_from(OF_THE_VIEW)
     extras |= {TRUE_ROTATION: rotations}
     return LandmarkSet(

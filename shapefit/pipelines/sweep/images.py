@@ -12,7 +12,7 @@ from shapefit.config.commands.sweep import CorruptionConfig
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, landmark_writer, open_landmarks
 from shapefit.io.extras import CORRUPTED, Extras
-from shapefit.pipelines.project.imperfections import BLOCK, Purpose, corrupt, stream
+from shapefit.pipelines.project.imperfections import BATCH, Purpose, corrupt, stream
 
 WARM_UP = 8
 """Images of the file to warm up with."""
@@ -51,14 +51,14 @@ def choose_images(
         landmark_writer(chosen) as writer,
         landmark_writer(warm_up) as first_ones,
     ):
-        for block, images in enumerate(source.chunks(BLOCK)):
+        for batch, images in enumerate(source.chunks(BATCH)):
             visible = images.seen().sum(axis=1)
             rows = np.flatnonzero(visible >= choice.least_visible)
             number = enough + np.arange(len(rows)) - choice.offset
             enough += len(rows)
             rows = rows[(number >= 0) & (number % choice.every == 0)]
             if corruption is not None:
-                images = corrupted(images.arrange(names), corruption, block)
+                images = corrupted(images.arrange(names), corruption, batch)
             kept = images.take(rows)
             writer.append(kept)
             if written < WARM_UP:
@@ -70,9 +70,9 @@ def choose_images(
             raise input_error(", ".join(map(str, landmarks)), found, fix)
 
 
-def corrupted(images: LandmarkSet, config: CorruptionConfig, block: int) -> LandmarkSet:
-    """Return the images of a block with some landmarks replaced, and the dataset that says so."""
-    rng = stream(config.seed, Purpose.CORRUPTION, block)
+def corrupted(images: LandmarkSet, config: CorruptionConfig, batch: int) -> LandmarkSet:
+    """Return the images of a batch with some landmarks replaced, and the dataset that says so."""
+    rng = stream(config.seed, Purpose.CORRUPTION, batch)
     seen = images.seen()
     landmarks, wrong = corrupt(images.landmarks, seen, config.share, MARGIN, rng)
     extras = Extras.of(images.extras, len(images))

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import kstest
 
 from shapefit.pipelines.project.imperfections import (
-    BLOCK,
+    BATCH,
     LEAST_VISIBLE,
     Purpose,
     add_noise,
@@ -19,7 +19,7 @@ P = 15
 
 @pytest.fixture
 def landmarks(rng):
-    return rng.standard_normal((BLOCK, 2, P))
+    return rng.standard_normal((BATCH, 2, P))
 
 
 def test_noise_is_gaussian_of_the_given_deviation(landmarks, rng):
@@ -37,14 +37,14 @@ def test_the_share_of_hidden_landmarks_holds(landmarks, rng, share):
     assert np.array_equal(hidden[:, 0], hidden[:, 1])
     number = hidden[:, 0].sum(axis=1)
     assert set(number) <= {int(np.floor(share * P)), int(np.ceil(share * P))}
-    assert number.mean() == pytest.approx(share * P, abs=5 * 0.5 / np.sqrt(BLOCK))
+    assert number.mean() == pytest.approx(share * P, abs=5 * 0.5 / np.sqrt(BATCH))
     often = hidden[:, 0].mean(axis=0)
-    np.testing.assert_allclose(often, share, atol=5 * np.sqrt(share * (1 - share) / BLOCK))
+    np.testing.assert_allclose(often, share, atol=5 * np.sqrt(share * (1 - share) / BATCH))
 
 
 def test_images_have_masks_of_their_own(landmarks, rng):
     hidden = np.isnan(hide(landmarks, 0.4, rng)[:, 0])
-    assert len(np.unique(hidden, axis=0)) > 0.8 * BLOCK
+    assert len(np.unique(hidden, axis=0)) > 0.8 * BATCH
 
 
 def test_what_is_not_hidden_stays(landmarks, rng):
@@ -88,7 +88,7 @@ class TestCorruption:
     @pytest.fixture
     def seen(self, landmarks, rng):
         """The landmarks with a third of them unseen, and one image without any."""
-        hidden = rng.random((BLOCK, P)) < 1 / 3
+        hidden = rng.random((BATCH, P)) < 1 / 3
         hidden[0] = True
         return np.where(hidden[:, None], np.nan, landmarks)
 

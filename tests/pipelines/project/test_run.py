@@ -12,7 +12,7 @@ from shapefit.errors import InputError
 from shapefit.io import open_landmarks, write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.io.stored import files as shape_files
-from shapefit.pipelines.project.imperfections import BLOCK
+from shapefit.pipelines.project.imperfections import BATCH
 from shapefit.pipelines.project.run import run
 
 NAMES = ("head", "left", "right", "foot", "hand")
@@ -39,7 +39,7 @@ def shapes(rng):
 @pytest.fixture
 def many(rng):
     """More shapes than fit into two blocks."""
-    n = 2 * BLOCK + 100
+    n = 2 * BATCH + 100
     return ShapeSet(rng.standard_normal((n, 3, 5)), NAMES, tuple(map(str, range(n))))
 
 
@@ -115,7 +115,7 @@ def test_the_file_says_how_it_was_made(tmp_path, shapes):
 
 def test_outcomes_count_the_images_and_name_the_file(tmp_path, many):
     _, outcomes = view(tmp_path, many)
-    assert [outcome.done for outcome in outcomes] == [BLOCK, BLOCK, 100, 0]
+    assert [outcome.done for outcome in outcomes] == [BATCH, BATCH, 100, 0]
     assert {outcome.total for outcome in outcomes} == {len(many)}
     assert outcomes[-1].written == (tmp_path / "views.h5",)
 
@@ -153,7 +153,7 @@ def test_the_seed_decides(tmp_path, shapes):
 def test_blocks_do_not_repeat_each_other(tmp_path, many):
     images, _ = view(tmp_path, many, camera={"view": "random"})
     R = images.extras["true_rotation"]
-    assert not np.isclose(R[:BLOCK], R[BLOCK : 2 * BLOCK]).all(axis=(1, 2)).any()
+    assert not np.isclose(R[:BATCH], R[BATCH : 2 * BATCH]).all(axis=(1, 2)).any()
 
 
 def test_an_image_depends_on_its_place_alone(tmp_path, many):
@@ -163,8 +163,8 @@ def test_an_image_depends_on_its_place_alone(tmp_path, many):
         "camera": {"view": "random"},
     }
     whole, _ = view(tmp_path, many, **keys)
-    part, _ = view(tmp_path, many.take(slice(BLOCK + 50)), **keys)
-    assert np.array_equal(whole.landmarks[: BLOCK + 50], part.landmarks, equal_nan=True)
+    part, _ = view(tmp_path, many.take(slice(BATCH + 50)), **keys)
+    assert np.array_equal(whole.landmarks[: BATCH + 50], part.landmarks, equal_nan=True)
 
 
 def test_permuted_landmarks_give_permuted_views(tmp_path, shapes):
@@ -232,4 +232,4 @@ def test_shapes_are_read_block_by_block(tmp_path, many, monkeypatch):
     monkeypatch.setattr(shape_files, "read_rows", counted)
     _, outcomes = view(tmp_path, many)
     assert sum(outcome.done for outcome in outcomes) == len(many)
-    assert max(sizes) == BLOCK
+    assert max(sizes) == BATCH

@@ -117,7 +117,7 @@ def test_each_value_of_the_dictionary_size_learns_a_dictionary(sweep, tmp_path):
 
 
 def test_every_nth_image_is_fitted(sweep, tmp_path, monkeypatch):
-    monkeypatch.setattr("shapefit.pipelines.sweep.images.BLOCK", 5)  # some chunks have none
+    monkeypatch.setattr("shapefit.pipelines.sweep.images.BATCH", 5)  # some chunks have none
     _, (row,) = sweep({"fit.lambda": [0.1]}, every=7)
     items = read_results(tmp_path / "out/work/1_0.1/result.h5").items
     list(project.run(ProjectConfig(shapes=(TRUTH,), output=tmp_path / "views.h5")))
