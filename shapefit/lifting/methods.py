@@ -11,6 +11,9 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from shapefit.errors import listed
+from shapefit.lifting.options import PerspectiveOptions
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -326,3 +329,55 @@ def choose_method(name: str, settings: Settings) -> Estimator:
 def those(is_so: Callable[[Method], object]) -> tuple[str, ...]:
     """Return the names of the methods of which something is so."""
     return tuple(name for name, method in METHODS.items() if is_so(method))
+
+
+def _in_perspective(fit: Any) -> bool:
+    return bool(fit.camera.model == "perspective")
+
+
+CONFLICTS: tuple[tuple[Callable[[Method, Any], object], str], ...] = (
+    (
+        lambda method, fit: fit.data_term not in method.losses,
+        "the method {fit.method} does not support `{fit.data_key}`; use another, or "
+        "`method: {able}`",
+    ),
+    (
+        lambda method, fit: fit.leave_out and any(need.name == "prior" for need in method.needs),
+        "`leave_out` leaves out atoms, but the prior of the method {fit.method} was learned from "
+        "all shapes; use another method, or a dictionary learned without the shapes",
+    ),
+    (
+        lambda method, fit: (
+            fit.rotations != "shared" and (method.one_rotation or _in_perspective(fit))
+        ),
+        "`rotations: {fit.rotations}` belongs to the method {free} and weak perspective; the "
+        "others have one rotation per image: leave it out",
+    ),
+    *(
+        (
+            lambda method, fit, key=key: (
+                _in_perspective(fit)
+                and method.perspective == "own"
+                and getattr(fit.camera, key) != getattr(PerspectiveOptions, key)
+            ),
+            f"`camera: {{{{{key}: ...}}}}` belongs to the refinement under perspective, which the "
+            "method {fit.method} does without; leave it out",
+        )
+        for key in ("ridge", "softness")
+    ),
+    (
+        lambda method, fit: _in_perspective(fit) and method.perspective == "none",
+        "`camera: {{model: perspective}}` does not work with the method {fit.method}; take another",
+    ),
+)
+"""What a fit may ask of a method that does not have it, and what is said then."""
+
+
+def find_conflict(fit: Any) -> str | None:
+    """Say what the config of a fit asks in vain of its method; None where all goes together."""
+    method = METHODS[fit.method]
+    text = next((text for asked, text in CONFLICTS if asked(method, fit)), None)
+    if text is None:
+        return None
+    able = those(lambda other: fit.data_term in other.losses)[0]
+    return text.format(fit=fit, able=able, free=listed(those(lambda other: not other.one_rotation)))

@@ -32,10 +32,10 @@ from shapefit.lifting.methods import (
     ROBUST,
     AlternationOptions,
     SearchOptions,
+    find_conflict,
     summarise,
     those,
 )
-from shapefit.lifting.options import PerspectiveOptions
 
 if TYPE_CHECKING:
     MethodName = str
@@ -280,6 +280,12 @@ class FitConfig(CommandConfig):
         """Return the loss of the program: that of a robust method of `outliers`, or else `loss`."""
         return self.outliers.method if self.outliers.method in ROBUST else self.loss
 
+    @property
+    def data_key(self) -> str:
+        """Return the key that chose the loss of the program."""
+        robust = self.outliers.method in ROBUST
+        return f"outliers: {{method: {self.outliers.method}}}" if robust else f"loss: {self.loss}"
+
     @model_validator(mode="after")
     def _tolerance_of_the_method(self) -> Self:
         """Fill in the tolerance of the method where the config gives none."""
@@ -300,51 +306,17 @@ class FitConfig(CommandConfig):
             )
         if self.lam == "auto" and self.noise is None:
             raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
-        method = METHODS[self.method]
-        if self.data_term not in method.losses:
-            fit = those(lambda other: self.data_term in other.losses)[0]
-            key = (
-                f"outliers: {{method: {self.data_term}}}"
-                if self.data_term in ROBUST
-                else f"loss: {self.data_term}"
-            )
-            raise ValueError(
-                f"the method {self.method} does not support `{key}`; use another, or "
-                f"`method: {fit}`"
-            )
         if self.outliers.method in ROBUST and self.loss != "squared":
             raise ValueError(
-                f"`loss: {self.loss}` and `outliers: {{method: {self.outliers.method}}}` are both "
-                "data terms; leave out one of them"
+                f"`loss: {self.loss}` and `{self.data_key}` are both data terms; leave out one of "
+                "them"
             )
-        if self.leave_out is not None and any(need.name == "prior" for need in method.needs):
-            raise ValueError(
-                f"`leave_out` leaves out atoms, but the prior of the method {self.method} was "
-                "learned from all shapes; use another method, or a dictionary learned without the "
-                "shapes"
-            )
-        weak = self.camera.model == "weak-perspective"
-        if self.search.modes and not weak:
+        if self.search.modes and self.camera.model == "perspective":
             raise ValueError(
                 "`search: {modes: ...}` lists readings under weak perspective; leave out either it "
                 "or `camera: {model: perspective}`"
             )
-        free = listed(those(lambda other: not other.one_rotation))
-        if self.rotations != "shared" and (method.one_rotation or not weak):
-            raise ValueError(
-                f"`rotations: {self.rotations}` belongs to the method {free} and weak perspective; "
-                "the others have one rotation per image: leave it out"
-            )
-        if not weak and method.perspective == "own":
-            for key in ("ridge", "softness"):
-                if getattr(self.camera, key) != getattr(PerspectiveOptions, key):
-                    raise ValueError(
-                        f"`camera: {{{key}: ...}}` belongs to the refinement under perspective, "
-                        f"which the method {self.method} does without; leave it out"
-                    )
-        if not weak and method.perspective == "none":
-            raise ValueError(
-                f"`camera: {{model: perspective}}` does not work with the method {self.method}; "
-                "take another"
-            )
+        conflict = find_conflict(self)
+        if conflict is not None:
+            raise ValueError(conflict)
         return self
