@@ -102,11 +102,6 @@ _PREFIX = "shapefit_"
 # Attribute of a carried dataset: False where it belongs to the file, whatever its shape suggests.
 PER_ITEM_FLAG = "per_item"
 
-DEVIATIONS = ("sd_x", "sd_y", "sd_z")
-"""Columns of CSV results: standard deviations, which nothing here reads back."""
-
-NOTHING_APPENDED = "nothing was appended; append one record, which may be empty"
-
 AXES = {
     "n": "items",
     "p": "landmarks",

@@ -12,6 +12,8 @@ from shapefit.io.layout import LANDMARKS, RESULTS, Format
 from shapefit.io.options import AS_KNOWN, OutputOptions, Summary
 from shapefit.io.records import LandmarkSet, ResultSet
 
+NOTHING_APPENDED = "nothing was appended; append one record, which may be empty"
+
 R_contra = TypeVar("R_contra", contravariant=True)
 
 

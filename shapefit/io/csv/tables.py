@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapefit.io.csv.grid import GROWTH, Grid, NumberedNames
 from shapefit.io.csv.numbers import read_numbers
 from shapefit.io.csv.text import Block, CsvText
-from shapefit.io.layout import DEVIATIONS, MODE_COUNT
+from shapefit.io.layout import MODE_COUNT
 from shapefit.io.memory import check_fits
 from shapefit.io.problems import Problems
 from shapefit.io.records import Floats, Integers, LandmarkSet, Names, ResultSet, ShapeSet
@@ -23,6 +23,9 @@ UNKNOWN_FIX = f"{FINITE_FIX}, or leave the cell empty where the landmark is unkn
 FAILED_FIX = f"{FINITE_FIX}, or leave the cell empty where the item failed"
 CONFIDENCE_FIX = "write 0 (hidden) or a positive number"
 
+
+DEVIATIONS = ("sd_x", "sd_y", "sd_z")
+"""Columns of results: standard deviations, which nothing here reads back."""
 
 RESULT_COLUMNS = ("sequence", *DEVIATIONS, MODE_COUNT.name, TRUSTED)
 """Columns that a result may have; only the sequence is read."""

@@ -13,11 +13,13 @@ import numpy as np
 import orjson
 
 from shapefit.errors import input_error
-from shapefit.io.layout import DEVIATIONS, NOTHING_APPENDED, Format
+from shapefit.io.csv.tables import DEVIATIONS
+from shapefit.io.layout import Format
 from shapefit.io.options import Summary
-from shapefit.io.records import Floats, LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.records import Floats, LandmarkSet, Records, ResultSet
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_file, storage_errors, write_all
+from shapefit.io.writing import NOTHING_APPENDED
 from shapefit.lifting.verdict import TRUSTED
 
 Write = Callable[[bytes], None]
@@ -55,7 +57,7 @@ class CsvWriter:
         """Whether a record was appended."""
         return self._columns is not None
 
-    def append(self, record: ShapeSet | LandmarkSet | ResultSet) -> None:
+    def append(self, record: Records) -> None:
         """Write one row for each landmark of each item.
 
         Raises ValueError where the columns are not those of the first record.
@@ -67,7 +69,7 @@ class CsvWriter:
         elif columns != self._columns:
             raise ValueError("the columns of this record are not those of the first")
         self._columns = columns
-        if not isinstance(record, ShapeSet) and record.y_axis == "up":
+        if getattr(record, "y_axis", None) == "up":
             self.summary = Summary(warnings=(Y_UP,))
         for part in _parts(len(record), len(record.landmark_names)):
             self._write(_rows(record, part, DECIMALS if self._in_pixels else None))
@@ -97,12 +99,10 @@ def _write_to_stdout(data: bytes) -> None:
     sys.stdout.buffer.flush()
 
 
-def _columns(record: ShapeSet | LandmarkSet | ResultSet) -> list[str]:
-    columns = ["item", "landmark", *"xyz"[: _points(record).shape[1]]]
-    if isinstance(record, LandmarkSet) and record.confidence is not None:
-        columns.append("confidence")
-    if _deviations(record) is not None:
-        columns += DEVIATIONS
+def _columns(record: Records) -> list[str]:
+    columns = ["item", "landmark", *"xyz"[: record.points.shape[1]]]
+    for name, own in (("confidence", ("confidence",)), ("shape_sd", DEVIATIONS)):
+        columns += own if getattr(record, name, None) is not None else ()
     return [*columns, *_of_items(record, slice(0))]
 
 
@@ -112,7 +112,7 @@ def _parts(n: int, p: int) -> Iterator[slice]:
     return (slice(start, start + items) for start in range(0, n, items))
 
 
-def _is_wide(record: ShapeSet | LandmarkSet | ResultSet) -> bool:
+def _is_wide(record: Records) -> bool:
     """Whether these are pixels, of which a hundredth does not count."""
     if not isinstance(record, LandmarkSet) or record.unit != "px" or not record.landmarks.size:
         return False
@@ -123,16 +123,16 @@ def _is_wide(record: ShapeSet | LandmarkSet | ResultSet) -> bool:
 
 
 def _rows(
-    record: ShapeSet | LandmarkSet | ResultSet, part: slice, decimals: int | None = None
+    record: Records, part: slice, decimals: int | None = None
 ) -> bytes:
     """Return the lines of some of the items, with so many decimals of the points."""
-    points = _points(record)[part]
+    points = record.points[part]
     points = points if decimals is None else np.round(points, decimals)
     n, dimensions, p = points.shape
     numbers = points.swapaxes(1, 2).reshape(n * p, dimensions)
-    if isinstance(record, LandmarkSet) and record.confidence is not None:
-        numbers = np.column_stack([numbers, record.confidence[part].reshape(n * p)])
-    deviations = _deviations(record)
+    confidence, deviations = (getattr(record, name, None) for name in ("confidence", "shape_sd"))
+    if confidence is not None:
+        numbers = np.column_stack([numbers, confidence[part].reshape(n * p)])
     if deviations is not None:
         numbers = np.column_stack([numbers, deviations[part].swapaxes(1, 2).reshape(n * p, 3)])
     landmarks = [b",%b," % _cell(name) for name in record.landmark_names]
@@ -144,7 +144,7 @@ def _rows(
     return b"".join(chain.from_iterable(zip(names, _texts(numbers), ends, strict=True)))
 
 
-def _of_items(record: ShapeSet | LandmarkSet | ResultSet, part: slice) -> dict[str, list[str]]:
+def _of_items(record: Records, part: slice) -> dict[str, list[str]]:
     """Return the columns that are the same in all rows of an item, with a cell per item."""
     columns: dict[str, list[str]] = {}
     if record.sequences is not None:
@@ -157,14 +157,6 @@ def _of_items(record: ShapeSet | LandmarkSet | ResultSet, part: slice) -> dict[s
                 "true" if each else "false" for each in record.extras[TRUSTED][part]
             ]
     return columns
-
-
-def _points(record: ShapeSet | LandmarkSet | ResultSet) -> Floats:
-    return record.landmarks if isinstance(record, LandmarkSet) else record.shapes
-
-
-def _deviations(record: ShapeSet | LandmarkSet | ResultSet) -> Floats | None:
-    return record.shape_sd if isinstance(record, ResultSet) else None
 
 
 def _texts(rows: Floats) -> list[bytes]:

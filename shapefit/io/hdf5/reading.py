@@ -16,7 +16,7 @@ from shapefit.io.extras import is_per_item
 from shapefit.io.hdf5.counted import CountedRows
 from shapefit.io.hdf5.opening import open_hdf5
 from shapefit.io.hdf5.pieces import read_rows
-from shapefit.io.hdf5.sizes import Stored, size_in_memory
+from shapefit.io.hdf5.sizes import Stored, size_in_memory, was_written
 from shapefit.io.hdf5.strangers import stranger
 from shapefit.io.layout import FORMATS, PER_ITEM_FLAG, Dataset, Format
 from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
@@ -25,9 +25,6 @@ from shapefit.io.stored.reader import StoredReader, is_text, wanted
 
 CACHE_BYTES = 1 << 20
 """Of chunks that are kept for each dataset; by default HDF5 keeps 8 MB, and rows are read once."""
-
-MOST_COMPRESSED = 2000
-"""No filter of HDF5 makes data smaller by more: beyond that they were never written."""
 
 
 class Hdf5Reader(StoredReader):
@@ -99,7 +96,8 @@ class Hdf5Reader(StoredReader):
         with self._damage(name):
             dataset = self._file[name]
             size, stored = dataset.nbytes, dataset.id.get_storage_size()
-        if size > MOST_COMPRESSED * stored:
+            written = was_written(dataset)
+        if not written:
             found = f"of its {in_words(size)} the file holds {in_words(stored)}"
             raise input_error(self.place(name), found, "write its values, or make it smaller")
 

@@ -15,6 +15,15 @@ COPIES = 2
 """Of what is read: as it stands in the file, and as the records have it."""
 
 
+MOST_COMPRESSED = 2000
+"""No filter of HDF5 makes data smaller by more: beyond that they were never written."""
+
+
+def was_written(dataset: Any) -> bool:
+    """Whether the values of a dataset can have been written, by the place that they take."""
+    return bool(dataset.nbytes <= MOST_COMPRESSED * dataset.id.get_storage_size())
+
+
 @dataclass(frozen=True)
 class Stored:
     """A dataset, and what h5py takes long to say of it, and every read wants to know."""

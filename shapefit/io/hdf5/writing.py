@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
@@ -12,17 +12,11 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
-from shapefit.io.extras import Array, Extras
+from shapefit.io.extras import Array
 from shapefit.io.hdf5.latched_file import Spool
-from shapefit.io.layout import (
-    NOTHING_APPENDED,
-    PER_ITEM_FLAG,
-    VERSION,
-    Format,
-    stored_name,
-)
-from shapefit.io.options import Summary
+from shapefit.io.layout import PER_ITEM_FLAG, VERSION, Format, stored_name
 from shapefit.io.stored.arrays import as_stored, storable
+from shapefit.io.stored.writer import StoredWriter, check_alike
 from shapefit.io.whole.atomic import atomic_file
 
 CHUNK_BYTES = 1 << 18
@@ -41,21 +35,17 @@ def hdf5_output(target: Path, form: Format) -> Iterator[Hdf5Writer]:
         yield writer
 
 
-class Hdf5Writer:
-    """Appends records of one format to an HDF5 file; a context manager.
+class Hdf5Writer(StoredWriter):
+    """Appends records of one layout to an HDF5 file; a context manager.
 
-    Datasets per item are chunked and extended along their first axis; what is not per item comes
-    from the first record. Extras that are named like a dataset of the format are stored under
-    another name (`names_apart`). `attributes` become root attributes on exit; records that have
-    attributes add theirs.
+    Datasets per item are chunked and extended along their first axis; `attributes` become root
+    attributes on exit.
     """
 
     def __init__(self, file: FileIO, form: Format) -> None:
-        self.attributes: dict[str, str | float | int] = {}
-        self.summary = Summary()
-        self._form = form
-        self._first: Any = None
+        super().__init__(form)
         self._datasets: dict[str, Any] = {}
+        self._begun = False
         self._spool = Spool(file)
         self._file = h5py.File(self._spool, "w", rdcc_nbytes=CACHE_BYTES)
 
@@ -75,42 +65,38 @@ class Hdf5Writer:
             finally:
                 self._file.close()
 
-    def append(self, record: Any) -> None:
-        """Write the items of a record after those that are there.
-
-        Raises ValueError where its landmarks or datasets are not those of the first record.
-        """
-        rows = self._rows(record)
+    def _write_items(self, record: Any, further: Mapping[str, Array]) -> None:
+        rows = {
+            dataset.name: as_stored(dataset, getattr(record, dataset.attribute))
+            for dataset in self._form.growing
+            if getattr(record, dataset.attribute) is not None
+        }
+        rows |= {name: storable(values) for name, values in further.items()}
         with self._spool_errors():
-            if self._first is None:
-                self._begin(record, rows)
+            if not self._begun:
+                self._begin(rows)
                 self._check_spool()
-            if rows.keys() != self._datasets.keys():
-                raise ValueError("the datasets of this record are not those of the first")
-            if record.landmark_names != self._first.landmark_names:
-                raise ValueError("the landmarks of this record are not those of the first")
+            check_alike(rows.keys(), self._datasets.keys())
             for name, values in rows.items():
                 dataset = self._datasets[name]
                 start = len(dataset)
                 dataset.resize(start + len(values), axis=0)
                 dataset[start:] = values
                 self._check_spool()
-        self.attributes.update(getattr(record, "attributes", {}))
 
-    def _begin(self, record: Any, rows: dict[str, Array]) -> None:
-        self._first = record.take(slice(0)) if self._form.per_item else record
+    def _begin(self, rows: dict[str, Array]) -> None:
+        self._begun = True
         for name, values in rows.items():
             self._datasets[name] = self._extendable(name, values)
         for dataset in self._form.datasets:
-            value = getattr(record, dataset.attribute)
+            value = getattr(self._first, dataset.attribute)
             if value is not None and not dataset.grows:
-                self._whole(dataset.name, as_stored(dataset, value))
-        for name, value in self._extras(record).whole.items():
-            self._whole(name, storable(value)).attrs[PER_ITEM_FLAG] = False
+                self._store(dataset.name, as_stored(dataset, value))
+        for name, value in self._whole.items():
+            self._store(name, storable(value)).attrs[PER_ITEM_FLAG] = False
 
     def _finish(self) -> None:
-        if self._first is None:
-            raise ValueError(NOTHING_APPENDED)
+        self._check_begun()
         root = self._file.attrs
         root["format"] = self._form.name
         root["version"] = VERSION
@@ -121,27 +107,6 @@ class Hdf5Writer:
             root["frame_rate"] = self._first.frame_rate
         for name, value in self.attributes.items():
             root[stored_name(name)] = value
-
-    def _rows(self, record: Any) -> dict[str, Array]:
-        """Return what the record has for each item, as it stands in the file.
-
-        Extras that were not per item in the first record are so by chance, in a chunk of as many
-        items as they have rows.
-        """
-        rows = {
-            dataset.name: as_stored(dataset, getattr(record, dataset.attribute))
-            for dataset in self._form.growing
-            if getattr(record, dataset.attribute) is not None
-        }
-        whole = set() if self._first is None else set(self._extras(self._first).whole)
-        for name, values in self._extras(record).per_item.items():
-            if name not in whole:
-                rows[name] = storable(values)
-        return rows
-
-    def _extras(self, record: Any) -> Extras:
-        extras: Extras = getattr(record, "extras", None) or Extras()
-        return extras.apart_from(self._form.names)
 
     def _extendable(self, name: str, values: Array) -> Any:
         rest = values.shape[1:]
@@ -156,7 +121,7 @@ class Hdf5Writer:
             **(COMPRESSION if name in self._form.sparse else {}),
         )
 
-    def _whole(self, name: str, values: Array) -> Any:
+    def _store(self, name: str, values: Array) -> Any:
         dataset = self._file.create_dataset(name, data=values, dtype=_file_type(values))
         self._check_spool()
         return dataset

@@ -20,7 +20,7 @@ from shapefit.io.parquet.columns import Place, column_type, in_one, to_array, to
 from shapefit.io.parquet.library import damage, pyarrow
 from shapefit.io.parquet.metadata import NAMES, read_metadata, root_attributes, whole_datasets
 from shapefit.io.parquet.row_shapes import find_row_shapes, fits_kind
-from shapefit.io.parquet.schema import COMPLEX, NAME, SHAPE, columns_of, main_points, said_of
+from shapefit.io.parquet.schema import COMPLEX, NAME, SHAPE, columns_of, said_of
 from shapefit.io.parquet.streams import ColumnStream, row_group_starts, stored_bytes
 from shapefit.io.problems import input_problems
 from shapefit.io.stored.reader import StoredReader, is_text, wanted
@@ -190,7 +190,7 @@ class ParquetReader(StoredReader):
             return self._further(name, start, stop)
         if dataset.counted_by:
             return self._counted(dataset, start, stop)
-        if dataset == main_points(self.form) and NAMES not in self._said:
+        if dataset == self.form.points and NAMES not in self._said:
             self._check_same_names(start, stop)
         shape = (stop - start, *self._row_shapes[name])
         arrays = self._arrays(columns_of(dataset, self.form), start, stop)

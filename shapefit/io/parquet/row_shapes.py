@@ -8,7 +8,7 @@ from typing import Any
 
 from shapefit.io.layout import AXES, Dataset, Format
 from shapefit.io.parquet.columns import column_type
-from shapefit.io.parquet.schema import columns_of, main_points
+from shapefit.io.parquet.schema import columns_of
 
 KINDS = {"number": "biuf", "index": "iu", "text": "O", "label": "Oiu"}
 """Types of NumPy that the kinds of datasets can have."""
@@ -73,7 +73,7 @@ def _shape(axes: tuple[str | int, ...], sizes: dict[str, int], row: int | None) 
 
 def _wanted(dataset: Dataset, form: Format) -> str:
     """Say how to store a dataset in a column."""
-    if dataset == main_points(form):
+    if dataset == form.points:
         return "store lists of numbers, one for each landmark"
     kinds = {"number": "numbers", "index": "integers"}
     kind = kinds.get(dataset.kind, "UTF-8 text")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.extras import Array, Extras, names_apart
+from shapefit.io.extras import Array, names_apart
 from shapefit.io.layout import Dataset, Format
 from shapefit.io.parquet.columns import to_column, to_ragged_column
 from shapefit.io.parquet.library import pyarrow
@@ -41,14 +41,9 @@ class Column(NamedTuple):
         return bool(pyarrow.types.is_string(self.field.type))
 
 
-def main_points(form: Format) -> Dataset:
-    """Return the dataset that becomes the columns of coordinates."""
-    return next(known for known in form.datasets if known.required and known.points)
-
-
 def columns_of(dataset: Dataset, form: Format) -> tuple[str, ...]:
     """Return the names of the columns that hold a dataset of the layout."""
-    if dataset != main_points(form):
+    if dataset != form.points:
         return (dataset.name,)
     return COORDINATES[: int(dataset.axes[-1])]
 
@@ -58,8 +53,8 @@ def further_names(names: Iterator[str], form: Format) -> dict[str, str]:
     return names_apart(names, {*form.names, *COORDINATES})
 
 
-def to_columns(record: Any, extras: Extras, form: Format) -> Iterator[Column]:
-    """Yield all that a record has for each of its items, as columns."""
+def to_columns(record: Any, further: Mapping[str, Array], form: Format) -> Iterator[Column]:
+    """Yield all that a record has for each of its items, `further` datasets too, as columns."""
     for dataset in form.growing:
         value = getattr(record, dataset.attribute)
         if value is None:
@@ -75,8 +70,8 @@ def to_columns(record: Any, extras: Extras, form: Format) -> Iterator[Column]:
                 yield _column(name, values[..., axis])
         else:
             yield _column(dataset.name, values)
-    columns = further_names(iter(extras.per_item), form)
-    for name, values in extras.per_item.items():
+    columns = further_names(iter(further), form)
+    for name, values in further.items():
         metadata = {} if columns[name] == name else {NAME: name}
         stored = storable(values)
         if stored.dtype.kind == "c":

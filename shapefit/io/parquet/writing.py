@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 from typing import Any
 
 from shapefit.errors import input_error
-from shapefit.io.extras import Extras
-from shapefit.io.layout import NOTHING_APPENDED, Format
-from shapefit.io.options import Summary
+from shapefit.io.extras import Array
+from shapefit.io.layout import Format
 from shapefit.io.parquet.library import pyarrow
 from shapefit.io.parquet.metadata import attribute_metadata, file_metadata
 from shapefit.io.parquet.schema import Column, to_columns
 from shapefit.io.sources import is_stream
+from shapefit.io.stored.writer import StoredWriter, check_alike
 from shapefit.io.whole.atomic import atomic_file, write_all
 
 GROUP_BYTES = 1 << 25
@@ -68,52 +68,32 @@ class _Sink:
         """Do nothing: whoever opened the file closes it."""
 
 
-class ParquetWriter:
+class ParquetWriter(StoredWriter):
     """Appends records of one layout to a Parquet file.
 
-    What is not per item comes from the first record. `attributes` are added to the metadata at the
-    end; records that have attributes add theirs. The file depends on what is written, and not on
-    how it is divided into records.
+    `attributes` are added to the metadata at the end. The file depends on what is written, and not
+    on how it is divided into records.
     """
 
     def __init__(self, sink: _Sink, form: Format) -> None:
-        self.attributes: dict[str, str | float | int] = {}
-        self.summary = Summary()
+        super().__init__(form)
         self._sink = sink
-        self._form = form
-        self._first: Any = None
-        self._whole = Extras()
         self._writer: Any = None
         self._waiting: list[Any] = []
 
-    def append(self, record: Any) -> None:
-        """Write the items of a record after those that are there.
-
-        Raises ValueError where its landmarks or datasets are not those of the first record.
-        """
-        extras = record.extras.apart_from(self._form.names)
-        if self._first is None:
-            self._first = record.take(slice(0))
-            self._whole = Extras(whole=extras.whole)
-        by_chance = self._whole.keys() & extras.per_item  # as many rows as this chunk has items
-        per_item = {k: values for k, values in extras.per_item.items() if k not in by_chance}
-        columns = list(to_columns(record, Extras(per_item), self._form))
+    def _write_items(self, record: Any, further: Mapping[str, Array]) -> None:
+        columns = list(to_columns(record, further, self._form))
         if self._writer is None:
             self._begin(columns)
-        if [column.field.name for column in columns] != self._schema.names:
-            raise ValueError("the datasets of this record are not those of the first")
-        if record.landmark_names != self._first.landmark_names:
-            raise ValueError("the landmarks of this record are not those of the first")
+        check_alike([column.field.name for column in columns], self._schema.names)
         arrays = [column.values for column in columns]
         self._waiting.append(pyarrow.Table.from_arrays(arrays, schema=self._schema))
         while sum(map(len, self._waiting)) >= self._group:
             self._write(self._group)
-        self.attributes.update(getattr(record, "attributes", {}))
 
     def finish(self) -> None:
         """Write what waits, and the metadata. Raises ValueError where nothing was appended."""
-        if self._writer is None:
-            raise ValueError(NOTHING_APPENDED)
+        self._check_begun()
         rest = sum(map(len, self._waiting))
         if rest:
             self._write(rest)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error, printable
 from shapefit.io.hdf5.opening import open_hdf5
 from shapefit.io.hdf5.pieces import read_rows
-from shapefit.io.hdf5.sizes import Stored, size_in_memory
+from shapefit.io.hdf5.sizes import Stored, size_in_memory, was_written
 from shapefit.io.memory import ALWAYS_FITS, check_fits
 
 BLOCK_FRAMES = 4096
@@ -24,9 +24,6 @@ BLOCK_FRAMES = 4096
 BLOCK_BYTES = 1 << 24
 """Of a dataset that are read at a time; MOST_BYTES where its chunks are larger."""
 MOST_BYTES = 1 << 27
-
-MOST_COMPRESSED = 2000
-"""No filter of HDF5 makes data smaller by more: beyond that they were never written."""
 
 MOST_TEXTS = 1_000_000
 """Names that a dataset of names can hold."""
@@ -192,7 +189,7 @@ class TrackerFile:
     def _check_written(self, name: str) -> None:
         """Raise InputError for a large dataset that takes next to no place in the file."""
         dataset = self._file[name]
-        if dataset.nbytes > max(ALWAYS_FITS, MOST_COMPRESSED * dataset.id.get_storage_size()):
+        if dataset.nbytes > ALWAYS_FITS and not was_written(dataset):
             found = f"has the shape {dataset.shape}, and next to nothing of it was written"
             raise input_error(self.place(name), found, DAMAGED)
 

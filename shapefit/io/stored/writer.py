@@ -1,0 +1,62 @@
+"""What writers of our own layouts share: records that are all alike, one after the other."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+from shapefit.io.extras import Array, Extras
+from shapefit.io.layout import Format
+from shapefit.io.options import Summary
+from shapefit.io.writing import NOTHING_APPENDED
+
+
+class StoredWriter(ABC):
+    """Appends records of one layout to a file.
+
+    What is not per item comes from the first record. Extras that are named like a dataset of the
+    layout are stored under another name (`names_apart`). `attributes` are stored at the end;
+    records that have attributes add theirs.
+    """
+
+    def __init__(self, form: Format) -> None:
+        self.attributes: dict[str, str | float | int] = {}
+        self.summary = Summary()
+        self._form = form
+        self._first: Any = None
+        self._whole: Mapping[str, Array] = {}
+
+    def append(self, record: Any) -> None:
+        """Write the items of a record after those that are there.
+
+        Raises ValueError where its landmarks or datasets are not those of the first record.
+        """
+        extras = getattr(record, "extras", Extras()).apart_from(self._form.names)
+        if self._first is None:
+            self._first = record.take(slice(0)) if self._form.per_item else record
+            self._whole = extras.whole
+        if record.landmark_names != self._first.landmark_names:
+            raise ValueError("the landmarks of this record are not those of the first")
+        # What was whole in the first record is per item by chance: it has as many rows as these.
+        further = {k: values for k, values in extras.per_item.items() if k not in self._whole}
+        self._write_items(record, further)
+        self.attributes.update(getattr(record, "attributes", {}))
+
+    @abstractmethod
+    def _write_items(self, record: Any, further: Mapping[str, Array]) -> None:
+        """Write what a record has for each item, `further` datasets too.
+
+        Raises ValueError where these are not the datasets of the first record.
+        """
+
+    def _check_begun(self) -> None:
+        """Raise ValueError where nothing was appended."""
+        if self._first is None:
+            raise ValueError(NOTHING_APPENDED)
+
+
+def check_alike(datasets: object, first: object) -> None:
+    """Raise ValueError where the datasets of a record are not those of the first."""
+    if datasets != first:
+        raise ValueError("the datasets of this record are not those of the first")
