@@ -122,9 +122,7 @@ def _is_wide(record: Records) -> bool:
     return bool(np.median((most - least).max(axis=1)) >= WIDE)
 
 
-def _rows(
-    record: Records, part: slice, decimals: int | None = None
-) -> bytes:
+def _rows(record: Records, part: slice, decimals: int | None = None) -> bytes:
     """Return the lines of some of the items, with so many decimals of the points."""
     points = record.points[part]
     points = points if decimals is None else np.round(points, decimals)
