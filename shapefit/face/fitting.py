@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +14,9 @@ from numpy.typing import ArrayLike
 
 from shapefit.config import FitConfig
 from shapefit.errors import input_error
-from shapefit.face.options import config_of, default, plain
+from shapefit.face.files import read_dictionary
+from shapefit.face.keypoints import detected, is_array_of_a_detector, is_crowd
+from shapefit.face.options import config_of, plain
 from shapefit.face.records import (
     Dictionary,
     Fit,
@@ -24,12 +27,15 @@ from shapefit.face.records import (
 )
 from shapefit.io.extras import Extras
 from shapefit.io.kinds.given import check_given_dictionary, given_source
+from shapefit.io.options import Track
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.pipelines.fit.landmark_names import name_warnings
 from shapefit.pipelines.fit.plan import plan_fit
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
+from shapefit.pipelines.fit.suited import are_long, choose_suited
 from shapefit.pipelines.outcome import Counted, Note, add_up
+from shapefit.pipelines.reading import input_options
 
 CAMERA = "camera_matrix"
 """Dataset that holds the matrices given as `camera`."""
@@ -43,39 +49,59 @@ FILES = {
 
 
 def fit(
-    landmarks: Landmarks | ArrayLike,
-    dictionary: Dictionary,
-    lam: float | Literal["auto"] = default(FitConfig, "lam"),
+    landmarks: Landmarks | ArrayLike | Sequence[ArrayLike],
+    dictionary: Dictionary | str | PathLike[str],
+    lam: float | Literal["auto"] | None = None,
     weights: ArrayLike | None = None,
-    method: str = default(FitConfig, "method"),
+    method: str | None = None,
     camera: Mapping[str, Any] | ArrayLike | None = None,
+    *,
+    config: str | PathLike[str] | None = None,
+    keypoints: str | None = None,
     **options: Any,
 ) -> Fit:
     """Lift 2D landmarks to 3D shapes; equal bit for bit to what the command `fit` writes.
 
-    landmarks (n, p, 2), NaN where unseen, those of the dictionary in its order, or Landmarks with
-    names; weights (n, p) >= 0, 0 = hidden, in place of a confidence; lam and method as `lambda`
+    landmarks: arrays (n, p, 2), NaN where unseen, or (n, p, 3) with a confidence; (p, 2) of one
+    image; a list of frames (people, p, 2 or 3); or Landmarks with names. Arrays have the landmarks
+    of the dictionary in its order, or those of the skeleton that `keypoints` names, such as
+    "coco_17". dictionary: one that was read or learned, a file, or an installed one, such as
+    "people". weights (n, p) >= 0, 0 = hidden, in place of a confidence; lam and method as `lambda`
     and `method` of the command. camera: matrices (3, 3) or (n, 3, 3) for a refinement under
     perspective, or the section `camera` of the command, where `intrinsics` may be such matrices.
+    config: a YAML file or an installed config; by default that which suits the dictionary.
     options are further keys of the command, sections as mappings, such as
     `outliers={"method": "ransac"}` (docs/config.md). Images without a shape are in `failures` of
     the result; what the command warns of is a Python warning. Raises InputError.
     """
-    section, matrices = _camera(camera)
-    given = {"lambda": lam, "method": method} | ({} if section is None else {"camera": section})
-    config = config_of(FitConfig, "fit", given, options, FILES)
+    if not isinstance(dictionary, Dictionary):
+        dictionary = read_dictionary(dictionary)
     atoms = dictionary_model(dictionary)
     check_given_dictionary(atoms, "dictionary")
-    images = _with_weights(landmark_set(landmarks, atoms.landmark_names), weights)
+    section, matrices = _camera(camera)
+    given = {"lambda": lam, "method": method, "camera": section, "keypoints": keypoints}
+    given = {key: value for key, value in given.items() if value is not None}
+    if not isinstance(landmarks, Landmarks) and is_array_of_a_detector(landmarks, keypoints):
+        read = config_of(FitConfig, "fit", given, options, FILES)
+        track: Track = "nearest" if is_crowd(landmarks) else "none"
+        reading = input_options(read.input, track)
+        with detected(landmarks, atoms.landmark_names, reading) as source:
+            images = source.whole()
+    else:
+        images = landmark_set(landmarks, atoms.landmark_names)  # type: ignore[arg-type]
+    images = _with_weights(images, weights)
+    if config is None:
+        config = choose_suited(atoms.provenance, method, lambda: are_long(images.sequences))
+    wanted = config_of(FitConfig, "fit", given, options, FILES, config)
     if matrices is not None:
         extras = Extras.of(dict(images.extras) | {CAMERA: matrices}, len(images))
         images = replace(images, extras=extras)
-    plan = plan_fit(config, atoms)
+    plan = plan_fit(wanted, atoms)
     report = Report(plan.report, atoms)
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
     messages: dict[str, str | Counted] = {text: text for text in plan.warnings}
-    with given_source(images, "landmarks", config.input.rename) as source:
+    with given_source(images, "landmarks", wanted.input.rename) as source:
         names = name_warnings(source.head.landmark_names, atoms.landmark_names)
         for batch in lift_source(source, plan):
             outcome = report.of(batch)
@@ -88,7 +114,7 @@ def fit(
         if not isinstance(message, Note):
             warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
-    attributes = attributes_of(config, {}, seconds, len(whole))
+    attributes = attributes_of(wanted, {}, seconds, len(whole))
     return fit_of(replace(whole, attributes=attributes), failures)
 
 

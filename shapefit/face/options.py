@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
+from shapefit.config import find_config
+from shapefit.config.fields import marked_keys
 from shapefit.config.model import CommandConfig
+from shapefit.config.paths import OfTheData, PathWords
 from shapefit.config.settings import Settings, check
-from shapefit.errors import input_error
+from shapefit.errors import InputError, input_error
 
 Config = TypeVar("Config", bound=CommandConfig)
 
@@ -26,8 +30,9 @@ def config_of(
     given: Mapping[str, Any],
     options: Mapping[str, Any],
     files: Mapping[str, Any],
+    config: str | PathLike[str] | None = None,
 ) -> Config:
-    """Return the config that the arguments of a function make.
+    """Return the config that the arguments of a function make, over those of a config file.
 
     `given` are those of its signature, `options` further keys of the command. `files` (key ->
     value) are the keys whose place arrays take; in the config they hold these values, for messages.
@@ -40,8 +45,32 @@ def config_of(
         raise input_error(f"{function}.{key}", found, fix)
     settings = Settings({})
     stream = dict.fromkeys(files, "-")
-    settings.take_section(function, stream | plain({**given, **options}))
+    known = {} if config is None else file_values(model, function, Path(config))
+    settings.take_section(function, merged(known, stream | plain({**given, **options})))
     return check(model, settings).model_copy(update=dict(files))
+
+
+def file_values(model: type[CommandConfig], command: str, config: Path) -> dict[str, Any]:
+    """Return the settings of a YAML file or an installed config, without what is for its data."""
+    file = find_config(command, config)
+    assert file is not None
+    settings = Settings(marked_keys(model, PathWords))
+    settings.read_file(file.path)
+    if settings.problems:
+        raise InputError(settings.problems)
+    settings.drop(marked_keys(model, PathWords, OfTheData))
+    return settings.values
+
+
+def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of both, those of a section key by key; what is above wins."""
+    both = {key: (below[key], above[key]) for key in below.keys() & above.keys()}
+    sections = {
+        key: merged(low, high)
+        for key, (low, high) in both.items()
+        if isinstance(low, dict) and isinstance(high, dict)
+    }
+    return {**below, **above, **sections}
 
 
 def plain(value: Any) -> Any:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
@@ -15,6 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from shapefit.dictionary import model
 from shapefit.dictionary.mixture import Mixture
 from shapefit.errors import input_error
+from shapefit.face.shown import (
+    as_dataset,
+    as_table,
+    describe,
+    draw_shape,
+    embedded_page,
+    open_page,
+)
 from shapefit.io.extras import Extras
 from shapefit.io.layout import DICTIONARY, LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Format
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
@@ -97,16 +107,18 @@ class Dictionary:
     provenance: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Fit:
     """3D shapes of n images: shapes (n, p, 3) in the camera frame and the unit of the landmarks.
 
     NaN where an image failed; failures says why, by item. landmarks_fitted (n, p, 2);
     coefficients (n, k); rotation (n, 3, 3); translation (n, 2); scale, objective, relative_gap,
     iterations, status (n). None is what the method does not know: of these, and of shape_sd
-    (n, p, 3), the standard deviation of each coordinate, plausibility (n,), and modes, other
-    shapes that explain an image. proof holds what `shapefit verify` checks, and extras the further
-    datasets of a result file, such as `outliers` (n, p) and the datasets of the landmarks.
+    (n, p, 3), the standard deviation of each coordinate, plausibility (n,), trusted (n,) and
+    doubt (n,), why not, "" where it is; and modes, other shapes that explain an image. proof holds
+    what `shapefit verify` checks, and extras the further datasets of a result file, such as
+    `outliers` (n, p) and the datasets of the landmarks. A slice or a mask gives the fit of some of
+    the images, a number that of one.
     """
 
     shapes: Floats
@@ -126,6 +138,8 @@ class Fit:
     mesh_vertices: Floats | None = None
     shape_sd: Floats | None = None
     plausibility: Floats | None = None
+    trusted: NDArray[np.bool_] | None = None
+    doubt: NDArray[Any] | None = None
     modes: NDArray[Any] | None = None
     proof: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -138,8 +152,36 @@ class Fit:
     def __len__(self) -> int:
         return len(self.items)
 
+    def __getitem__(self, images: int | slice | ArrayLike) -> Fit:
+        rows = np.atleast_1d(np.arange(len(self))[images])  # type: ignore[index]
+        items = {self.items[row] for row in rows}
+        failures = {item: text for item, text in self.failures.items() if item in items}
+        return fit_of(result_set(self).take(rows), failures)
 
-KNOWN_BY_SOME = ("shape_sd", "plausibility", "modes")
+    def __repr__(self) -> str:
+        return describe(self)
+
+    def _repr_html_(self) -> str:
+        return embedded_page(self)
+
+    def view(self, path: str | PathLike[str] | None = None) -> Path:
+        """Write the page of the shapes and open it in a browser; return its path."""
+        return open_page(self, path)
+
+    def plot(self, image: int = 0) -> Any:
+        """Draw the shape of an image with matplotlib; return the axes."""
+        return draw_shape(self, image)
+
+    def to_pandas(self) -> Any:
+        """Return a table with a row per landmark and image: item, landmark, x, y, z, and more."""
+        return as_table(self)
+
+    def to_xarray(self) -> Any:
+        """Return a dataset of positions over (time, space, keypoints, individuals)."""
+        return as_dataset(self)
+
+
+KNOWN_BY_SOME = ("shape_sd", "plausibility", "trusted", "doubt", "modes")
 """Fields of a Fit that are datasets of its file with these names."""
 
 

@@ -37,12 +37,18 @@ def is_array(path: Path, head: bytes) -> bool:
 
 
 def record(paths: tuple[Path, ...]) -> Recording:
-    """Return the images of an array, whose landmarks `keypoints` names.
+    """Return the images of an array, whose landmarks `keypoints` names."""
+    return of_array(paths[0], *_read(paths[0]))
 
-    Raises InputError for arrays of other shapes, and for a third number that is no confidence.
+
+def of_array(
+    path: Path, points: NDArray[Any], scores: NDArray[Any] | None = None, **further: Any
+) -> Recording:
+    """Return the images of an array (n, p, 2 or 3) or (p, 2 or 3); `path` names it in messages.
+
+    `further` is what else `of_bodies` takes. Raises InputError for arrays of other shapes, and for
+    a third number that is no confidence.
     """
-    path = paths[0]
-    points, scores = _read(path)
     if points.ndim == 2:
         points, scores = points[None], None if scores is None else scores[None]
     if points.ndim != 3 or points.shape[2] not in (2, 3) or points.dtype.kind not in "biuf":
@@ -63,7 +69,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         raise input_error(path, found, WANTED)
     points[np.isnan(points).any(axis=2)] = np.nan
     confidence = None if scores is None else np.nan_to_num(scores.astype(np.float64))
-    return of_bodies(path, points, confidence)
+    return of_bodies(path, points, confidence, **further)
 
 
 def _read(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from shapefit.config import FitConfig, load_config
+from shapefit.config import FitConfig, find_config, load_config
 from shapefit.config.paths import STANDARD_STREAM
-from shapefit.config.presets import ConfigFile, find_presets
+from shapefit.config.presets import find_presets
 from shapefit.dictionary.model import SUITS
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks, read_dictionary
@@ -28,31 +29,29 @@ def find_suited(config: FitConfig) -> str | None:
     A dictionary names one for single images and, after it, one for whole sequences. Where
     the method is set, the one that has it is meant. `config` may lack its inputs.
     """
-    suits = suited_by(config.dictionary)
-    if "method" in config.model_fields_set:
-        methods = {name: method_of(find_presets("fit")[name]) for name in suits}
-        return next((name for name in suits if methods[name] == config.method), None)
+    try:
+        known = {} if config.dictionary is None else read_dictionary(config.dictionary).provenance
+    except InputError:  # the fit says what is wrong with it
+        return None
+    method = config.method if "method" in config.model_fields_set else None
+    return choose_suited(known, method, lambda: in_sequences(config))
+
+
+def choose_suited(
+    provenance: Mapping[str, str], method: str | None, has_sequences: Callable[[], bool]
+) -> str | None:
+    """Choose among the installed configs that the provenance of a dictionary names."""
+    suits = [name for name in provenance.get(SUITS, "").split() if name in find_presets("fit")]
+    if method is not None:
+        return next((name for name in suits if method_of(name) == method), None)
     if len(suits) < 2:
         return next(iter(suits), None)
-    return suits[1 if in_sequences(config) else 0]
+    return suits[1 if has_sequences() else 0]
 
 
-def suited_by(dictionary: Path | None) -> tuple[str, ...]:
-    """Return the configs that a dictionary names, as far as they are installed.
-
-    A dictionary that cannot be read names none: the fit says what is wrong with it.
-    """
-    try:
-        known = {} if dictionary is None else read_dictionary(dictionary).provenance
-    except InputError:
-        return ()
-    named = known.get(SUITS, "").split()
-    return tuple(name for name in named if name in find_presets("fit"))
-
-
-def method_of(path: Path) -> str:
+def method_of(name: str) -> str:
     """Return the method of an installed config."""
-    config = load_config("fit", ConfigFile(path, is_preset=True), to_show=True)
+    config = load_config("fit", find_config("fit", Path(name)), to_show=True)
     assert isinstance(config, FitConfig)
     return config.method
 
@@ -70,7 +69,12 @@ def in_sequences(config: FitConfig) -> bool:
             first = next(iter(source.chunks(LOOKED_AT)), None)
     except InputError:  # no frames of a video; what is wrong with files the fit says itself
         return False
-    if first is None or first.sequences is None:
+    return first is not None and are_long(first.sequences)
+
+
+def are_long(sequences: Sequence[str] | None) -> bool:
+    """Whether at least half of the images are of sequences of ENOUGH or more."""
+    if not sequences:
         return False
-    _, which, counts = np.unique(first.sequences, return_inverse=True, return_counts=True)
+    _, which, counts = np.unique(sequences, return_inverse=True, return_counts=True)
     return bool(np.median(counts[which]) >= ENOUGH)
