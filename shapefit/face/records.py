@@ -162,11 +162,11 @@ class Fit:
         return describe(self)
 
     def _repr_html_(self) -> str:
-        return embedded_page(self)
+        return embedded_page(result_set(self))
 
     def view(self, path: str | PathLike[str] | None = None) -> Path:
         """Write the page of the shapes and open it in a browser; return its path."""
-        return open_page(self, path)
+        return open_page(result_set(self), path)
 
     def plot(self, image: int = 0) -> Any:
         """Draw the shape of an image with matplotlib; return the axes."""

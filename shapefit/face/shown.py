@@ -18,6 +18,7 @@ from shapefit.errors import counted, input_error
 
 if TYPE_CHECKING:
     from shapefit.face.records import Fit
+    from shapefit.io.records import ResultSet
 
 HEIGHT = 640
 """Of a page in a notebook, in px."""
@@ -35,36 +36,38 @@ def describe(fit: Fit) -> str:
     return f"<shapefit.Fit: {', '.join(parts)}, in {fit.unit}>"
 
 
-def write_page(fit: Fit, path: Path) -> None:
-    """Write the page that `shapefit view` makes of a fit."""
+def write_page(result: ResultSet, path: Path) -> None:
+    """Write the page that `shapefit view` makes of a result."""
     from shapefit.config import load_config
-    from shapefit.face.files import write_results
+    from shapefit.io import result_writer
     from shapefit.pipelines.view.run import run
 
     with tempfile.TemporaryDirectory() as folder:
-        result = Path(folder) / "fit.h5"
-        write_results(result, fit)
-        given = {"files": (str(result),), "output": str(path)}
+        file = Path(folder) / "fit.h5"
+        with result_writer(file) as writer:
+            writer.append(result)
+            writer.attributes.update(result.attributes)
+        given = {"files": (str(file),), "output": str(path)}
         for _ in run(load_config("view", None, (), given)):  # type: ignore[arg-type]
             pass
 
 
-def embedded_page(fit: Fit) -> str:
-    """Return the page of a fit within an element of HTML, for notebooks."""
+def embedded_page(result: ResultSet) -> str:
+    """Return the page of a result within an element of HTML, for notebooks."""
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "page.html"
-        write_page(fit, page)
+        write_page(result, page)
         text = page.read_text(encoding="utf-8")
     style = f"width: 100%; height: {HEIGHT}px; border: 0"
     return f'<iframe sandbox="allow-scripts" style="{style}" srcdoc="{escape(text)}"></iframe>'
 
 
-def open_page(fit: Fit, path: str | PathLike[str] | None) -> Path:
-    """Write the page of a fit, by default to a temporary file, and open it in a browser."""
+def open_page(result: ResultSet, path: str | PathLike[str] | None) -> Path:
+    """Write the page of a result, by default to a temporary file, and open it in a browser."""
     import webbrowser
 
     page = Path(tempfile.mkdtemp()) / "fit.html" if path is None else Path(path)
-    write_page(fit, page)
+    write_page(result, page)
     webbrowser.open(page.resolve().as_uri())
     return page
 
