@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config import FitConfig, load_config
 from shapefit.evaluation import metrics
 from shapefit.geometry.normalisation import normalise
@@ -29,8 +30,6 @@ from shapefit.lifting.options import PerspectiveOptions
 from shapefit.lifting.perspective.refinement import refine_perspective
 from shapefit.lifting.perspective.start import mean_coefficients
 from shapefit.pipelines.fit.plan import choose_options
-
-Floats = NDArray[np.float64]
 
 LEAST_VISIBLE = 20
 CONFIG = Path(__file__).parents[1] / "configs" / "cars" / "fit.yaml"

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.learning import learn
 from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import Normalised, normalise
@@ -17,7 +17,6 @@ from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, read_shapes
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
-Floats = NDArray[np.float64]
 LAMBDA = 0.1
 
 

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.admm import solve_admm
-from benchmarks.cases import Floats, learn_mocap, turntable_views
+from benchmarks.cases import learn_mocap, turntable_views
+from shapefit.arrays import Floats
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solution import Solution

@@ -14,11 +14,9 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.evaluation.tables.markdown import markdown_table
-
-Floats = NDArray[np.float64]
 
 METHODS = {"Convex+refine": "refine", "Alternate, c >= 0": "alternate-nonnegative"}
 WITHIN = 0.01

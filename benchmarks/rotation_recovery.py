@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solution import Status
@@ -26,8 +26,6 @@ from shapefit.evaluation.tables.markdown import markdown_table
 from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.io.whole.atomic import atomic_path
 from shapefit.lifting.methods import Settings, choose_method
-
-Floats = NDArray[np.float64]
 
 METHODS = ("global", "convex+refine", "alternate", "convex")
 ATOMS = 50

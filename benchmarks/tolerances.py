@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cases import LAMBDA, Floats, hide, mocap_case
+from benchmarks.cases import LAMBDA, hide, mocap_case
+from shapefit.arrays import Floats
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Solution

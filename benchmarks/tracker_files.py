@@ -14,7 +14,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
+
 Names = Sequence[str]
 
 FRAME = [("frame_id", "<u8"), ("video", "<u4"), ("frame_idx", "<u8")]

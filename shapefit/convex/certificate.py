@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit import core
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.spectral_norm import nuclear_norm
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
+
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
-
-Floats = NDArray[np.float64]
 
 
 class Loss(Enum):

@@ -8,9 +8,8 @@ singular values satisfy s1 + s2 = sqrt(tr A + 2 r) and (s1 + s2)(s1 - s2) = sqrt
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
 
 
 def sum_and_difference(Q: Floats) -> tuple[Floats, Floats, Floats]:

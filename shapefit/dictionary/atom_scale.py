@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import spread
-
-Floats = NDArray[np.float64]
 
 
 def scale_of_atoms(atoms: Floats, use: Floats, measured: Floats, mean: float) -> Floats:

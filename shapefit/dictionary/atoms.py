@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit import core
+from shapefit.arrays import Floats
 from shapefit.dictionary.coding import flat
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.atoms import Products, update_atoms
 from shapefit.dictionary.coding import sparse_code
 from shapefit.dictionary.learning import BOUND, find_worst, of_norm_one, reach_beyond
-
-Floats = NDArray[np.float64]
 
 SETTLED = 0.001
 """Rounds end after one that lowers the objective by a smaller share."""

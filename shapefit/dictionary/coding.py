@@ -10,11 +10,9 @@ import warnings
 from math import prod
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit import core
-
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
 
 
 def sparse_code(

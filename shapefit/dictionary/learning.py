@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.atoms import Products, update_atoms
 from shapefit.dictionary.coding import objectives, sparse_code
-
-Floats = NDArray[np.float64]
 
 BOUND = 1.0  # the largest norm of an atom
 REACH = 0.5  # how far beyond its end the atom update is followed, in lengths of the update

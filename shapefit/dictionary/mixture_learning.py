@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.mixture import Mixture
-
-Floats = NDArray[np.float64]
 
 KMEANS_ROUNDS = 20
 

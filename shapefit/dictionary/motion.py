@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import normalise
-
-Floats = NDArray[np.float64]
 
 FEWEST = 100
 """Second differences from which a mean square is taken."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.length_units import metres_in
 from shapefit.geometry.normalisation import spread
-
-Floats = NDArray[np.float64]
 
 
 def find_edge_length(shapes: Floats, edges: NDArray[np.integer]) -> Floats:

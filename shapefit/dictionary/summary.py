@@ -6,12 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.atom_scale import scale_of_atoms
 from shapefit.dictionary.coding import duality_gaps, objectives
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

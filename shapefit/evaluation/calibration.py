@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, placed_apart, visible_in_both
 from shapefit.evaluation.summary import group_sequences
-
-Floats = NDArray[np.float64]
 
 LEVELS = (0.5, 0.9)
 """Nominal shares of the truth inside the ellipsoids that are reported."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.coding import sparse_code
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, similarity
 from shapefit.geometry.procrustes import rotation_onto
-
-Floats = NDArray[np.float64]
 
 STILL = 1e-9
 """Fall of the squared residual, as a share of the shape's square, that ends the alternation."""

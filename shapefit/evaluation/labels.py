@@ -7,23 +7,21 @@ undefined: that is no failure.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
+from shapefit.arrays import Flags, Floats
 
 
-def precision(labelled: Booleans, corrupted: Booleans) -> Floats:
+def precision(labelled: Flags, corrupted: Flags) -> Floats:
     """|labelled and corrupted| / |labelled| of each image (n,); nan where nothing is labelled."""
     return _share(labelled & corrupted, labelled)
 
 
-def recall(labelled: Booleans, corrupted: Booleans) -> Floats:
+def recall(labelled: Flags, corrupted: Flags) -> Floats:
     """|labelled and corrupted| / |corrupted| of each image (n,); nan where nothing is corrupted."""
     return _share(labelled & corrupted, corrupted)
 
 
-def _share(part: Booleans, whole: Booleans) -> Floats:
+def _share(part: Flags, whole: Flags) -> Floats:
     count = whole.sum(axis=-1)
     nothing = np.full(len(count), np.nan)
     return np.divide(part.sum(axis=-1), count, out=nothing, where=count > 0)

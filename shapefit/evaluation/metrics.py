@@ -7,13 +7,10 @@ on either side. An image with too few landmarks left has the error nan: it faile
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Flags, Floats
 from shapefit.geometry.normalisation import centroid, spread
 from shapefit.geometry.procrustes import coincide, similarity_transform
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 FEWEST_LANDMARKS = 3
 """A similarity or a camera makes any two points coincide, so fewer say nothing."""
@@ -87,23 +84,23 @@ def truth_scale(estimate: Floats, truth: Floats) -> Floats:
     return np.where(flat, np.nan, spread(truth, visible))
 
 
-def visible_in_both(first: Floats, second: Floats) -> Booleans:
+def visible_in_both(first: Floats, second: Floats) -> Flags:
     """Landmarks with finite coordinates on both sides; (n, d, p) each -> (n, p)."""
-    visible: Booleans = np.all(np.isfinite(first) & np.isfinite(second), axis=-2)
+    visible: Flags = np.all(np.isfinite(first) & np.isfinite(second), axis=-2)
     return visible
 
 
-def _filled(points: Floats, visible: Booleans) -> Floats:
+def _filled(points: Floats, visible: Flags) -> Floats:
     """Put hidden points on the centroid, where they change neither similarity nor scale."""
     return np.where(visible[..., None, :], points, centroid(points, visible)[..., None])
 
 
-def _mean_distance(first: Floats, second: Floats, visible: Booleans) -> Floats:
+def _mean_distance(first: Floats, second: Floats, visible: Flags) -> Floats:
     distance = np.linalg.norm(first - second, axis=-2)
     return _mean_over_visible(distance, visible, fewest=FEWEST_LANDMARKS)
 
 
-def _mean_over_visible(values: Floats, visible: Booleans, fewest: int) -> Floats:
+def _mean_over_visible(values: Floats, visible: Flags, fewest: int) -> Floats:
     """Mean of the visible of values (n, p) -> (n,); nan with less than the fewest visible."""
     count = visible.sum(axis=-1)
     total = np.where(visible, values, 0.0).sum(axis=-1)

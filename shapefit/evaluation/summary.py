@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
+from shapefit.arrays import Floats
 from shapefit.evaluation.averages import (
-    Floats,
     Labels,
     Sliced,
     by_name,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shapefit.arrays import Floats, Integers
 from shapefit.dictionary import model
 from shapefit.dictionary.mixture import Mixture
 from shapefit.errors import input_error
@@ -32,8 +33,6 @@ from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Names = Sequence[str]
 Kind = TypeVar("Kind", bound="DataclassInstance")
 

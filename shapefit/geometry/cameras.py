@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.rotations import rotation_about
 
-Floats = NDArray[np.float64]
 Axis = Literal["x", "y", "z"]
 
 # Quarter turns that bring an axis of the object to y of the camera; the other axes follow.

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
 
 KNOWN_COUNTS = (4, 5, 8)
 """Numbers of coefficients that the model knows; more are its thin prism and tilt."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
 
 # Coordinates and their distances are squared and summed, which must neither overflow nor vanish.
 LARGEST, SMALLEST = 1e150, 1e-150

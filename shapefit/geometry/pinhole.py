@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import Normalised
 
-Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 

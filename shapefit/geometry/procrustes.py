@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.rotations import nearest_rotation
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

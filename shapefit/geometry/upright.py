@@ -6,9 +6,9 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
+
 Up = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 _ROWS: dict[Up, tuple[tuple[int, int, int], ...]] = {

@@ -10,13 +10,12 @@ from typing import Any, ClassVar, Literal, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error
 from shapefit.io.extras import LABELS, LANDMARK_COVARIANCE, Extras
 from shapefit.io.landmark_names import match_landmarks, renamed
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Format
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Names = tuple[str, ...]
 Attribute = str | float | int
 Rows = NDArray[Any] | Sequence[int] | slice

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import LARGEST, SMALLEST
-
-Floats = NDArray[np.float64]
 
 FEWEST = 3
 BEYOND_CHANCE = FEWEST + 1

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution, Status
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from shapefit.lifting.global_optimum.tree import Tree
     from shapefit.lifting.posterior.posterior import Modes as PosteriorModes
 
-Floats = NDArray[np.float64]
 
 STATUS = (Status.CONVERGED, Status.ITERATION_LIMIT, Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 """What the codes of the kernels of local methods mean."""

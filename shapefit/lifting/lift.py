@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
@@ -21,7 +21,6 @@ from shapefit.lifting.options import BETA
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
 
-Floats = NDArray[np.float64]
 
 REASONS = {
     Status.DEGENERATE: "no pose of the mean shape fits the visible landmarks",

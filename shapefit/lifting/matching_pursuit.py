@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.rotations import complete_rotation
 from shapefit.lifting.estimate import STATUS, Estimate, fit_translation
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.reconstruction import combine
-
-Floats = NDArray[np.float64]
 
 # The published rules are in pixels: 500 px^2 for the squared reprojection error of all landmarks,
 # 1 px^2 for its change in a round. A normalised unit is the standard deviation of the landmarks.

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.lifting.lift import Lifting
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
 # What has an axis of atoms, after that of the images; an atom that a group lacked had no part: 0.

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.spectral_norm import nuclear_norm
-
-Floats = NDArray[np.float64]
 
 DRAWS, SEED = 512, 1504_01507
 # Where the landmarks are all but exact the rule stops here; smaller lambdas change little and

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.spectral_norm import spectral_norm
 from shapefit.geometry.rotations import complete_rotation, nearest_rotation
-
-Floats = NDArray[np.float64]
 
 # An atom is active where its coefficient is more than this share of the largest one.
 ACTIVE = 1e-6

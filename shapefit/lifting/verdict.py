@@ -17,10 +17,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.solution import Status
 from shapefit.lifting.posterior.plausibility import VIEWED
-
-Floats = NDArray[np.float64]
 
 TRUSTED, DOUBT, PLAUSIBILITY = "trusted", "doubt", "plausibility"
 """Datasets (n,) of a result: true or false, why not, and a p-value."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import Normalised
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.reconstruction import complete_transforms, orthogonal_transforms
-
-Floats = NDArray[np.float64]
 
 # The relative distance of an atom from the span of the training shapes that is still rounding.
 IN_SPAN = 1e-6

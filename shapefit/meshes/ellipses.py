@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.meshes.views import YAxis, upright
-
-Floats = NDArray[np.float64]
 
 
 class Ellipses(NamedTuple):

@@ -7,16 +7,14 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats, Integers
 from shapefit.meshes.wireframe import balls
 
 if TYPE_CHECKING:
     from trimesh import PointCloud, Trimesh
     from trimesh.path import Path3D
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Files = dict[str, bytes]
 """The end of a file's name -> the content of that file."""
 

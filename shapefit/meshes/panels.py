@@ -10,8 +10,8 @@ from collections.abc import Collection
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.meshes.ellipses import Ellipses
 from shapefit.meshes.shading import paint
 
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 # Okabe and Ito 2008: told apart with every common form of colour blindness.
 SEEN, HIDDEN, OUTLIER = "#0072B2", "#555555", "#D55E00"
@@ -43,7 +40,7 @@ MARGIN = 0.06
 """Free border of a panel, as a share of what it shows."""
 
 
-def draw_landmarks(axes: Axes, landmarks: Floats, outliers: Booleans | None, size: float) -> None:
+def draw_landmarks(axes: Axes, landmarks: Floats, outliers: Flags | None, size: float) -> None:
     """Mark landmarks (2, p), nan = hidden: those judged outliers (p,) with crosses."""
     if outliers is None:
         outliers = np.zeros(landmarks.shape[1], dtype=bool)

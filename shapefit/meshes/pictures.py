@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.meshes import panels
 from shapefit.meshes.ellipses import seen_ellipses
 from shapefit.meshes.views import View, YAxis, level, upright
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 Grid = NDArray[Any]
 """Axes (rows, columns)."""
 
@@ -74,7 +72,7 @@ class FittedImage:
     landmarks: Floats
     shape: Floats
     mesh_vertices: Floats | None = None
-    outliers: Booleans | None = None
+    outliers: Flags | None = None
     rotation: Floats | None = None
     seen_shape: Floats | None = None
     seen_mesh: Floats | None = None

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from shapefit.arrays import Floats, Integers
 
 # In the viewer's frame: the lamp shines over the viewer's left shoulder.
 LAMP = np.array([-0.4, 0.75, 0.53]) / np.linalg.norm([-0.4, 0.75, 0.53])

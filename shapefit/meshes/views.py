@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.rotations import rotation_about
 
-Floats = NDArray[np.float64]
 YAxis = Literal["up", "down"]
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from shapefit.arrays import Floats, Integers
 
 SIDES = 8
 """Corners of the rings that a solid is made of."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.io import ResultSet
 from shapefit.verification.check import Check, check, flagged
 from shapefit.verification.images import read_images
@@ -29,8 +29,6 @@ from shapefit.verification.statements import (
 )
 from shapefit.verification.subject import Subject, stated_by
 from shapefit.verification.terms import Terms
-
-Floats = NDArray[np.float64]
 
 
 def verify_images(

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
 from shapefit.verification.rounding import rounding_factor
 from shapefit.verification.terms import Terms
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.extras import Extras
 from shapefit.verification.check import Check, check, flagged
@@ -17,8 +18,6 @@ from shapefit.verification.fates import DATASETS
 from shapefit.verification.folder import config_digest
 from shapefit.verification.lens import BOUND, REMOVED, bent_again, shown
 from shapefit.verification.terms import Terms
-
-Floats = NDArray[np.float64]
 
 DISTORTION = "distortion"
 CALIBRATED = ("camera_matrix", "image_size", "extrinsic_rotation", "extrinsic_translation")

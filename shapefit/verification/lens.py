@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.lens import complete, distort, undistort
-
-Floats = NDArray[np.float64]
 
 REMOVED = "removed_distortion"
 """Dataset of a result: the coefficients of the distortion that its landmarks no longer have."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Flags
 from shapefit.errors import input_error
 from shapefit.geometry.normalisation import LARGEST, SMALLEST
 from shapefit.io import ResultSet
@@ -18,7 +19,6 @@ from shapefit.verification.proofs.transforms import Atoms
 from shapefit.verification.subject import words_of
 from shapefit.verification.terms import Terms
 
-Flags = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 
 WITHOUT_SHAPE = ("degenerate input", "numerical failure")

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Flags, Floats
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
 from shapefit.verification.images import Images, needed
 from shapefit.verification.proofs.transforms import Atoms, Transforms
 from shapefit.verification.terms import Terms
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
+
 Block = dict[str, Any]
 """type, shape and data of an array, as JSON."""
 

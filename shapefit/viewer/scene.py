@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats, Integers
 from shapefit.viewer.blocks import (
     block_of_bits,
     block_of_coarse_floats,
@@ -18,8 +19,6 @@ from shapefit.viewer.blocks import (
     smallest_kind,
 )
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Role = Literal["result", "truth", "shapes"]
 
 

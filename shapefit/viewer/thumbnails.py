@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from shapefit.arrays import Floats
 from shapefit.meshes.ellipses import Ellipses, covariances, seen_ellipses
 from shapefit.meshes.views import View, YAxis, upright
 from shapefit.viewer.scene import Layer, Scene
-
-Floats = NDArray[np.float64]
 
 SIDE = 120
 """Width and height of a panel in pixels; there are two."""

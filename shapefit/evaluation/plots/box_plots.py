@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from shapefit.evaluation.averages import Floats, of_names, percentiles
+from shapefit.arrays import Floats
+from shapefit.evaluation.averages import of_names, percentiles
 from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.plots.bars import (
     BARS,

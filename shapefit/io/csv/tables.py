@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats, Integers
 from shapefit.io.csv.grid import GROWTH, Grid, NumberedNames
 from shapefit.io.csv.numbers import read_numbers
 from shapefit.io.csv.text import Block, CsvText
 from shapefit.io.layout import MODE_COUNT
 from shapefit.io.memory import check_fits
 from shapefit.io.problems import Problems
-from shapefit.io.records import Floats, Integers, LandmarkSet, Names, ResultSet, ShapeSet
+from shapefit.io.records import LandmarkSet, Names, ResultSet, ShapeSet
 from shapefit.lifting.verdict import TRUSTED
 
 FINITE_FIX = "write a finite number"

@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 import orjson
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io.csv.tables import DEVIATIONS
 from shapefit.io.layout import Format
 from shapefit.io.options import Summary
-from shapefit.io.records import Floats, LandmarkSet, Records, ResultSet
+from shapefit.io.records import LandmarkSet, Records, ResultSet
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_file, storage_errors, write_all
 from shapefit.io.writing import NOTHING_APPENDED

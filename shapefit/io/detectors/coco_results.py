@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import (
     NAMED_BY_COUNT,
@@ -23,7 +24,7 @@ from shapefit.io.detectors.detections import (
 )
 from shapefit.io.detectors.frame_files import are_series
 from shapefit.io.detectors.json_text import outline, read_json, without_collection
-from shapefit.io.foreign.recording import Floats, Recording
+from shapefit.io.foreign.recording import Recording
 
 ALPHAPOSE_LARGEST = 6.0
 SURELY_NOT_OF_1 = 2.0

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error, listed
-from shapefit.io.foreign.recording import ANYBODY, Floats, Instances, Integers, Recording
+from shapefit.io.foreign.recording import ANYBODY, Instances, Recording
 
 BLOCK = 4096
 """Instances that are given out at a time."""

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Flags
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.records import ShapeSet
-
-Flags = NDArray[np.bool_]
 
 KNOWN_SHARE = 0.9
 """Of the shapes of a recording in which a landmark must be known to be learned from."""

@@ -7,13 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats, Integers
 from shapefit.io.layout import UNKNOWN_UNIT
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 ANYBODY = -1
 """The individual of an instance whose identity over frames is not known."""

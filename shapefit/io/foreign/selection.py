@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, input_error
-from shapefit.io.foreign.recording import ANYBODY, Floats, Instances, Integers, Recording
+from shapefit.io.foreign.recording import ANYBODY, Instances, Recording
 from shapefit.io.options import InputOptions
 
 NOBODY = "individuals without a landmark left out"

@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.io.foreign.recording import ANYBODY, Floats, Instances, Integers
+from shapefit.arrays import Flags, Floats, Integers
+from shapefit.io.foreign.recording import ANYBODY, Instances
 
 REACH = 0.35
 """Of the size of a person (the diagonal of the box): how far landmarks go in a frame, at most, from
@@ -40,7 +41,6 @@ FORGETTING = 0.3
 LARGEST = 1e100
 """Coordinates beyond this are as good as this, and their squares do not overflow."""
 
-Flags = NDArray[np.bool_]
 Pairs = list[tuple[int, int]]
 
 

@@ -6,15 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.geometry.rotations import turns
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.motion.acclaim_skeleton import Skeleton, read_skeleton
 from shapefit.io.motion.text import read_blocks, read_head, read_table
-
-Floats = NDArray[np.float64]
 
 SKELETON, MOTION = ".asf", ".amc"
 

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, input_error
 from shapefit.geometry.rotations import turns
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.motion.text import read_blocks, read_words
-
-Floats = NDArray[np.float64]
 
 ROOT = "root"
 INCH = 0.0254

@@ -7,15 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.geometry.rotations import turns
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.motion.labels import unique_names
 from shapefit.io.motion.text import read_blocks, read_plain, read_table, read_words
-
-Floats = NDArray[np.float64]
 
 TOO_FEW = "frames are announced, but not there"
 

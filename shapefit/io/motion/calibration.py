@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import InputError, input_error, listed
 from shapefit.geometry.lens import COEFFICIENTS, complete
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io.sources import require_file
-
-Floats = NDArray[np.float64]
 
 MATRIX, DISTORTION = ("matrix", "camera_matrix"), ("distortions", "distortion")
 

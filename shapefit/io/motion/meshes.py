@@ -5,16 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error
 from shapefit.io.landmark_names import match_landmarks
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.motion.mesh_landmarks import Places, read_places
 from shapefit.io.records import ShapeSet
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 METRES = ".glb"
 """Endings of the format whose unit is the metre; the others have none."""

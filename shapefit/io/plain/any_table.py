@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from shapefit.arrays import Floats
 from shapefit.errors import InputError, abbreviate, input_error, printable
 from shapefit.io.csv.numbers import read_numbers
 from shapefit.io.csv.rows import bad_line
-from shapefit.io.foreign.recording import Floats, Recording, video_name
+from shapefit.io.foreign.recording import Recording, video_name
 from shapefit.io.motion.recognition import is_anipose
 from shapefit.io.plain.column_names import Columns, understand
 from shapefit.io.plain.point_rows import of_bodies

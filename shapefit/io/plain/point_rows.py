@@ -8,16 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from shapefit.arrays import Floats
 from shapefit.errors import counted, input_error
 from shapefit.io.detectors.frame_files import are_series
-from shapefit.io.foreign.recording import (
-    ANYBODY,
-    FRACTION,
-    Floats,
-    Instances,
-    Recording,
-    video_name,
-)
+from shapefit.io.foreign.recording import ANYBODY, FRACTION, Instances, Recording, video_name
 from shapefit.io.layout import UNKNOWN_UNIT
 
 BLOCK = 4096

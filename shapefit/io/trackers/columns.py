@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, input_error, printable
-from shapefit.io.foreign.recording import Floats, Instances
+from shapefit.io.foreign.recording import Instances
 
 COORDINATES = ("x", "y", "z", "likelihood")
 

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error, listed, printable
-from shapefit.io.foreign.recording import Floats, Instances, Recording, video_name
+from shapefit.io.foreign.recording import Instances, Recording, video_name
 from shapefit.io.sources import HDF5_SIGNATURE
 from shapefit.io.trackers.columns import Layout, arrange
 from shapefit.io.trackers.frame_names import image_labels, number_labels

@@ -14,8 +14,9 @@ from re import sub
 
 import numpy as np
 
+from shapefit.arrays import Integers
 from shapefit.errors import input_error
-from shapefit.io.foreign.recording import Instances, Integers, Recording, video_name
+from shapefit.io.foreign.recording import Instances, Recording, video_name
 from shapefit.io.trackers.reading import TrackerFile
 
 POINTS, CONFIDENCE = "poseest/points", "poseest/confidence"

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
-from shapefit.io.foreign.recording import Floats, Instances, Recording, video_name
+from shapefit.io.foreign.recording import Instances, Recording, video_name
 from shapefit.io.trackers.frame_names import number_labels
 from shapefit.io.trackers.reading import DAMAGED, TrackerFile, check_unique, text
 

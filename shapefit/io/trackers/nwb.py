@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error
-from shapefit.io.foreign.recording import Floats, Instances, Recording, video_name
+from shapefit.io.foreign.recording import Instances, Recording, video_name
 from shapefit.io.trackers.frame_names import number_label
 from shapefit.io.trackers.nwb_groups import Animal, animals, edges_of, landmarks_of
 from shapefit.io.trackers.reading import BLOCK_FRAMES, TrackerFile, frame_ranges

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error
-from shapefit.io.foreign.recording import Floats
 from shapefit.io.trackers.reading import DAMAGED, TrackerFile, check_unique, read_edges, text
 
 TYPE = "neurodata_type"

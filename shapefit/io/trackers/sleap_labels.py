@@ -15,14 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Integers
 from shapefit.errors import input_error
-from shapefit.io.foreign.recording import (
-    ANYBODY,
-    Instances,
-    Integers,
-    Recording,
-    video_name,
-)
+from shapefit.io.foreign.recording import ANYBODY, Instances, Recording, video_name
 from shapefit.io.trackers.reading import BLOCK_FRAMES, DAMAGED, TrackerFile, frame_ranges
 from shapefit.io.trackers.sleap_metadata import Metadata, read_metadata
 

@@ -12,12 +12,13 @@ import orjson
 from numpy.typing import NDArray
 
 from shapefit import __version__
+from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io.extras import METRES_PER_UNIT, Extras
 from shapefit.io.foreign.sources import FRAME
 from shapefit.io.layout import Format
 from shapefit.io.options import Summary
-from shapefit.io.records import Floats, LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_file, write_all
 from shapefit.io.writing import NOTHING_APPENDED

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.geometry.length_units import metres_in
 from shapefit.geometry.upright import IMAGE_UP, TO_Y_UP, nearest_axis_up
@@ -21,9 +21,6 @@ from shapefit.io.written.tracks import (
     EXTRINSIC_TRANSLATION,
     Solid,
 )
-
-Floats = NDArray[np.float64]
-
 
 FARTHEST = 100.0
 """Metres from a camera to the origin of its world in any room or arena."""

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import counted, input_error
 from shapefit.io.options import OutputOptions
-from shapefit.io.records import Floats, Names
+from shapefit.io.records import Names
 from shapefit.io.written.metres import in_metres
 from shapefit.io.written.tracks import Track
 from shapefit.io.written.verdicts import Verdicts, find_verdicts

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.io.skeletons import PEOPLE, people_joints
-
-Floats = NDArray[np.float64]
 
 ANKLE_TO_SHOULDER = 0.818 - 0.039
 """Share of the height of a person between the heights of ankles and shoulders (R. Drillis and R.

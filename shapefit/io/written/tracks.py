@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Integers
 from shapefit.errors import abbreviate, input_error
 from shapefit.io.extras import METRES_PER_UNIT, Extras
 from shapefit.io.foreign.sources import FRAME
@@ -14,7 +14,6 @@ from shapefit.io.records import ResultSet, ShapeSet, concatenate
 from shapefit.lifting.verdict import DOUBT, PLAUSIBILITY
 
 Solid = ShapeSet | ResultSet
-Integers = NDArray[np.int64]
 
 CAMERA_TRANSLATION = "camera_translation"
 EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION = "extrinsic_rotation", "extrinsic_translation"

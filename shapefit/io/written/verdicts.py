@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from shapefit.io.records import Floats, Integers, Names
+from shapefit.arrays import Floats, Integers
+from shapefit.io.records import Names
 from shapefit.io.written.tracks import Track
 from shapefit.lifting.verdict import DOUBT, PLAUSIBILITY
 

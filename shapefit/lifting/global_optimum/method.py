@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.lifting.estimate import Estimate
@@ -19,8 +19,6 @@ from shapefit.lifting.shared_rotation.methods import (
     describe,
     refine_convex,
 )
-
-Floats = NDArray[np.float64]
 
 
 def find_global(problem: Problem, settings: Settings) -> Estimate:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit import core
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.lifting.global_optimum.optimum import Limits
 from shapefit.lifting.reconstruction import combine
-
-Floats = NDArray[np.float64]
 
 APART = np.deg2rad(20.0)
 """Least angle between two modes."""

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 STATUS = (

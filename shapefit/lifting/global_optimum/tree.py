@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

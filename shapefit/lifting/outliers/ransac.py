@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
 
 
 def find_consensus(

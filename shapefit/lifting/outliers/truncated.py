@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Flags, Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution
 from shapefit.core.stretches import run_stretches
@@ -20,8 +20,6 @@ from shapefit.geometry.normalisation import spread
 from shapefit.lifting.degeneracy import BEYOND_CHANCE
 from shapefit.lifting.reconstruction import reconstruct
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Solve = Callable[[Problem], Solution]
 
 # Of mu from round to round, as in the paper. 10 takes a quarter of the time, and on the cars of the

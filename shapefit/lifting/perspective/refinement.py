@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
+from shapefit.arrays import Floats
 from shapefit.convex.solution import Status
 from shapefit.geometry.pinhole import Camera
 from shapefit.lifting.estimate import STATUS
 from shapefit.lifting.options import PerspectiveOptions
 from shapefit.lifting.perspective.start import place_in_depth
-
-Floats = NDArray[np.float64]
 
 FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 """How a refinement without a result ends."""

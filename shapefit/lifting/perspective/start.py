@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit import core
+from shapefit.arrays import Floats
 from shapefit.geometry.pinhole import Camera
-
-Floats = NDArray[np.float64]
 
 
 def place_in_depth(

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
@@ -21,7 +22,6 @@ from shapefit.lifting.perspective.start import mean_coefficients
 from shapefit.lifting.reconstruction import combine, is_active
 from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
 
-Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 REASONS = {

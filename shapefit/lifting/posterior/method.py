@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.pinhole import Camera, project
@@ -16,8 +16,6 @@ from shapefit.lifting.posterior.plausibility import find_plausibility
 from shapefit.lifting.posterior.posterior import Gross, Posterior, find_posterior
 from shapefit.lifting.posterior.rays import face, find_rays, place, stretch_noise
 from shapefit.lifting.posterior.starts import find_starts
-
-Floats = NDArray[np.float64]
 
 CORRELATION = "shape_correlation"
 """Dataset (n, p, 3) of the correlations of x with y, x with z and y with z of each landmark."""

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
+from shapefit.arrays import Floats
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import centroid
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.pinhole import Camera
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution
 from shapefit.lifting.methods import Settings
@@ -15,8 +15,6 @@ from shapefit.lifting.shared_rotation.pose import (
     spread_views,
     turn_in_plane,
 )
-
-Floats = NDArray[np.float64]
 
 VIEWS = 6
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.core.stretches import on_threads
 from shapefit.lifting.posterior.posterior import Modes
 from shapefit.lifting.sequences.noise import LEAST_TURN, find_haste, find_noise, find_turn
@@ -17,7 +18,6 @@ from shapefit.lifting.sequences.observations import Observations, observe
 from shapefit.lifting.sequences.smoothing import Model, smooth
 from shapefit.lifting.sequences.steady import steady
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
 FEWEST = 3

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
 
 SHARE = 0.4
 """r, chosen on clips of subject 86 that the prior had not seen: exact landmarks, white noise,

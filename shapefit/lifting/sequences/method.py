@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting
@@ -16,8 +16,6 @@ from shapefit.lifting.posterior.method import CORRELATION, lift_to_posterior
 from shapefit.lifting.sequences.clips import Clips, Motion, parts, refine_clips, says_something
 from shapefit.lifting.sequences.common_error import SHARE, add_common_error, nearest_known
 from shapefit.lifting.sequences.observations import MOST_MODES
-
-Floats = NDArray[np.float64]
 
 NOISE = "sequence_noise"
 """Dataset of the noise (n,) of a coordinate that was found in the sequence of each image."""

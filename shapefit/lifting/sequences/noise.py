@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.lifting.sequences.observations import Observations
 from shapefit.lifting.sequences.smoothing import Model, Smoothed, first_lengths, smooth
-
-Floats = NDArray[np.float64]
 
 LEVELS = (0.003, 0.01, 0.03, 0.06)
 """Standard deviations of a coordinate that are tried, in units of the size of the landmarks.

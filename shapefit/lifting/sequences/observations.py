@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
 
 MOST_MODES = 4
 """Modes of a frame that count; the others have next to no share."""

@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
+from shapefit.arrays import Floats
 from shapefit.lifting.sequences.observations import Observations
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
 STILL = 1e-2

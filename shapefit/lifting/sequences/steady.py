@@ -12,10 +12,9 @@ sequences that know no better.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
 
 DIFFERENCE = (1.0, -2.0, 1.0)
 

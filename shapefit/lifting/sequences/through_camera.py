@@ -14,13 +14,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.pinhole import project
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.posterior.rays import find_rays
 
-Floats = NDArray[np.float64]
 Refine = Callable[[Lifting, Floats], Lifting]
 
 ROUNDS = 2

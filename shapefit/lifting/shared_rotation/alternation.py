@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.lifting.estimate import STATUS
 from shapefit.lifting.methods import AlternationOptions
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
 from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation, replace_rows
@@ -21,8 +22,6 @@ from shapefit.lifting.shared_rotation.pose import (
     turn_in_plane,
 )
 from shapefit.lifting.shared_rotation.synchronisation import synchronise
-
-Floats = NDArray[np.float64]
 
 
 def refine_convex(problem: Problem, settings: Settings) -> Estimate:

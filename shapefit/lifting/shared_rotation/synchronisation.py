@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit import core
-
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
 
 
 @dataclass(frozen=True)

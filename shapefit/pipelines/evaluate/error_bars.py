@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.evaluation.calibration import ErrorBars, find_levels
 from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, PLAUSIBILITY, TRUE_ROTATION
@@ -16,8 +16,6 @@ from shapefit.io.landmark_names import match_landmarks
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate.judgement import Judgement, common_landmarks
 from shapefit.pipelines.evaluate.result_datasets import find_dataset
-
-Floats = NDArray[np.float64]
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
 """Coordinates of a landmark, in the order of the correlations."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config.commands.evaluate import MOST_EXAMPLES
 from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.averages import slices
@@ -28,7 +29,6 @@ from shapefit.pipelines.items import matches, spread
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 KEY = "examples"
 AT_A_TIME = 1 << 14

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config.commands.evaluate import (
     BEST_COMBINATION,
     MEAN_SHAPE,
@@ -30,8 +30,6 @@ from shapefit.io.spilled.texts import Texts
 from shapefit.pipelines.evaluate.judgement import Judgement, common_landmarks
 from shapefit.pipelines.evaluate.measurement import in_both_units
 from shapefit.pipelines.items import named_items
-
-Floats = NDArray[np.float64]
 
 METRIC = "similarity"
 KEY = "floors.leave_out"

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, input_error
-from shapefit.evaluation.averages import Floats, labels_of
+from shapefit.evaluation.averages import labels_of
 from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.summary import ImageErrors, group_sequences
 from shapefit.pipelines.evaluate.judgement import Judgement

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.metric_table import METRICS, ROTATION, TRUE_ROTATION
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
@@ -22,7 +23,6 @@ from shapefit.pipelines.evaluate.measurement import Kind, datasets_of, measure
 from shapefit.pipelines.evaluate.result_datasets import find_dataset
 from shapefit.pipelines.items import named_items
 
-Floats = NDArray[np.float64]
 Frame = Literal["object", "camera", "line-of-sight"]
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.evaluation import metrics as measures
 from shapefit.evaluation.metric_table import (
     BOX,
@@ -21,7 +22,6 @@ from shapefit.evaluation.metric_table import (
 )
 from shapefit.evaluation.report import NORMALISED
 
-Floats = NDArray[np.float64]
 Kind = tuple[str, str]
 """A metric and its unit."""
 

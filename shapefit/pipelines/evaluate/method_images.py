@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error, path_text
-from shapefit.evaluation.averages import Coder, Floats, Labels
+from shapefit.evaluation.averages import Coder, Labels
 from shapefit.evaluation.calibration import INSIDE
 from shapefit.evaluation.metric_table import SHARE
 from shapefit.evaluation.report import Method

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.io import ResultSet
@@ -21,8 +21,6 @@ from shapefit.meshes.pictures import FittedImage
 from shapefit.pipelines.export.carried_mesh import Pose, find_meshes, find_obstacle
 from shapefit.pipelines.export.meshes import has_shape
 from shapefit.pipelines.export.placement import required
-
-Floats = NDArray[np.float64]
 
 
 def fitted_image(

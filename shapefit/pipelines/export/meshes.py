@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config.fit.export import ExportConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
@@ -21,7 +22,6 @@ from shapefit.pipelines.export.carried_mesh import Pose, find_meshes, find_obsta
 from shapefit.pipelines.export.placement import ModelPlacement
 from shapefit.pipelines.items import ChosenItems
 
-Floats = NDArray[np.float64]
 Encode = Callable[[Floats, Floats | None], Files]
 """Takes the points of one image, and its landmarks where they are wanted."""
 

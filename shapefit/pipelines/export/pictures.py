@@ -6,9 +6,7 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from shapefit.arrays import Floats
 from shapefit.config.fit.export import PicturesConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation.plots.bars import save
@@ -24,7 +22,6 @@ from shapefit.pipelines.items import ChosenItems, spread
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 SHEETS = (PurePosixPath("contact_sheet"), PurePosixPath("contact_sheet%"))
 """Names of the contact sheet: the usual one, and what the file of an item is never called."""

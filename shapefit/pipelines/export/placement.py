@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config.fit.export import ExportConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import ResultSet
@@ -17,8 +17,6 @@ from shapefit.meshes.dense import (
     metric_scale,
 )
 from shapefit.pipelines.export.carried_mesh import Pose
-
-Floats = NDArray[np.float64]
 
 
 def required(values: Floats | None) -> Floats:

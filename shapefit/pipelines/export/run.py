@@ -10,9 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from shapefit.arrays import Floats
 from shapefit.config import FitConfig
 from shapefit.config.fit.export import ExportConfig, PicturesConfig
 from shapefit.dictionary.model import Dictionary
@@ -28,8 +26,6 @@ from shapefit.stores.writing import refuse_folder
 if TYPE_CHECKING:
     from shapefit.pipelines.export.meshes import MeshExport
     from shapefit.pipelines.export.pictures import PictureExport
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

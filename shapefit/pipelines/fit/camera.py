@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config.fit.camera import CAMERA_MATRIX, ViewingConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
@@ -24,7 +24,6 @@ from shapefit.lifting.options import PerspectiveOptions
 if TYPE_CHECKING:
     from shapefit.io.motion.calibration import CalibratedCamera
 
-Floats = NDArray[np.float64]
 
 DISTORTION = "distortion"
 """Dataset (m,) or (n, m) of landmarks: coefficients of OpenCV's model, m = 4, 5 or 8."""

@@ -8,8 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
     from shapefit.pipelines.fit.outlier_search import Agreement
 
-Floats = NDArray[np.float64]
 Lifter = Callable[[LandmarkSet, Dictionary], Lifting]
 """Lifts images, whose landmarks are those of the dictionary."""
 

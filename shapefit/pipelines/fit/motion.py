@@ -7,14 +7,12 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import match_landmarks, read_shapes
 from shapefit.lifting.sequences.clips import Motion
-
-Floats = NDArray[np.float64]
 
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows none, in units

@@ -10,6 +10,7 @@ from hashlib import blake2b
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Flags, Floats
 from shapefit.config.fit.outliers import OutliersConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
@@ -19,8 +20,6 @@ from shapefit.lifting.options import SEARCHED
 from shapefit.lifting.outliers.ransac import find_consensus
 from shapefit.lifting.outliers.truncated import Solve, find_untruncated
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 MOST_ROUNDS = 100
 """Of fitting and judging again, per image; they settle after a few."""
 

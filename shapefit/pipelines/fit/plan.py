@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.convex.newton import solve_newton
@@ -41,8 +42,6 @@ from shapefit.pipelines.reading import input_options
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
     from shapefit.lifting.methods import Solve
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

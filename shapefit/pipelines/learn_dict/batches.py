@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.learning import evenly
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.motion import MotionSums
@@ -32,7 +33,6 @@ from shapefit.pipelines.learn_dict.training_shapes import (
 )
 from shapefit.pipelines.outcome import Failure
 
-Floats = NDArray[np.float64]
 Partners = NDArray[np.int64]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.mixture_learning import cross_validate, learn_mixture
@@ -18,8 +19,6 @@ from shapefit.pipelines.learn_dict.training_shapes import (
     TrainingShapes,
     chosen_landmarks,
 )
-
-Floats = NDArray[np.float64]
 
 
 def learn_prior(

@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit import __version__
+from shapefit.arrays import Floats
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.batches import improve
 from shapefit.dictionary.coding import sparse_code
@@ -34,9 +34,6 @@ from shapefit.pipelines.learn_dict.training_shapes import (
 )
 from shapefit.pipelines.outcome import Outcome
 from shapefit.pipelines.reading import input_options
-
-Floats = NDArray[np.float64]
-
 
 Making = Generator[Outcome, None, Dictionary]
 """Yields an outcome a round, and returns the dictionary; the last outcome sums up."""

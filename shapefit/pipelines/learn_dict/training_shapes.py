@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.motion import find_acceleration, find_give
 from shapefit.dictionary.size import find_edge_length
@@ -22,8 +23,6 @@ from shapefit.io import ShapeSet, match_landmarks
 from shapefit.meshes.dense import carry_mesh
 from shapefit.pipelines.learn_dict.symmetry import apply_symmetry, find_partners
 from shapefit.pipelines.outcome import Failure, Note
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,9 +6,9 @@ import json
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit import __version__
+from shapefit.arrays import Floats
 from shapefit.config import ProjectConfig
 from shapefit.geometry import cameras
 from shapefit.geometry.rotations import random_rotations
@@ -31,8 +31,6 @@ from shapefit.pipelines.project.imperfections import (
 )
 from shapefit.pipelines.project.turntable import Turntable, sequence_lengths
 from shapefit.pipelines.reading import input_options
-
-Floats = NDArray[np.float64]
 
 TRUE_ROTATION = "true_rotation"
 OF_THE_VIEW = (TRUE_ROTATION, CORRUPTED)

@@ -6,11 +6,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.io import ShapeSource
-
-Floats = NDArray[np.float64]
 
 
 def sequence_lengths(source: ShapeSource) -> Counter[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, counted
@@ -31,8 +32,6 @@ from shapefit.pipelines.view.pictures import embed, find_images
 from shapefit.pipelines.view.truth import Truth, read_truth, renamed_edges
 from shapefit.stores.locations import location
 from shapefit.viewer.scene import Layer, MeshSet, Picture, Scene
-
-Floats = NDArray[np.float64]
 
 MOST_MESHES = 200
 """Meshes of shapes that a page holds, at most."""

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io.kinds.listing import AnyRecords, Listing, read_chunks
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.lifting.verdict import DOUBT
-
-Floats = NDArray[np.float64]
 
 CAMERA = ("camera_translation", "focal", "principal_point")
 """Datasets that describe how a camera sees the shapes of a result in perspective."""

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation import metrics
@@ -17,8 +18,6 @@ from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT
 from shapefit.pipelines.view.gathering import CAMERA, JUDGEMENTS, Gathered
 from shapefit.viewer.scene import Blend, Layer, Measure
-
-Floats = NDArray[np.float64]
 
 SEVERITY = {
     Status.OPTIMAL.value: 0.1,

@@ -9,14 +9,13 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
 from shapefit.errors import input_error
 from shapefit.io import ShapeSet, ShapeSource, open_shapes
 from shapefit.pipelines.reading import input_options
 from shapefit.pipelines.view.frames import Frames
 from shapefit.pipelines.view.gathering import Gathered
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

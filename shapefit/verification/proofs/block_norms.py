@@ -9,9 +9,8 @@ are of terms that are not negative, so that the norms are right to a few roundin
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from shapefit.arrays import Floats
 
 
 def nuclear_norms(x: Floats, y: Floats) -> Floats:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.verification.check import Check, check
 from shapefit.verification.proofs.program import Value
 from shapefit.verification.subject import Subject
-
-Floats = NDArray[np.float64]
 
 
 def check_camera(subject: Subject, S: Value) -> list[Check]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Flags, Floats
 from shapefit.verification.check import Check, check, flagged
 from shapefit.verification.proofs.program import (
     Value,
@@ -26,9 +26,6 @@ from shapefit.verification.proofs.reconstruction import (
 from shapefit.verification.proofs.transforms import Transforms
 from shapefit.verification.statements import LIMITED, OPTIMAL
 from shapefit.verification.subject import Subject
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 ORTHOGONAL = 1e-3
 """Most that M M^T / c^2 may differ from I, in the Frobenius norm, where M counts as orthogonal."""

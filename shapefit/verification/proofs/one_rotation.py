@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.verification.check import Check, check, flagged
 from shapefit.verification.proofs.camera import check_camera
 from shapefit.verification.proofs.program import (
@@ -23,8 +23,6 @@ from shapefit.verification.proofs.reconstruction import (
     check_shapes,
 )
 from shapefit.verification.subject import Subject
-
-Floats = NDArray[np.float64]
 
 
 def check_one_rotation(subject: Subject, D: Value | None) -> list[Check]:

@@ -14,16 +14,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Flags, Floats
 from shapefit.verification.check import Check, check
 from shapefit.verification.images import Images
 from shapefit.verification.proofs.block_norms import nuclear_norms
 from shapefit.verification.proofs.transforms import Atoms
 from shapefit.verification.terms import Terms
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,11 @@ follow from a system of linear equations, and must not be negative.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.verification.check import Check, check
 from shapefit.verification.proofs.reconstruction import check_proper
 from shapefit.verification.subject import Subject
-
-Floats = NDArray[np.float64]
 
 NEAR = 1e-6
 """Share of lambda by which an atom in use may fall short of it."""

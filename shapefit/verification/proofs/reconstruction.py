@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Flags, Floats
 from shapefit.verification.check import Check, check
 from shapefit.verification.proofs.program import Value
 from shapefit.verification.subject import Subject
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 ACTIVE = 1e-6
 """Share of the largest coefficient of an image beyond which an atom is active."""

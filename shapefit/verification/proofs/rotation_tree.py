@@ -22,13 +22,12 @@ from itertools import combinations, combinations_with_replacement, permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Flags, Floats
 from shapefit.verification.check import Check, check
 from shapefit.verification.images import Images
 from shapefit.verification.proofs.transforms import Atoms
 from shapefit.verification.subject import Subject
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Indices = NDArray[np.integer]
 
 HOLD_ALL = "the cells hold all rotations"

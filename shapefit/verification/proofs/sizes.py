@@ -8,13 +8,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.length_units import metres_in
 from shapefit.geometry.normalisation import spread
 from shapefit.io import ResultSet
 from shapefit.verification.check import Check, check
 from shapefit.verification.rounding import rounding_factor
-
-Floats = NDArray[np.float64]
 
 EDGES, SPREAD = "edges", "spread"
 

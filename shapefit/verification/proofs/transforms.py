@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.verification.proofs.block_norms import polar_rows, spectral_norms, third_rows
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
 MOST_CONDITION = 2.0**52

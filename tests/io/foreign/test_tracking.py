@@ -12,12 +12,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from shapefit.arrays import Floats
 from shapefit.io import open_landmarks
 from shapefit.io.foreign.recording import ANYBODY, Instances
 from shapefit.io.foreign.tracking import LONGEST_GAP, assign, joined
 from shapefit.io.options import InputOptions
-
-Floats = NDArray[np.float64]
 
 FIGURE = np.array(
     [

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.rotations import rotation_about
-
-Floats = NDArray[np.float64]
 
 TAU_SQUARE = 900.0
 
