@@ -207,7 +207,7 @@ def test_a_pipe_is_refused(write):
 
 def test_without_pyarrow_the_fix_is_named(write, problems, without_pyarrow):
     path = write()
-    fix = "these files need the library pyarrow, which is not installed; run `pip install 'shapef"
+    fix = "these files need the library pyarrow, which is not installed; run `pip install "
     (line,) = problems(read, path)
     assert line.startswith(f"Parquet: {fix}")
     (line,) = problems(lambda: landmark_writer(path).__enter__())
