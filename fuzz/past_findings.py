@@ -19,7 +19,10 @@ import numpy as np
 Command = tuple[str, ...]
 Finding = Callable[[Path], Command]
 
-SEEDS = (("hdf5", 118), ("hdf5", 231), ("hdf5", 362), ("hdf5", 487), ("set", 1663), ("hdf5", 6168))
+SEEDS = (
+    *(("hdf5", 118), ("hdf5", 231), ("hdf5", 239), ("hdf5", 362), ("hdf5", 487), ("hdf5", 6168)),
+    ("set", 1663),
+)
 """Kinds and seeds of cases that failed."""
 
 FIT = ("fit", "views.h5", "-d", "dict.h5", "-o", "out.h5", "--set=threads=1")

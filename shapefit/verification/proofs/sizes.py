@@ -46,11 +46,18 @@ class Size:
         return cls(by if size > 0 else "", size, edges, dictionary.atoms, scale)
 
 
+def _stated(result: ResultSet, name: str, *axes: int) -> Floats:
+    """Return a dataset (n, *axes); inf throughout where it is absent or has another shape."""
+    values = np.asarray(result.extras.get(name, np.inf), np.float64)
+    shape = (len(result.shapes), *axes)
+    return values if values.shape == shape else np.full(shape, np.inf)
+
+
 def check_metres(result: ResultSet, size: Size) -> list[Check]:
     """Check the metres in one unit of each shape: as large as the training shapes were."""
     if "metres_per_unit" not in result.extras:
         return []
-    stated, X = np.asarray(result.extras["metres_per_unit"], np.float64), result.shapes
+    stated, X = _stated(result, "metres_per_unit"), result.shapes
     i, j = size.edges.T
     with np.errstate(all="ignore"):
         limbs = np.linalg.norm(X[:, :, i] - X[:, :, j], axis=1).sum(axis=1)
@@ -72,8 +79,7 @@ def check_position(result: ResultSet, size: Size) -> list[Check]:
     """
     if "position" not in result.extras:
         return []
-    stated = np.asarray(result.extras["position"], np.float64)
-    t = np.asarray(result.extras.get("camera_translation", np.nan), np.float64)
+    stated, t = _stated(result, "position", 3), _stated(result, "camera_translation", 3)
     n, claim = len(stated), "position follows from the camera_translation"
     if size.atom_scale is None or result.coefficients is None:
         return [check(claim, np.full(n, np.inf), 0.0)]
