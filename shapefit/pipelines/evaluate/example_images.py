@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from shapefit.config import EvalConfig
 from shapefit.io import ResultSet, ShapeSet, read_results
 from shapefit.io.spilled.columns import Column
 from shapefit.io.spilled.name_index import index_of
 from shapefit.pipelines.evaluate.examples import Lifted, choose, keep
 from shapefit.pipelines.evaluate.judgement import judge
 from shapefit.pipelines.evaluate.method_images import MethodImages, Picked
+from shapefit.pipelines.evaluate.plan import MeasuringOptions
 from shapefit.pipelines.evaluate.truth import Truth
 from shapefit.pipelines.evaluate.visible_enough import visible_enough
 from shapefit.pipelines.items import named_items
@@ -39,7 +39,7 @@ def chosen_items(
 
 
 def read_lifted(
-    config: EvalConfig,
+    options: MeasuringOptions,
     chosen: Sequence[str],
     methods: Sequence[MethodImages],
     truth: Truth,
@@ -53,17 +53,17 @@ def read_lifted(
     for method in methods:
         for file, rows in _places(method, frozenset(chosen)).items():
             results = held[file] if file in held else read_results(file)
-            results, _ = visible_enough(file, results, config.least_visible)
+            results, _ = visible_enough(file, results, options.least_visible)
             shown.append((method.name, file, results.take(rows)))
     keys = [
         key
         for _, file, results in shown
-        for key in named_items(results.items, results.extras, config.match, file, "match")
+        for key in named_items(results.items, results.extras, options.match, file, "match")
     ]
     true = truth.named(keys)
     lifted: dict[str, list[Lifted]] = {}
     for name, file, results in shown:
-        judgement = judge(file, results, true, config.match, ("similarity",))
+        judgement = judge(file, results, true, options.match, ("similarity",))
         lifted.setdefault(name, []).append(keep(results, judgement, true))
     return lifted, true
 

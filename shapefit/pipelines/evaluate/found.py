@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from shapefit.config import EvalConfig
 from shapefit.evaluation.calibration import Coverages, image_shares
 from shapefit.evaluation.solving import Run, count_solved
 from shapefit.evaluation.summary import ImageErrors
@@ -18,6 +17,7 @@ from shapefit.pipelines.evaluate.examples import examples_picture
 from shapefit.pipelines.evaluate.floors import Floors
 from shapefit.pipelines.evaluate.judgement import judge
 from shapefit.pipelines.evaluate.method_images import MethodImages
+from shapefit.pipelines.evaluate.plan import MeasuringOptions
 from shapefit.pipelines.evaluate.report_pages import contact_sheet
 from shapefit.pipelines.evaluate.truth import Truth
 from shapefit.pipelines.evaluate.visible_enough import visible_enough
@@ -36,7 +36,7 @@ class Found:
     the fits.
     """
 
-    def __init__(self, config: EvalConfig, truth: Truth, folder: Path | None) -> None:
+    def __init__(self, options: MeasuringOptions, truth: Truth) -> None:
         self.truth = truth
         self.methods: list[MethodImages] = []
         self.errors: list[ImageErrors] = []
@@ -44,9 +44,8 @@ class Found:
         self.warnings = dict.fromkeys(truth.count_gaps())
         self.sheets: dict[str, dict[Path, None]] = {}
         self.bars: dict[str, Coverages] = {}
-        self.floors = Floors(config.floors, truth.head, folder) if config.floors else None
-        self._config = config
-        self._folder = folder
+        self.floors = Floors(options.floors, truth.head, options.folder) if options.floors else None
+        self._options = options
         self._held: dict[Path, ResultSet] = {}
 
     def judge_all(self, *, hold: bool) -> Iterator[Outcome]:
@@ -54,8 +53,8 @@ class Found:
 
         With `hold` results that cannot be read again stay in memory, to draw examples of them.
         """
-        for name, files in self._config.results.items():
-            images = MethodImages(name, self._folder)
+        for name, files in self._options.results.items():
+            images = MethodImages(name, self._options.folder)
             if self.floors:
                 self.floors.begin_method()
             for file in files:
@@ -67,37 +66,37 @@ class Found:
 
     def draw_examples(self, wanted: int | Sequence[str]) -> Figure:
         """Draw the images that are wanted, of those that no method failed on."""
-        chosen = chosen_items(wanted, self.methods, self._folder)
-        lifted, true = read_lifted(self._config, chosen, self.methods, self.truth, self._held)
+        chosen = chosen_items(wanted, self.methods, self._options.folder)
+        lifted, true = read_lifted(self._options, chosen, self.methods, self.truth, self._held)
         return examples_picture(chosen, lifted, true)
 
     def _judge(self, images: MethodImages, file: Path, *, hold: bool) -> Outcome:
         """Judge one file, which is in memory no longer than that, unless it is to be held."""
-        config, name = self._config, images.name
+        options, name = self._options, images.name
         results = read_results(file)
         if hold:
             self._held[file] = results
-        run = _run_of(results)
         sheet = contact_sheet(str(results.attributes.get("config", "")))
         if sheet is not None:
             self.sheets.setdefault(name, {})[sheet] = None
-        results, too_few = visible_enough(file, results, config.least_visible)
-        keys = named_items(results.items, results.extras, config.match, file, "match")
+        shown, too_few = visible_enough(file, results, options.least_visible)
+        keys = named_items(shown.items, shown.extras, options.match, file, "match")
         truth = self.truth.named(keys)
+        run = _run_of(results)
         judgement = judge(
-            file, results, truth, config.match, config.metrics, frame=config.truth_frame
+            file, shown, truth, options.match, options.metrics, frame=options.truth_frame
         )
         unjudged: tuple[str, ...] = ()
         plausibility, shares = None, None
-        if config.calibration:
-            bars, unjudged = judge_error_bars(name, results, truth, judgement)
-            plausibility = find_plausibility(judgement, results)
+        if options.calibration:
+            bars, unjudged = judge_error_bars(name, shown, truth, judgement)
+            plausibility = find_plausibility(judgement, shown)
             if bars is not None:
                 shares = image_shares(bars)
-                self.bars.setdefault(name, Coverages(config.groups)).add(bars)
+                self.bars.setdefault(name, Coverages(options.groups)).add(bars)
         images.add(judgement, run, plausibility, shares)
         if self.floors:
-            self.floors.add(results, judgement, truth)
+            self.floors.add(shown, judgement, truth)
         new = [w for w in (*too_few, *judgement.warnings, *unjudged) if w not in self.warnings]
         self.warnings |= dict.fromkeys(new)
         return Outcome(

@@ -17,13 +17,12 @@ from shapefit.evaluation.summary import ImageErrors, Summary, summarise
 from shapefit.evaluation.tables import csv_json as tables
 from shapefit.evaluation.tables.errors_document import document, markdown
 from shapefit.evaluation.trust import keep_trusted
-from shapefit.io.spilled.columns import nearest_folder
 from shapefit.io.whole.atomic import digests
-from shapefit.io.whole.folder import Write, check_folder, write_folder
-from shapefit.pipelines.drawing import check_can_draw, draws_plots, plots_left_out
+from shapefit.io.whole.folder import Write, write_folder
 from shapefit.pipelines.evaluate.examples import check_examples
 from shapefit.pipelines.evaluate.found import Found
 from shapefit.pipelines.evaluate.image_errors import find_grouping
+from shapefit.pipelines.evaluate.plan import WritingOptions, plan_evaluation
 from shapefit.pipelines.evaluate.report_pages import contact_sheets, report_pages
 from shapefit.pipelines.evaluate.truth import open_truth
 from shapefit.pipelines.outcome import Outcome
@@ -46,32 +45,25 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     that gives no floors, groups that no sequence belongs to, examples that cannot be drawn, an
     output folder that cannot be written, and plots that are asked for without matplotlib.
     """
-    check_folder(config.output)
-    examples = config.examples if config.plots else 0
-    if examples:
-        check_can_draw("examples")
-    draws = draws_plots(config.plots)
-    folder = nearest_folder(config.output)
-    with open_truth(config, folder) as truth:
-        check_examples(examples, truth.head, config.truth)
-        found = Found(config, truth, folder)
+    plan = plan_evaluation(config)
+    with open_truth(plan.reading, plan.measuring.folder) as truth:
+        check_examples(plan.writing.examples, truth.head, plan.reading.truth)
+        found = Found(plan.measuring, truth)
         if found.warnings:
             yield Outcome(warnings=tuple(found.warnings))
-        yield from found.judge_all(hold=bool(examples))
-        yield _report(config, found, draws, examples)
+        yield from found.judge_all(hold=bool(plan.writing.examples))
+        yield _report(plan.writing, found)
 
 
-def _report(
-    config: EvalConfig, found: Found, draws: bool, examples: int | tuple[str, ...]
-) -> Outcome:
+def _report(options: WritingOptions, found: Found) -> Outcome:
     """Write the report on what was found."""
     errors = found.errors
     if not errors:
-        nothing = f"no image has anything to judge in {', '.join(config.metrics)}"
+        nothing = f"no image has anything to judge in {', '.join(options.metrics)}"
         raise input_error("metrics", nothing, "add `similarity`, which every shape has")
     if found.floors:
         errors = errors + found.floors.errors()
-    grouping, ungrouped = find_grouping(config.groups, errors)
+    grouping, ungrouped = find_grouping(options.groups, errors)
     coverage = [c for name, own in found.bars.items() for c in own.cover(name, grouping)]
     report = Report(
         methods=tuple(images.method() for images in found.methods),
@@ -86,49 +78,38 @@ def _report(
         ),
         without_bars=tuple(m.name for m in found.methods if m.name not in found.bars),
         parallel=tuple(name for name, own in found.bars.items() if own.parallel),
-        provenance=_provenance(config),
+        provenance=_provenance(options),
     )
     writers = _tables([*errors, *found.shares], report)
-    if draws:
+    if options.draws:
         writers |= _plots(errors, report.summaries, grouping)
         if coverage:
             curves = {(c.method, c.group): found.bars[c.method].curve(c.group) for c in coverage}
             writers |= plots.writers("calibration", calibration_plot(coverage, curves))
-    if examples:
-        writers |= plots.writers("examples", found.draw_examples(examples))
-    blocks = [*document(report, MOST_FAILURES), *contact_sheets(found.sheets, config.output)]
-    view, too_many = view_of(config, found)
+    if options.examples:
+        writers |= plots.writers("examples", found.draw_examples(options.examples))
+    blocks = [*document(report, MOST_FAILURES), *contact_sheets(found.sheets, options.output)]
+    view, too_many = view_of(options, found)
     pages = report_pages("report", blocks, writers, errors, view, report.provenance)
-    written = write_folder(config.output, writers | pages.writers)
-    warnings = (*ungrouped, *plots_left_out(config.plots), *too_many, *pages.warnings)
+    written = write_folder(options.output, writers | pages.writers)
+    warnings = (*ungrouped, *options.warnings, *too_many, *pages.warnings)
     return Outcome(warnings=warnings, note=markdown(report).rstrip(), written=written)
 
 
-def view_of(config: EvalConfig, found: Found) -> tuple[ViewConfig | None, tuple[str, ...]]:
-    """Return what the viewer beside the report shows, and a warning where that is too much.
-
-    None without it, and where a pipe was read.
-    """
-    files = [*config.truth, *(file for files in config.results.values() for file in files)]
-    if not config.view or not all(file.is_file() for file in files):
-        return None, ()
+def view_of(options: WritingOptions, found: Found) -> tuple[ViewConfig | None, tuple[str, ...]]:
+    """Return what the viewer beside the report shows, and a warning where that is too much."""
     most = max(found.truth.count, sum(map(len, found.methods)))
-    if most > MOST_VIEWED:
-        why = f"{most:,} images or shapes are more than the {MOST_VIEWED:,} that it is made of"
-        return None, (f"view.html is left out: {why}; `shapefit view` shows a file of them",)
-    view = ViewConfig(
-        files=config.results, truth=config.truth, match=config.match, input=config.input
-    )
-    return view, ()
+    if options.view is None or most <= MOST_VIEWED:
+        return options.view, ()
+    why = f"{most:,} images or shapes are more than the {MOST_VIEWED:,} that it is made of"
+    return None, (f"view.html is left out: {why}; `shapefit view` shows a file of them",)
 
 
-def _provenance(config: EvalConfig) -> dict[str, object]:
-    files = [*config.truth, *(file for files in config.results.values() for file in files)]
-    files += [config.floors.dictionary] if config.floors else []
+def _provenance(options: WritingOptions) -> dict[str, object]:
     return {
         "version": __version__,
-        "config": json.loads(config.as_json()),
-        "inputs": digests(files),
+        "config": json.loads(options.config),
+        "inputs": digests(options.inputs),
     }
 
 

@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from shapefit.config import EvalConfig
 from shapefit.errors import counted
 from shapefit.io import ShapeSource, open_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.io.spilled.name_index import NameIndex
 from shapefit.io.spilled.texts import Texts
-from shapefit.pipelines.reading import input_options
+from shapefit.pipelines.evaluate.plan import ReadingOptions
 
 AT_A_TIME = 1 << 14
 """Shapes that are read at a time to count what they lack."""
@@ -70,7 +69,7 @@ class Truth:
 
 
 @contextmanager
-def open_truth(config: EvalConfig, folder: Path | None) -> Iterator[Truth]:
-    """Open the truth of a config. Raises InputError as `open_shapes` does."""
-    with open_shapes(config.truth, input_options(config.input), gaps=True) as source:
+def open_truth(options: ReadingOptions, folder: Path | None) -> Iterator[Truth]:
+    """Open the truth. Raises InputError as `open_shapes` does."""
+    with open_shapes(options.truth, options.how, gaps=True) as source:
         yield Truth(source, folder)
