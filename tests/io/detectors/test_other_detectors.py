@@ -99,19 +99,19 @@ def test_yolo_labels_with_what_data_yaml_says(written, tmp_path):
 
 
 def test_yolo_without_visibility_and_with_tracks(written, tmp_path):
-    written("data.yaml", "kpt_shape: [2, 2]\n")
-    written("labels/a.txt", "0 .5 .5 .1 .1 .25 .5 0 0 .8 7\n")
+    written("data.yaml", "kpt_shape: [4, 2]\n")
+    written("labels/a.txt", "0 .5 .5 .1 .1 .25 .5 0 0 0 .5 .25 0 .8 7\n")
     images, _ = read(tmp_path / "labels")
     assert images.items == ("labels/id 7/a",)
-    assert np.isnan(images.landmarks[0, 0]).tolist() == [False, True]
+    assert np.isnan(images.landmarks[0, 0]).tolist() == [False, True, False, False]
 
 
 def test_yolo_predictions_of_people_without_data_yaml(written, tmp_path):
-    line = "0 .5 .5 .1 .1" + " .25 .5 .75" * 17 + "\n"
+    line = "0 .5 .5 .1 .1" + " .25 .5 .75" * 16 + " .25 .5 1\n"
     written("labels/v_1.txt", line * 2)
     images, _ = read(tmp_path / "labels")
     assert images.landmark_names[0] == "nose"
-    assert (images.confidence == 0.75).all()
+    assert (images.confidence == [0.75] * 16 + [1]).all()
 
 
 @pytest.mark.parametrize(

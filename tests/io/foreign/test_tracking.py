@@ -189,3 +189,40 @@ def test_the_man_on_the_beam_is_one_person(real_data: Path, camera: str, agreein
         for frame, own in zip(frames, truth, strict=True)
     ]
     assert sum(same) == agreeing
+
+
+def follow(figures: Sequence[Floats], frames: Sequence[int]) -> list[int]:
+    """Return the numbers of the tracks of one figure a frame."""
+    block = Instances(
+        points=np.array(figures),
+        frames=np.array(frames),
+        labels=list(map(str, frames)),
+        individuals=np.full(len(frames), ANYBODY),
+    )
+    return [int(number) for part in joined([block], 1) for number in part.individuals]
+
+
+SIZE = float(np.hypot(56, 170))
+"""Diagonal of the box of FIGURE."""
+
+
+@pytest.mark.parametrize(
+    ("missed", "moved", "same"),
+    [(0, 0.33, True), (0, 0.4, False), (3, 0.6, True), (3, 0.7, False), (9, 0.95, True)],
+)
+def test_the_reach_grows_with_the_frames_that_are_missed(missed, moved, same):
+    """0.35 of the size, and 0.1 for each frame without a detection, up to 1."""
+    there = FIGURE + (moved * SIZE, 0)
+    found = follow([FIGURE, there], [0, missed + 1])
+    assert (found[0] == found[1]) == same
+
+
+@pytest.mark.parametrize(("frames", "same"), [(2, True), (60, False)])
+def test_the_size_of_somebody_half_hidden_shrinks_slowly(frames, same):
+    """It is at least 0.95 of that in the frame before: for some frames hidden limbs count."""
+    half = FIGURE.copy()
+    half[1:4] += (0, 20)
+    half[4:] = np.nan
+    parts = [FIGURE, *[half] * frames, half + (40, 0)]
+    found = follow(parts, list(range(len(parts))))
+    assert (found[0] == found[-1]) == same
