@@ -212,7 +212,7 @@ SIZE = float(np.hypot(56, 170))
 )
 def test_the_reach_grows_with_the_frames_that_are_missed(missed, moved, same):
     """0.35 of the size, and 0.1 for each frame without a detection, up to 1."""
-    there = FIGURE + (moved * SIZE, 0)
+    there = FIGURE + np.array([moved * SIZE, 0])
     found = follow([FIGURE, there], [0, missed + 1])
     assert (found[0] == found[1]) == same
 
@@ -223,6 +223,6 @@ def test_the_size_of_somebody_half_hidden_shrinks_slowly(frames, same):
     half = FIGURE.copy()
     half[1:4] += (0, 20)
     half[4:] = np.nan
-    parts = [FIGURE, *[half] * frames, half + (40, 0)]
+    parts = [FIGURE, *[half] * frames, half + np.array([40, 0])]
     found = follow(parts, list(range(len(parts))))
     assert (found[0] == found[-1]) == same
