@@ -1,4 +1,4 @@
-"""Checks of coordinates that are finite and yet too large to compute with."""
+"""Checks of coordinates that are finite: too large to compute with, or 0 for what is missing."""
 
 from __future__ import annotations
 
@@ -8,8 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.errors import counted
 from shapefit.geometry.normalisation import LARGEST
 from shapefit.io.problems import Problems
+
+AT_ZERO = 0.01
+"""Share of landmarks at exactly (0, 0) from which on there is a warning."""
 
 
 class Axis(NamedTuple):
@@ -40,3 +44,12 @@ def check_magnitudes(
     problems = Problems()
     problems.add(range(len(wrong)), word)
     problems.raise_if_any()
+
+
+def warn_of_zeros(points: NDArray[np.float64]) -> tuple[str, ...]:
+    """Warn of many landmarks (..., 2) at exactly (0, 0), where detectors put what they miss."""
+    there = (points == 0).all(axis=-1)
+    if there.sum() <= AT_ZERO * there.size:
+        return ()
+    found = f"{int(there.sum())} of {counted(there.size, 'landmark')} are at exactly (0, 0)"
+    return (f"{found}: if these were not found, leave them empty, or NaN",)

@@ -16,7 +16,7 @@ from shapefit.io.formats import find_format, find_reader
 from shapefit.io.joined import LandmarkSource, ResultSource, ShapeSource, SourceFile
 from shapefit.io.landmark_names import check_known
 from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Dataset, Format
-from shapefit.io.magnitudes import Axis, check_magnitudes
+from shapefit.io.magnitudes import Axis, check_magnitudes, warn_of_zeros
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import source_name
@@ -136,6 +136,9 @@ def _open(
     if form is SHAPES:
         landmarks = Axis("landmark", records.landmark_names)
         check_magnitudes(name, records.shapes, Axis("item", records.items), landmarks)
+    elif form is LANDMARKS and records.confidence is None:
+        found = warn_of_zeros(records.landmarks.swapaxes(1, 2))
+        notes += tuple(f"{name}: {text}" for text in found)
     stated = getattr(records, "y_axis", None) if known.states_y_axis else None
     file = SourceFile.held(name, records, notes=notes, y_axis=stated)
     return _hiding(file, options.likelihood_below)

@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import counted, input_error
+from shapefit.errors import input_error
 from shapefit.io.detectors.frame_files import are_series
 from shapefit.io.foreign.recording import ANYBODY, FRACTION, Instances, Recording, video_name
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.magnitudes import warn_of_zeros
 
 BLOCK = 4096
-
-AT_ZERO = 0.01
-"""Share of landmarks at exactly (0, 0) from which on there is a warning."""
 
 LEAST, MOST = -0.5, 1.5
 """Coordinates that are all within these are fractions of an image, those outside of it too."""
@@ -51,9 +49,8 @@ def of_bodies(
         at_zero = (points == 0).all(axis=2)
         if confidence is not None:
             points[at_zero & (confidence == 0)] = np.nan
-        elif at_zero.sum() > AT_ZERO * at_zero.size:
-            found = f"{int(at_zero.sum())} of {counted(n * p, 'landmark')} are at exactly (0, 0)"
-            notes += (f"{found}: if these were not found, leave them empty, or NaN",)
+        else:
+            notes += warn_of_zeros(points)
     fraction = dimensions == 2 and are_fractions(points[np.isfinite(points)])
     names = labels if labels is not None else [str(row) for row in range(n)]
     places = np.arange(n) if frames is None else np.array(frames, dtype=np.int64)

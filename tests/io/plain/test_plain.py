@@ -102,6 +102,11 @@ def test_many_landmarks_at_zero_are_a_warning(tmp_path, points):
     np.save(tmp_path / "a.npy", points[:, 0])
     _, (note,) = read(tmp_path / "a.npy")
     assert "3 of 20 landmarks are at exactly (0, 0)" in note
+    rows = [
+        f"{n},{k},{x},{y}" for n, own in enumerate(points[:, 0]) for k, (x, y) in enumerate(own)
+    ]
+    _, (note,) = read(table(tmp_path / "a.csv", "\n".join(["item,landmark,x,y", *rows])))
+    assert "a.csv: 3 of 20 landmarks are at exactly (0, 0)" in note
 
 
 def test_a_depth_beside_a_confidence_is_left_out_and_without_one_it_is_a_shape(tmp_path):
