@@ -136,7 +136,7 @@ def _open(
     if form is SHAPES:
         landmarks = Axis("landmark", records.landmark_names)
         check_magnitudes(name, records.shapes, Axis("item", records.items), landmarks)
-    elif form is LANDMARKS and records.confidence is None:
+    elif isinstance(records, LandmarkSet) and records.confidence is None:
         found = warn_of_zeros(records.landmarks.swapaxes(1, 2))
         notes += tuple(f"{name}: {text}" for text in found)
     stated = getattr(records, "y_axis", None) if known.states_y_axis else None
