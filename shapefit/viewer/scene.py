@@ -120,7 +120,7 @@ def as_json(scene: Scene) -> dict[str, Any]:
     has_images = scene.seen is not None or any(layer.role == "result" for layer in scene.layers)
     in_motion = any(name for name, _ in scene.sequences)
     return {
-        "unit": "" if scene.unit == "unknown" else scene.unit,
+        "unit": shown_unit(scene.unit),
         "yDown": scene.y_down,
         "frameRate": scene.frame_rate or (USUAL_RATE if in_motion else RATE_OF_IMAGES),
         "rateKnown": scene.frame_rate is not None,
@@ -143,6 +143,11 @@ def as_json(scene: Scene) -> dict[str, Any]:
     }
 
 
+def shown_unit(unit: str) -> str:
+    """Return a unit as the page has it: nothing for one that is not known."""
+    return "" if unit == "unknown" else unit
+
+
 def _points(points: Floats) -> dict[str, Any]:
     return block_of_points(points.swapaxes(1, 2))
 
@@ -157,7 +162,7 @@ def _layer(layer: Layer) -> dict[str, Any]:
                 "name": measure.name,
                 "scale": measure.scale,
                 "bad": measure.bad,
-                "unit": measure.unit,
+                "unit": shown_unit(measure.unit),
                 "limit": measure.limit,
                 "values": block_of_coarse_floats(measure.values),
             }
