@@ -70,15 +70,16 @@ COMMANDS = (
         "learn-dict",
         pipeline="learn_dict.run",
         unit="round",
-        summary="Learn a dictionary from 3D shapes.",
-        text="""Learn a dictionary of rotatable basis shapes from 3D shapes.
+        summary="Learn a dictionary from 3D shapes, or from 2D landmarks alone.",
+        text="""Learn a dictionary of rotatable basis shapes from 3D shapes, or from 2D landmarks.
 
-SHAPES are files of 3D shapes in any format that can be read; docs/formats.md lists them. Globs
-work.""",
+SHAPES are files of 3D shapes, or of 2D landmarks seen from different sides (docs/from_2d.md), in
+any format that can be read; docs/formats.md lists them. Globs work.""",
         examples="""\
   shapefit learn-dict train.h5 -o dict.h5
   shapefit learn-dict -c learn-dict.yaml 'train/*.h5' -o dict.h5 --set k=128
   shapefit learn-dict -c cars models.h5 -o cars.h5
+  shapefit learn-dict tracked.csv -o animal.h5
   shapefit learn-dict train.csv -o dict.h5 --set beta=0.05 --print-config""",
         parameters=(_files("shapes"), _output("DICT.h5", "Dictionary file to write (HDF5).")),
     ),

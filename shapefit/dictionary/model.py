@@ -23,7 +23,8 @@ class Dictionary:
     mirror_index (p,) the landmark that a reflection makes of each;
     mesh_vertices (k, 3, q) and mesh_faces (f, 3) travel with the atoms where the training shapes
     had a mesh; atom_scale (k,): atom i measures atom_scale[i] * B_i in `unit`; atom_items (k,):
-    the training shape that each atom is, where the atoms are exemplars; prior is that over shapes;
+    the training shape that each atom is, where the atoms are exemplars; prior is that over shapes,
+    misfit (1,) the variance of a normalised coordinate that it cannot place;
     acceleration (p,): how much the training shapes move, see `find_acceleration`, and their
     frame_rate in Hz; edge_give (e,), how far edges are from rigid, see `find_give`; edge_length
     (e,), the mean lengths of the edges in `unit`; each where it is known;
@@ -43,6 +44,7 @@ class Dictionary:
     unit: str = "unknown"
     atom_items: tuple[str, ...] | None = None
     prior: Mixture | None = None
+    misfit: NDArray[np.float64] | None = None
     acceleration: NDArray[np.float64] | None = None
     edge_give: NDArray[np.float64] | None = None
     edge_length: NDArray[np.float64] | None = None

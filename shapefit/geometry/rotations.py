@@ -77,3 +77,11 @@ def turns(axes: Sequence[int], angles: Floats) -> Floats:
     for place, axis in enumerate(axes):
         rotation = rotation @ turn_about_axis(axis, angles[..., place])
     return rotation
+
+
+def exponential(turns: Floats) -> Floats:
+    """R = exp([omega]_x) of turns omega (..., 3), in radians: (..., 3, 3) (Rodrigues)."""
+    angle = np.linalg.norm(turns, axis=-1)[..., None, None]
+    K = np.cross(turns[..., None, :], np.eye(3)).swapaxes(-1, -2)
+    # np.sinc(x) = sin(pi x) / (pi x), finite at 0
+    return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * K @ K

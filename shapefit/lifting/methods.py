@@ -290,14 +290,7 @@ METHODS: dict[str, Method] = {
         run="shapefit.lifting.sequences.method:lift_frames",
         summary="the posterior of whole sequences: rigid bones, steady motion",
         section=POSTERIOR,
-        needs=(
-            PRIOR,
-            Need(
-                "edges",
-                "the bones, which keep their lengths over a sequence",
-                "learn it from shapes with edges",
-            ),
-        ),
+        needs=(PRIOR,),
         yields=frozenset({"convex_proof", "deviation", "posterior_modes"}),
         further=("log_evidence", "plausibility", "belief", "shape_correlation", "sequence_noise"),
         proves="bound",

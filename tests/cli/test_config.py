@@ -26,7 +26,7 @@ def test_a_section_or_a_key_is_listed_alone(shapefit):
     told = shapefit("config", "fit", "camera")
     assert {line.split(".")[0] for line in told.out.splitlines() if line[0] != " "} == {"camera"}
     told = shapefit("config", "fit", "posterior.misfit")
-    assert told.out.startswith("posterior.misfit: a number > 0; default 0.01\n    Variance")
+    assert told.out.startswith("posterior.misfit: a number > 0; default none\n    Variance")
     assert len([line for line in told.out.splitlines() if line[0] != " "]) == 1
 
 

@@ -200,6 +200,11 @@ class LearnDictConfig(CommandConfig):
         "within the sequence that they explain (pca-bases only).",
     )
 
+    flip: bool = Field(
+        default=False,
+        description="Shapes learned from 2D landmarks: exchange near and far, which landmarks "
+        "alone do not tell apart.",
+    )
     origin: Annotated[OriginConfig, OF_THE_DATA] = Field(
         default_factory=OriginConfig.model_construct,
         description="Where the shapes come from, which the dictionary then says.",

@@ -11,11 +11,12 @@ from shapefit.lifting.methods import PosteriorOptions
 class PosteriorConfig(ConfigModel):
     """How `method: posterior` weighs landmarks against the prior over shapes."""
 
-    misfit: float = Field(
-        default=PosteriorOptions.misfit,
+    misfit: float | None = Field(
+        default=None,
         gt=0,
         description="Variance of a landmark's coordinate that prior and camera do not explain, in "
-        "the unit of normalised shapes, at confidence 1. It is added to the variance of `noise`; "
+        "the unit of normalised shapes, at confidence 1; by default that of the dictionary, or "
+        f"{PosteriorOptions.misfit} where it has none. It is added to the variance of `noise`; "
         "both are divided by the square of the confidence.",
     )
     gross_chance: float = Field(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from shapefit.lifting.posterior.starts import find_starts
 
 CORRELATION = "shape_correlation"
 """Dataset (n, p, 3) of the correlations of x with y, x with z and y with z of each landmark."""
+
+COARSE = 1e-2
+"""Misfit below which views are first sought with this one."""
 
 FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
@@ -40,18 +44,25 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         rays = find_rays(landmarks, camera)
         starts = face(starts, landmarks, seen, camera)
         landmarks, noise, slopes = rays.landmarks, stretch_noise(noise, camera), rays.slopes
-    found = find_posterior(
+    find = partial(
+        find_posterior,
         landmarks,
-        find_misfit(problem, options.misfit),
-        noise,
-        settings.needs["prior"],
-        starts,
-        Gross(options.gross_chance, options.gross_density),
+        noise=noise,
+        prior=settings.needs["prior"],
+        gross=Gross(options.gross_chance, options.gross_density),
         slopes=slopes,
-        modes=modes,
-        covariance=options.covariance,
         max_rounds=options.max_rounds,
         threads=settings.threads,
+    )
+    if options.misfit < COARSE:
+        # Landmarks that are nearly exact look gross from any view but the right one.
+        coarse = find(find_misfit(problem, COARSE), starts=starts)
+        starts = np.concatenate([coarse.rotation[:, None], starts], axis=1)
+    found = find(
+        find_misfit(problem, options.misfit),
+        starts=starts,
+        modes=modes,
+        covariance=options.covariance,
     )
     lost = np.isnan(found.log_evidence)
     translation = found.mean[:, :2].mean(axis=2)

@@ -154,7 +154,8 @@ def refine_clip(
         found.points[rows] = unit * steady(seen.start, spread, acceleration)[finite]
 
     # Unknown lengths of bones that hardly turn fit what the images have wrong alike.
-    if motion.known is None and find_turn(seen, model) < LEAST_TURN:
+    unknown = len(motion.bones) > 0 and motion.known is None
+    if unknown and find_turn(seen, model) < LEAST_TURN:
         steady_images()
         return
     sigma = find_noise(seen, model)

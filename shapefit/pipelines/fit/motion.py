@@ -30,7 +30,7 @@ def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | No
     Of a body whose velocity wanders, second differences grow with the 3/2th power of the time
     between images.
     """
-    assert dictionary.edges is not None  # check_needs
+    edges = np.empty((0, 2), np.int64) if dictionary.edges is None else dictionary.edges
     acceleration = dictionary.acceleration
     if acceleration is None:
         acceleration = np.full(len(dictionary.landmark_names), USUAL)
@@ -38,8 +38,8 @@ def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | No
         acceleration = acceleration * (dictionary.frame_rate / rate) ** 1.5
     give = dictionary.edge_give
     if give is None:
-        give = np.full(len(dictionary.edges), USUAL)
-    return Motion(dictionary.edges, acceleration, np.maximum(give, RIGID), lengths)
+        give = np.full(len(edges), USUAL)
+    return Motion(edges, acceleration, np.maximum(give, RIGID), lengths)
 
 
 def find_lengths(path: Path, dictionary: Dictionary) -> Floats:

@@ -28,6 +28,7 @@ from shapefit.lifting.methods import (
     METHODS,
     ROBUST,
     AlternationOptions,
+    PosteriorOptions,
     Settings,
     choose_method,
 )
@@ -233,7 +234,7 @@ def choose_refinement(config: FitConfig, dictionary: Dictionary) -> Refinement |
                 landmarks,
                 images.sequences or (),
                 motion,
-                config.posterior.misfit,
+                find_misfit(config, dictionary),
                 config.posterior.widening,
                 config.threads,
             )
@@ -261,7 +262,10 @@ def choose_settings(config: FitConfig, dictionary: Dictionary, solve: Solve) -> 
         name, kind = method.section
         section = getattr(config, name)
         keys = type(section).model_fields.keys() & {key.name for key in fields(kind)}
-        options = kind(**{key: getattr(section, key) for key in keys})
+        values = {key: getattr(section, key) for key in keys}
+        if "misfit" in keys:
+            values["misfit"] = find_misfit(config, dictionary)
+        options = kind(**values)
     return Settings(
         solve=solve,
         mean_shape=dictionary.mean_shape,
@@ -271,6 +275,14 @@ def choose_settings(config: FitConfig, dictionary: Dictionary, solve: Solve) -> 
         tolerance=config.solver.tolerance,
         threads=config.threads,
     )
+
+
+def find_misfit(config: FitConfig, dictionary: Dictionary) -> float:
+    """Return the misfit of the config, of the dictionary, or the default."""
+    if config.posterior.misfit is not None:
+        return config.posterior.misfit
+    known = dictionary.misfit
+    return PosteriorOptions.misfit if known is None else float(known[0])
 
 
 def choose_solver(config: FitConfig) -> Solve:

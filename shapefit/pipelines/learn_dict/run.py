@@ -19,13 +19,26 @@ from shapefit.dictionary.model import SUITS, Dictionary
 from shapefit.dictionary.pca_bases import principal_components
 from shapefit.dictionary.summary import Summary, summarise
 from shapefit.errors import counted, input_error
-from shapefit.io import ShapeSource, check_output, digests, open_shapes, write_dictionary
+from shapefit.io import (
+    LandmarkSource,
+    ShapeSet,
+    ShapeSource,
+    check_output,
+    digests,
+    open_landmarks,
+    open_shapes,
+    write_dictionary,
+)
 from shapefit.io.formats import find_writer
+from shapefit.io.kinds.kind import find_kind
 from shapefit.io.layout import DICTIONARY
 from shapefit.io.memory import check_fits
+from shapefit.io.sources import is_stream
 from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.batches import TrainingBatches, find_training_batches
+from shapefit.pipelines.learn_dict.from_2d import learn_from_landmarks
 from shapefit.pipelines.learn_dict.prior import learn_prior
+from shapefit.pipelines.learn_dict.relift import relift
 from shapefit.pipelines.learn_dict.training_shapes import (
     TrainingOptions,
     TrainingShapes,
@@ -48,11 +61,17 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     check_output(config.output)
     find_writer(config.output, DICTIONARY.kind)
     options = plan_training(config)
-    with open_shapes(config.shapes, input_options(config.input)) as source:
-        notes = source.notes
-        training = read_training(source, options, coded=config.method == "sparse-coding")
-    making = make_dictionary(training, config, options, digests(config.shapes))
-    outcome = next(making)
+    if hold_landmarks(config):
+        with open_landmarks(config.shapes, input_options(config.input)) as images:
+            notes = images.notes
+            making = make_from_landmarks(images, config, options)
+            outcome = next(making)
+    else:
+        with open_shapes(config.shapes, input_options(config.input)) as source:
+            notes = source.notes
+            training = read_training(source, options, coded=config.method == "sparse-coding")
+        making = make_dictionary(training, config, options, digests(config.shapes))
+        outcome = next(making)
     outcome = replace(outcome, warnings=notes + outcome.warnings)
     while True:
         try:
@@ -64,6 +83,28 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
         outcome = following
     write_dictionary(config.output, dictionary)
     yield replace(outcome, written=(config.output,))
+
+
+def hold_landmarks(config: LearnDictConfig) -> bool:
+    """Whether the files hold 2D landmarks, so that shapes are learned from them as well."""
+    options = input_options(config.input)
+    given = (path for path in config.shapes if not is_stream(path))
+    return {find_kind(path, options) for path in given} == {"landmarks"}
+
+
+def make_from_landmarks(
+    source: LandmarkSource, config: LearnDictConfig, options: TrainingOptions
+) -> Making:
+    """Learn shapes from 2D landmarks, and then a dictionary from these."""
+    inputs = digests(config.shapes)
+    learned = yield from learn_from_landmarks(source, options.place, config.flip)
+
+    def make(shapes: ShapeSet, components: int, iterations: int) -> Making:
+        prior = config.prior.model_copy(update={"components": components})
+        asked = config.model_copy(update={"prior": prior, "iterations": iterations})
+        return make_dictionary(find_training_shapes(shapes, options), asked, options, inputs)
+
+    return (yield from relift(learned, make, config.prior.components, config.iterations))
 
 
 def plan_training(config: LearnDictConfig) -> TrainingOptions:

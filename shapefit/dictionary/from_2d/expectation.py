@@ -1,0 +1,159 @@
+"""What each image says of its shape and its view, the model given.
+
+With v_j = s^2 rho + sigma^2 / omega_j^2, B = s P R V and the translation as two more columns of B
+with a flat prior, the landmarks less s P R mu, r, have
+
+    M = diag(I, 0) + B^T v^-1 B,   z^ = M^-1 B^T v^-1 r,   alpha = v^-1 (r - B z^),
+    log p = -1/2 (r^T alpha + log |M| + sum 2 log(2 pi v_j)),
+
+and the landmarks of the shape x_j = mu_j + V_j z + (s rho / v_j) (P R)^T (r - B z)_j.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from shapefit.dictionary.from_2d.model import Floats, Gaussian, Images, Views
+from shapefit.geometry.rotations import exponential
+
+DIRECTIONS = 4
+"""Of a view: turns about the axes of the camera, and log s."""
+
+FLAT = 1e-9
+"""Precision of the translation before the image is seen."""
+
+LONGEST = 0.3
+"""Step of a view, in radians and log s."""
+
+TURNS = np.array(
+    [
+        [[0.0, 0.0, 0.0], [0.0, 0.0, -1.0]],
+        [[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]],
+        [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]],
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    ]
+)
+"""P K_o (4, 2, 3): how the image of a point of the camera's frame moves in each direction."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Of n images: log_density (n,), shapes E x (n, 3, p) and translation (n, 2).
+
+    inverse M^-1 (n, q + 2, q + 2) and gain (n, p) = s^2 rho / v, from which covariances follow;
+    gradient (n, 4) and information (n, 4, 4) of the log density by the view; misfit (n,), the sum
+    over the seen landmarks of omega^2 E |e|^2.
+    """
+
+    log_density: Floats
+    shapes: Floats
+    translation: Floats
+    inverse: Floats
+    gain: Floats
+    gradient: Floats
+    information: Floats
+    misfit: Floats
+
+
+def expect(images: Images, views: Views, model: Gaussian) -> Expected:
+    """Return what the images say of shapes and views.
+
+    The gradient is that of the expected log density of image and shape together (Fisher's
+    identity); the information is that of the mean shape, the covariance held.
+    """
+    n, _, p = images.landmarks.shape
+    q = model.modes.shape[2]
+    s = np.exp(views.log_scale)
+    PR = views.rotation[:, :2]
+    sPR = s[:, None, None] * PR
+    omega = images.weights
+    seen = omega > 0
+    rest = (s**2 * model.rest)[:, None]
+    v = rest + model.noise / np.where(seen, omega, 1.0) ** 2
+    u = np.where(seen, 1.0 / v, 0.0)
+    V = model.modes.transpose(1, 0, 2)  # (p, 3, q)
+    B = np.empty((n, p, 2, q + 2))
+    B[..., :q] = np.einsum("nci,piq->npcq", sPR, V, optimize=True)
+    B[..., q:] = np.eye(2)
+    flat = B.reshape(n, 2 * p, q + 2)
+    mean = np.einsum("nci,ip->ncp", sPR, model.mean)
+    r = np.where(seen[:, None], images.landmarks - mean, 0.0).transpose(0, 2, 1)  # (n, p, 2)
+    uB = (u[:, :, None, None] * B).reshape(n, 2 * p, q + 2)
+    M = uB.transpose(0, 2, 1) @ flat
+    M[:, np.arange(q), np.arange(q)] += 1.0
+    M[:, [q, q + 1], [q, q + 1]] += FLAT
+    inverse = np.linalg.inv(M)
+    pull = (uB.transpose(0, 2, 1) @ r.reshape(n, -1, 1))[..., 0]
+    z = (inverse @ pull[..., None])[..., 0]
+    left = r - np.einsum("nkq,nq->nk", flat, z).reshape(n, p, 2)
+    alpha = u[:, :, None] * left
+    log_density = -0.5 * (
+        np.einsum("npc,npc->n", r, alpha)
+        + np.linalg.slogdet(M)[1]
+        + 2 * np.where(seen, np.log(2 * np.pi * v), 0.0).sum(axis=1)
+    )
+    gain = rest * u
+    shapes = (
+        model.mean
+        + np.einsum("piq,nq->nip", V, z[:, :q])
+        + np.einsum("np,nci,npc->nip", gain / s[:, None], PR, left, optimize=True)
+    )
+    # the view: d log p = alpha^T dA x^ - tr(dA C A^T Sigma^-1), of which the second takes the
+    # blocks of each landmark with itself
+    K = inverse @ uB.transpose(0, 2, 1)  # (n, q + 2, 2p)
+    own = np.einsum("nqpc,piq->npic", K[:, :q].reshape(n, q, p, 2), V, optimize=True)
+    BK = np.einsum("npcq,nqpd->npcd", B, K.reshape(n, q + 2, p, 2), optimize=True)
+    stays = (gain / s[:, None])[:, :, None, None] * (np.eye(2) - BK)
+    own += np.einsum("nci,npcd->npid", PR, stays, optimize=True)
+    D = s[:, None, None, None] * np.einsum("oca,nai->noci", TURNS, views.rotation)
+    moved = np.einsum("noci,nip->nopc", D, shapes, optimize=True)
+    gradient = np.einsum("nopc,npc->no", moved, alpha) - np.einsum(
+        "noci,nic->no", D, own.sum(axis=1)
+    )
+    J = np.einsum("noci,ip->nopc", D, model.mean, optimize=True).reshape(n, DIRECTIONS, -1)
+    JB = J @ uB
+    uJ = J * np.repeat(u, 2, axis=1)[:, None]
+    information = J @ uJ.transpose(0, 2, 1) - JB @ inverse @ JB.transpose(0, 2, 1)
+    apart = views.log_scale - model.log_size[images.sequence]
+    log_density -= 0.5 * (apart**2 / model.spread + np.log(2 * np.pi * model.spread))
+    gradient[:, 3] -= apart / model.spread
+    information[:, 3, 3] += 1 / model.spread
+    share = np.where(seen, 1 - gain, 0.0)
+    of_view = np.einsum("npcc->np", BK) * v
+    misfit = (
+        omega**2 * share**2 * ((left**2).sum(axis=2) + of_view) + 2 * omega**2 * share * rest
+    ).sum(axis=1)
+    return Expected(log_density, shapes, z[:, q:], inverse, gain, gradient, information, misfit)
+
+
+def scatter(found: Expected, views: Views, model: Gaussian) -> Floats:
+    """sum_n Cov x_n (3p, 3p)."""
+    n, _, p = found.shapes.shape
+    q = model.modes.shape[2]
+    PR = views.rotation[:, :2]
+    # x = mu + (I - gain R^T P^T P R) V z - gain / s R^T P^T t + ..: columns of z, then of t
+    D = np.empty((n, 3, p, q + 2))
+    PV = np.einsum("nci,ipq->ncpq", PR, model.modes, optimize=True)
+    D[..., :q] = model.modes - np.einsum("np,nci,ncpq->nipq", found.gain, PR, PV, optimize=True)
+    back = np.exp(-views.log_scale)[:, None] * found.gain
+    D[..., q:] = -np.einsum("np,nci->nipc", back, PR)
+    flat = D.reshape(n, 3 * p, q + 2)
+    half = flat @ np.linalg.cholesky(found.inverse)
+    total: Floats = np.tensordot(half, half, axes=([0, 2], [0, 2]))
+    kept = np.einsum("np,nci,ncj->pij", found.gain, PR, PR, optimize=True)
+    own = model.rest * (n * np.eye(3) - kept)
+    blocks = total.reshape(3, p, 3, p)
+    for j in range(p):
+        blocks[:, j, :, j] += own[j]
+    return total
+
+
+def climb(views: Views, found: Expected, damping: Floats) -> Views:
+    """Take a damped scoring step of each view (n,) towards more log density."""
+    trace = found.information.trace(axis1=1, axis2=2)[:, None, None] / DIRECTIONS
+    H = found.information + (damping[:, None, None] * trace + 1e-12) * np.eye(DIRECTIONS)
+    step = np.linalg.solve(H, found.gradient[..., None])[..., 0]
+    step *= np.minimum(1.0, LONGEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
+    return Views(exponential(step[:, :3]) @ views.rotation, views.log_scale + step[:, 3])

@@ -1,0 +1,152 @@
+"""Learning from 2D landmarks: they are lifted, then learned from as 3D shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.dictionary.from_2d.judgement import Judgement, judge
+from shapefit.dictionary.from_2d.learning import State, learn
+from shapefit.dictionary.from_2d.model import Images
+from shapefit.dictionary.mixture import Mixture
+from shapefit.errors import counted, input_error
+from shapefit.geometry.normalisation import normalise, spread
+from shapefit.geometry.procrustes import rotation_onto
+from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet
+from shapefit.io.records import concatenate
+from shapefit.pipelines.outcome import Outcome
+
+Floats = NDArray[np.float64]
+
+FEWEST_SEEN = 4
+"""Landmarks of an image that say something of shapes: any three fit."""
+
+LEAST_MISFIT = 1e-4
+"""Variance of a normalised coordinate: where less is believed, a landmark a little off is gross."""
+
+FEWEST_IMAGES = 20
+"""Images from which depth can be learned at all."""
+
+
+@dataclass(frozen=True)
+class Learned:
+    """The images that say something, their shapes before the camera, and what was learned.
+
+    The landmarks of each sequence have the size 1.
+    """
+
+    images: LandmarkSet
+    shapes: ShapeSet
+    state: State
+    judgement: Judgement
+    flip: bool
+
+
+def learn_from_landmarks(
+    source: LandmarkSource, place: str, flip: bool
+) -> Generator[Outcome, None, Learned]:
+    """Lift the images by what they have in common; an outcome a round.
+
+    Raises InputError with the verdict where depth cannot be learned from them.
+    """
+    given = concatenate(list(source.chunks(4096))) if source.count else None
+    some = None if given is None else given.take(says_something(given))
+    if some is None or len(some) < FEWEST_IMAGES:
+        enough = 0 if some is None else len(some)
+        found = f"too few images: {enough} of {source.count} show {FEWEST_SEEN} landmarks or more"
+        raise input_error(place, found, f"give {FEWEST_IMAGES} at least, of different views")
+    images = images_of(some, place)
+    state = None
+    for state in learn(images):
+        per = state.objective / (2 * int((images.weights > 0).sum()))
+        yield Outcome(done=1, unit="round", note=f"evidence {per:.3f} a coordinate")
+    assert state is not None
+    judgement = judge(images, state)
+    if not judgement.fine:
+        fix = "give images from more sides: the camera or the body must turn, and not be flat"
+        raise input_error(place, f"{judgement.verdict} ({report(judgement)})", fix)
+    shapes = ShapeSet(
+        shapes=flipped(state.in_camera, flip),
+        landmark_names=some.landmark_names,
+        items=some.items,
+        sequences=some.sequences,
+        frame_rate=some.frame_rate,
+    )
+    yield Outcome(
+        line=f"{counted(len(some), 'image')}: {judgement.verdict}; {report(judgement)}",
+        warnings=()
+        if flip
+        else (
+            "near and far cannot be distinguished in 2D landmarks alone: look at some shapes, "
+            "and set `flip=true` if near is far",
+        ),
+    )
+    lifted = np.where(some.seen()[:, None], images.landmarks, np.nan)
+    return Learned(replace(some, landmarks=lifted), shapes, state, judgement, flip)
+
+
+def says_something(given: LandmarkSet) -> NDArray[np.bool_]:
+    """Whether each image shows enough landmarks, and not all at one point; (n,)."""
+    seen = given.seen()
+    apart: NDArray[np.bool_] = spread(np.where(seen[:, None], given.landmarks, 0.0), seen) > 0
+    return apart & (seen.sum(axis=1) >= FEWEST_SEEN)
+
+
+def images_of(given: LandmarkSet, place: str) -> Images:
+    """Bring the landmarks of each sequence, or of each image without one, to the size 1.
+
+    Raises InputError for landmarks that no image shows.
+    """
+    seen = given.seen()
+    never = [given.landmark_names[j] for j in np.flatnonzero(seen.sum(axis=0) == 0)]
+    if never:
+        found = f"no image shows {', '.join(never[:3])}"
+        raise input_error(place, found, "leave out landmarks that are never seen")
+    normalised = normalise(given.landmarks, seen)
+    size = normalised.scale
+    sequence = np.zeros(len(given), np.intp)
+    if given.sequences is not None:
+        sequence = np.unique(np.array(given.sequences, dtype=str), return_inverse=True)[1]
+        squares = np.bincount(sequence, size**2) / np.bincount(sequence)
+        size = np.sqrt(squares)[sequence]
+    w = normalised.points * (normalised.scale / size)[:, None, None]
+    return Images(w, given.weights(), sequence)
+
+
+def flipped(shapes: Floats, flip: bool) -> Floats:
+    """Return shapes (n, 3, p), near and far exchanged where asked for."""
+    return shapes * np.array([1.0, 1.0, -1.0 if flip else 1.0])[:, None]
+
+
+def gaussian_prior(learned: Learned, mean: Floats) -> dict[str, Any]:
+    """Return what was learned as `prior` of normalised shapes, turned onto their mean (3, p).
+
+    `misfit` is the variance of what it cannot place. The size of a shape is the image's to find,
+    so that the covariance has no part along the mean.
+    """
+    model = learned.state.model
+    d = model.mean.size
+    scale = float(normalise(model.mean).scale)
+    # where the shapes were flipped, so is their mean
+    mirror = np.diag([1.0, 1.0, -1.0 if learned.flip else 1.0])
+    turn = rotation_onto(mirror @ model.mean, mean) @ mirror
+    mu = (turn @ model.mean) / scale
+    unit = mu.ravel() / np.linalg.norm(mu)
+    Q = (np.eye(d) - np.outer(unit, unit)) @ np.kron(turn, np.eye(d // 3)) / scale
+    C = Q @ model.covariance @ Q.T + 1e-9 * np.eye(d)
+    prior = Mixture(np.ones(1), mu[None], (C + C.T)[None] / 2)
+    return {"prior": prior, "misfit": np.array([max(model.noise / scale**2, LEAST_MISFIT)])}
+
+
+def report(found: Judgement) -> str:
+    """Say how well hidden landmarks were predicted, and what the views are worth."""
+    return (
+        f"hidden landmarks predicted to {found.learned:.3f} of the size of a shape (rigid "
+        f"{found.rigid:.3f}, flat {found.flat:.3f}), evidence of depth {found.gain:.2f} per "
+        f"landmark, views up to {found.turn:.0f} degrees apart, mean shape known to "
+        f"{found.mean_error:.4f}"
+    )

@@ -1,0 +1,94 @@
+"""The expectation against dense Gaussians, and its gradient against differences."""
+
+import numpy as np
+import pytest
+
+from shapefit.dictionary.from_2d.expectation import climb, expect, scatter
+from shapefit.dictionary.from_2d.model import Views
+from shapefit.geometry.rotations import exponential
+
+WIDE = 1e8
+"""Variance of a translation that might be anything."""
+
+
+@pytest.fixture
+def planted(plant):
+    """Few images, some landmarks hidden, confidences that differ, views that are a little off."""
+    made = plant(4, p=6, modes=2, noise=0.02, hidden=0.2)
+    confidence = np.where(made.images.weights > 0, 0.5 + 0.5 * (np.arange(6) % 2), 0.0)
+    made.images = type(made.images)(made.images.landmarks, confidence, made.images.sequence)
+    turned = exponential(np.full((4, 3), 0.05)) @ made.views.rotation
+    made.views = Views(turned, np.array([0.1, -0.1, 0.0, 0.05]))
+    return made
+
+
+def dense(made, i):
+    """Return mean and covariance of the shape and of the seen landmarks, log density, and noise.
+
+    All at once: joint Gaussian of the shape (3p) and the landmarks (2p), the translation wide.
+    """
+    model, p = made.model, made.images.weights.shape[1]
+    A = np.exp(made.views.log_scale[i]) * np.kron(made.views.rotation[i][:2], np.eye(p))
+    seen = np.tile(made.images.weights[i] > 0, 2)
+    omega = np.tile(made.images.weights[i], 2)[seen]
+    A, T = A[seen], np.kron(np.eye(2), np.ones((p, 1)))[seen]
+    C = model.covariance
+    S = A @ C @ A.T + model.noise * np.diag(omega**-2) + WIDE * T @ T.T
+    r = made.images.landmarks[i].ravel()[seen] - A @ model.mean.ravel()
+    gain = C @ A.T @ np.linalg.inv(S)
+    log_density = -0.5 * (
+        r @ np.linalg.solve(S, r) + np.linalg.slogdet(S)[1] + len(r) * np.log(2 * np.pi)
+    )
+    noise_gain = model.noise * np.diag(omega**-2) @ np.linalg.inv(S)
+    e = noise_gain @ r
+    of_noise = model.noise * np.diag(omega**-2) - noise_gain @ (model.noise * np.diag(omega**-2))
+    misfit = float((omega**2 * (e**2 + np.diag(of_noise))).sum())
+    return model.mean.ravel() + gain @ r, C - gain @ A @ C, log_density, misfit
+
+
+def test_shapes_covariances_and_noise_are_those_of_the_joint_gaussian(planted):
+    found = expect(planted.images, planted.views, planted.model)
+    exact = [dense(planted, i) for i in range(4)]
+    for i, (mean, _, _, misfit) in enumerate(exact):
+        np.testing.assert_allclose(found.shapes[i].ravel(), mean, atol=1e-5)
+        assert found.misfit[i] == pytest.approx(misfit, rel=1e-4)
+    total = sum(covariance for _, covariance, _, _ in exact)
+    np.testing.assert_allclose(scatter(found, planted.views, planted.model), total, atol=1e-5)
+
+
+def test_log_density_is_that_of_the_landmarks_up_to_the_wide_translation(planted):
+    found = expect(planted.images, planted.views, planted.model)
+    spread = planted.model.spread
+    of_scale = -0.5 * (planted.views.log_scale**2 / spread + np.log(2 * np.pi * spread))
+    exact = np.array([dense(planted, i)[2] for i in range(4)])
+    flat = np.log(WIDE)  # of both coordinates: 2 / 2 log WIDE
+    np.testing.assert_allclose(found.log_density - of_scale, exact + flat, atol=1e-3)
+
+
+def test_gradient_is_that_of_the_log_density(planted):
+    found = expect(planted.images, planted.views, planted.model)
+    h = 1e-5
+    for direction in range(4):
+        step = np.zeros((4, 4))
+        step[:, direction] = h
+
+        def moved(sign, step=step):
+            turned = exponential(sign * step[:, :3]) @ planted.views.rotation
+            views = Views(turned, planted.views.log_scale + sign * step[:, 3])
+            return expect(planted.images, views, planted.model).log_density
+
+        slope = (moved(1) - moved(-1)) / (2 * h)
+        np.testing.assert_allclose(found.gradient[:, direction], slope, rtol=1e-4, atol=1e-4)
+
+
+def test_climbing_ends_where_the_truth_is(plant):
+    made = plant(20, noise=0.01)
+    off = Views(exponential(np.full((20, 3), 0.1)) @ made.views.rotation, np.full(20, 0.1))
+    views = off
+    for _ in range(20):
+        views = climb(views, expect(made.images, views, made.model), np.full(20, 1e-3))
+    apart = np.linalg.norm(views.rotation - made.views.rotation, axis=(1, 2))
+    assert np.median(apart) < 0.1 * np.median(
+        np.linalg.norm(off.rotation - made.views.rotation, axis=(1, 2))
+    )
+    assert np.abs(expect(made.images, views, made.model).gradient).max() < 1.0

@@ -1,0 +1,48 @@
+"""Planted shapes are recovered, the objective never falls, lost depth is noticed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.dictionary.from_2d.factorisation import complete, find_views
+from shapefit.dictionary.from_2d.judgement import ALIKE, judge
+from shapefit.dictionary.from_2d.learning import learn
+from tests.dictionary.from_2d.conftest import relative_error
+
+
+@pytest.mark.parametrize(("noise", "hidden", "most"), [(0.0, 0.0, 0.02), (0.02, 0.1, 0.06)])
+def test_planted_shapes_are_recovered_and_the_objective_never_falls(plant, noise, hidden, most):
+    made = plant(100, noise=noise, hidden=hidden)
+    states = list(learn(made.images))
+    assert (np.diff([state.objective for state in states]) > 0).all()
+    assert relative_error(states[-1].in_camera, made.shapes) < most
+
+
+def test_rigid_shapes_give_the_views_of_the_truth(plant):
+    made = plant(60, deviation=0.0)
+    W = complete(made.images, 5)
+    (views,) = find_views(W, (3,))
+    between = views.rotation[1:] @ views.rotation[:-1].swapaxes(1, 2)
+    truth = made.views.rotation[1:] @ made.views.rotation[:-1].swapaxes(1, 2)
+    mirror = np.diag([1.0, 1.0, -1.0])
+    apart = min(np.abs(between - truth).max(), np.abs(mirror @ between @ mirror - truth).max())
+    assert apart < 1e-6
+
+
+def test_hidden_landmarks_of_few_factors_are_completed(plant):
+    made = plant(100, modes=1)
+    hidden = replace(made.images, weights=(np.arange(1200).reshape(100, 12) % 10 > 0) * 1.0)
+    whole = complete(made.images, 6)
+    apart = complete(hidden, 6) - whole
+    assert np.sqrt((apart**2).mean()) < 0.05 * whole.std()
+
+
+def test_depth_is_judged_determined_where_views_turn_only(plant):
+    made = plant(80, noise=0.01)
+    *_, state = learn(made.images)
+    assert judge(made.images, state).fine
+    object_frame = np.swapaxes(made.views.rotation, 1, 2) @ made.shapes
+    front = replace(made.images, landmarks=object_frame[:, :2])
+    *_, state = learn(front)
+    assert judge(front, state).verdict == ALIKE

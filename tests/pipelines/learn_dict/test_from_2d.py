@@ -1,0 +1,140 @@
+"""`learn-dict` of 2D landmarks: what is learned lifts them; what cannot be learned is said."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.config import FitConfig, LearnDictConfig
+from shapefit.errors import InputError
+from shapefit.geometry.rotations import random_rotations
+from shapefit.io import LandmarkSet, landmark_writer, read_dictionary, read_results
+from shapefit.pipelines.fit import run as fit
+from shapefit.pipelines.learn_dict import run as learn_dict
+
+N, P = 60, 10
+
+
+@pytest.fixture
+def class_of_shapes(rng):
+    """60 shapes (n, 3, p) before the camera, which bend in two ways."""
+    mean = rng.standard_normal((3, P))
+    bends = 0.15 * rng.standard_normal((2, 3, P))
+    bent = mean + np.einsum("nk,kip->nip", rng.standard_normal((N, 2)), bends)
+    shapes = random_rotations(N, rng) @ bent
+    return shapes - shapes.mean(axis=2, keepdims=True)
+
+
+@pytest.fixture
+def learn(tmp_path):
+    """Return a function that writes landmarks (n, 2, p), learns from them, and returns outcomes."""
+
+    def run(landmarks, further=None, **changes):
+        images = LandmarkSet(
+            landmarks=100.0 * landmarks + 300.0,
+            landmark_names=tuple(f"p{j}" for j in range(landmarks.shape[2])),
+            items=tuple(f"image{i}" for i in range(len(landmarks))),
+        )
+        with landmark_writer(tmp_path / "images.h5") as writer:
+            writer.append(replace(images, **(further or {})))
+        given = {"shapes": tmp_path / "images.h5", "output": tmp_path / "dict.h5", "k": 5}
+        return list(learn_dict.run(LearnDictConfig(**given | changes)))
+
+    return run
+
+
+def lift(tmp_path):
+    """Fit the images by what was learned of them."""
+    config = {"landmarks": tmp_path / "images.h5", "dictionary": tmp_path / "dict.h5"}
+    list(fit.run(FitConfig(**config, output=tmp_path / "result.h5", method="posterior")))
+    return read_results(tmp_path / "result.h5")
+
+
+def error(result, truth, sign):
+    """Mean of ||X - X^|| / ||X||, in the unit of the truth."""
+    found = (result.shapes - result.shapes.mean(axis=2, keepdims=True)) / 100.0
+    apart = np.linalg.norm(found * [[1], [1], [sign]] - truth, axis=(1, 2))
+    return float(np.mean(apart / np.linalg.norm(truth, axis=(1, 2))))
+
+
+def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
+    learn, tmp_path, class_of_shapes
+):
+    outcomes = learn(class_of_shapes[:, :2])
+    assert any("learned; hidden landmarks" in outcome.line for outcome in outcomes)
+    assert any("near and far" in str(text) for outcome in outcomes for text in outcome.warnings)
+    errors = [error(lift(tmp_path), class_of_shapes, sign) for sign in (1, -1)]
+    assert min(errors) < 0.1
+    learn(class_of_shapes[:, :2], flip=True)
+    flipped = [error(lift(tmp_path), class_of_shapes, sign) for sign in (1, -1)]
+    assert int(np.argmin(flipped)) != int(np.argmin(errors))
+    assert min(flipped) < 0.1
+
+
+def test_nothing_reads_a_truth(learn, tmp_path, class_of_shapes):
+    learn(class_of_shapes[:, :2])
+    clean = read_dictionary(tmp_path / "dict.h5")
+    extras = {
+        "true_shapes": np.full((N, P, 3), 1e6),
+        "true_rotation": np.full((N, 3, 3), np.nan),
+        "triangulated_shapes": np.full((N, P, 3), -7.0),
+    }
+    learn(class_of_shapes[:, :2], {"extras": extras})
+    with h5py.File(tmp_path / "images.h5") as file:
+        assert "true_shapes" in file
+    poisoned = read_dictionary(tmp_path / "dict.h5")
+    np.testing.assert_array_equal(clean.atoms, poisoned.atoms)
+    np.testing.assert_array_equal(clean.prior_covariances, poisoned.prior_covariances)
+
+
+def one_view(shapes, rng):
+    turned = np.linalg.inv(np.linalg.svd(shapes[0] @ shapes[0].T)[0])
+    moving = shapes[:1] + 0.15 * rng.standard_normal((N, 1, 1)) * shapes[1:2]
+    return (turned @ moving)[:, :2] + 0.01 * rng.standard_normal((N, 2, P))
+
+
+def flat_class(shapes, rng):
+    plane = shapes[0] * [[1], [1], [0]]
+    return (random_rotations(N, rng) @ plane)[:, :2]
+
+
+@pytest.mark.parametrize(
+    ("make", "verdict"),
+    [
+        (one_view, "views too alike: depth is not determined"),
+        (flat_class, "views too alike: depth is not determined"),
+        (lambda shapes, rng: shapes[:2, :2], "too few images: 2 of 2"),
+        (lambda shapes, rng: np.full((N, 2, P), np.nan), "too few images: 0 of 60"),
+        (lambda shapes, rng: np.repeat(shapes[:1, :2], N, axis=0), "views too alike"),
+        (lambda shapes, rng: np.zeros((N, 2, P)), "too few images: 0 of 60"),
+    ],
+    ids=["one view", "planar", "two images", "all hidden", "identical", "one point"],
+)
+def test_images_that_do_not_determine_depth_end_with_the_verdict(
+    learn, tmp_path, class_of_shapes, rng, make, verdict
+):
+    with pytest.raises(InputError, match=verdict):
+        learn(make(class_of_shapes, rng))
+    assert not (tmp_path / "dict.h5").exists()
+
+
+def test_landmarks_that_no_image_shows_are_named(learn, class_of_shapes):
+    landmarks = class_of_shapes[:, :2].copy()
+    landmarks[:, :, 3] = np.nan
+    with pytest.raises(InputError, match="no image shows p3"):
+        learn(landmarks)
+
+
+def test_missing_landmarks_and_confidences_and_sequences_are_taken(
+    learn, tmp_path, class_of_shapes, rng
+):
+    landmarks = class_of_shapes[:, :2].copy()
+    hidden = rng.random((N, P)) < 0.1
+    landmarks[np.repeat(hidden[:, None], 2, axis=1)] = np.nan
+    further = {
+        "confidence": np.where(hidden, 0.0, 0.9),
+        "sequences": ("a",) * (N // 2) + ("b",) * (N - N // 2),
+    }
+    learn(landmarks, further)
+    assert min(error(lift(tmp_path), class_of_shapes, sign) for sign in (1, -1)) < 0.2
