@@ -29,13 +29,14 @@ from shapefit.io.extras import Extras
 from shapefit.io.kinds.given import check_given_dictionary, given_source
 from shapefit.io.options import Track
 from shapefit.io.records import LandmarkSet, concatenate
-from shapefit.pipelines.fit.landmark_names import name_warnings
 from shapefit.pipelines.fit.plan import plan_fit
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
+from shapefit.pipelines.fit.settle import plan_settling
 from shapefit.pipelines.fit.suited import are_long, choose_suited
 from shapefit.pipelines.outcome import Counted, Note, add_up
 from shapefit.pipelines.reading import input_options
+from shapefit.pipelines.skeletons.landmark_names import name_warnings
 
 CAMERA = "camera_matrix"
 """Dataset that holds the matrices given as `camera`."""
@@ -96,12 +97,14 @@ def fit(
     if matrices is not None:
         extras = Extras.of(dict(images.extras) | {CAMERA: matrices}, len(images))
         images = replace(images, extras=extras)
-    plan = plan_fit(wanted, atoms)
-    report = Report(plan.report, atoms)
+    settle = plan_settling(wanted, atoms)
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
-    messages: dict[str, str | Counted] = {text: text for text in plan.warnings}
     with given_source(images, "landmarks", wanted.input.rename) as source:
+        wanted, _ = settle(source)
+        plan = plan_fit(wanted, atoms, source.head.landmark_names)
+        report = Report(plan.report, atoms)
+        messages: dict[str, str | Counted] = {text: text for text in plan.warnings}
         names = name_warnings(source.head.landmark_names, atoms.landmark_names)
         for batch in lift_source(source, plan):
             outcome = report.of(batch)

@@ -17,6 +17,8 @@ OF_THE_FILE = {
     "extrinsic_rotation": 2,
     "extrinsic_translation": 1,
     "image_size": 1,
+    "input_landmark_names": 1,
+    "landmark_map": 2,
     "mirror_index": 1,
     "removed_distortion": 1,
 }

@@ -1,15 +1,19 @@
-"""The landmarks of the usual detectors of people, and which joints of the dictionary they are.
+"""The landmarks of the usual detectors of people, and where they lie among the joints of `people`.
 
-A file without names says only how many landmarks it has; `keypoints: NAME` names them by one of
-these skeletons.
+    w = (fixed + sum_k theta_k along_k) x + e,    e of standard deviation `apart`
+
+for the joints x of the dictionary: each landmark is a row of weights, which move with a few
+parameters theta. A file without names says only how many landmarks it has; `keypoints: NAME` names
+them by one of these skeletons.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from types import MappingProxyType
+from typing import NamedTuple
 
 PEOPLE = (
     "pelvis",
@@ -30,10 +34,95 @@ PEOPLE = (
 )
 """The joints of the dictionary `people`."""
 
-ELSEWHERE = 0.3
-"""Factor of the confidence of a landmark some 60 to 100 mm away from its joint (docs/people.md)."""
-
 _LIMBS = [joint for joint in PEOPLE if joint not in ("pelvis", "neck", "head")]
+
+
+Weights = Mapping[str, float]
+"""Of joints, by their names."""
+
+
+class Parameter(NamedTuple):
+    """A number in which skeletons and bodies differ: its mean, and the spread of its logarithm."""
+
+    mean: float
+    spread: float
+    what: str
+
+
+THETA: Mapping[str, Parameter] = MappingProxyType(
+    {
+        "head": Parameter(
+            1.5, 0.15, "height of the top of the head above the shoulders, in that of the joint"
+        ),
+        "hips": Parameter(1.15, 0.15, "distance of the hips, in that of the joints"),
+    }
+)
+"""What theta holds. Head and hips were chosen on a man on a beam seen by OpenPose (docs/people.md),
+whose evidence finds 1.35 to 1.65 and 1.15 in each of four cameras, and their spread covers what
+six other bodies asked for."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the body among the joints: w = (fixed + sum_k theta_k along_k) x + e.
+
+    joint     that it stands for in a fit, if any
+    fixed     weights, which add up to 1
+    along     weights by parameter, which add up to 0
+    apart     standard deviation of e, in the unit of normalised shapes
+    alone     whether it stands for the joint alone, or the mean of all such parts does
+    """
+
+    joint: str | None
+    fixed: Weights
+    along: Mapping[str, Weights] = field(default_factory=dict)
+    apart: float = 0.0
+    alone: bool = True
+
+    def weights(self, theta: Mapping[str, float]) -> dict[str, float]:
+        """Return the weights of the joints at a theta."""
+        found = dict(self.fixed)
+        for name, along in self.along.items():
+            for joint, weight in along.items():
+                found[joint] = found.get(joint, 0.0) + theta[name] * weight
+        return found
+
+
+def _beside(joint: str, parameter: str) -> Part:
+    """Return the part that lies on the line through a joint and its pair, about their middle."""
+    pair = f"{'l' if joint[0] == 'r' else 'r'}{joint[1:]}"
+    return Part(joint, {joint: 0.5, pair: 0.5}, {parameter: {joint: 0.5, pair: -0.5}})
+
+
+def _on_head(
+    height: float, aside: float = 0.0, joint: str | None = None, alone: bool = False
+) -> Part:
+    """Return a part of the head at a share of its height above the shoulders, and to its left."""
+    fixed = {"lshoulder": 0.5 + aside, "rshoulder": 0.5 - aside}
+    along = {"head": height, "lshoulder": -height / 2, "rshoulder": -height / 2}
+    return Part(joint, fixed, {"head": along}, 0.03 if alone else 0.06, alone)
+
+
+# Of the height of a person shoulders are at 0.818, eyes at 0.936, the top of the head at 1, and
+# shoulders 0.259 apart (R. Drillis and R. Contini, Body segment parameters, 1966); ears stand a
+# third of that apart, a little below the eyes, and the nose below them.
+PARTS: Mapping[str, Part] = MappingProxyType(
+    {joint: Part(joint, {joint: 1.0}) for joint in PEOPLE}
+    | {hip: _beside(hip, "hips") for hip in ("rhip", "lhip")}
+    | {
+        "crown": _on_head(1.0, joint="head", alone=True),
+        "lear": _on_head(0.61, 0.16, joint="head"),
+        "rear": _on_head(0.61, -0.16, joint="head"),
+        "leye": _on_head(0.65, 0.07),
+        "reye": _on_head(0.65, -0.07),
+        "nose": _on_head(0.52),
+        "throat": Part(None, {"lshoulder": 0.5, "rshoulder": 0.5}, apart=0.03),
+        "middle of hips": Part(None, {"lhip": 0.5, "rhip": 0.5}),
+        "middle of spine": Part(None, {"lhip": 0.25, "rhip": 0.25, "neck": 0.5}, apart=0.1),
+        "thorax": Part("neck", {"neck": 1.0}, apart=0.1),
+    }
+)
+"""The parts of the body that detectors mark."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +135,20 @@ class Skeleton:
     """Pairs of landmarks that a bone or a line of the face joins."""
     mirror: tuple[tuple[int, int], ...]
     """Right and left landmarks that a reflection of the body exchanges, each pair once."""
-    people: Mapping[str, str]
-    """The joint of the dictionary `people` that a landmark is; those without one are not in it."""
-    weights: Mapping[str, float]
-    """Factors of the confidence of landmarks whose place differs from that of their joint."""
+    parts: Mapping[str, str]
+    """The part of the body that a landmark marks, see `PARTS`; those of the face lack some."""
+
+    @property
+    def people(self) -> dict[str, str]:
+        """The joint that each landmark stands for alone."""
+        return {
+            name: joint
+            for name, part in self.parts.items()
+            if (joint := PARTS[part].joint) is not None and PARTS[part].alone
+        }
 
 
-def _skeleton(name: str, landmarks: str, lines: str, people: Mapping[str, str]) -> Skeleton:
+def _skeleton(name: str, landmarks: str, lines: str, parts: Mapping[str, str]) -> Skeleton:
     """Return a skeleton from its landmarks and from lines such as `a-b-c`, separated by spaces."""
     names = tuple(landmarks.split())
     number = {landmark: i for i, landmark in enumerate(names)}
@@ -60,10 +156,7 @@ def _skeleton(name: str, landmarks: str, lines: str, people: Mapping[str, str]) 
     edges = tuple(pair for chain in chains for pair in pairwise(chain))
     pairs = ((number.get(_left_of(landmark)), i) for i, landmark in enumerate(names))
     mirror = tuple((right, left) for left, right in pairs if left is not None)
-    weights = {landmark: ELSEWHERE for landmark in people if landmark in ("Head", "Thorax")}
-    return Skeleton(
-        name, names, edges, mirror, MappingProxyType(dict(people)), MappingProxyType(weights)
-    )
+    return Skeleton(name, names, edges, mirror, MappingProxyType(dict(parts)))
 
 
 def _left_of(landmark: str) -> str:
@@ -87,6 +180,12 @@ def _words(joints: Iterable[str]) -> dict[str, str]:
     return {f"{sides[joint[0]]}_{joint[1:]}": joint for joint in joints}
 
 
+_FACE = {"Nose": "nose", "LEye": "leye", "REye": "reye", "LEar": "lear", "REar": "rear"}
+_SMALL_FACE = {
+    "nose": "nose",
+    **{f"{side}_{part}": side[0] + part for side in ("left", "right") for part in ("eye", "ear")},
+}
+
 # The dictionary's `pelvis` lies some 105 mm above the middle of the hips and its `neck` some 60 mm
 # below the middle of the shoulders, so that no detector's root and only the thorax of Human3.6M,
 # from which its shoulders hang too, is one of them. Its `head` is the end of a bone within the
@@ -102,7 +201,7 @@ _PRESETS = (
         "left_shoulder-right_shoulder-right_hip-left_hip-left_shoulder "
         "left_shoulder-left_elbow-left_wrist right_shoulder-right_elbow-right_wrist "
         "left_hip-left_knee-left_ankle right_hip-right_knee-right_ankle",
-        _words(_LIMBS),
+        _words(_LIMBS) | _SMALL_FACE,
     ),
     _skeleton(
         "body_25",
@@ -112,7 +211,7 @@ _PRESETS = (
         "MidHip-RHip-RKnee-RAnkle MidHip-LHip-LKnee-LAnkle "
         "Neck-Nose-REye-REar Nose-LEye-LEar "
         "LAnkle-LBigToe-LSmallToe LAnkle-LHeel RAnkle-RBigToe-RSmallToe RAnkle-RHeel",
-        _initials(_LIMBS),
+        _initials(_LIMBS) | _FACE | {"Neck": "throat", "MidHip": "middle of hips"},
     ),
     _skeleton(
         "body_25b",
@@ -122,7 +221,7 @@ _PRESETS = (
         "Neck-LShoulder-LElbow-LWrist Neck-RShoulder-RElbow-RWrist "
         "LShoulder-LHip-RHip-RShoulder LHip-LKnee-LAnkle RHip-RKnee-RAnkle "
         "LAnkle-LBigToe-LSmallToe LAnkle-LHeel RAnkle-RBigToe-RSmallToe RAnkle-RHeel",
-        _initials(_LIMBS) | {"Head": "head"},
+        _initials(_LIMBS) | _FACE | {"Neck": "throat", "Head": "crown"},
     ),
     _skeleton(
         "halpe_26",
@@ -132,7 +231,7 @@ _PRESETS = (
         "Neck-LShoulder-LElbow-LWrist Neck-RShoulder-RElbow-RWrist "
         "Hip-LHip-LKnee-LAnkle Hip-RHip-RKnee-RAnkle "
         "LAnkle-LBigToe-LSmallToe LAnkle-LHeel RAnkle-RBigToe-RSmallToe RAnkle-RHeel",
-        _initials(_LIMBS) | {"Head": "head"},
+        _initials(_LIMBS) | _FACE | {"Neck": "throat", "Head": "crown", "Hip": "middle of hips"},
     ),
     _skeleton(
         "h36m_17",
@@ -141,7 +240,8 @@ _PRESETS = (
         "Hip-RHip-RKnee-RFoot Hip-LHip-LKnee-LFoot Hip-Spine-Thorax-Neck-Head "
         "Thorax-LShoulder-LElbow-LWrist Thorax-RShoulder-RElbow-RWrist",
         _initials(joint for joint in _LIMBS if not joint.endswith("ankle"))
-        | {"RFoot": "rankle", "LFoot": "lankle", "Thorax": "neck", "Head": "head"},
+        | {"RFoot": "rankle", "LFoot": "lankle", "Thorax": "thorax", "Head": "crown"}
+        | {"Hip": "middle of hips", "Spine": "middle of spine"},
     ),
     _skeleton(
         "mediapipe_33",
@@ -157,7 +257,7 @@ _PRESETS = (
         "right_shoulder-right_elbow-right_wrist-right_pinky-right_index-right_wrist-right_thumb "
         "left_hip-left_knee-left_ankle-left_heel-left_foot_index-left_ankle "
         "right_hip-right_knee-right_ankle-right_heel-right_foot_index-right_ankle",
-        _words(_LIMBS),
+        _words(_LIMBS) | _SMALL_FACE,
     ),
 )
 
@@ -173,7 +273,7 @@ def people_joints(names: Iterable[str]) -> dict[str, str]:
     return {name: known[name] for name in names if name in known}
 
 
-def people_weights(names: Iterable[str]) -> dict[str, float]:
-    """Return the factors of the confidence of those of the names that have one, as above."""
-    known = {name: weight for preset in _PRESETS for name, weight in preset.weights.items()}
-    return {name: known[name] for name in names if name in known}
+def people_parts(names: Iterable[str]) -> dict[str, Part]:
+    """Return the parts of the body that those of the names mark which mark one."""
+    known = {name: part for preset in _PRESETS for name, part in preset.parts.items()}
+    return {name: PARTS[known[name]] for name in names if name in known}

@@ -67,6 +67,8 @@ class PosteriorOptions:
 
     misfit         variance that the model cannot place, of a coordinate in the unit of normalised
                    shapes, at confidence 1
+    least_score    landmarks of a confidence below this are hidden, the others count alike; None: a
+                   confidence divides the standard deviation
     gross_chance   chance that a landmark is gross; 0 believes all
     gross_density  density of gross landmarks per area, for normalised landmarks
     widening       factor of all covariances, for bodies and motions that the prior lacks
@@ -76,6 +78,7 @@ class PosteriorOptions:
     """
 
     misfit: float = 0.01
+    least_score: float | None = 0.1
     gross_chance: float = 0.02
     gross_density: float = 0.05
     widening: float = 1.0
@@ -181,8 +184,8 @@ class Method:
     perspective    "refined": under a perspective camera it is followed by a refinement; "own": it
                    looks through the camera itself; "none"
     sequences      lifts whole sequences: its images are followed by the stage of sequences
-    precisions     weighs landmarks by their precision: `landmark_covariance` counts, and
-                   confidences divide standard deviations
+    precisions     weighs landmarks by their precision: `landmark_covariance` counts; without one a
+                   confidence says whether a landmark was seen, see `least_score`
     tolerance      the default of `solver.tolerance`
     """
 
@@ -201,6 +204,11 @@ class Method:
     sequences: bool = False
     precisions: bool = False
     tolerance: float = 1e-6
+
+    @property
+    def has_prior(self) -> bool:
+        """Whether it needs a prior over shapes."""
+        return PRIOR in self.needs
 
     def load(self) -> Run:
         """Import the method and return it."""

@@ -233,7 +233,8 @@ def open_given(part: Part, results: ProofFile, terms: Terms) -> Iterator[Given |
     if not part.landmarks:
         yield None
         return
-    from shapefit.pipelines.fit.joints import as_joints, find_joints
+    from shapefit.lifting.methods import METHODS
+    from shapefit.pipelines.skeletons.joints import find_joints, named_as_joints
 
     place = ", ".join(map(str, part.landmarks)) + ": landmark names"
     rows = part.entry.rows if part.entry is not None else None
@@ -245,10 +246,12 @@ def open_given(part: Part, results: ProofFile, terms: Terms) -> Iterator[Given |
         if source.count != results.count:
             found = f"{counted(source.count, 'image')} for {counted(results.count, 'result')}"
             raise input_error(part.landmarks[0], found, f"give the landmarks of {part.file}")
-        joints = find_joints(source.head.landmark_names, results.landmark_names)
+        in_place = METHODS[terms.method].has_prior
+        own = source.head.landmark_names
+        joints = find_joints(own, results.landmark_names, in_place=in_place)
 
         def arranged(images: LandmarkSet) -> LandmarkSet:
-            named = as_joints(images, joints, place)
+            named = named_as_joints(images, joints, place)
             return named.arrange(results.landmark_names, place, leave_out=True)
 
         yield Given(arranged(source.head), lambda size: map(arranged, source.chunks(size)))

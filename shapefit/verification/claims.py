@@ -30,6 +30,9 @@ from shapefit.verification.statements import (
 from shapefit.verification.subject import Subject, stated_by
 from shapefit.verification.terms import Terms
 
+MAP = "landmark_map"
+"""Dataset (p, p) of a result whose landmarks are not those of the dictionary."""
+
 
 def verify_images(
     result: ResultSet,
@@ -48,7 +51,8 @@ def verify_images(
         rows = np.flatnonzero(fitted)
         images = read_images(result, rows, terms, file)
         kept = find_kept(result, rows, atom_items, terms, file)
-        subject = Subject(result, rows, images, Atoms.of(atoms), kept, terms, file)
+        seen = Atoms.of(atoms @ landmark_map(result).T)
+        subject = Subject(result, rows, images, seen, kept, terms, file)
         checks = [check_lambda(images, subject.atoms, terms)]
         if terms.left_out:
             checks.append(check_left_out(result, rows, atom_items or (), terms, file))
@@ -115,10 +119,20 @@ def check_points_alone(subject: Subject) -> list[Check]:
     """Check what holds of a method of which the result does not hold the whole answer."""
     if subject.terms.perspective:
         shapes, scale = subject.stated("shapes"), subject.stated("scale")
+        seen = shapes @ landmark_map(subject.result).T
         middle = np.zeros((len(scale), 3))
         middle[:, :2] = subject.stated("translation")
-        S = (shapes - middle[..., None]) / scale[:, None, None]
+        S = (seen - middle[..., None]) / scale[:, None, None]
         far = np.abs(shapes).max(axis=(1, 2)) / scale
         return check_camera(subject, Value(S, subject.images.factor * far))
-    off = np.abs(subject.stated("landmarks_fitted") - subject.stated("shapes")[:, :2])
-    return [check("landmarks_fitted are x and y of the shapes", off, 0.0)]
+    seen = subject.stated("shapes") @ landmark_map(subject.result).T
+    off = np.abs(subject.stated("landmarks_fitted") - seen[:, :2])
+    far = 0.0 if MAP not in subject.result.extras else np.abs(seen).max(axis=(1, 2))
+    return [check("landmarks_fitted are x and y of the shapes", off, subject.images.factor * far)]
+
+
+def landmark_map(result: ResultSet) -> Floats:
+    """Weights A (p, p) of the joints of a result that give the landmarks seen."""
+    p = len(result.landmark_names)
+    A: Floats = np.asarray(result.extras.get(MAP, np.eye(p)), dtype=np.float64)
+    return A if A.shape == (p, p) else np.full((p, p), np.nan)

@@ -107,6 +107,10 @@ DATASETS: dict[str, Statement] = {
         "shape_sd shape_correlation log_evidence plausibility belief trusted doubt",
         of=lambda t: t.method in LOOKING,
     ),
+    **_each(
+        "input_shapes input_shape_sd input_shape_correlation input_landmark_names landmark_map",
+        of=lambda t: t.method in LOOKING,
+    ),
     **_each("shape_covariance", of=lambda t: t.method in LOOKING and t.covariance),
     **_each("sequence_noise", of=lambda t: t.method == "sequences"),
     **_each("mesh_vertices", of=_never),

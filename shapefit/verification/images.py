@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
+from shapefit.io.extras import LANDMARK_COVARIANCE
 from shapefit.verification.rounding import rounding_factor
 from shapefit.verification.terms import Terms
 
@@ -49,9 +50,9 @@ class Images:
 def read_images(result: ResultSet, rows: NDArray[np.intp], terms: Terms, file: Path) -> Images:
     """Weigh and normalise the landmarks of the images `rows` (n,) of a result.
 
-    omega is the confidence, 1 without one or if the loss is `exact`, and 0 where a landmark is
-    unseen or was set aside before the fit. The points have their centroid, over visible ones, at
-    0 and a mean over coordinates of 1 of the standard deviations.
+    omega is the confidence, 1 without one, if the loss is `exact` or where scores are but a limit,
+    and 0 where a landmark is unseen or was set aside before the fit. The points have their
+    centroid, over visible ones, at 0 and a mean over coordinates of 1 of the standard deviations.
     """
     p = len(result.landmark_names)
     raw = needed(result, "landmarks", file, p, 2)[rows].swapaxes(1, 2)
@@ -59,6 +60,8 @@ def read_images(result: ResultSet, rows: NDArray[np.intp], terms: Terms, file: P
     weights = seen.astype(float)
     if "confidence" in result.extras:
         weights *= np.where(seen, needed(result, "confidence", file, p)[rows], 0.0)
+    if terms.least_score is not None and LANDMARK_COVARIANCE not in result.extras:
+        weights = ((weights > 0) & (weights >= terms.least_score)).astype(float)
     labelled = np.zeros(seen.shape, dtype=bool)
     if "outliers" in result.extras:
         labelled = needed(result, "outliers", file, p)[rows] != 0

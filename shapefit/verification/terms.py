@@ -43,11 +43,12 @@ class Terms:
     method, loss, beta and tolerance as in the config; lam None where it is `auto`; orthogonal: the
     transforms were replaced by nearest rotations; left_out: the dataset that names the atoms left
     out, '' for none; searched: outliers were looked for before the fit; perspective: refined under
-    a camera; signed: the global optimum is one over coefficients of either sign; noise: of the
-    landmarks, from which lambda comes; transforms, modes, trees, covariance: whether these were to
-    be stored; frame_rate where the config has one; calibrated: the camera comes from a file of its
-    own; strict: what is not optimal counts as failed; input: how the landmarks were read;
-    dictionary and landmarks: the files of the fit; inputs: their digests.
+    a camera; least_score: landmarks of less confidence are hidden, the others weigh alike; signed:
+    the global optimum is one over coefficients of either sign; noise: of the landmarks, from which
+    lambda comes; transforms, modes, trees, covariance: whether these were to be stored; frame_rate
+    where the config has one; calibrated: the camera comes from a file of its own; strict: what is
+    not optimal counts as failed; input: how the landmarks were read; dictionary and landmarks: the
+    files of the fit; inputs: their digests.
     """
 
     method: str
@@ -59,6 +60,7 @@ class Terms:
     left_out: str
     searched: bool
     perspective: bool
+    least_score: float | None
     signed: bool
     noise: float
     transforms: bool
@@ -136,6 +138,7 @@ def read_terms(attributes: Mapping[str, Any], file: Path) -> Terms:
             left_out=config["leave_out"] or "",
             searched=robust not in ("none", *ROBUST),
             perspective=config["camera"]["model"] == "perspective",
+            least_score=_least_score(config),
             signed=bool(search["signed"]),
             noise=float(config["noise"] or 0.0),
             transforms=bool(config["transforms"]),
@@ -154,6 +157,12 @@ def read_terms(attributes: Mapping[str, Any], file: Path) -> Terms:
         wrong = f"{type(error).__name__}: {error}"
         found = f"its attributes `config` and `inputs` are not those of a fit ({wrong})"
         raise input_error(file, found, fix) from None
+
+
+def _least_score(config: Mapping[str, Any]) -> float | None:
+    """Return the score from which on landmarks count alike; None for weights as they are."""
+    least = config["posterior"].get("least_score")
+    return None if least is None or config["method"] not in STARTED else float(least)
 
 
 def read_as(config: Mapping[str, Any]) -> dict[str, Any]:

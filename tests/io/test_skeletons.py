@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from shapefit.io.skeletons import PEOPLE, SKELETONS, Skeleton, people_joints, people_weights
+from shapefit.io.skeletons import PARTS, PEOPLE, SKELETONS, THETA, Skeleton, people_joints
 
 EVERY_SKELETON = pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=list(SKELETONS))
 
@@ -56,11 +56,39 @@ def test_no_name_stands_for_two_joints() -> None:
         for name, joint in skeleton.people.items():
             meanings.setdefault(name, set()).add(joint)
     assert all(len(joints) == 1 for joints in meanings.values())
-    assert people_weights(["LHip", "Head", "Thorax", "Nose"]) == {"Head": 0.3, "Thorax": 0.3}
     assert people_joints(["LHip", "left_hip", "Nose", "tail"]) == {
         "LHip": "lhip",
         "left_hip": "lhip",
     }
+
+
+@pytest.mark.parametrize("part", PARTS.values(), ids=list(PARTS))
+def test_weights_of_a_part_add_up_to_one_whatever_theta(part) -> None:
+    for factor in (0.5, 1.0, 2.0):
+        theta = {name: factor * parameter.mean for name, parameter in THETA.items()}
+        assert sum(part.weights(theta).values()) == pytest.approx(1)
+    assert set(part.weights(dict.fromkeys(THETA, 1.0))) <= set(PEOPLE)
+
+
+@EVERY_SKELETON
+def test_parts_mirror_as_the_landmarks_do(skeleton: Skeleton) -> None:
+    def mirrored(weights):
+        swap = {"r": "l", "l": "r"}
+        paired = {f"r{name[1:]}" for name in PEOPLE if f"l{name[1:]}" in PEOPLE}
+        twins = paired | {f"l{name[1:]}" for name in paired}
+        return {
+            (swap[name[0]] + name[1:] if name in twins else name): pytest.approx(weight)
+            for name, weight in weights.items()
+        }
+
+    theta = {name: parameter.mean for name, parameter in THETA.items()}
+    for pair in skeleton.mirror:
+        parts = [skeleton.parts.get(skeleton.landmark_names[i]) for i in pair]
+        if None in parts:
+            assert parts == [None, None]
+            continue
+        right, left = (PARTS[part].weights(theta) for part in parts)
+        assert left == mirrored(right)
 
 
 @pytest.mark.real_data

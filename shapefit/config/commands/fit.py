@@ -237,6 +237,13 @@ class FitConfig(CommandConfig):
         default_factory=OutliersConfig.model_construct,
         description="How wrong landmarks are found.",
     )
+    theta: dict[str, float] | None = Field(
+        default=None,
+        description="How the skeleton of a detector of people differs from the joints of the "
+        "dictionary, as {head: 1.5, hips: 1.15, shoulders: 1}: the height of the top of the head "
+        "above the shoulders and the distances of hips and shoulders, as factors. What is not "
+        "given is found in the first images by the methods with a prior over shapes.",
+    )
     camera: ViewingConfig = Field(
         default_factory=ViewingConfig.model_construct,
         description="How the camera saw the landmarks.",

@@ -23,11 +23,24 @@ def _text(value: Any) -> Any:
 class ViewingConfig(ConfigModel):
     """The camera of the images, and how a shape is refined under its full projection."""
 
-    model: Literal["weak-perspective", "perspective"] = Field(
-        default="weak-perspective",
+    model: Literal["auto", "weak-perspective", "perspective"] = Field(
+        default="auto",
         description="Weak perspective, as in the convex program; or rotation, translation and "
         "coefficients refined from there under the full projection, which requires "
-        "the focal length. The methods posterior and sequences look through the camera themselves.",
+        "the focal length. The methods posterior and sequences look through the camera themselves. "
+        "auto: perspective for these two where the calibration or the landmarks hold a camera "
+        "matrix, or landmarks are pixels: then the focal length is 1.1 times the longer side of "
+        "the image, and the optical axis meets its centre; else weak perspective.",
+    )
+    image_size: Annotated[
+        tuple[float, float] | None,
+        Expected("two numbers, width and height"),
+        FromLists,
+        OF_THE_DATA,
+    ] = Field(
+        default=None,
+        description="auto: width and height of the images in pixels; by default those that the "
+        "files state, or else as far as the landmarks reach.",
     )
     focal: Annotated[float | None, OF_THE_DATA] = Field(
         default=None, gt=0, description="Focal length of all images, in the unit of the landmarks."
@@ -82,7 +95,7 @@ class ViewingConfig(ConfigModel):
     def _belongs_to_perspective(cls, value: object, info: ValidationInfo) -> object:
         key = str(info.field_name)
         default = cls.model_fields[key].default
-        if value != default and info.data.get("model", value) == "weak-perspective":
+        if value != default and info.data.get("model", value) != "perspective":
             raise ValueError(f"`{key}` belongs to `model: perspective`; leave it out")
         return value
 

@@ -16,8 +16,15 @@ class PosteriorConfig(ConfigModel):
         gt=0,
         description="Variance of a landmark's coordinate that prior and camera do not explain, in "
         "the unit of normalised shapes, at confidence 1; by default that of the dictionary, or "
-        f"{PosteriorOptions.misfit} where it has none. It is added to the variance of `noise`; "
-        "both are divided by the square of the confidence.",
+        f"{PosteriorOptions.misfit} where it has none. It is added to the variance of `noise`.",
+    )
+    least_score: float | None = Field(
+        default=PosteriorOptions.least_score,
+        ge=0,
+        description="Hide landmarks whose confidence is below this, and take all others for "
+        "equally precise: the score of a detector is a chance, not a precision. Landmarks with "
+        "`landmark_covariance` keep theirs. With null the variances are divided by the square of "
+        "the confidence.",
     )
     gross_chance: float = Field(
         default=PosteriorOptions.gross_chance,

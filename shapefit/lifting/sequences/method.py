@@ -14,7 +14,7 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.posterior.method import CORRELATION, lift_to_posterior
 from shapefit.lifting.sequences.clips import Clips, Motion, parts, refine_clips, says_something
-from shapefit.lifting.sequences.common_error import SHARE, add_common_error, nearest_known
+from shapefit.lifting.sequences.common_error import KEPT, SHARE, add_common_error, nearest_known
 from shapefit.lifting.sequences.observations import MOST_MODES
 
 NOISE = "sequence_noise"
@@ -68,10 +68,12 @@ def refine_lifting(
     rows = nearest_known(says_something(clips), parts(sequences))
     images = (own[rows], own_mixed[rows].swapaxes(1, 2).astype(np.float64))
     smoothed = (refined.deviation / scale, refined.correlation)
-    bars, correlation = add_common_error(smoothed, images)
+    constant = KEPT * refined.noise / scale[:, 0, 0]
+    bars, correlation = add_common_error(smoothed, images, constant=constant)
     mixed = correlation.swapaxes(1, 2).astype(np.float32)
     if whole is not None and refined.covariance is not None:
-        both = refined.covariance / scale**2 + SHARE**2 * whole[rows]
+        of_all = constant[:, None, None] ** 2 * np.eye(whole.shape[1])
+        both = refined.covariance / scale**2 + SHARE**2 * whole[rows] + of_all
         whole = np.where(single, whole, both)
     return replace(
         lifting,

@@ -10,6 +10,7 @@ import numpy as np
 from shapefit.io import ResultSet, ShapeSet, read_results
 from shapefit.io.spilled.columns import Column
 from shapefit.io.spilled.name_index import index_of
+from shapefit.pipelines.evaluate.as_named import as_named
 from shapefit.pipelines.evaluate.examples import Lifted, choose, keep
 from shapefit.pipelines.evaluate.judgement import judge
 from shapefit.pipelines.evaluate.method_images import MethodImages, Picked
@@ -53,6 +54,7 @@ def read_lifted(
     for method in methods:
         for file, rows in _places(method, frozenset(chosen)).items():
             results = held[file] if file in held else read_results(file)
+            results = as_named(results, truth.head.landmark_names)
             results, _ = visible_enough(file, results, options.least_visible)
             shown.append((method.name, file, results.take(rows)))
     keys = [

@@ -11,6 +11,7 @@ from shapefit.evaluation.calibration import Coverages, image_shares
 from shapefit.evaluation.solving import Run, count_solved
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import ResultSet, read_results
+from shapefit.pipelines.evaluate.as_named import as_named
 from shapefit.pipelines.evaluate.error_bars import find_plausibility, judge_error_bars
 from shapefit.pipelines.evaluate.example_images import chosen_items, read_lifted
 from shapefit.pipelines.evaluate.examples import examples_picture
@@ -73,7 +74,7 @@ class Found:
     def _judge(self, images: MethodImages, file: Path, *, hold: bool) -> Outcome:
         """Judge one file, which is in memory no longer than that, unless it is to be held."""
         options, name = self._options, images.name
-        results = read_results(file)
+        results = as_named(read_results(file), self.truth.head.landmark_names)
         if hold:
             self._held[file] = results
         sheet = contact_sheet(str(results.attributes.get("config", "")))

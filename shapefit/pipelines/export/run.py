@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from shapefit.arrays import Floats
 from shapefit.config import FitConfig
+from shapefit.config.fit.camera import ViewingConfig
 from shapefit.config.fit.export import ExportConfig, PicturesConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
@@ -67,6 +68,10 @@ class ExportPlan(NamedTuple):
     meshes: ExportConfig
     pictures: PicturesConfig
     pose: Pose
+
+    def seen_through(self, camera: ViewingConfig) -> ExportPlan:
+        """Return the plan once it is settled which camera sees the images."""
+        return self._replace(pose=self.pose._replace(perspective=camera.model == "perspective"))
 
 
 def plan_exports(config: FitConfig, dictionary: Dictionary) -> ExportPlan:

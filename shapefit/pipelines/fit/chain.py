@@ -37,6 +37,7 @@ class Chain:
     """
 
     leave_out: Callable[[LandmarkSet, Dictionary, Lifter], Lifting] | None
+    weigh: Callable[[LandmarkSet], Floats]
     search: Search | None
     program: Program
     precisions: bool
@@ -63,7 +64,7 @@ def fit_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Lif
 
 def lift_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Lifting:
     """Weigh the landmarks, set outliers aside, lift, and refine as the camera sees it."""
-    weights = images.weights()
+    weights = chain.weigh(images)
     agreed = None if chain.search is None else chain.search(images, weights, dictionary)
     if agreed is not None:
         weights = np.where(agreed.inliers, weights, 0.0)
@@ -81,6 +82,18 @@ def lift_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Li
     if chain.view is not None:
         lifting = chain.view(lifting, images, dictionary)
     return lifting
+
+
+def weigh_seen(images: LandmarkSet, least: float) -> Floats:
+    """Weights (n, p): 1 where the confidence is `least` or more, 0 elsewhere.
+
+    A score says how sure a detector is that a landmark is where it found it, not how exactly.
+    Landmarks with covariances keep their confidences.
+    """
+    weights = images.weights()
+    if LANDMARK_COVARIANCE in images.extras:
+        return weights
+    return ((weights > 0) & (weights >= least)).astype(np.float64)
 
 
 def find_covariance(images: LandmarkSet) -> Floats | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from typing import TYPE_CHECKING
@@ -34,11 +34,12 @@ from shapefit.lifting.methods import (
 )
 from shapefit.lifting.options import BETA, PerspectiveOptions
 from shapefit.pipelines.fit.camera import find_calibrated
-from shapefit.pipelines.fit.chain import Chain, Lifter, Refinement, Search, View
-from shapefit.pipelines.fit.read import ReadOptions, warn_of_source
+from shapefit.pipelines.fit.chain import Chain, Lifter, Refinement, Search, View, weigh_seen
+from shapefit.pipelines.fit.read import ReadOptions, plan_reading, warn_of_source
 from shapefit.pipelines.fit.record import RecordOptions, warn_of_names
 from shapefit.pipelines.fit.report import ReportOptions
 from shapefit.pipelines.reading import input_options
+from shapefit.pipelines.skeletons.joints import MEANS, Mapped
 
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
@@ -57,6 +58,7 @@ class Plan:
     dictionary: Dictionary
     input: InputOptions
     read: ReadOptions
+    mapped: Mapped
     lift: Chain
     record: RecordOptions
     report: ReportOptions
@@ -70,8 +72,8 @@ class Plan:
         return (*warn_of_source(source, self.read), *self.warnings, *renamed)
 
 
-def plan_fit(config: FitConfig, dictionary: Dictionary) -> Plan:
-    """Return the plan of a fit with a dictionary.
+def plan_fit(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[str]) -> Plan:
+    """Return the plan of a fit of landmarks of these names with a dictionary.
 
     Raises InputError where the dictionary lacks what the method needs, or the output cannot hold
     what the config asks for.
@@ -80,16 +82,22 @@ def plan_fit(config: FitConfig, dictionary: Dictionary) -> Plan:
     if config.transforms and target.points_only:
         found = f"cannot be stored in {config.output}: CSV holds points only"
         raise input_error("transforms", found, "name an HDF5 output, or leave it out")
+    read = plan_reading(
+        landmark_names,
+        dictionary.landmark_names,
+        place=", ".join(str(path) for path in config.landmarks) + ": landmark names",
+        batch=None if method.sequences else math.ceil(config.chunk / STRETCH) * STRETCH,
+        camera=find_calibrated(config.camera),
+        in_place=method.has_prior,
+    )
+    active = method.has_prior and bool(read.joints.stand_ins)
+    mapped = Mapped(read.joints, config.theta or MEANS, active, config.posterior.covariance)
     return Plan(
         dictionary=dictionary,
         input=read_options(config),
-        read=ReadOptions(
-            names=dictionary.landmark_names,
-            place=", ".join(str(path) for path in config.landmarks) + ": landmark names",
-            batch=None if method.sequences else math.ceil(config.chunk / STRETCH) * STRETCH,
-            camera=find_calibrated(config.camera),
-        ),
-        lift=choose_chain(config, dictionary),
+        read=read,
+        mapped=mapped,
+        lift=choose_chain(with_covariance(config) if active else config, mapped.see(dictionary)),
         record=RecordOptions(
             deviations=not target.points_only
             or target.by_sequence
@@ -104,7 +112,8 @@ def plan_fit(config: FitConfig, dictionary: Dictionary) -> Plan:
         ),
         report=ReportOptions(
             strict=config.strict,
-            precisions=method.precisions,
+            precisions=method.precisions and config.posterior.least_score is None,
+            scores=method.precisions and config.posterior.least_score is not None,
             within=config.search.modes,
             leave_out=config.leave_out,
         ),
@@ -130,6 +139,12 @@ def read_options(config: FitConfig) -> InputOptions:
     return input_options(config.input, "motion" if joined else "none")
 
 
+def with_covariance(config: FitConfig) -> FitConfig:
+    """Ask for the covariance of all landmarks, of which the joints have their error bars."""
+    posterior = config.posterior.model_copy(update={"covariance": True})
+    return config.model_copy(update={"posterior": posterior})
+
+
 def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
     """Return the steps that the config asks for.
 
@@ -142,12 +157,21 @@ def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
         sequences=choose_refinement(config, dictionary),
         program=choose_program(config),
         precisions=METHODS[config.method].precisions,
+        weigh=choose_weights(config),
         search=choose_search(config, solve),
         method=lambda part: choose_method(config.method, choose_settings(config, part, solve)),
         camera=choose_camera(config),
         view=choose_view(config),
         leave_out=choose_groups(config, dictionary),
     )
+
+
+def choose_weights(config: FitConfig) -> Callable[[LandmarkSet], Floats]:
+    """Return what weighs landmarks (n, p): their confidence, or whether it is enough."""
+    least = config.posterior.least_score
+    if least is None or not METHODS[config.method].precisions:
+        return LandmarkSet.weights
+    return partial(weigh_seen, least=least)
 
 
 def choose_groups(
@@ -186,7 +210,7 @@ def choose_search(config: FitConfig, solve: Solve) -> Search | None:
 
 def choose_view(config: FitConfig) -> View | None:
     """Return what follows weak perspective: nothing, or refinement under the full projection."""
-    if config.camera.model == "weak-perspective" or METHODS[config.method].perspective != "refined":
+    if config.camera.model != "perspective" or METHODS[config.method].perspective != "refined":
         return None
     from shapefit.pipelines.fit.camera import refine_through_camera
 
@@ -197,7 +221,7 @@ def choose_view(config: FitConfig) -> View | None:
 
 def choose_camera(config: FitConfig) -> Callable[[LandmarkSet], Camera] | None:
     """Return what finds the cameras of images for a method that looks through them itself."""
-    if config.camera.model == "weak-perspective" or METHODS[config.method].perspective != "own":
+    if config.camera.model != "perspective" or METHODS[config.method].perspective != "own":
         return None
     from shapefit.pipelines.fit.camera import find_camera
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,9 +10,9 @@ from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, LandmarkSource
 from shapefit.io.records import concatenate
 from shapefit.pipelines.fit.camera import find_doubts, straightened
-from shapefit.pipelines.fit.joints import as_joints, find_joints
-from shapefit.pipelines.fit.landmark_names import check_enough, find_strange, name_warnings
 from shapefit.pipelines.outcome import nothing_in
+from shapefit.pipelines.skeletons.joints import Joints, named_as_joints
+from shapefit.pipelines.skeletons.landmark_names import match_names, name_warnings
 
 if TYPE_CHECKING:
     from shapefit.io.motion.calibration import CalibratedCamera
@@ -26,30 +26,51 @@ class ReadOptions:
     """How images are read for a fit.
 
     names    landmarks of the dictionary
+    joints   the landmarks of the files that stand for some of them
+    leave_out  landmarks that the dictionary lacks, and the fit can do without
     place    of the landmark names of the files, for messages
     batch    images at a time, whole stretches of them; None for whole sequences
     camera   the calibrated camera that took the images, where one is given
     """
 
     names: tuple[str, ...]
+    joints: Joints
+    leave_out: bool
     place: str
     batch: int | None
     camera: CalibratedCamera | None = None
 
 
-def read_images(source: LandmarkSource, options: ReadOptions) -> Iterator[LandmarkSet]:
-    """Yield the images batch by batch: without distortion, with the landmarks of the dictionary.
+def plan_reading(
+    own: Sequence[str],
+    names: tuple[str, ...],
+    *,
+    place: str,
+    batch: int | None,
+    camera: CalibratedCamera | None,
+    in_place: bool,
+) -> ReadOptions:
+    """Return how files with landmarks of the names `own` are read; `in_place` as in find_joints.
 
     Raises InputError where landmarks and dictionary have too few names in common.
     """
-    names, place = options.names, options.place
-    joints = find_joints(source.head.landmark_names, names)
-    renamed = joints.rename(source.head.landmark_names)
-    check_enough(renamed, names, place)
-    strange = find_strange(renamed, names)
+    joints, strange = match_names(own, names, place, in_place=in_place)
+    return ReadOptions(
+        names=names,
+        joints=joints,
+        leave_out=bool(strange),
+        place=place,
+        batch=batch,
+        camera=camera,
+    )
+
+
+def read_images(source: LandmarkSource, options: ReadOptions) -> Iterator[LandmarkSet]:
+    """Yield the images batch by batch: without distortion, with the landmarks of the dictionary."""
+    names, place, joints = options.names, options.place, options.joints
     for batch in batches(source, options.batch):
-        straight = as_joints(straightened(batch, options.camera), joints, place)
-        yield straight.arrange(names, place, leave_out=bool(strange))
+        straight = named_as_joints(straightened(batch, options.camera), joints, place)
+        yield straight.arrange(names, place, leave_out=options.leave_out)
 
 
 def batches(source: LandmarkSource, size: int | None) -> Iterator[LandmarkSet]:

@@ -19,11 +19,13 @@ from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT, TRUSTED, find_doubts
+from shapefit.pipelines.skeletons.joints import INPUTS
 
 OF_A_RESULT = RESULTS.names | {
     *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
     *("camera_translation", "focal", "principal_point", "position", "left_out"),
     *("shape_covariance", METRES_PER_UNIT, TRUSTED, DOUBT),
+    *INPUTS,
     *(name for method in METHODS.values() for name in method.further),
 }
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
@@ -54,9 +56,16 @@ class RecordOptions:
 
 
 def as_result(
-    images: LandmarkSet, lifting: Lifting, dictionary: Dictionary, options: RecordOptions
+    images: LandmarkSet,
+    lifting: Lifting,
+    dictionary: Dictionary,
+    options: RecordOptions,
+    inputs: Extras,
 ) -> ResultSet:
-    """Lay out a batch as it is stored, with the observed landmarks beside the fitted ones."""
+    """Lay out a batch as it is stored, with the observed landmarks beside the fitted ones.
+
+    inputs are the landmarks of the files in 3D, where they are not those of the dictionary.
+    """
     found = lifting.estimate
     bars = found.in_unit(lifting.scale[:, None, None])
     failed = np.isnan(lifting.scale)
@@ -87,7 +96,7 @@ def as_result(
         y_axis=images.y_axis,
         frame_rate=options.frame_rate or images.frame_rate,
         attributes=size_attributes(dictionary),
-        extras=further_datasets(images, lifting, dictionary, options),
+        extras=further_datasets(images, lifting, dictionary, options, inputs),
     )
     record = with_trees(with_readings(record, lifting), lifting)
     return with_proof(record, lifting, optimum=options.optimum) if options.proof else record
@@ -136,7 +145,11 @@ def with_proof(record: ResultSet, lifting: Lifting, *, optimum: bool) -> ResultS
 
 
 def further_datasets(
-    images: LandmarkSet, lifting: Lifting, dictionary: Dictionary, options: RecordOptions
+    images: LandmarkSet,
+    lifting: Lifting,
+    dictionary: Dictionary,
+    options: RecordOptions,
+    inputs: Extras,
 ) -> Extras:
     """Join what came with the landmarks with what only some fits have."""
     found = lifting.estimate
@@ -160,7 +173,8 @@ def further_datasets(
         own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
     present = {name: values for name, values in own.items() if values is not None}
     carried = Extras.of(images.extras, len(images))
-    return carried.apart_from(OF_A_RESULT) | present
+    carried = carried.apart_from(OF_A_RESULT) | present | inputs.per_item
+    return Extras(carried.per_item, {**carried.whole, **inputs.whole})
 
 
 def verdict(

@@ -31,12 +31,14 @@ class ReportOptions:
 
     strict        an image whose tolerance was not reached is a failure
     precisions    confidences divide standard deviations; else they are weights
+    scores        or only say what was seen
     within        readings this share above the least objective were searched
     leave_out     dataset that names the item whose atoms are left out of an image
     """
 
     strict: bool = False
     precisions: bool = False
+    scores: bool = False
     within: float = 0.0
     leave_out: str | None = None
 
@@ -173,7 +175,8 @@ def find_warnings(
                 severity=0.0 if gap is None or np.isnan(gap[worst]) else float(gap[worst]),
             )
         )
-    if images.confidence is not None and (images.confidence > 1).any():
+    above = images.confidence is not None and bool((images.confidence > 1).any())
+    if above and not options.scores:
         what = (
             "they make a landmark more precise than the model otherwise believes, whose standard "
             "deviations they divide"

@@ -23,10 +23,11 @@ from shapefit.io import (
 from shapefit.io.options import OutputOptions
 from shapefit.pipelines.export.run import open_exports, plan_exports
 from shapefit.pipelines.fit.chain import fit_images
-from shapefit.pipelines.fit.plan import Plan, plan_fit
+from shapefit.pipelines.fit.plan import Plan, plan_fit, read_options
 from shapefit.pipelines.fit.read import read_images
 from shapefit.pipelines.fit.record import as_result
 from shapefit.pipelines.fit.report import Batch, Report, said_of_y
+from shapefit.pipelines.fit.settle import plan_settling
 from shapefit.pipelines.outcome import Outcome
 from shapefit.stores.copies import keep_copies
 
@@ -39,41 +40,46 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     files = (*(config.landmarks if rows is None else ()), config.dictionary)
     keep_copies(files)  # their digests take the whole of them
     dictionary = read_dictionary(config.dictionary)
-    wanted, plan = plan_exports(config, dictionary), plan_fit(config, dictionary)
+    settle, wanted = plan_settling(config, dictionary), plan_exports(config, dictionary)
     seconds, done = 0.0, 0
-    with (
-        open_landmarks(config.landmarks, plan.input, rows) as source,
-        open_exports(wanted, dictionary, source.count) as exports,
-        result_writer(output, OutputOptions(height=config.height)) as writer,
-    ):
-        report = Report(plan.report, dictionary)
-        for batch in lift_source(source, plan):
-            outcome = report.of(batch, source.count)
-            writer.append(batch.record)
-            exports.add(batch.record, batch.lifting.estimate.transforms)
-            seconds += batch.seconds
-            done += len(batch.images)
-            yield outcome
-        warnings = plan.warn_of(source) + report.warnings
-        writer.attributes.update(attributes_of(config, digests(files), seconds, done))
+    with open_landmarks(config.landmarks, read_options(config), rows) as source:
+        config, said = settle(source)
+        said = (said_of_y(source), *said)
+        wanted = wanted.seen_through(config.camera)
+        plan = plan_fit(config, dictionary, source.head.landmark_names)
+        with (
+            open_exports(wanted, dictionary, source.count) as exports,
+            result_writer(output, OutputOptions(height=config.height)) as writer,
+        ):
+            report = Report(plan.report, dictionary)
+            for batch in lift_source(source, plan):
+                outcome = report.of(batch, source.count)
+                writer.append(batch.record)
+                exports.add(batch.record, batch.lifting.estimate.transforms)
+                seconds += batch.seconds
+                done += len(batch.images)
+                yield outcome
+            warnings = plan.warn_of(source) + report.warnings
+            writer.attributes.update(attributes_of(config, digests(files), seconds, done))
     of_writer = writer.summary.warnings
     if plan.needs_rate and not source.head.frame_rate:
         of_writer = with_rate_warning(of_writer)
     yield Outcome(
         total=source.count,
         warnings=warnings + exports.warnings + of_writer,
-        note="; ".join(filter(None, (said_of_y(source), exports.note, writer.summary.note))),
+        note="; ".join(filter(None, (*said, exports.note, writer.summary.note))),
         written=(*(writer.summary.written or (output,)), *exports.folders, *exports.sheets),
     )
 
 
 def lift_source(source: LandmarkSource, plan: Plan) -> Iterator[Batch]:
     """From landmarks to the records of a result, batch by batch."""
+    seen = plan.mapped.see(plan.dictionary)
     for images in read_images(source, plan.read):
         began = time.perf_counter()
-        lifting = fit_images(images, plan.dictionary, plan.lift)
+        lifting, inputs = plan.mapped.back(fit_images(images, seen, plan.lift))
         seconds = time.perf_counter() - began
-        record = as_result(images, lifting, plan.dictionary, plan.record)
+        record = as_result(images, lifting, plan.dictionary, plan.record, inputs)
         yield Batch(images, lifting, record, seconds)
 
 

@@ -16,10 +16,12 @@ from shapefit.config import FitConfig
 from shapefit.config.commands.fit import PartFormat
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError, abbreviate, counted, input_error, printable
-from shapefit.io import digest
+from shapefit.io import digest, open_landmarks, read_dictionary
 from shapefit.io.formats import FORMATS, find_writer
 from shapefit.io.layout import RESULTS
 from shapefit.io.stored.opening import open_stored
+from shapefit.pipelines.fit.plan import read_options
+from shapefit.pipelines.fit.settle import FIRST, plan_settling
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
 from shapefit.pipelines.parts.cluster import (
     RETRIES,
@@ -60,6 +62,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     assert isinstance(folder, ResultFolder), "the output is a folder"
     check_parts(config)
     parts = plan_parts(config)
+    config = settle_first(config, parts)
     terms = find_terms(config)
     if config.dry_run:
         manifest = _known(folder, terms)[0]
@@ -67,6 +70,23 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         return
     with held_folder(folder.path):
         yield from _run(config, folder, parts, terms)
+
+
+def settle_first(config: FitConfig, parts: Sequence[Part]) -> FitConfig:
+    """Return the config with nothing left open that the first images settle for all parts.
+
+    Where they cannot be read the first part reports it, and each settles its own.
+    """
+    if not parts:
+        return config
+    rows = parts[0].rows
+    first = None if rows is None else slice(rows[0], min(rows[1], rows[0] + FIRST))
+    dictionary = read_dictionary(config.dictionary)
+    try:
+        with open_landmarks(parts[0].inputs, read_options(config), first) as source:
+            return plan_settling(config, dictionary)(source)[0]
+    except InputError:
+        return config
 
 
 def check_parts(config: FitConfig) -> None:

@@ -34,8 +34,10 @@ def draw_covariances(rng, *shape):
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
 def test_covariances_are_added(rng, share):
     S, own = draw_covariances(rng, 6, P), draw_covariances(rng, 6, P)
-    found = add_common_error(parts_of(S), parts_of(own), share)
-    for got, expected in zip(found, parts_of(S + share**2 * own), strict=True):
+    constant = rng.uniform(0, 2, 6)
+    found = add_common_error(parts_of(S), parts_of(own), share, constant)
+    whole = S + share**2 * own + (constant**2)[:, None, None, None] * np.eye(3)
+    for got, expected in zip(found, parts_of(whole), strict=True):
         np.testing.assert_allclose(got, expected, rtol=1e-12)
 
 

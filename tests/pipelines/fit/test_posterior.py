@@ -57,6 +57,7 @@ def test_a_dictionary_without_a_prior_names_the_command(fit, tmp_path, dictionar
 
 def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, tmp_path, with_prior, images):
     keys = {"method": "posterior", "posterior": {"covariance": True}}
+    keys |= {"camera": {"model": "weak-perspective"}}
     found, _ = fit(tmp_path, with_prior, images, **keys)
     covariance = found.extras["shape_covariance"]
     assert covariance.shape == (8, 30, 30)
@@ -77,12 +78,13 @@ def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, tmp_path, wit
 def test_noise_widens_and_a_covariance_of_each_landmark_takes_its_place(
     fit, tmp_path, with_prior, images
 ):
-    plain, _ = fit(tmp_path, with_prior, images, method="posterior")
-    noisy, _ = fit(tmp_path, with_prior, images, method="posterior", noise=2.0)
+    keys = {"method": "posterior", "camera": {"model": "weak-perspective"}}
+    plain, _ = fit(tmp_path, with_prior, images, **keys)
+    noisy, _ = fit(tmp_path, with_prior, images, noise=2.0, **keys)
     assert np.median(noisy.shape_sd[:, :2]) > np.median(plain.shape_sd[:, :2])
     each = np.tile(4.0 * np.eye(2), (8, 10, 1, 1))
     told = replace(images, extras={**images.extras, "landmark_covariance": each})
-    same, _ = fit(tmp_path, with_prior, told, method="posterior")
+    same, _ = fit(tmp_path, with_prior, told, **keys)
     assert same.shapes == pytest.approx(noisy.shapes)
     wrong = replace(images, extras={"landmark_covariance": -each})
     fit(tmp_path, with_prior, wrong, method="convex")  # which does not use it
@@ -95,7 +97,8 @@ def test_what_confidences_above_one_do_is_told(fit, tmp_path, with_prior, images
     known = read_dictionary(with_prior)
     write_dictionary(with_prior, replace(known, edges=np.array([[0, 1], [1, 2]])))
     sure = replace(images, confidence=np.full((8, 10), 3.0))
-    _, outcomes = fit(tmp_path, with_prior, sure, method=method)
+    given = {"least_score": None}
+    _, outcomes = fit(tmp_path, with_prior, sure, method=method, posterior=given)
     told = {w for out in outcomes for w in map(str, out.warnings) if "confidences above 1" in w}
     (warning,) = told
     assert "more precise than the model otherwise believes" in warning
@@ -138,7 +141,7 @@ def test_images_without_enough_landmarks_fail_alone(fit, tmp_path, with_prior, i
 def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     """Images far from a long lens are those of weak perspective; a proof and a place come along."""
     keys = {"method": "posterior", "posterior": {"covariance": True}}
-    weak, _ = fit(tmp_path, with_prior, images, **keys)
+    weak, _ = fit(tmp_path, with_prior, images, camera={"model": "weak-perspective"}, **keys)
     camera = {"model": "perspective", "focal": 1e7, "principal_point": [100.0, 50.0]}
     found, outcomes = fit(tmp_path, with_prior, images, camera=camera, **keys)
     assert found.shapes == pytest.approx(weak.shapes, abs=1e-3)

@@ -253,7 +253,7 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
         frame_rate=24.0,
     )
     path = written(tmp_path / "near.h5", seen)
-    weak, _ = fitted(people, path)
+    weak, _ = fitted(people, path, camera={"model": "weak-perspective"})
     camera = {"model": "perspective", "focal": 900.0, "principal_point": [500.0, 500.0]}
     found, _ = fitted(people, path, camera=camera)
     request = verify.Request(people / "result.h5", people / "dictionary.h5", ())

@@ -8,12 +8,25 @@ from collections.abc import Mapping, Sequence
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.landmark_names import match_landmarks, nearest_names
 from shapefit.io.skeletons import people_joints
-from shapefit.pipelines.fit.joints import find_joints
+from shapefit.pipelines.skeletons.joints import Joints, find_joints
 
 FEWEST_LANDMARKS = 3
 """Of a file that the dictionary must know, so that it can do without the others."""
 
 _SIDE = re.compile(r"(?:^|[^a-z])(?:(l)(?:eft)?|(r)(?:ight)?)(?:$|[^a-z])|^(?:(l)|(r))")
+
+
+def match_names(
+    own: Sequence[str], known: Sequence[str], place: str, *, in_place: bool
+) -> tuple[Joints, list[str]]:
+    """Return the joints that landmarks stand for, and the landmarks that a fit can do without.
+
+    Raises InputError as `check_enough`.
+    """
+    joints = find_joints(own, known, in_place=in_place)
+    renamed = joints.rename(own)
+    check_enough(renamed, known, place)
+    return joints, find_strange(renamed, known)
 
 
 def find_strange(own: Sequence[str], known: Sequence[str]) -> list[str]:

@@ -1,0 +1,93 @@
+"""What a fit settles by its first images, before it lifts any: the camera, and the skeleton."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import LandmarkSet, LandmarkSource
+from shapefit.lifting.methods import METHODS
+from shapefit.pipelines.fit.camera import find_calibrated, straightened
+from shapefit.pipelines.fit.chain import lift_images
+from shapefit.pipelines.fit.default_camera import with_camera, without_camera
+from shapefit.pipelines.fit.plan import check_needs, choose_chain
+from shapefit.pipelines.items import spread
+from shapefit.pipelines.skeletons.joints import MEANS, Joints, Mapped, find_joints, named_as_joints
+from shapefit.pipelines.skeletons.theta import FEWEST_SEEN, IMAGES, Theta, find_theta
+
+if TYPE_CHECKING:
+    from shapefit.io.motion.calibration import CalibratedCamera
+
+FIRST = 1024
+"""Images that are looked at: the same whatever the chunks and parts."""
+
+
+Settled = tuple[FitConfig, tuple[str, ...]]
+"""A config with nothing left open, and lines about what was found."""
+
+
+def plan_settling(config: FitConfig, dictionary: Dictionary) -> Callable[[LandmarkSource], Settled]:
+    """Return what settles a config by its images; only methods with a prior look at them.
+
+    Raises InputError where the dictionary lacks what the method needs, and as `find_calibrated`.
+    """
+    check_needs(config, dictionary)
+    calibrated = find_calibrated(config.camera)
+    if METHODS[config.method].has_prior:
+        return partial(settle, config, dictionary, calibrated)
+    settled = without_camera(config)
+    return lambda _: (settled, ())
+
+
+def settle(
+    config: FitConfig,
+    dictionary: Dictionary,
+    calibrated: CalibratedCamera | None,
+    source: LandmarkSource,
+) -> Settled:
+    """Settle the camera, then the skeleton in the view of it."""
+    first = next(source.chunks(FIRST))
+    images = straightened(first, calibrated)
+    config, of_camera = with_camera(config, images)
+    joints = find_joints(source.head.landmark_names, dictionary.landmark_names)
+    config, of_skeleton = with_theta(config, images, dictionary, joints)
+    return config, of_camera + of_skeleton
+
+
+def with_theta(
+    config: FitConfig, images: LandmarkSet, dictionary: Dictionary, joints: Joints
+) -> tuple[FitConfig, tuple[str, ...]]:
+    """Return the config with the parameters of the skeleton: as given, else found, else usual.
+
+    They are found where the method has a prior over shapes.
+    """
+    given: Theta = config.theta or {}
+    names = [name for name in joints.parameters if name not in given]
+    seen = np.flatnonzero(images.seen().sum(axis=1) >= FEWEST_SEEN)
+    if not METHODS[config.method].has_prior or not joints.stand_ins:
+        return config, ()
+    if not names or not len(seen):
+        return config.model_copy(update={"theta": {**MEANS, **given}}), ()
+    some = images.take(seen[list(spread(IMAGES, len(seen)))])
+    asked = named_as_joints(some, joints, "landmarks").arrange(
+        dictionary.landmark_names, "landmarks", leave_out=True
+    )
+    single = config.model_copy(update={"method": "posterior"})
+    chain = choose_chain(single, dictionary)
+
+    def evidence(theta: Theta) -> float:
+        lifting = lift_images(asked, Mapped(joints, theta, True).see(dictionary), chain)
+        return float(np.nansum(lifting.estimate.further["log_evidence"]))
+
+    found = find_theta(evidence, names, given)
+    told = ", ".join(
+        f"{name} {found.theta[name]:.2f}"
+        + (f" +- {found.theta[name] * found.spread[name]:.2f}" if name in found.spread else "")
+        for name in names
+    )
+    return config.model_copy(update={"theta": found.theta}), (f"skeleton: {told}",)

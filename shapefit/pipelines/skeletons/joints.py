@@ -1,0 +1,178 @@
+"""Landmarks of detectors of people beside the joints of a dictionary: y = A(theta) x.
+
+Landmark y_j of a detector stands for joint j, and lies where A says; joints that no landmark stands
+for are their own. The fit works on y, whose prior is that of x seen through A; its joints, and all
+landmarks of the detector, are then rows of weights of what it found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.dictionary.mapped import mapped
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import abbreviate, counted
+from shapefit.io import LandmarkSet
+from shapefit.io.extras import Extras
+from shapefit.io.skeletons import THETA, Part, people_parts
+from shapefit.lifting.lift import Lifting
+from shapefit.lifting.unmapped import as_joints, see_rows
+
+Floats = NDArray[np.float64]
+
+INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
+INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_names"
+MAP = "landmark_map"
+INPUTS = (INPUT_SHAPES, INPUT_SD, INPUT_CORRELATION, INPUT_NAMES, MAP)
+"""Datasets of a result: the landmarks of the files in 3D with their error bars, and A."""
+
+
+MEANS: Mapping[str, float] = {name: parameter.mean for name, parameter in THETA.items()}
+
+
+@dataclass(frozen=True)
+class Joints:
+    """known, the joints of the dictionary; parts by the landmarks of the files that mark one.
+
+    stand_ins: the landmarks that stand for a joint, one or the mean of some.
+    """
+
+    known: tuple[str, ...]
+    parts: Mapping[str, Part]
+    stand_ins: Mapping[str, tuple[str, ...]]
+
+    @property
+    def names(self) -> dict[str, str]:
+        """The landmark in whose column the images have each joint -> that joint."""
+        return {landmarks[0]: joint for joint, landmarks in self.stand_ins.items()}
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The parameters that move a landmark of the files."""
+        used = {
+            name for ls in self.stand_ins.values() for each in ls for name in self.parts[each].along
+        }
+        return tuple(name for name in THETA if name in used)
+
+    def rename(self, own: Sequence[str]) -> list[str]:
+        """Return the names of landmarks with joints in the place of those that stand for them."""
+        return [self.names.get(name, name) for name in own]
+
+    def rows(self, landmarks: Sequence[str], theta: Mapping[str, float]) -> Floats:
+        """Weights (m, p) of the joints that give the landmarks."""
+        found = np.zeros((len(landmarks), len(self.known)))
+        for row, name in enumerate(landmarks):
+            for joint, weight in self.parts[name].weights(theta).items():
+                found[row, self.known.index(joint)] = weight
+        return found
+
+    def matrix(self, theta: Mapping[str, float]) -> Floats:
+        """A (p, p), the identity where no landmark stands for a joint."""
+        A = np.eye(len(self.known))
+        for joint, landmarks in self.stand_ins.items():
+            A[self.known.index(joint)] = self.rows(landmarks, theta).mean(axis=0)
+        return A
+
+    def apart(self) -> Floats:
+        """Standard deviations (p,) of the landmarks from A x."""
+        found = np.zeros(len(self.known))
+        for joint, landmarks in self.stand_ins.items():
+            found[self.known.index(joint)] = max(self.parts[name].apart for name in landmarks)
+        return found
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Say which landmarks were taken for joints."""
+        pairs = [f"{name} for {joint}" for joint, ls in self.stand_ins.items() for name in ls]
+        if not pairs:
+            return ()
+        taken = f"{counted(len(pairs), 'landmark')} taken for joints of people"
+        return (f"{taken} ({abbreviate(pairs)})",)
+
+
+def find_joints(own: Sequence[str], known: Sequence[str], *, in_place: bool = True) -> Joints:
+    """Return the landmarks that stand for joints which the dictionary has and the files do not.
+
+    Of several for one joint those stand for it that are least apart from it, such as the top of the
+    head in place of ears, together if they are pairs, and none if they are alike. Without
+    `in_place` landmarks are taken to lie where the joints do, each for itself.
+    """
+    strange = [name for name in own if name not in set(known)]
+    parts = {
+        name: part
+        for name, part in people_parts(strange).items()
+        if set(part.fixed).union(*part.along.values()) <= set(known) and (in_place or part.alone)
+    }
+    if not in_place:
+        at = {name: part.joint for name, part in parts.items() if part.joint is not None}
+        parts = {name: Part(joint, {joint: 1.0}) for name, joint in at.items()}
+    stand_ins: dict[str, tuple[str, ...]] = {}
+    for joint in known:
+        meant = [name for name, part in parts.items() if part.joint == joint and joint not in own]
+        least = min((parts[name].apart for name in meant), default=0.0)
+        nearest = tuple(name for name in meant if parts[name].apart == least)
+        if nearest and (len(nearest) == 1 or not any(parts[name].alone for name in nearest)):
+            stand_ins[joint] = nearest
+    return Joints(tuple(known), parts, stand_ins)
+
+
+def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> LandmarkSet:
+    """Return the images with the landmarks that stand for joints named so, or their mean."""
+    landmarks, confidence = images.landmarks, images.confidence
+    weights = images.weights()
+    for several in joints.stand_ins.values():
+        if len(several) == 1:
+            continue
+        columns = [images.landmark_names.index(name) for name in several]
+        seen: NDArray[np.bool_] = np.asarray(weights[:, columns] > 0)
+        count = np.maximum(seen.sum(axis=1), 1)
+        of_seen = np.where(seen[:, None], landmarks[..., columns], 0.0).sum(axis=2) / count[:, None]
+        landmarks = landmarks.copy()
+        landmarks[..., columns[0]] = np.where(seen.any(axis=1, keepdims=True), of_seen, np.nan)
+        if confidence is not None:
+            confidence = confidence.copy()
+            confidence[:, columns[0]] = weights[:, columns].sum(axis=1) / count
+    changed = replace(images, landmarks=landmarks, confidence=confidence)
+    return changed.renamed(joints.names, place) if joints.names else images
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """Landmarks y = A(theta) x of the joints x of a dictionary.
+
+    active, whether they are not the joints themselves; keep_covariance: that of all joints is
+    wanted in the result.
+    """
+
+    joints: Joints
+    theta: Mapping[str, float]
+    active: bool
+    keep_covariance: bool = False
+
+    def see(self, dictionary: Dictionary) -> Dictionary:
+        """Return the dictionary of the landmarks."""
+        if not self.active:
+            return dictionary
+        return mapped(dictionary, self.joints.matrix(self.theta), self.joints.apart())
+
+    def back(self, lifting: Lifting) -> tuple[Lifting, Extras]:
+        """Return the lifting of the joints, and all landmarks of the files as datasets."""
+        if not self.active:
+            return lifting, Extras()
+        A, names = self.joints.matrix(self.theta), tuple(self.joints.parts)
+        rows = self.joints.rows(names, self.theta) @ np.linalg.inv(A)
+        stand_ins = {name for several in self.joints.stand_ins.values() for name in several}
+        apart = [0.0 if name in stand_ins else self.joints.parts[name].apart for name in names]
+        seen = see_rows(rows, lifting.shapes, lifting.estimate.covariance, np.array(apart))
+        per_item: dict[str, NDArray[Any]] = {INPUT_SHAPES: seen.points.swapaxes(1, 2)}
+        if seen.deviation is not None and seen.correlation is not None:
+            sd = lifting.scale[:, None, None] * seen.deviation
+            per_item[INPUT_SD] = sd.swapaxes(1, 2)
+            per_item[INPUT_CORRELATION] = seen.correlation.swapaxes(1, 2).astype(np.float32)
+        whole = {INPUT_NAMES: np.array(names, dtype=object), MAP: A}
+        return as_joints(lifting, A, self.keep_covariance), Extras(per_item, whole)

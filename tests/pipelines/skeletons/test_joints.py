@@ -1,0 +1,175 @@
+"""Landmarks as detectors name them, and a dictionary with joints of people."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.config import FitConfig
+from shapefit.config.dictionaries import find_dictionary
+from shapefit.dictionary.mapped import mapped
+from shapefit.io import (
+    LandmarkSet,
+    landmark_writer,
+    read_dictionary,
+    read_results,
+    write_dictionary,
+)
+from shapefit.io.skeletons import PEOPLE, SKELETONS
+from shapefit.pipelines.fit import run as fit
+from shapefit.pipelines.skeletons.joints import MEANS, find_joints, named_as_joints
+
+BODY = SKELETONS["body_25b"]
+
+
+@pytest.fixture(scope="module")
+def people():
+    return read_dictionary(find_dictionary("people"))
+
+
+@pytest.fixture
+def images(people, rng):
+    """Views of 24 means of the prior, with all 15 joints."""
+    n = 24
+    turn = np.linalg.qr(rng.standard_normal((n, 3, 3)))[0]
+    turn[:, :, 0] *= np.linalg.det(turn)[:, None]
+    return LandmarkSet(
+        landmarks=100 * (turn @ people.prior.means[:n])[:, :2],
+        landmark_names=PEOPLE,
+        items=tuple(f"image{i}" for i in range(n)),
+    )
+
+
+def as_detected(images, skeleton, theta=MEANS):
+    """The images with the landmarks of a skeleton in its order, those of no part not found."""
+    joints = find_joints(skeleton.landmark_names, PEOPLE)
+    points = np.full((len(images), 2, len(skeleton.landmark_names)), np.nan)
+    names = list(joints.parts)
+    columns = [skeleton.landmark_names.index(name) for name in names]
+    points[..., columns] = images.landmarks @ joints.rows(names, theta).T
+    return LandmarkSet(landmarks=points, landmark_names=skeleton.landmark_names, items=images.items)
+
+
+@pytest.fixture
+def lift(tmp_path):
+    def lift(images, dictionary="people", **keys):
+        with landmark_writer(tmp_path / "views.h5") as writer:
+            writer.append(images)
+        given = {"method": "posterior"} | keys
+        config = FitConfig(
+            landmarks=str(tmp_path / "views.h5"),
+            dictionary=str(dictionary),
+            output=str(tmp_path / "result.h5"),
+            **given,
+        )
+        *_, last = fit.run(config)
+        return read_results(tmp_path / "result.h5"), last
+
+    return lift
+
+
+@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=list(SKELETONS))
+def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
+    images, lift, people, skeleton, tmp_path
+):
+    joints = find_joints(skeleton.landmark_names, PEOPLE)
+    A = joints.matrix(MEANS)
+    found, last = lift(as_detected(images, skeleton), theta=MEANS)
+    seen = images.landmarks @ A.T
+    hidden = [j for j, name in enumerate(PEOPLE) if name not in joints.stand_ins]
+    seen[..., hidden] = np.nan
+    write_dictionary(tmp_path / "seen.h5", mapped(people, A, joints.apart()))
+    direct, _ = lift(
+        replace(images, landmarks=seen),
+        tmp_path / "seen.h5",
+        posterior={"covariance": True},
+    )
+    back = np.linalg.inv(A)
+    assert found.landmark_names == PEOPLE
+    np.testing.assert_allclose(found.shapes, direct.shapes @ back.T, atol=1e-5)
+    covariance = direct.extras["shape_covariance"].reshape(len(images), 15, 3, 15, 3)
+    expected = np.einsum("ij,njaka,ik->nia", back, covariance, back)
+    np.testing.assert_allclose(found.shape_sd.swapaxes(1, 2), np.sqrt(expected), rtol=1e-4)
+    assert "taken for joints of people" in " ".join(map(str, last.warnings))
+
+
+def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
+    """Those that stand for joints as they were fitted, the others where the joints put them."""
+    found, _ = lift(as_detected(images, BODY), theta=MEANS)
+    names = tuple(map(str, found.extras["input_landmark_names"]))
+    points = dict(zip(names, found.extras["input_shapes"].transpose(1, 0, 2), strict=True))
+    joint = dict(zip(PEOPLE, found.shapes.transpose(2, 0, 1), strict=True))
+    np.testing.assert_allclose(points["LKnee"], joint["lknee"], atol=1e-9)
+    middle = (joint["lshoulder"] + joint["rshoulder"]) / 2
+    np.testing.assert_allclose(points["Head"], middle + 1.5 * (joint["head"] - middle), atol=1e-9)
+    np.testing.assert_allclose(points["Neck"], middle, atol=1e-9)
+    fitted = dict(zip(PEOPLE, found.landmarks_fitted.transpose(2, 0, 1), strict=True))
+    np.testing.assert_allclose(points["Head"][:, :2], fitted["head"], atol=1e-6)
+    sd = found.extras["input_shape_sd"]
+    assert sd.shape == (24, len(names), 3)
+    assert (sd > 0).all()
+    np.testing.assert_allclose(sd[:, names.index("LKnee")], found.shape_sd[..., 5], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("head", "hips"), [(1.5, 1.15), (1.7, 1.0), (1.3, 1.3)])
+def test_planted_parameters_are_found(images, lift, head, hips):
+    """Within 10%: a body of any build may have either."""
+    theta = {"head": head, "hips": hips}
+    _, last = lift(as_detected(images, BODY, theta))
+    found = dict(part.split()[:2] for part in last.note.split("skeleton: ")[1].split(", ")[:2])
+    assert float(found["head"]) == pytest.approx(head, rel=0.1)
+    assert float(found["hips"]) == pytest.approx(hips, rel=0.1)
+
+
+def test_ears_are_averaged_where_seen(images):
+    detected = as_detected(images.take(slice(3)), SKELETONS["coco_17"])
+    names = SKELETONS["coco_17"].landmark_names
+    left, right = (names.index(name) for name in ("left_ear", "right_ear"))
+    points = detected.landmarks.copy()
+    points[1, :, left] = np.nan
+    points[2, :, [left, right]] = np.nan
+    joints = find_joints(names, PEOPLE)
+    named = named_as_joints(replace(detected, landmarks=points), joints, "here")
+    head = named.landmarks[..., named.landmark_names.index("head")]
+    np.testing.assert_allclose(head[0], points[0][:, [left, right]].mean(axis=1))
+    np.testing.assert_array_equal(head[1], points[1, :, right])
+    assert np.isnan(head[2]).all()
+
+
+@pytest.mark.parametrize("theta", [MEANS, {"head": 1.8, "hips": 0.9}])
+def test_a_map_moves_with_the_body(theta):
+    """Weights add up to 1, and the map can be undone."""
+    A = find_joints(BODY.landmark_names, PEOPLE).matrix(theta)
+    np.testing.assert_allclose(A.sum(axis=1), 1)
+    assert np.linalg.cond(A) < 10
+
+
+def test_the_convex_program_takes_landmarks_where_joints_are(images, lift):
+    shared = dict(BODY.people)
+    part = images.arrange(tuple(shared.values()), "here", leave_out=True)
+    expected, _ = lift(part, method="convex")
+    named = replace(part, landmark_names=tuple(shared))
+    found, _ = lift(named, method="convex")
+    np.testing.assert_allclose(found.shapes, expected.shapes, atol=1e-6)
+    assert "input_shapes" not in found.extras
+
+
+def test_nothing_changes_where_names_match(images):
+    joints = find_joints(PEOPLE, PEOPLE)
+    assert joints.stand_ins == {}
+    assert joints.notes == ()
+    assert named_as_joints(images, joints, "here") is images
+
+
+def test_joints_that_the_file_names_itself_stay():
+    assert find_joints(("lhip", "LHip", "RHip"), PEOPLE).names == {"RHip": "rhip"}
+
+
+def test_two_names_of_one_joint_stand_for_none():
+    assert find_joints(("left_hip", "LHip", "RHip"), PEOPLE).names == {"RHip": "rhip"}
+
+
+def test_other_dictionaries_are_left_alone():
+    assert find_joints(("LHip", "Head"), ("snout", "tail")).names == {}
