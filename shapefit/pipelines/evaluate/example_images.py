@@ -10,7 +10,6 @@ import numpy as np
 from shapefit.io import ResultSet, ShapeSet, read_results
 from shapefit.io.spilled.columns import Column
 from shapefit.io.spilled.name_index import index_of
-from shapefit.pipelines.evaluate.as_named import as_named
 from shapefit.pipelines.evaluate.examples import Lifted, choose, keep
 from shapefit.pipelines.evaluate.judgement import judge
 from shapefit.pipelines.evaluate.method_images import MethodImages, Picked
@@ -18,6 +17,7 @@ from shapefit.pipelines.evaluate.plan import MeasuringOptions
 from shapefit.pipelines.evaluate.truth import Truth
 from shapefit.pipelines.evaluate.visible_enough import visible_enough
 from shapefit.pipelines.items import named_items
+from shapefit.pipelines.skeletons.as_named import as_named
 
 
 def chosen_items(

@@ -11,7 +11,6 @@ from shapefit.evaluation.calibration import Coverages, image_shares
 from shapefit.evaluation.solving import Run, count_solved
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import ResultSet, read_results
-from shapefit.pipelines.evaluate.as_named import as_named
 from shapefit.pipelines.evaluate.error_bars import find_plausibility, judge_error_bars
 from shapefit.pipelines.evaluate.example_images import chosen_items, read_lifted
 from shapefit.pipelines.evaluate.examples import examples_picture
@@ -24,6 +23,7 @@ from shapefit.pipelines.evaluate.truth import Truth
 from shapefit.pipelines.evaluate.visible_enough import visible_enough
 from shapefit.pipelines.items import named_items
 from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.skeletons.as_named import as_named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
