@@ -78,7 +78,9 @@ def lift_again(images: LandmarkSet, dictionary: Dictionary, method: str) -> Floa
         output=Path("result.h5"),
         method=method,
     )
-    return fit_images(images, dictionary, plan_fit(config, dictionary).lift).shapes
+    return fit_images(
+        images, dictionary, plan_fit(config, dictionary, dictionary.landmark_names).lift
+    ).shapes
 
 
 def hidden_error(images: LandmarkSet, dictionary: Dictionary) -> float:
