@@ -21,8 +21,9 @@ from shapefit.verification.terms import LOOKING, STARTED, Terms
 class Coverage:
     """Claims counted over images, and the fates of all that is stated, over all files of a result.
 
-    good: images with a shape that miss no claim; empty: those without a shape; in_folder: whether
-    a manifest lists the files; unknown: inputs whose digests are not stated.
+    good: images with a shape that miss no claim; empty: those without a shape; refuted: those
+    without a shape that miss a claim; in_folder: whether a manifest lists the files; unknown:
+    inputs whose digests are not stated.
     """
 
     in_folder: bool = False
@@ -33,6 +34,7 @@ class Coverage:
     images: int = 0
     good: int = 0
     empty: int = 0
+    refuted: int = 0
     terms: Terms | None = None
 
     def begin(
@@ -63,6 +65,7 @@ class Coverage:
         self.images += len(result)
         self.good += int((~missed & ~empty).sum())
         self.empty += int(empty.sum())
+        self.refuted += int((missed & empty).sum())
 
     def lines(self) -> list[str]:
         """Return the table of claims, and below what was checked, what was not, what it proves."""
@@ -89,7 +92,10 @@ class Coverage:
             said[0] = f"Of {self.good} of {self.images} images: {said[0][0].lower()}{said[0][1:]}"
         if self.empty:
             why = "their landmarks, which were compared, are degenerate"
-            why = why if self.landmarks else "that is not checked without `--landmarks`"
+            if not self.landmarks:
+                why = "that is not checked without `--landmarks`"
+            elif self.refuted:
+                why = f"a claim above does not hold for {self.refuted} of them"
             said.append(f"{self.empty} of {self.images} images have no shape: {why}.")
         return said
 

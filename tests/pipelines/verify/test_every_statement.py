@@ -186,6 +186,7 @@ def test_images_declared_to_have_no_shape_are_found(
     found = verify(target, dictionaries["people"], [landmarks["people"]])
     assert list(found.failures) == list(result.items[:5])
     assert "Of 7 of 12 images: the optimum" in found.note
+    assert "5 of 12 images have no shape: a claim above does not hold for 5 of them." in found.note
     found = verify(target, dictionaries["people"])
     assert "5 images without a shape" in found.failures
     assert "5 of 12 images have no shape: that is not checked" in found.note
