@@ -79,7 +79,7 @@ def run_case(case: Case, folder: Path, tally: Tally) -> Iterator[Finding]:
     """Spoil the files in the folder, run the command there, and yield what is wrong with that."""
     command = case_command(case, folder)
     before = set(os.listdir(folder))
-    status, usage = _in_child(lambda: run(command), folder)
+    status, usage = in_child(lambda: run(command), folder)
     told = (folder / "stderr").read_text(errors="surrogateescape")
     code = os.waitstatus_to_exitcode(status)
 
@@ -122,7 +122,8 @@ def case_command(case: Case, folder: Path) -> tuple[str, ...]:
         raise
 
 
-def _in_child(work: object, folder: Path) -> tuple[int, resource.struct_rusage]:
+def in_child(work: object, folder: Path) -> tuple[int, resource.struct_rusage]:
+    """Run in a fork whose streams are files of the folder; returns how it ended, and what it took."""
     child = os.fork()
     if child == 0:
         become(folder)
@@ -182,7 +183,7 @@ def _crashes_h5py(folder: Path) -> bool:
                 continue
         return 0
 
-    status, _ = _in_child(read_all, folder)
+    status, _ = in_child(read_all, folder)
     return os.waitstatus_to_exitcode(status) < 0
 
 

@@ -27,7 +27,7 @@ def _column(rng: Random, rows: Rows) -> None:
 
 
 def _scale(rng: Random, rows: Rows) -> None:
-    factor = 10.0 ** rng.uniform(-330, 310)
+    factor = 10.0 ** rng.uniform(-330, 308)
     for row in rows[1:]:
         row[2:5] = [str(float(value or "nan") * factor) for value in row[2:5] if _is_number(value)]
 

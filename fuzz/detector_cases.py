@@ -61,7 +61,14 @@ def _spoil_json(rng: Random, found: Any) -> None:
 def make(rng: Random, folder: Path) -> tuple[str, ...]:
     """Spoil a file of one of the formats, and convert what it is part of."""
     name = rng.choice(list(WRITERS))
-    path = folder / name
+    path = spoil_file(rng, folder / name)
+    track = rng.choice(("nearest", "none"))
+    given = name if rng.random() < 0.7 else str(path.relative_to(folder))
+    return ("convert", given, "-o", rng.choice(("out.h5", "out.csv")), "--set", f"track={track}")
+
+
+def spoil_file(rng: Random, path: Path) -> Path:
+    """Spoil a file, or one in this folder; returns which."""
     if path.is_dir():
         path = rng.choice(sorted(path.iterdir()))
     if path.suffix == ".json" and rng.random() < 0.8:
@@ -73,6 +80,4 @@ def make(rng: Random, folder: Path) -> tuple[str, ...]:
         spoil_bytes(rng, path)
     else:
         path.write_bytes(rng.choice(SPOILS)(rng, path.read_bytes()))
-    track = rng.choice(("nearest", "none"))
-    given = name if rng.random() < 0.7 else str(path.relative_to(folder))
-    return ("convert", given, "-o", rng.choice(("out.h5", "out.csv")), "--set", f"track={track}")
+    return path

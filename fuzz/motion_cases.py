@@ -109,7 +109,7 @@ def make(rng: Random, folder: Path) -> tuple[str, ...]:
         (folder / other).write_text(text)
     text = FILES[name]
     for _ in range(rng.randrange(1, 4)):
-        text = _spoiled(rng, text)
+        text = spoiled_text(rng, text)
     (folder / name).write_bytes(text.encode("utf-8", "surrogatepass"))
     if name == "m.toml":
         camera = ("--set=camera.calibration=m.toml", "--set", f"camera.name={rng.choice('l0x')}")
@@ -120,7 +120,8 @@ def make(rng: Random, folder: Path) -> tuple[str, ...]:
     return ("learn-dict", source, "-o", "out.h5", "--set", "k=2", "--set", "iterations=2")
 
 
-def _spoiled(rng: Random, text: str) -> str:
+def spoiled_text(rng: Random, text: str) -> str:
+    """Replace a word, cut the text off, or drop and repeat lines."""
     kind = rng.randrange(6)
     if kind < 3:
         words = re.split(r"(\s|,)", text)

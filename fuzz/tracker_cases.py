@@ -24,7 +24,7 @@ def write_tracker_files(folder: Path) -> None:
         write(folder / name, points, confidence)
 
 
-def _spoil_groups(rng: Random, path: Path) -> None:
+def spoil_groups(rng: Random, path: Path) -> None:
     """Change datasets and attributes of a group of the file."""
     with h5py.File(path, "a") as file:
         groups = [file]
@@ -44,5 +44,5 @@ def make(rng: Random, folder: Path) -> tuple[str, ...]:
     elif rng.random() < 0.5:
         spoiled_hdf5(rng, folder / name)
     else:
-        _spoil_groups(rng, folder / name)
+        spoil_groups(rng, folder / name)
     return ("convert", name, "-o", rng.choice(("out.h5", "out.csv")))

@@ -31,6 +31,9 @@ BLOCK_ROWS = 4096
 DECIMALS, WIDE = 2, 100
 """Of pixels, where the landmarks of an image spread over so many of them."""
 
+WHOLE = 2.0**52
+"""From which on all numbers of 64 bits are whole."""
+
 Y_UP = "y points up, which CSV cannot say: read the file with `--set y_axis=up`"
 
 _IN_QUOTES = re.compile('[",\\r\\n]')
@@ -126,7 +129,9 @@ def _is_wide(record: Records) -> bool:
 def _rows(record: Records, part: slice, decimals: int | None = None) -> bytes:
     """Return the lines of some of the items, with so many decimals of the points."""
     points = record.points[part]
-    points = points if decimals is None else np.round(points, decimals)
+    if decimals is not None:
+        is_whole = np.abs(points) >= WHOLE  # times a hundred it may be beyond all numbers
+        points = np.where(is_whole, points, np.round(np.where(is_whole, 0, points), decimals))
     n, dimensions, p = points.shape
     numbers = points.swapaxes(1, 2).reshape(n * p, dimensions)
     confidence, deviations = (getattr(record, name, None) for name in ("confidence", "shape_sd"))

@@ -74,7 +74,7 @@ def list_file(path: Path, options: InputOptions = AS_THEY_ARE) -> Listing:
             ),
             landmark_names=head.landmark_names,
             unit=head.unit,
-            y_axis=head.y_axis if source.states_y_axis else None,
+            y_axis=getattr(head, "y_axis", None) if source.states_y_axis else None,
             frame_rate=head.frame_rate,
             attributes=getattr(head, "attributes", {}),
             datasets=frozenset(head.extras),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, input_error
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.motion.recognition import find_landmarks, split_columns
 from shapefit.io.motion.text import read_blocks, read_head, read_plain, read_table
@@ -25,6 +25,8 @@ def record(paths: tuple[Path, ...]) -> Recording:
     columns = split_columns(read_head(path, 1)[0])
     names = find_landmarks(columns)
     place = {name: number for number, name in enumerate(columns)}
+    points = [name[:-2] for name in columns if name.endswith("_x")]
+    left = [name for name in points if name not in names]
     kept = [place[f"{name}_{axis}"] for name in names for axis in "xyz"]
     scored = all(f"{name}_score" in place for name in names)
     scores = [place[f"{name}_score"] for name in names] if scored else []
@@ -54,6 +56,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         landmark_count=len(names),
         landmark_names=names,
         blocks=blocks,
+        notes=(f"points left out: {abbreviate(left)}",) if left else (),
     )
 
 

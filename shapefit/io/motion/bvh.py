@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import input_error
+from shapefit.errors import input_error, printable
 from shapefit.geometry.rotations import turns
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.motion.labels import unique_names
@@ -126,6 +126,9 @@ def read_hierarchy(path: Path) -> Hierarchy:
                     raise input_error(place, "the tree of joints is not complete", "correct it")
                 seconds = read_words(words[2:3], 1, place)[0]
                 return Hierarchy(joints, width, number, frames, seconds)
+            elif word not in ("", "HIERARCHY", "MOTION"):
+                found = f"begins with {printable(words[0])!r}, which is no word of BVH"
+                raise input_error(place, found, "correct it")
             if "}" in line and open_joints:
                 del open_joints[-line.count("}") :]
     raise input_error(path, "has no motion, or is cut off before it", "give a complete BVH file")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,14 @@ def test_points_scores_and_frame_numbers(tmp_path, text):
     expected = [[[1, 2, 3], [4, 5, 6]], [[1.5, 2, 3], nan], [nan, [4, 5, 6]]]
     np.testing.assert_array_equal(shapes.shapes.swapaxes(1, 2), expected)
     np.testing.assert_array_equal(shapes.extras["confidence"], [[0.9, 0.8], [0.9, 0], [0, 1]])
+
+
+def test_points_of_which_nothing_more_is_said_are_named(tmp_path):
+    path = tmp_path / "fly.csv"
+    path.write_text(re.sub("nose_(error|ncams|score)", r"\1", HEAD) + ROWS)
+    with open_shapes([path], gaps=True) as source:
+        assert source.head.landmark_names == ("tail_1",)
+        assert any("points left out: nose" in note for note in source.notes)
 
 
 def test_columns_of_others_need_not_be_numbers(tmp_path):

@@ -85,6 +85,7 @@ def test_fewer_frames_than_announced(tmp_path):
         (TREE.replace("  }\n}\n", "") + FRAMES, ["walk.bvh:16", "not complete"]),
         (TREE.replace("CHANNELS 3", "CHANNELS 4") + FRAMES, ["walk.bvh:9", "4 channels"]),
         (TREE.replace("Zrotation", "Wrotation") + FRAMES, ["walk.bvh:5", "'Wrotation'"]),
+        (TREE.replace("OFFSET 0 -4 0", "x OFFSET 0 -4 0") + FRAMES, ["walk.bvh:8", "'x'"]),
         (TREE.replace("0 -4 0", "0 -4 nan") + FRAMES, ["walk.bvh:8", "3 numbers"]),
         (TREE.replace("Time: 0.04", "Time: soon") + FRAMES, ["walk.bvh:18", "soon"]),
         (TREE.replace("Frames: 2", "Frames: many") + FRAMES, ["walk.bvh:17", "many"]),
