@@ -123,7 +123,7 @@ def case_command(case: Case, folder: Path) -> tuple[str, ...]:
 
 
 def in_child(work: object, folder: Path) -> tuple[int, resource.struct_rusage]:
-    """Run in a fork whose streams are files of the folder; returns how it ended, and what it took."""
+    """Run in a fork whose streams are files of the folder; returns its status and what it took."""
     child = os.fork()
     if child == 0:
         become(folder)
