@@ -41,21 +41,48 @@ NO_MEMORY, NOT_LISTED = 1, 2
 """Exit codes of the child; what a reader will report itself is 0."""
 
 DAMAGED = "the file is damaged: copy or make it again"
+WRITTEN = "user.shapefit.written"
+"""Extended attribute of a file: its size and time of change when this program had written it."""
+
 INSTALLED = Path(shapefit.__file__).parent
 
 
 def try_opening(path: Path) -> None:
     """Raise InputError for a file on which libhdf5 hangs, crashes or fills the memory.
 
-    What it reports itself is left to the reader. A file that did not change is tried once, those
-    that are installed with the package never.
+    What it reports itself is left to the reader. A file that did not change is tried once; those
+    that are installed with the package, or as this program wrote them, never.
     """
     state = find_state(path)
     if state is None or not hasattr(os, "fork") or INSTALLED in path.parents:
         return
+    if _is_as_written(path, state):
+        return
     found = _tried(path, state)
     if found is not None:
         raise input_error(path, found, DAMAGED)
+
+
+def mark_written(path: Path) -> None:
+    """Note on a file that this program wrote it, at this time: as long as it stays so, it is sound.
+
+    It is an attribute of the file beside its content, which copies as a rule do not have; a file
+    system without such attributes has the file tried like others.
+    """
+    state = find_state(path)
+    if state is not None and hasattr(os, "setxattr"):
+        with suppress(OSError):
+            os.setxattr(path, WRITTEN, _words(state))
+
+
+def _is_as_written(path: Path, state: State) -> bool:
+    with suppress(OSError, AttributeError):
+        return os.getxattr(path, WRITTEN) == _words(state)
+    return False
+
+
+def _words(state: State) -> bytes:
+    return f"{state[0]} {state[1]}".encode()
 
 
 @lru_cache(maxsize=4096)

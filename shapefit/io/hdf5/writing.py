@@ -14,10 +14,12 @@ import numpy as np
 
 from shapefit.io.extras import Array
 from shapefit.io.hdf5.latched_file import Spool
+from shapefit.io.hdf5.trial import mark_written
 from shapefit.io.layout import PER_ITEM_FLAG, VERSION, Format, stored_name
 from shapefit.io.stored.arrays import as_stored, storable
 from shapefit.io.stored.writer import StoredWriter, check_alike
 from shapefit.io.whole.atomic import atomic_file
+from shapefit.stores.urls import UrlPath
 
 CHUNK_BYTES = 1 << 18
 CHUNK_ROWS = 64
@@ -33,6 +35,8 @@ def hdf5_output(target: Path, form: Format) -> Iterator[Hdf5Writer]:
     """Give a writer to a file that appears on a clean exit."""
     with atomic_file(target) as file, Hdf5Writer(file, form) as writer:
         yield writer
+    if not isinstance(target, UrlPath):
+        mark_written(target)
 
 
 class Hdf5Writer(StoredWriter):

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io import read_shapes
+from shapefit.io import read_shapes, write_shapes
 from shapefit.io.hdf5 import trial
 from shapefit.io.hdf5.trial import INSTALLED, try_opening
+from shapefit.io.records import ShapeSet
 
 
 @pytest.fixture
@@ -82,6 +83,18 @@ def test_sound_files_and_those_of_the_package_are_left_alone(file, monkeypatch):
     os.utime(file)
     with pytest.raises(InputError, match="SIGABRT"):
         try_opening(file)
+
+
+def test_a_file_of_this_program_is_trusted_until_it_is_touched(tmp_path, monkeypatch):
+    path = tmp_path / "shapes.h5"
+    write_shapes(path, ShapeSet(np.zeros((1, 3, 4)), tuple("abcd"), ("one",)))
+    if "user.shapefit.written" not in os.listxattr(path):
+        pytest.skip("this file system has no extended attributes")
+    walked("os.abort()", monkeypatch)
+    try_opening(path)
+    os.utime(path)
+    with pytest.raises(InputError, match="SIGABRT"):
+        try_opening(path)
 
 
 def test_what_libhdf5_reports_is_left_to_the_reader(file):
