@@ -18,6 +18,7 @@
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
 #   make people       the dictionary of the package, learned anew from motion capture (DATA=FOLDER)
 #   make bodies       how that dictionary does on each of its bodies when it is left out
+#   make footage      people before a camera at rest, as a detector finds them (DATA=FOLDER as above)
 #   make detected     landmarks that networks detected, against their 3D truth (DATA=FOLDER as above)
 #   make cars         real cars: report, meshes, pictures, outliers (DATA=FOLDER as above)
 
@@ -35,7 +36,7 @@ CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test test-all fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper people bodies detected cars bench clean
+.PHONY: demo test test-all fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper people bodies footage detected cars bench clean
 
 demo: $(RUNS)
 	$(SHAPEFIT) fit sample_data/openpose -d people --set keypoints=body_25 \
@@ -96,6 +97,9 @@ people: $(RUNS)
 
 bodies: $(RUNS)
 	$(BIN)/python -m benchmarks.bodies $(if $(DATA),--data '$(DATA)')
+
+footage: $(RUNS)
+	$(BIN)/python -m benchmarks.footage $(if $(DATA),--data '$(DATA)')
 
 detected: $(RUNS)
 	$(BIN)/python -m benchmarks.detected $(if $(DATA),--data '$(DATA)')

@@ -32,6 +32,7 @@ KNOWN = 0.9
 """Share of the training frames in which a landmark must be known to be learned."""
 
 PEOPLE = (CONFIGS / "mocap/best/learn-dict.yaml", CONFIGS / "people/learn-dict.yaml")
+ARM = ("Shoulder", "Elbow", "Wrist")
 SIDES = {"left": "l", "right": "r"}
 DESK = {f"{s}_{j}": t + j for s, t in SIDES.items() for j in ("shoulder", "elbow", "wrist", "hip")}
 
@@ -41,7 +42,8 @@ class Case:
     """A file of detections and its truth (with names of their own), learned as `learn` says.
 
     learn: configs of learn-dict for the methods without and with a prior, None where the first
-    half of the frames trains; lambdas of convex and alternate.
+    half of the frames trains; lambdas of convex and alternate; methods that know what the names
+    of its landmarks are; landmarks of the truth that are judged, all by default.
     """
 
     name: str
@@ -51,14 +53,24 @@ class Case:
     rename: dict[str, str] = field(default_factory=dict)
     lambdas: tuple[float, float] = (0.1, 0.1)
     settings: tuple[str, ...] = ()
+    methods: tuple[str, ...] = METHODS
+    judged: tuple[str, ...] = ()
 
 
 RAT = (CONFIGS / "detected/learn-rat.yaml",) * 2
 BEAM = "pose2sim_balancing/cam{0}_joints13"
+BY_NAME = "pose2sim_balancing/cam{0}"
+THIRTEEN = ("Head", *(s + j for s in "LR" for j in ("Hip", "Knee", "Ankle", *ARM)))
 CASES = (
     *(
         Case(f"beam, camera {n}", BEAM.format(n), BEAM.format(n) + "_truth", PEOPLE,
              lambdas=(0.03, 0.03), settings=("sequences.frame_rate=60",))
+        for n in ("01", "03")
+    ),
+    *(
+        Case(f"beam by OpenPose's names, camera {n}", BY_NAME.format(n),
+             BY_NAME.format(n) + "_truth", PEOPLE, methods=WITH_BARS,
+             settings=("sequences.frame_rate=60",), judged=THIRTEEN)
         for n in ("01", "03")
     ),
     *(
@@ -145,6 +157,12 @@ def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") ->
         landmarks, truth = (data / f"{name}.h5" for name in (case.landmarks, case.truth))
         if people and case.learn is PEOPLE:
             prior = Path(people)
+    if case.judged:
+        whole = read_shapes([truth], gaps=True)
+        truth = folder / "truth.h5"
+        columns = np.flatnonzero(np.isin(np.array(whole.landmark_names), case.judged))
+        write_shapes(truth, of_landmarks(whole, columns))
+    methods = [method for method in methods if method in case.methods]
     known = names_of(landmarks)
     rename = {old: new for old, new in case.rename.items() if old in known}
     renamed = ["--set", f"rename={json.dumps(rename)}"] if rename else []
@@ -179,6 +197,9 @@ def cells(report: Path, methods: Sequence[str]) -> list[str]:
             found[row["method"], row["unit"]] = row["mean"]
     texts = []
     for method in methods:
+        if (method, "normalised") not in found:
+            texts.append("")
+            continue
         text = f"{found[method, 'normalised']:.3f}"
         metres = found.get((method, "m"))
         texts.append(text if metres is None else f"{text} ({1000 * metres:.3g} mm)")

@@ -8,7 +8,7 @@ that command then judges it beside the others. It needs JAX, which the package d
 The classic lifter: normalised landmarks and which of them are seen -> two residual blocks of 256
 units -> depths and corrections. It is trained on the poses of subject 86, mirrored, with stretched
 bones, in views all around with the tilts of the footage, at its distances, with its detector's
-joints, noise and gaps: it is told all that the footage does.
+joints, noise and gaps: it knows all that the footage does.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def views(shapes: ShapeSet, rng: np.random.Generator) -> Iterator[tuple[Floats, 
 
 def as_input(landmarks: Floats) -> Floats:
     """Normalised landmarks (n, 2, m), 0 where hidden, and which are seen: (n, 3m)."""
-    seen = np.isfinite(landmarks).all(axis=1)
+    seen: NDArray[np.bool_] = np.asarray(np.isfinite(landmarks).all(axis=1))
     count = np.maximum(seen.sum(axis=1), 1)[:, None, None]
     filled = np.where(seen[:, None], landmarks, 0.0)
     apart = np.where(seen[:, None], filled - filled.sum(axis=2, keepdims=True) / count, 0.0)
