@@ -36,7 +36,7 @@ CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test test-all fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper people bodies footage detected cars bench clean
+.PHONY: demo test test-all fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper people bodies footage detected from-2d cars bench clean
 
 demo: $(RUNS)
 	$(SHAPEFIT) fit sample_data/openpose -d people --set keypoints=body_25 \
@@ -104,6 +104,9 @@ footage: $(RUNS)
 detected: $(RUNS)
 	$(BIN)/python -m benchmarks.detected $(if $(DATA),--data '$(DATA)')
 	$(BIN)/python -m benchmarks.verdict
+
+from-2d: $(RUNS)
+	$(BIN)/python -m benchmarks.from_2d $(if $(DATA),--data '$(DATA)')
 
 CAR_METHODS := $(basename $(notdir $(wildcard configs/cars/methods/*.yaml)))
 CAR_SWEEPS := $(basename $(notdir $(wildcard configs/cars/outliers-*.yaml)))

@@ -45,9 +45,12 @@ def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | No
 def find_lengths(path: Path, dictionary: Dictionary) -> Floats:
     """Return the known lengths (e,) of the bones of the dictionary, nan where unknown.
 
-    Raises InputError for a file that cannot be read or holds no length of a bone.
+    Raises InputError for a file that cannot be read or holds no length of a bone, and for a
+    dictionary without edges.
     """
-    assert dictionary.edges is not None  # check_needs
+    if dictionary.edges is None:
+        fix = "learn the dictionary from shapes with edges, or leave out `sequences.lengths`"
+        raise input_error(path, "the dictionary has no bones, so that lengths say nothing", fix)
     names = dictionary.landmark_names
     table = read_lengths(path)
     if table is None:

@@ -22,7 +22,7 @@ from shapefit.pipelines.outcome import Outcome
 
 Floats = NDArray[np.float64]
 
-SAMPLE = 300
+SAMPLE = 500
 """Images by which priors are compared."""
 
 
@@ -30,6 +30,12 @@ MIXTURES = 4
 """Rounds of learning a mixture at most."""
 
 IMAGES_PER_COMPONENT, MOST_COMPONENTS = 150, 32
+
+HOPELESS = 1.3
+"""Factor of the error from which a mixture is no start for a better one."""
+
+LARGER = 2.0
+"""Factor of size from one round to the next beyond which an image was misread."""
 
 QUICK = 3
 """Rounds of learning atoms that only have to find views."""
@@ -60,12 +66,14 @@ def relift(
             line=f"prior of {counted(number, 'component')}: hidden landmarks {found:.4f} off, "
             f"{error:.4f} before; {'kept' if kept else 'left out'}"
         )
-        if not kept:
+        if found > HOPELESS * error:
             break
-        best, error, of_best = mixed, found, shapes
-        lifted = lift_again(images, best, method)
-        failed = np.isnan(lifted).any(axis=(1, 2), keepdims=True)
-        shapes = replace(shapes, shapes=np.where(failed, shapes.shapes, lifted))
+        if kept:
+            best, error, of_best = mixed, found, shapes
+        lifted = lift_again(images, mixed, method)
+        grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(shapes.shapes, axis=(1, 2))
+        fine = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
+        shapes = replace(shapes, shapes=np.where(fine[:, None, None], lifted, shapes.shapes))
     made = yield from make(of_best, 0, iterations)
     return replace(made, prior=best.prior, misfit=best.misfit)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ from shapefit.pipelines.fit.plan import (
     choose_program,
     choose_settings,
     choose_solver,
+    find_misfit,
 )
 
 
@@ -51,6 +54,13 @@ def test_settings_of_the_methods(config, dictionary):
     pursuing = choose_settings(config(method="pmp"), dictionary, solve_newton)
     assert pursuing.needs["edges"] is dictionary.edges
     assert pursuing.options is None
+
+
+def test_the_misfit_is_that_of_the_config_then_of_the_dictionary_then_usual(config, dictionary):
+    own = replace(dictionary, misfit=np.array([3e-4]))
+    assert find_misfit(config(posterior={"misfit": 0.02}), own) == 0.02
+    assert find_misfit(config(), own) == 3e-4
+    assert find_misfit(config(), dictionary) == 0.01
 
 
 def test_options_of_the_solver(config):

@@ -19,6 +19,7 @@ from shapefit.io import (
     read_dictionary,
     read_results,
     read_shapes,
+    write_dictionary,
 )
 from shapefit.pipelines import verify
 from shapefit.pipelines.fit import run as fit
@@ -76,6 +77,25 @@ def test_shapes_move_and_have_deviations(people):
     assert (whole.shape_sd > 0).all()
     assert np.abs(whole.shapes - single.shapes).max() > 0
     np.testing.assert_array_equal(whole.landmarks_fitted, whole.shapes[:, :2])
+
+
+def test_without_edges_sequences_go_by_steady_motion(people, tmp_path):
+    known = read_dictionary(people / "dictionary.h5")
+    bare = dict.fromkeys(("edges", "edge_give", "edge_length"))
+    write_dictionary(tmp_path / "dictionary.h5", replace(known, **bare))
+    single, _ = fitted(tmp_path, people / "views.h5", method="posterior")
+    whole, _ = fitted(tmp_path, people / "views.h5")
+    assert np.isfinite(whole.shapes).all()
+    assert np.isfinite(whole.extras["sequence_noise"]).any()
+
+    def haste(shapes):
+        return np.abs(np.diff(shapes[:, 2], n=2, axis=0)).mean()
+
+    assert haste(whole.shapes) < haste(single.shapes)
+    lengths = tmp_path / "lengths.csv"
+    lengths.write_text("from,to,length\na,b,1\n", encoding="utf-8")
+    with pytest.raises(InputError, match="the dictionary has no bones"):
+        fitted(tmp_path, people / "views.h5", sequences={"lengths": lengths})
 
 
 def test_error_bars_keep_what_frames_have_in_common(people):

@@ -1,0 +1,246 @@
+"""Classes learned from 2D landmarks alone, against published figures and goals, in one table.
+
+`python -m benchmarks.from_2d --data FOLDER [CASE ...]` learns, fits with the defaults of both
+commands, judges by the truth, and writes results/from_2d/index.md. e3D is the mean of
+||X - X^|| / ||X|| over the frames, centroids removed; `similarity` the normalised error of `eval`.
+One sign of depth is chosen per class. Seconds are those of the processor, one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.tables.markdown import markdown_table
+from shapefit.geometry.normalisation import spread
+from shapefit.io import LandmarkSet, landmark_writer, open_landmarks, read_results, read_shapes
+from shapefit.io.records import concatenate
+
+Floats = NDArray[np.float64]
+FOLDER = Path("results/from_2d")
+FRAMES = 150
+MISSING, NOISE = 0.1, 0.02
+LEFT_OUT = ("KneeL", "ArmR", "ElbowR")
+
+
+@dataclass(frozen=True)
+class Case:
+    """Images to learn from, images to lift with their truth (n, 3, p) before the camera.
+
+    judged: from shapes and truth to an error of each image; published, goal as in the table.
+    """
+
+    name: str
+    published: str
+    goal: float
+    judged: Callable[[Floats, Floats], Floats]
+    learned: Callable[[Path], LandmarkSet]
+    lifted: Callable[[Path], tuple[LandmarkSet, Floats]]
+    method: str = "sequences"
+
+
+def e3d(found: Floats, truth: Floats) -> Floats:
+    """||X - X^|| / ||X|| (n,), centroids removed."""
+    apart = found - found.mean(axis=2, keepdims=True) - truth + truth.mean(axis=2, keepdims=True)
+    size = np.linalg.norm(truth - truth.mean(axis=2, keepdims=True), axis=(1, 2))
+    return np.linalg.norm(apart, axis=(1, 2)) / size
+
+
+def normalised(found: Floats, truth: Floats) -> Floats:
+    """Similarity error over the size of the truth (n,)."""
+    return similarity(found, truth) / spread(truth)
+
+
+def millimetres(found: Floats, truth: Floats) -> Floats:
+    """Similarity error (n,) in mm of a truth in metres with gaps."""
+    return 1000 * similarity(found, truth)
+
+
+def read(paths: list[Path]) -> LandmarkSet:
+    """Read all images of some files, their items and sequences kept apart."""
+    parts = []
+    for path in paths:
+        with open_landmarks([path]) as source:
+            part = concatenate(list(source.chunks(4096)))
+        names = tuple(f"{path.stem}/{name}" for name in part.items)
+        sequences = tuple(f"{path.stem}/{name}" for name in part.sequences or ("",) * len(part))
+        parts.append(replace(part, items=names, sequences=sequences, extras={}))
+    return concatenate(parts)
+
+
+def published_sequence(name: str, damaged: bool) -> Callable[[Path], tuple[LandmarkSet, Floats]]:
+    """Return a reader of a sequence in `nrsfm`, with hidden landmarks and noise where damaged."""
+
+    def given(data: Path) -> tuple[LandmarkSet, Floats]:
+        images = read([data / f"nrsfm/{name}.h5"])
+        if damaged:
+            rng = np.random.default_rng(1)
+            w = images.landmarks
+            size = (w - w.mean(axis=2, keepdims=True)).std()
+            w = w + NOISE * size * rng.standard_normal(w.shape)
+            hidden = rng.random((len(w), 1, w.shape[2])) < MISSING
+            images = replace(images, landmarks=np.where(hidden, np.nan, w))
+        return images, read_shapes([data / f"nrsfm/{name}_truth.h5"]).shapes
+
+    return given
+
+
+def turntable(
+    subject: int, every: int = 1, frames: int | None = FRAMES
+) -> Callable[[Path], tuple[LandmarkSet, Floats]]:
+    """Return a reader of the first frames of each sequence, seen by a camera that turns once."""
+
+    def given(data: Path) -> tuple[LandmarkSet, Floats]:
+        shapes = read_shapes([data / f"mocap/subject{subject}_24fps.h5"])
+        names = np.array(shapes.sequences)
+        rank = np.concatenate([np.arange((names == name).sum()) for name in dict.fromkeys(names)])
+        shapes = shapes.take(rank < (frames or len(names)))
+        names = np.array(shapes.sequences)
+        angle = np.concatenate(
+            [
+                np.linspace(0, 2 * np.pi, (names == name).sum(), endpoint=False)
+                for name in dict.fromkeys(names)
+            ]
+        )
+        c, s, o = np.cos(angle), np.sin(angle), np.zeros(len(angle))
+        turn = np.moveaxis(np.array([[c, o, s], [o, o + 1, o], [-s, o, c]]), -1, 0)
+        X = turn @ shapes.shapes
+        images = LandmarkSet(
+            landmarks=X[:, :2],
+            landmark_names=shapes.landmark_names,
+            items=shapes.items,
+            sequences=shapes.sequences,
+            frame_rate=shapes.frame_rate,
+            y_axis="up",
+        )
+        return images.take(slice(None, None, every)), X[::every]
+
+    return given
+
+
+def rat(data: Path) -> tuple[LandmarkSet, Floats]:
+    """Return the detections of three cameras, and the truth with its gaps."""
+    folder = data / "detected/rat7m"
+    cameras = [folder / f"camera{n}" for n in (1, 3, 5)]
+    images = read([camera.with_suffix(".h5") for camera in cameras])
+    kept = [name for name in images.landmark_names if name not in LEFT_OUT]
+    truth = []
+    for camera in cameras:
+        shapes = read_shapes([camera.with_name(f"{camera.name}_truth.h5")], gaps=True)
+        truth.append(shapes.shapes[..., [shapes.landmark_names.index(name) for name in kept]])
+    return images.arrange(kept, leave_out=True), np.concatenate(truth)
+
+
+def first(given: Callable[[Path], tuple[LandmarkSet, Floats]]) -> Callable[[Path], LandmarkSet]:
+    """Return a reader of the images without their truth."""
+    return lambda data: given(data)[0]
+
+
+def sequence_case(name: str, published: str, goal: float, damaged: bool = False) -> Case:
+    """Return the case of a published sequence, learned from and lifted."""
+    given = published_sequence(name, damaged)
+    label = f"{name}-damaged" if damaged else name
+    return Case(label, published, goal, e3d, first(given), given)
+
+
+def body_case(name: str, published: str, goal: float, subjects: tuple[int, int]) -> Case:
+    """Return the case of a body: learned from one subject, lifted on another or the same."""
+    learned, lifted = subjects
+    if learned == lifted:
+        given = turntable(learned)
+        return Case(name, published, goal, normalised, first(given), given)
+    source, target = turntable(learned, frames=None), turntable(lifted, every=10, frames=None)
+    return Case(name, published, goal, normalised, first(source), target, "posterior")
+
+
+CASES = (
+    sequence_case("pickup", ".0133", 0.020),
+    sequence_case("stretch", ".0150", 0.020),
+    sequence_case("walking", ".0407", 0.0407),
+    sequence_case("face", ".0150", 0.0150),
+    sequence_case("pickup", "", 0.025, damaged=True),
+    sequence_case("stretch", "", 0.027, damaged=True),
+    body_case("subject-13", ".259 (convex, with 3D)", 0.215, (13, 13)),
+    Case("rat", "6-13 with 3D poses", 12.0, millimetres, first(rat), rat),
+    body_case("86-to-13", "", 0.27, (86, 13)),
+    body_case("86-to-14", "", 0.27, (86, 14)),
+)
+
+
+def write(path: Path, images: LandmarkSet) -> Path:
+    """Write landmarks to a file; return it."""
+    with landmark_writer(path) as writer:
+        writer.append(images)
+    return path
+
+
+def measure(case: Case, data: Path) -> tuple[str, ...]:
+    """Learn, fit, judge; return the row of the table."""
+    folder = FOLDER / case.name
+    folder.mkdir(parents=True, exist_ok=True)
+    learned = write(folder / "learned.h5", case.learned(data))
+    images, truth = case.lifted(data)
+    lifted = write(folder / "lifted.h5", images)
+    before = seconds()
+    run("learn-dict", learned, "-o", folder / "dictionary.h5")
+    taken = seconds() - before
+    result = folder / "result.h5"
+    run(
+        "fit",
+        lifted,
+        "-d",
+        folder / "dictionary.h5",
+        "-o",
+        result,
+        "--set",
+        f"method={case.method}",
+    )
+    shapes = read_results(result).shapes
+    signs = [np.array([[1.0], [1.0], [sign]]) for sign in (1.0, -1.0)]
+    error = min(float(np.nanmean(case.judged(sign * shapes, truth))) for sign in signs)
+    met = "met" if error <= case.goal else "missed"
+    return case.name, case.published, f"{case.goal:g}", f"{error:.4f}", met, f"{taken:.0f}"
+
+
+def run(*arguments: str | Path) -> None:
+    """Run the command with one thread; failures of single images are part of the result."""
+    command = [sys.executable, "-m", "shapefit", *map(str, arguments)]
+    threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, check=False, env=os.environ | threads)
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"{' '.join(command)} ended with {done.returncode}")
+
+
+def seconds() -> float:
+    """Return the processor time of all commands so far."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def main() -> None:
+    """Write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
+    parser.add_argument("cases", nargs="*", help="names of cases; all by default")
+    given = parser.parse_args()
+    rows = []
+    for case in CASES:
+        if not given.cases or case.name in given.cases:
+            rows.append(measure(case, given.data))
+            print(" | ".join(rows[-1]), flush=True)
+    header = ("case", "published", "goal", "error", "", "seconds")
+    (FOLDER / "index.md").write_text(markdown_table(header, rows) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
