@@ -61,6 +61,11 @@ class ConfigModel(BaseModel):
     )
 
 
+def section(model: type[ConfigModel], description: str) -> Any:
+    """Return the field of a section, which by default has its own defaults."""
+    return Field(default_factory=model.model_construct, description=description)
+
+
 class CommandConfig(ConfigModel):
     """Everything that can be set for one command."""
 

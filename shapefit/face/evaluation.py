@@ -19,7 +19,7 @@ from shapefit.face.records import Fit, Shapes, result_set, shape_set
 from shapefit.io.kinds.given import given_source
 from shapefit.pipelines.evaluate.image_errors import find_grouping, image_errors
 from shapefit.pipelines.evaluate.judgement import judge
-from shapefit.pipelines.evaluate.visible_enough import visible_enough
+from shapefit.pipelines.evaluate.result_datasets import visible_enough
 
 FILES = {"results": {"result": "-"}, "truth": (Path("truth"),), "output": Path("report")}
 """What stands for the files of the command in messages."""

@@ -8,15 +8,9 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.geometry.rotations import rotation_about
+from shapefit.geometry.upright import TO_Y_UP
 
 Axis = Literal["x", "y", "z"]
-
-# Quarter turns that bring an axis of the object to y of the camera; the other axes follow.
-_UPRIGHT = {
-    "x": [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
-    "y": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-    "z": [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]],
-}
 
 
 def project(shapes: Floats, rotations: Floats, scale: float = 1.0) -> Floats:
@@ -36,4 +30,4 @@ def turntable(turns: Floats, up: Axis) -> Floats:
     turns anticlockwise.
     """
     axis = np.eye(3)["xyz".index(up)]
-    return np.array(_UPRIGHT[up]) @ rotation_about(axis, 2 * np.pi * np.asarray(turns))
+    return TO_Y_UP[up] @ rotation_about(axis, 2 * np.pi * np.asarray(turns))

@@ -19,7 +19,7 @@ from shapefit.evaluation.tables.document import (
     Table,
     Title,
 )
-from shapefit.viewer.page import fill, resource
+from shapefit.viewer.page import fill, list_items, resource
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def _html(block: Block, drawings: Mapping[str, bytes]) -> str:
         case Table(header, rows):
             return _table(header, rows)
         case Listing(lines):
-            return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>"
+            return f"<ul>{list_items(lines)}</ul>"
         case Picture(file, text):
             return _picture(file, text, drawings.get(file))
         case text:

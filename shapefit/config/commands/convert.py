@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.model import CommandConfig
+from shapefit.config.model import CommandConfig, section
 from shapefit.config.paths import InputPaths, OutputPath
 
 
@@ -18,9 +18,7 @@ class ConvertConfig(CommandConfig):
         description="Files of landmarks, shapes or results, all of one kind, in any format that "
         "can be read, or folders with one file per frame."
     )
-    input: InputConfig = Field(
-        default_factory=InputConfig.model_construct, description="How the files are read."
-    )
+    input: InputConfig = section(InputConfig, "How the files are read.")
     output: OutputPath = Field(description="File to write; - is stdout (CSV).")
     to: str = Field(
         default="auto",

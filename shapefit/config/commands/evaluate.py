@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.dictionaries import DictionaryPath
 from shapefit.config.fields import Expected
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, section
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath
 from shapefit.errors import listed
@@ -69,9 +69,7 @@ class EvalConfig(CommandConfig):
         "are named after the file, without folder and suffix."
     )
     truth: InputPaths = Field(description="Files of the true 3D shapes.")
-    input: InputConfig = Field(
-        default_factory=InputConfig.model_construct, description="How the files are read."
-    )
+    input: InputConfig = section(InputConfig, "How the files are read.")
     output: OutputPath = Field(description="Folder to write the report to.")
     match: Annotated[str, OF_THE_DATA] = Field(
         default="item",

@@ -16,7 +16,7 @@ from shapefit.config.fit.export import ExportConfig, PicturesConfig
 from shapefit.config.fit.outliers import OutliersConfig
 from shapefit.config.fit.posterior import PosteriorConfig
 from shapefit.config.fit.sequences import SequencesConfig
-from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel
+from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, section
 from shapefit.config.paths import (
     OF_THE_DATA,
     InputPaths,
@@ -138,9 +138,7 @@ class FitConfig(CommandConfig):
         description="Dictionary file that learn-dict wrote, or the name of an installed one, such "
         "as people."
     )
-    input: InputConfig = Field(
-        default_factory=InputConfig.model_construct, description="How the files are read."
-    )
+    input: InputConfig = section(InputConfig, "How the files are read.")
     output: OutputOrFolder = Field(
         description="Result file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV if "
         "it ends in .csv or is - (stdout), or TRC, C3D or JSON by its ending (docs/export.md). A "
@@ -200,31 +198,20 @@ class FitConfig(CommandConfig):
         description="Expected standard deviation of a landmark's coordinate, in the unit of the "
         "landmarks; `lambda: auto` needs it.",
     )
-    solver: SolverConfig = Field(
-        default_factory=SolverConfig.model_construct,
-        description="How the convex program is solved.",
-    )
+    solver: SolverConfig = section(SolverConfig, "How the convex program is solved.")
     rotations: Literal["shared", "per-atom", "orthogonal"] = Field(
         default="shared",
         description="convex: how atoms are rotated. shared: landmarks by the transform of each "
         "atom, meshes by one rotation; per-atom: meshes by the transform of each atom too, under "
         "which they shear; orthogonal: both by the rotation nearest to the transform of each atom.",
     )
-    alternation: AlternationConfig = Field(
-        default_factory=AlternationConfig.model_construct,
-        description=f"How {SEARCHING} search.",
+    alternation: AlternationConfig = section(AlternationConfig, f"How {SEARCHING} search.")
+    search: SearchConfig = section(SearchConfig, "How the method global searches all rotations.")
+    posterior: PosteriorConfig = section(
+        PosteriorConfig, "How posterior weighs landmarks against the prior over shapes."
     )
-    search: SearchConfig = Field(
-        default_factory=SearchConfig.model_construct,
-        description="How the method global searches all rotations.",
-    )
-    posterior: PosteriorConfig = Field(
-        default_factory=PosteriorConfig.model_construct,
-        description="How posterior weighs landmarks against the prior over shapes.",
-    )
-    sequences: SequencesConfig = Field(
-        default_factory=SequencesConfig.model_construct,
-        description="How the method sequences ties the images of a sequence together.",
+    sequences: SequencesConfig = section(
+        SequencesConfig, "How the method sequences ties the images of a sequence together."
     )
     leave_out: Annotated[str | None, OF_THE_DATA] = Field(
         default=None,
@@ -233,10 +220,7 @@ class FitConfig(CommandConfig):
         "whose atoms its fit must not use (dictionaries of exemplars; methods without a "
         "prior); `item` if images are named after training shapes.",
     )
-    outliers: OutliersConfig = Field(
-        default_factory=OutliersConfig.model_construct,
-        description="How wrong landmarks are found.",
-    )
+    outliers: OutliersConfig = section(OutliersConfig, "How wrong landmarks are found.")
     theta: dict[str, float] | None = Field(
         default=None,
         description="How the skeleton of a detector of people differs from the joints of the "
@@ -244,16 +228,9 @@ class FitConfig(CommandConfig):
         "above the shoulders and the distances of hips and shoulders, as factors. What is not "
         "given is found in the first images by the methods with a prior over shapes.",
     )
-    camera: ViewingConfig = Field(
-        default_factory=ViewingConfig.model_construct,
-        description="How the camera saw the landmarks.",
-    )
-    export: ExportConfig = Field(
-        default_factory=ExportConfig.model_construct, description="Mesh files of the fitted shapes."
-    )
-    pictures: PicturesConfig = Field(
-        default_factory=PicturesConfig.model_construct, description="Pictures of the fitted shapes."
-    )
+    camera: ViewingConfig = section(ViewingConfig, "How the camera saw the landmarks.")
+    export: ExportConfig = section(ExportConfig, "Mesh files of the fitted shapes.")
+    pictures: PicturesConfig = section(PicturesConfig, "Pictures of the fitted shapes.")
     threads: int = Field(
         default=0, ge=0, le=MOST_THREADS, description="Threads to solve with; 0 is one per core."
     )

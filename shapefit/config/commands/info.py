@@ -6,7 +6,7 @@ from pydantic import Field
 
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.dictionaries import NamedInputPaths
-from shapefit.config.model import CommandConfig
+from shapefit.config.model import CommandConfig, section
 
 
 class InfoConfig(CommandConfig):
@@ -16,6 +16,4 @@ class InfoConfig(CommandConfig):
         description="Files of any kind and format, folders with one file per frame, and "
         "installed dictionaries by name, such as people."
     )
-    input: InputConfig = Field(
-        default_factory=InputConfig.model_construct, description="How the files are read."
-    )
+    input: InputConfig = section(InputConfig, "How the files are read.")

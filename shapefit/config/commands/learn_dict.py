@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.fields import Expected
-from shapefit.config.model import MOST_STEPS, CommandConfig, ConfigModel, FromLists
+from shapefit.config.model import MOST_STEPS, CommandConfig, ConfigModel, FromLists, section
 from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath
 
 _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
@@ -132,9 +132,7 @@ class LearnDictConfig(CommandConfig):
     """Learn a dictionary of rotatable basis shapes from 3D shapes."""
 
     shapes: InputPaths = Field(description="Files of 3D training shapes.")
-    input: InputConfig = Field(
-        default_factory=InputConfig.model_construct, description="How the files are read."
-    )
+    input: InputConfig = section(InputConfig, "How the files are read.")
     output: OutputPath = Field(description="Dictionary file to write (HDF5).")
     method: Literal["sparse-coding", "exemplars", "pca-bases"] = Field(
         default="sparse-coding",
@@ -205,18 +203,16 @@ class LearnDictConfig(CommandConfig):
         description="Shapes learned from 2D landmarks: exchange near and far, which landmarks "
         "alone do not tell apart.",
     )
-    origin: Annotated[OriginConfig, OF_THE_DATA] = Field(
-        default_factory=OriginConfig.model_construct,
-        description="Where the shapes come from, which the dictionary then says.",
+    origin: Annotated[OriginConfig, OF_THE_DATA] = section(
+        OriginConfig, "Where the shapes come from, which the dictionary then says."
     )
     suits: Annotated[tuple[str, ...], FromLists, OF_THE_DATA] = Field(
         default=(),
         description="Installed configs that `fit` takes with this dictionary where it is given "
         "none: for single images and, second, for whole sequences.",
     )
-    prior: PriorConfig = Field(
-        default_factory=PriorConfig.model_construct,
-        description="The prior over shapes, for `method: posterior` of fit.",
+    prior: PriorConfig = section(
+        PriorConfig, "The prior over shapes, for `method: posterior` of fit."
     )
 
     @field_validator("k", "beta", "iterations", "batch", "bases")

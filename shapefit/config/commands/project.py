@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.fields import Expected
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists, section
 from shapefit.config.paths import InputPaths, OutputPath
 
 Row = tuple[float, float, float]
@@ -81,16 +81,12 @@ class ProjectConfig(CommandConfig):
     """Project 3D shapes to synthetic 2D landmarks."""
 
     shapes: InputPaths = Field(description="Files of 3D shapes (- is stdin, CSV).")
-    input: InputConfig = Field(
-        default_factory=InputConfig.model_construct, description="How the files are read."
-    )
+    input: InputConfig = section(InputConfig, "How the files are read.")
     output: OutputPath = Field(
         description="Landmark file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV "
         "if it ends in .csv or is - (stdout)."
     )
-    camera: CameraConfig = Field(
-        default_factory=CameraConfig.model_construct, description="The camera that sees the shapes."
-    )
+    camera: CameraConfig = section(CameraConfig, "The camera that sees the shapes.")
     y_axis: Literal["down", "up"] = Field(
         default="down",
         description="Where y points in the landmarks that are written: down, as pixels are "

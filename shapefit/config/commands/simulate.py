@@ -15,6 +15,7 @@ from shapefit.config.model import (
     ConfigModel,
     FromLists,
     Plots,
+    section,
 )
 from shapefit.config.paths import OutputPath
 
@@ -73,9 +74,7 @@ class SimulateConfig(CommandConfig):
         "landmarks and atoms and costs the information of one landmark; none: T is "
         "0.",
     )
-    solver: ExactSolverConfig = Field(
-        default_factory=ExactSolverConfig.model_construct, description="How the program is solved."
-    )
+    solver: ExactSolverConfig = section(ExactSolverConfig, "How the program is solved.")
     seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
     threads: int = Field(
         default=0, ge=0, le=MOST_THREADS, description="Threads to solve with; 0 is one per core."

@@ -17,7 +17,7 @@ from shapefit.config.commands.learn_dict import LearnDictConfig
 from shapefit.config.commands.project import ProjectConfig
 from shapefit.config.dictionaries import DictionaryPath
 from shapefit.config.fields import Expected, marked_keys
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, plain
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, plain, section
 from shapefit.config.paths import (
     OF_THE_DATA,
     STANDARD_STREAM,
@@ -106,9 +106,8 @@ class SweepConfig(CommandConfig):
     project: Annotated[ProjectSection | None, _words("project")] = Field(
         default=None, description="How to view the shapes; by default, `fit` names the landmarks."
     )
-    corrupt: CorruptionConfig = Field(
-        default_factory=CorruptionConfig.model_construct,
-        description="Which observed landmarks to corrupt before the fit.",
+    corrupt: CorruptionConfig = section(
+        CorruptionConfig, "Which observed landmarks to corrupt before the fit."
     )
     fit: Annotated[FitSection, _words("fit")] = Field(
         description="How to lift; files that the sweep makes can be omitted and are ignored. "

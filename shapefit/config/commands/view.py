@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field
 
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.dictionaries import OptionalDictionaryPath
-from shapefit.config.model import CommandConfig, FromLists
+from shapefit.config.model import CommandConfig, FromLists, section
 from shapefit.config.named_files import NamedFiles
 from shapefit.config.paths import (
     OF_THE_DATA,
@@ -39,9 +39,7 @@ class ViewConfig(CommandConfig):
         description="What identifies the true shape of an image: `item`, or the name of a "
         "dataset of the result that holds items of the truth.",
     )
-    input: InputConfig = Field(
-        default_factory=InputConfig.model_construct, description="How the files are read."
-    )
+    input: InputConfig = section(InputConfig, "How the files are read.")
     dictionary: OptionalDictionaryPath = Field(
         default=None,
         description="Dictionary with the edges and meshes to draw; by default, the one with "

@@ -19,8 +19,8 @@ from shapefit.pipelines.evaluate.judgement import judge
 from shapefit.pipelines.evaluate.method_images import MethodImages
 from shapefit.pipelines.evaluate.plan import MeasuringOptions
 from shapefit.pipelines.evaluate.report_pages import contact_sheet
+from shapefit.pipelines.evaluate.result_datasets import visible_enough
 from shapefit.pipelines.evaluate.truth import Truth
-from shapefit.pipelines.evaluate.visible_enough import visible_enough
 from shapefit.pipelines.items import named_items
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.skeletons.as_named import as_named

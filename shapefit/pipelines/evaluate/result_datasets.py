@@ -1,4 +1,4 @@
-"""Datasets of a result file that an evaluation asks for by name."""
+"""Datasets of a result file that an evaluation asks for, and the images that they let it judge."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.evaluation.metric_table import Dataset
+from shapefit.evaluation.metric_table import LANDMARKS, Dataset
+from shapefit.evaluation.metrics import visible_in_both
 from shapefit.io.layout import RESULTS
 from shapefit.io.records import ResultSet
+
+LEAST_VISIBLE = "least_visible"
 
 FIELDS = {dataset.name: dataset.attribute for dataset in RESULTS.datasets}
 
@@ -37,3 +40,32 @@ def find_dataset(file: Path, results: ResultSet, wanted: Dataset) -> NDArray[Any
     numbers = np.asarray(data, dtype=np.float64)
     # Carried datasets come as they stand in the file, one landmark per row.
     return np.swapaxes(numbers, -1, -2) if wanted.points else numbers
+
+
+def visible_enough(file: Path, results: ResultSet, least: int) -> tuple[ResultSet, tuple[str, ...]]:
+    """Return the images with at least so many observed landmarks, and a warning about the others.
+
+    Raises InputError where the file has no observed landmarks, or no such image.
+    """
+    if not least:
+        return results, ()
+    observed = find_dataset(file, results, LANDMARKS)
+    if observed is None:
+        fix = f"fit to a file that ends in .h5, or leave out `{LEAST_VISIBLE}`"
+        raise input_error(
+            file, f"has no dataset 'landmarks', which `{LEAST_VISIBLE}` counts in", fix
+        )
+    count = visible_in_both(observed, observed).sum(axis=-1)
+    enough = count >= least
+    if not enough.any():
+        found = f"none of its {len(results)} images has {least} observed landmarks"
+        fix = f"set `{LEAST_VISIBLE}` to {max(count, default=0)} or less"
+        raise input_error(file, found, fix)
+    if enough.all():
+        return results, ()
+    # Without the name of the file: results of the same images have one warning together.
+    warning = (
+        f"{(~enough).sum()} of {len(results)} images left out: fewer than {least} observed "
+        "landmarks"
+    )
+    return results.take(np.flatnonzero(enough)), (warning,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +54,8 @@ def assemble(
     found = [gather(n, own, frames.index, landmarks, config.match) for n, own in listings.items()]
     results = [each for each in found if each.kind == "result"]
     truth = read_truth(config, results, frames, landmarks) if config.truth else None
-    seen = _seen(found)
+    observed = (each.of_frames.get("landmarks") for each in found)
+    seen = _first_known(own.swapaxes(1, 2) for own in observed if own is not None)
     layers, meshes, edges = _layers(config, found, seen, truth, landmarks, notes)
     _note_what_lacks(layers, seen, edges, notes)
     images = any(one.kind != "shapes" for one in every)
@@ -111,7 +112,7 @@ def _layers(
     if edges is None and config.dictionary is not None:
         known = read_dictionary(config.dictionary)
         edges = renamed_edges(known.edges, known.landmark_names, landmarks)
-    target = _first_points(layers)
+    target = _first_known(layer.points for layer in layers)
     for each in (each for each in found if each.kind == "shapes"):
         layer = shape_layer(each.name, "shapes", each.points, _own_meshes(each, meshes, notes))
         layers.append(layer if target is None else laid_onto(layer, target))
@@ -132,16 +133,16 @@ def _layers(
     return layers, meshes, edges if edges is not None else (own[0] if own else None)
 
 
-def _first_points(layers: Sequence[Layer]) -> Floats | None:
-    """Points of the first result that has any, frame by frame."""
-    target: Floats | None = None
-    for layer in layers:
-        if target is None:
-            target = layer.points
+def _first_known(arrays: Iterable[Floats]) -> Floats | None:
+    """Points (n, d, p): those of the first array that has any of a frame."""
+    known: Floats | None = None
+    for points in arrays:
+        if known is None:
+            known = points
         else:
-            empty = ~np.isfinite(target).any(axis=(1, 2), keepdims=True)
-            target = np.where(empty, layer.points, target)
-    return target
+            empty = ~np.isfinite(known).any(axis=(1, 2), keepdims=True)
+            known = np.where(empty, points, known)
+    return known
 
 
 def _dictionary(
@@ -193,22 +194,6 @@ def _true_meshes(
     meshes.append(MeshSet(vertices[used], faces))
     which = np.where(truth.rows >= 0, np.searchsorted(used, truth.rows), -1)
     return len(meshes) - 1, which
-
-
-def _seen(found: Sequence[Gathered]) -> Floats | None:
-    """Observed landmarks (n, 2, p): those of the first file that has any of a frame."""
-    seen: Floats | None = None
-    for each in found:
-        own = each.of_frames.get("landmarks")
-        if own is None:
-            continue
-        own = own.swapaxes(1, 2)
-        if seen is None:
-            seen = own
-        else:
-            empty = ~np.isfinite(seen).any(axis=(1, 2), keepdims=True)
-            seen = np.where(empty, own, seen)
-    return seen
 
 
 def _outliers(results: Sequence[Gathered]) -> NDArray[np.bool_] | None:

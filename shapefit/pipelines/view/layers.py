@@ -75,9 +75,6 @@ def mesh_obstacle(gathered: Gathered, dictionary: Dictionary) -> str | None:
     method = METHODS.get(name)
     if method is not None and not method.mixes_atoms and _camera(gathered) is None:
         return f"method {name} gives no coefficients to combine the atoms' meshes"
-    temporal = fit_config(gathered).get("temporal")
-    if isinstance(temporal, dict) and temporal.get("depths"):
-        return "temporal.depths moves every landmark independently"
     return None
 
 

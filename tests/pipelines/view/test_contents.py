@@ -164,7 +164,6 @@ def test_meshes_follow_the_coefficients(desk, made_dictionary, rng):
     ("attributes", "fields", "why"),
     [
         ({"method": "pmp"}, {}, "pmp gives no coefficients"),
-        ({"config": '{"temporal": {"depths": true}}'}, {}, "temporal.depths moves every landmark"),
         ({}, {"coefficients": np.ones((6, 2))}, "2 coefficients are not those of 3 atoms"),
         ({}, {"rotation": None}, "it has no rotation"),
     ],
