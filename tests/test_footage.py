@@ -1,0 +1,80 @@
+"""Slices of the footage and of detected people: errors stay within 2% of what they were."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.detected import THIRTEEN
+from benchmarks.footage import SIZE, choose_clips, film, gaps, lasting_noise, look
+from shapefit.config import FitConfig
+from shapefit.evaluation.metrics import similarity
+from shapefit.geometry.normalisation import normalise
+from shapefit.io import landmark_writer, open_landmarks, read_results, read_shapes
+from shapefit.pipelines.fit import run as fit
+from shapefit.pipelines.skeletons.as_named import as_named
+
+BAND = 0.02
+
+
+@pytest.fixture
+def error(tmp_path):
+    """Mean normalised similarity error of landmarks lifted by the dictionary people."""
+
+    def error(images, truth, names, **keys):
+        with landmark_writer(tmp_path / "landmarks.h5") as writer:
+            writer.append(images)
+        config = FitConfig(
+            landmarks=str(tmp_path / "landmarks.h5"),
+            dictionary="people",
+            output=str(tmp_path / "result.h5"),
+            **keys,
+        )
+        for _ in fit.run(config):
+            pass
+        found = as_named(read_results(tmp_path / "result.h5"), names)
+        rows = [truth.items.index(item) for item in found.items]
+        true = truth.shapes[rows][..., [truth.landmark_names.index(name) for name in names]]
+        own = found.shapes[..., [found.landmark_names.index(name) for name in names]]
+        return float(similarity(own, normalise(true).points).mean())
+
+    return error
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(("method", "stated"), [("posterior", 0.190), ("sequences", 0.162)])
+def test_a_body_before_a_camera_at_rest(real_data, error, method, stated):
+    shapes = read_shapes([real_data / "mocap/subject13_24fps.h5"])
+    rng = np.random.default_rng(13)
+    images, truth = film(shapes, choose_clips(shapes, 2, 3.0, rng), rng)
+    found = error(images, truth, truth.landmark_names, method=method)
+    assert found == pytest.approx(stated, rel=BAND)
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(("method", "stated"), [("posterior", 0.250), ("sequences", 0.215)])
+def test_a_detected_man_on_a_beam(real_data, error, method, stated):
+    folder = real_data / "detected/pose2sim_balancing"
+    with open_landmarks([folder / "cam03.h5"]) as source:
+        images = source.whole().take(slice(0, 100, 3))
+    truth = read_shapes([folder / "cam03_truth.h5"], gaps=True)
+    found = error(images, truth, THIRTEEN, method=method, sequences={"frame_rate": 20})
+    assert found == pytest.approx(stated, rel=BAND)
+
+
+def test_noise_lasts_and_gaps_have_their_share(rng):
+    noise = lasting_noise(4000, 5, 24.0, rng)
+    left = noise - noise.mean(axis=0)
+    from_frame_to_frame = (left[1:] * left[:-1]).mean() / (left**2).mean()
+    assert from_frame_to_frame == pytest.approx(np.exp(-1 / (24 * 0.11)), abs=0.03)
+    assert gaps(4000, 5, rng).mean() == pytest.approx(0.1, abs=0.02)
+
+
+def test_the_camera_sees_the_whole_body_upright(rng):
+    body = np.zeros((3, 3, 4))
+    body[:, 1] = [0.0, 0.5, 1.0, 1.7]
+    for _ in range(20):
+        seen, focal = look(body, rng)
+        assert (seen[:, 2] > 0).all()
+        assert (seen[:, 1, 3] < seen[:, 1, 0]).all()  # y points down: the head is above
+        assert 0.8 * SIZE[0] <= focal <= 1.5 * SIZE[0]
