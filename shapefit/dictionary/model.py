@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import normalise
 
+LEARNED_FROM = "learned_from"
+"""Of the provenance: what a dictionary was learned from where it was no 3D shapes."""
+
 SUITS = "suits"
 """Provenance: names of the configs of `fit` that suit the dictionary, with spaces between."""
 

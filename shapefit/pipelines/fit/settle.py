@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shapefit.config import FitConfig
-from shapefit.dictionary.model import Dictionary
+from shapefit.dictionary.model import LEARNED_FROM, Dictionary
 from shapefit.io import LandmarkSet, LandmarkSource
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.camera import find_calibrated, straightened
@@ -50,8 +50,14 @@ def settle(
     calibrated: CalibratedCamera | None,
     source: LandmarkSource,
 ) -> Settled:
-    """Settle the camera, then the skeleton in the view of it."""
+    """Settle the camera, then the skeleton in the view of it.
+
+    Shapes that were learned of landmarks under weak perspective are seen so unless a camera is
+    given.
+    """
     first = next(source.chunks(FIRST))
+    if LEARNED_FROM in dictionary.provenance and config.camera.calibration is None:
+        config = without_camera(config)
     images = straightened(first, calibrated)
     config, of_camera = with_camera(config, images)
     joints = find_joints(source.head.landmark_names, dictionary.landmark_names)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.from_2d.model import evenly, hide
-from shapefit.dictionary.model import Dictionary
+from shapefit.dictionary.model import LEARNED_FROM, Dictionary
 from shapefit.errors import counted
 from shapefit.geometry.normalisation import spread
 from shapefit.io import LandmarkSet, ShapeSet
@@ -75,7 +75,8 @@ def relift(
         fine = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
         shapes = replace(shapes, shapes=np.where(fine[:, None, None], lifted, shapes.shapes))
     made = yield from make(of_best, 0, iterations)
-    return replace(made, prior=best.prior, misfit=best.misfit)
+    provenance = {**made.provenance, LEARNED_FROM: "landmarks"}
+    return replace(made, prior=best.prior, misfit=best.misfit, provenance=provenance)
 
 
 def lift_again(images: LandmarkSet, dictionary: Dictionary, method: str) -> Floats:

@@ -1,5 +1,6 @@
 """`learn-dict` of 2D landmarks: what is learned lifts them; what cannot be learned is said."""
 
+import json
 from dataclasses import replace
 
 import h5py
@@ -66,6 +67,9 @@ def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
     assert any("near and far" in str(text) for outcome in outcomes for text in outcome.warnings)
     errors = [error(lift(tmp_path), class_of_shapes, sign) for sign in (1, -1)]
     assert min(errors) < 0.1
+    # landmarks that might be pixels: what was learned is seen as it was learned
+    config = json.loads(lift(tmp_path).attributes["config"])
+    assert config["camera"]["model"] == "weak-perspective"
     learn(class_of_shapes[:, :2], flip=True)
     flipped = [error(lift(tmp_path), class_of_shapes, sign) for sign in (1, -1)]
     assert int(np.argmin(flipped)) != int(np.argmin(errors))
