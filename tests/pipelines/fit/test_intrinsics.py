@@ -29,39 +29,28 @@ def camera(images, **keys):
     return find_camera(images, ViewingConfig(model="perspective", **keys))
 
 
-def test_one_focal_length_for_all():
-    found = camera(images(), focal=700.0)
-    np.testing.assert_array_equal(found.focal, np.full((N, 2), 700))
-    np.testing.assert_array_equal(found.centre, np.zeros((N, 2)))
+EACH = MATRIX * np.array([1, 2, 3, 4])[:, None, None]
+EACH[:, 2, 2] = 1
 
 
-@pytest.mark.parametrize("values", [np.float64(700), np.array([700.0]), np.full(N, 700.0)])
-def test_focal_lengths_of_the_file_or_of_each_image(values):
-    found = camera(images(f=values), intrinsics="f")
-    np.testing.assert_array_equal(found.focal, np.full((N, 2), 700))
-    np.testing.assert_array_equal(found.centre, np.zeros((N, 2)))
-
-
-def test_a_matrix_of_the_file():
-    found = camera(images(camera_matrix=MATRIX), intrinsics="camera_matrix")
-    np.testing.assert_array_equal(found.focal, np.tile([800, 810], (N, 1)))
-    np.testing.assert_array_equal(found.centre, np.tile([320, 240], (N, 1)))
-
-
-def test_a_matrix_an_image():
-    each = MATRIX * np.array([1, 2, 3, 4])[:, None, None]
-    each[:, 2, 2] = 1
-    found = camera(images(K=each), intrinsics="K")
-    np.testing.assert_array_equal(found.focal[:, 0], [800, 1600, 2400, 3200])
-    np.testing.assert_array_equal(found.centre[:, 1], [240, 480, 720, 960])
-
-
-def test_the_principal_point_of_the_config_counts():
-    found = camera(
-        images(camera_matrix=MATRIX), intrinsics="camera_matrix", principal_point=(1.0, 2.0)
-    )
-    np.testing.assert_array_equal(found.focal[0], [800, 810])
-    np.testing.assert_array_equal(found.centre, np.tile([1, 2], (N, 1)))
+@pytest.mark.parametrize(
+    ("values", "keys", "focal", "centre"),
+    [
+        (None, {"focal": 700.0}, [700, 700], [0, 0]),
+        (np.float64(700), {}, [700, 700], [0, 0]),
+        (np.array([700.0]), {}, [700, 700], [0, 0]),
+        (np.full(N, 700.0), {}, [700, 700], [0, 0]),
+        (MATRIX, {}, [800, 810], [320, 240]),
+        (MATRIX, {"principal_point": (1.0, 2.0)}, [800, 810], [1, 2]),
+        (EACH, {}, EACH[:, [0, 1], [0, 1]], EACH[:, :2, 2]),
+    ],
+    ids=["config", "file", "one", "each", "matrix", "principal point", "matrix of each"],
+)
+def test_cameras_of_the_config_the_file_or_each_image(values, keys, focal, centre):
+    given = {} if values is None else {"f": values}
+    found = camera(images(**given), **({"intrinsics": "f"} if given else {}), **keys)
+    np.testing.assert_array_equal(found.focal, np.broadcast_to(focal, (N, 2)))
+    np.testing.assert_array_equal(found.centre, np.broadcast_to(centre, (N, 2)))
 
 
 def test_the_sign_is_that_of_the_depth():

@@ -9,23 +9,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig, LearnDictConfig
+from shapefit.config import LearnDictConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import (
     LandmarkSet,
-    landmark_writer,
     open_landmarks,
     read_dictionary,
-    read_results,
     read_shapes,
     write_dictionary,
     write_shapes,
 )
 from shapefit.pipelines.fit import chain as lifting_chain
-from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
 
 NAMES = tuple(f"point{j}" for j in range(10))
@@ -65,22 +62,12 @@ def images(rng, models):
 
 
 @pytest.fixture
-def run(tmp_path, models, images):
+def run(fit, tmp_path, models, images):
     """Return the function that fits images of a record with a dictionary."""
 
     def run(dictionary=models, views=images, leave_out="true_model", **keys):
         write_dictionary(tmp_path / "dict.h5", dictionary)
-        with landmark_writer(tmp_path / "views.h5") as writer:
-            writer.append(views)
-        config = FitConfig(
-            landmarks=str(tmp_path / "views.h5"),
-            dictionary=str(tmp_path / "dict.h5"),
-            output=str(tmp_path / "result.h5"),
-            leave_out=leave_out,
-            **keys,
-        )
-        outcomes = list(fit.run(config))
-        return read_results(config.output), outcomes
+        return fit(tmp_path, tmp_path / "dict.h5", views, leave_out=leave_out, **keys)
 
     return run
 
@@ -270,47 +257,52 @@ def test_no_images_are_no_problem(run, images):
     assert warnings(outcomes) == ["the input holds no images"]
 
 
-class TestRefusals:
-    def refused(self, run, tmp_path, *arguments, **keys):
-        with pytest.raises(InputError) as caught:
-            run(*arguments, **keys)
-        assert not (tmp_path / "result.h5").exists()
-        return str(caught.value)
-
-    def test_a_misspelt_dataset(self, run, tmp_path):
-        assert self.refused(run, tmp_path, leave_out="true_modle") == (
+@pytest.mark.parametrize(
+    ("items", "leave_out", "message"),
+    [
+        (
+            (*MODELS, "polo"),
+            "true_modle",
             "leave_out: there is no dataset 'true_modle' with one name per image; "
-            "set `leave_out` to one of: item, true_model"
-        )
-
-    def test_a_dataset_that_is_no_name(self, run, tmp_path):
-        assert "no dataset 'box' with one name per image" in self.refused(
-            run, tmp_path, leave_out="box"
-        )
-
-    def test_a_dictionary_without_items(self, run, tmp_path, models):
-        assert self.refused(run, tmp_path, replace(models, atom_items=None)) == (
+            "set `leave_out` to one of: item, true_model",
+        ),
+        (
+            (*MODELS, "polo"),
+            "box",
+            "leave_out: there is no dataset 'box' with one name per image; "
+            "set `leave_out` to one of: item, true_model",
+        ),
+        (
+            None,
+            "true_model",
             "leave_out: the atoms of the dictionary have no items; "
-            "learn it with `method: exemplars`, or remove `leave_out`"
-        )
-
-    def test_a_dictionary_of_one_item(self, run, tmp_path, models):
-        lonely = replace(models, atom_items=("golf",) * 6)
-        assert self.refused(run, tmp_path, lonely) == (
+            "learn it with `method: exemplars`, or remove `leave_out`",
+        ),
+        (
+            ("golf",) * 6,
+            "true_model",
             "leave_out: every atom of the dictionary is the item 'golf'; "
-            "learn the dictionary from more models"
-        )
-
-    def test_names_of_another_kind(self, run, tmp_path):
-        assert self.refused(run, tmp_path, leave_out="item") == (
+            "learn the dictionary from more models",
+        ),
+        (
+            (*MODELS, "polo"),
+            "item",
             "leave_out: 9 of 9 images show items that are not in the dictionary, the first "
             "'image0'; "
-            "name the dataset that holds items of the dictionary, such as 'golf', 'jetta', 'passat'"
-        )
+            "name the dataset that holds items of the dictionary, such as 'golf', 'jetta', "
+            "'passat'",
+        ),
+    ],
+)
+def test_names_that_leave_nothing_out_are_refused(run, tmp_path, models, items, leave_out, message):
+    with pytest.raises(InputError) as caught:
+        run(replace(models, atom_items=items), leave_out=leave_out)
+    assert str(caught.value) == message
+    assert not (tmp_path / "result.h5").exists()
 
 
 @pytest.mark.real_data
-def test_real_cars_are_fitted_as_by_a_dictionary_learned_without_them(real_data, tmp_path):
+def test_real_cars_are_fitted_as_by_a_dictionary_learned_without_them(fit, real_data, tmp_path):
     """Every twentieth car; the model most of them show learned out of the dictionary."""
     models = read_shapes([real_data / "cars" / "models.h5"])
     with open_landmarks([real_data / "cars" / "annotated_cars.h5"]) as source:
@@ -330,18 +322,9 @@ def test_real_cars_are_fitted_as_by_a_dictionary_learned_without_them(real_data,
         list(learn_dict.run(config))
         return config.output
 
-    def fitted(views, dictionary, **keys):
-        with landmark_writer(tmp_path / "cars.h5") as writer:
-            writer.append(views)
-        config = FitConfig(
-            landmarks=str(tmp_path / "cars.h5"), dictionary=str(dictionary),
-            output=str(tmp_path / "result.h5"), **keys,
-        )  # fmt: skip
-        list(fit.run(config))
-        return read_results(config.output)
-
-    whole = fitted(cars, learned(models, "all.h5"), leave_out="true_model")
-    assert read_dictionary(tmp_path / "all.h5").k == 34
-    expected = fitted(cars.take(shown), learned(models.take(others), "others.h5"))
+    dictionary = learned(models, "all.h5")
+    whole, _ = fit(tmp_path, dictionary, cars, leave_out="true_model")
+    assert read_dictionary(dictionary).k == 34
+    expected, _ = fit(tmp_path, learned(models.take(others), "others.h5"), cars.take(shown))
     check_same(whole, expected, np.flatnonzero(shown))
     np.testing.assert_array_equal(whole.coefficients[shown][:, others], expected.coefficients)

@@ -8,12 +8,10 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig
 from shapefit.geometry.lens import complete, distort
-from shapefit.io import landmark_writer, open_landmarks, read_results, write_dictionary
+from shapefit.io import landmark_writer, open_landmarks, write_dictionary
 from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.fit.camera import doubts, straightened
-from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import run as run_verify
 
@@ -46,22 +44,13 @@ def views(made_cars, rng):
 
 
 @pytest.fixture
-def fit(tmp_path, made_cars):
+def fit(fit, tmp_path, made_cars):
+    """Return what fits images with the cars: the result and the warnings."""
+
     def fitted(images, **settings):
         write_dictionary(tmp_path / "cars.h5", made_cars)
-        with landmark_writer(tmp_path / "landmarks.h5") as writer:
-            writer.append(images)
-        config = FitConfig.model_validate(
-            {
-                "landmarks": [tmp_path / "landmarks.h5"],
-                "dictionary": tmp_path / "cars.h5",
-                "output": tmp_path / "result.h5",
-                **settings,
-            }
-        )
-        warnings = [text for outcome in run(config) for text in outcome.warnings]
-        result = read_results(tmp_path / "result.h5")
-        return result, warnings
+        result, outcomes = fit(tmp_path, tmp_path / "cars.h5", images, **settings)
+        return result, [text for outcome in outcomes for text in outcome.warnings]
 
     return fitted
 
@@ -105,7 +94,7 @@ def test_verify_knows_what_was_removed(views, fit, tmp_path):
         request = Request(tmp_path / "result.h5", tmp_path / "cars.h5", (tmp_path / name,))
         return [failure.item for outcome in run_verify(request) for failure in outcome.failures]
 
-    assert verify("landmarks.h5") == []
+    assert verify("views.h5") == []
     shifted = bent.landmarks + 1e-3 * (np.arange(4) == 2)[:, None, None]
     with landmark_writer(tmp_path / "shifted.h5") as writer:
         writer.append(replace(bent, landmarks=shifted))

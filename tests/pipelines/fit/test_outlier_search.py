@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig
 from shapefit.config.fit.outliers import OutliersConfig
 from shapefit.convex.newton import solve_newton
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import landmark_writer, open_landmarks, read_results, write_dictionary
+from shapefit.io import open_landmarks, write_dictionary
 from shapefit.pipelines.fit import outlier_search
-from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.fit.outlier_search import choose_search, find_seeds
 from shapefit.pipelines.project.imperfections import corrupt
 
@@ -29,21 +27,14 @@ def views(project):
 
 
 @pytest.fixture
-def run(tmp_path, made_cars):
+def run(fit, tmp_path, made_cars, failures):
     """Return the function that fits images of a record; it gives the result and the failures."""
 
     def run(images, **keys):
         write_dictionary(tmp_path / "dict.h5", made_cars)
-        with landmark_writer(tmp_path / "views.h5") as writer:
-            writer.append(images)
-        paths = {
-            "landmarks": str(tmp_path / "views.h5"),
-            "dictionary": str(tmp_path / "dict.h5"),
-            "output": str(tmp_path / "result.h5"),
-        }
-        config = FitConfig(**paths, **({"method": "convex+refine"} | keys))
-        failures = {f.item: f.reason for outcome in fit.run(config) for f in outcome.failures}
-        return read_results(config.output), failures
+        keys = {"method": "convex+refine"} | keys
+        found, outcomes = fit(tmp_path, tmp_path / "dict.h5", images, **keys)
+        return found, failures(outcomes)
 
     return run
 

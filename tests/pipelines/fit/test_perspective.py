@@ -6,12 +6,10 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
 from shapefit.errors import InputError
 from shapefit.geometry.rotations import rotation_angle
-from shapefit.io import open_landmarks, read_results, read_shapes, write_dictionary
-from shapefit.pipelines.fit.run import run
+from shapefit.io import open_landmarks, read_shapes, write_dictionary
 
 PERSPECTIVE = {"model": "perspective", "intrinsics": "camera_matrix"}
 
@@ -36,40 +34,28 @@ def dictionary(tmp_path, made_cars):
 
 
 @pytest.fixture
-def fit(project, dictionary, tmp_path):
-    def fit(**camera):
-        config = FitConfig(
-            landmarks=[str(project / "sample_data" / "cars_views.h5")],
-            dictionary=str(dictionary),
-            output=str(tmp_path / "result.h5"),
-            method="convex+refine",
-            lam=1.0,
-            camera=camera,
-        )
-        outcomes = list(run(config))
-        assert not [failure for outcome in outcomes for failure in outcome.failures]
-        return read_results(config.output)
+def fit(fit, failures, project, dictionary, tmp_path):
+    """Return what fits the views through a camera: the result and the warnings."""
 
-    return fit
+    def fitted(**camera):
+        views = project / "sample_data" / "cars_views.h5"
+        keys = {"method": "convex+refine", "lam": 1.0, "camera": camera}
+        found, outcomes = fit(tmp_path, dictionary, views, **keys)
+        assert not failures(outcomes)
+        return found, [warning for outcome in outcomes for warning in outcome.warnings]
+
+    return fitted
 
 
-def test_a_wrong_principal_point_is_told(project, dictionary, tmp_path):
-    def told(point):
-        config = FitConfig(
-            landmarks=[str(project / "sample_data" / "cars_views.h5")],
-            dictionary=str(dictionary),
-            output=str(tmp_path / "result.h5"),
-            camera={**PERSPECTIVE, "principal_point": point},
-        )
-        return [warning for outcome in run(config) for warning in outcome.warnings]
-
-    assert [word for word in told((-800.0, -800.0)) if "camera.principal_point" in word]
-    assert not told((640.0, 480.0))
+def test_a_wrong_principal_point_is_told(fit):
+    _, told = fit(**PERSPECTIVE, principal_point=(-800.0, -800.0))
+    assert [word for word in told if "camera.principal_point" in word]
+    assert not fit(**PERSPECTIVE, principal_point=(640.0, 480.0))[1]
 
 
 def test_perspective_finds_cars_better_than_weak_perspective(fit, views):
     truth = np.asarray(views.extras["true_rotation"], float)
-    weak, full = fit(), fit(**PERSPECTIVE)
+    weak, full = (fit(**camera)[0] for camera in ({}, PERSPECTIVE))
     errors = [np.median(rotation_angle(found.rotation, truth)) for found in (weak, full)]
     assert errors[1] < 0.5 * errors[0]
     misfit = [
@@ -82,7 +68,7 @@ def test_perspective_finds_cars_better_than_weak_perspective(fit, views):
 
 def test_the_position_is_metric(fit, views, cars):
     """The distance to the middle of the car's landmarks, whose size the dictionary knows."""
-    found = fit(**PERSPECTIVE)
+    found, _ = fit(**PERSPECTIVE)
     middle = cars.shapes.mean(axis=2)[[cars.items.index(m) for m in views.extras["true_model"]]]
     R = np.asarray(views.extras["true_rotation"], float)
     truth = np.einsum("nij,nj->ni", R, middle) + views.extras["true_translation"]
@@ -91,7 +77,7 @@ def test_the_position_is_metric(fit, views, cars):
 
 
 def test_the_result_tells_the_camera(fit):
-    found = fit(**PERSPECTIVE, principal_point=(640.0, 480.0))
+    found, _ = fit(**PERSPECTIVE, principal_point=(640.0, 480.0))
     n = len(found)
     np.testing.assert_array_equal(found.extras["focal"], np.full((n, 2), 1600))
     np.testing.assert_array_equal(found.extras["principal_point"], np.tile([640, 480], (n, 1)))
@@ -103,7 +89,7 @@ def test_the_result_tells_the_camera(fit):
 def test_without_sizes_there_is_no_position(fit, dictionary):
     with h5py.File(dictionary, "a") as file:
         del file["atom_scale"]
-    found = fit(**PERSPECTIVE)
+    found, _ = fit(**PERSPECTIVE)
     assert "position" not in found.extras
     assert np.isfinite(found.extras["camera_translation"]).all()
 

@@ -5,39 +5,31 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import landmark_writer, write_dictionary
+from shapefit.io import write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit.pipelines.fit.run import run
 
 NAMES = tuple("abcdef")
 
 
 @pytest.fixture
-def warnings(tmp_path, rng):
+def warnings(fit, tmp_path, rng):
     """Fit images of these confidences, and return the warnings."""
     mean = rng.standard_normal((3, 6))
     atoms = rng.standard_normal((2, 3, 6))
     write_dictionary(tmp_path / "d.h5", Dictionary(atoms, NAMES, mean, objective_trace=np.empty(0)))
 
-    def fit(n, confidence):
+    def told(n, confidence):
         images = LandmarkSet(
             landmarks=rng.standard_normal((n, 2, 6)),
             confidence=None if confidence is None else np.full((n, 6), confidence),
             landmark_names=NAMES,
             items=tuple(map(str, range(n))),
         )
-        with landmark_writer(tmp_path / "views.h5") as writer:
-            writer.append(images)
-        config = FitConfig(
-            landmarks=[tmp_path / "views.h5"],
-            dictionary=tmp_path / "d.h5",
-            output=tmp_path / "r.h5",
-        )
-        return [warning for outcome in run(config) for warning in outcome.warnings]
+        _, outcomes = fit(tmp_path, tmp_path / "d.h5", images)
+        return [warning for outcome in outcomes for warning in outcome.warnings]
 
-    return fit
+    return told
 
 
 def test_confidences_above_one_are_told(warnings):

@@ -15,9 +15,9 @@ from shapefit.config import dump_config, load_config
 from shapefit.config.paths import ResultFolder
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
-from shapefit.io import landmark_writer, write_dictionary
+from shapefit.io import landmark_writer, write_dictionary, write_shapes
 from shapefit.io.hdf5 import trial
-from shapefit.io.records import LandmarkSet
+from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts import part
 from shapefit.pipelines.parts import run as parts
@@ -149,11 +149,14 @@ def test_links_in_the_folder_are_replaced(folder):
     assert names() == [f"part-{n:05}.h5" for n in range(5)]
 
 
-def test_a_changed_input_is_done_again(folder):
+@pytest.mark.parametrize(
+    ("name", "dataset", "again"), [("two.h5", "landmarks", 100), ("dict.h5", "atoms", 500)]
+)
+def test_what_was_made_of_a_changed_file_is_done_again(folder, name, dataset, again):
     fit("out/", "partition=100")
-    with h5py.File("two.h5", "a") as file:
-        file["landmarks"][0] += 1
-    assert done(fit("out/", "partition=100")) == 100
+    with h5py.File(name, "a") as file:
+        file[dataset][0] *= 1.5
+    assert done(fit("out/", "partition=100")) == again
 
 
 @pytest.mark.parametrize("change", ["lambda=0.2", "partition=200"])
@@ -164,13 +167,6 @@ def test_another_config_does_all_and_says_so(folder, change):
     assert any("all parts are done again" in str(o.warnings) for o in outcomes)
     assert len(names()) == len(manifest()["parts"])
     same_as_one_run() if change.startswith("partition") else None
-
-
-def test_another_dictionary_does_all(folder):
-    fit("out/", "partition=100")
-    with h5py.File("dict.h5", "a") as file:
-        file["atoms"][0] *= 1.5
-    assert done(fit("out/", "partition=100")) == 500
 
 
 def test_a_dry_run_lists_and_writes_nothing(folder):
@@ -229,21 +225,19 @@ def test_a_second_run_into_the_folder_is_refused(folder):
             fit("out/", "partition=100")
 
 
-def test_what_is_no_manifest_is_refused(folder):
+@pytest.mark.parametrize(
+    ("output", "override", "message"),
+    [
+        ("out/", "partition=100", "is not a manifest of results"),
+        ("free/", "export.folder=meshes", "is not written for a folder of results"),
+        ("out.h5", "workers=2", "a cluster writes a folder of results"),
+    ],
+)
+def test_outputs_that_are_refused(folder, output, override, message):
     Path("out").mkdir()
     Path("out/manifest.json").write_text("{}")
-    with pytest.raises(InputError, match="is not a manifest of results"):
-        fit("out/")
-
-
-def test_meshes_are_refused(folder):
-    with pytest.raises(InputError, match="is not written for a folder of results"):
-        fit("out/", "export.folder=meshes")
-
-
-def test_a_cluster_needs_a_folder(folder):
-    with pytest.raises(InputError, match="a cluster writes a folder of results"):
-        fit("out.h5", "workers=2")
+    with pytest.raises(InputError, match=message):
+        fit(output, override)
 
 
 def test_a_killed_run_goes_on(folder, monkeypatch):
@@ -264,49 +258,33 @@ def test_a_killed_run_goes_on(folder, monkeypatch):
     same_as_one_run()
 
 
-class TestTheFolderIsOneResult:
-    @pytest.fixture(autouse=True)
-    def fitted(self, folder):
-        fit("out/", "partition=100")
-        fit("whole.h5")
-
-    def command(self, *arguments: str) -> int:
-        from shapefit.cli.main import run as shapefit
-
+def test_the_folder_is_one_result(folder, rng):
+    def command(*arguments: str) -> int:
         return shapefit([*arguments, "-q"])
 
-    def test_verified(self):
-        assert self.command("verify", "out", "-d", "dict.h5") == 0
-        with h5py.File("out/part-00003.h5", "a") as file:
-            file["objective"][2] *= 0.9
-        assert self.command("verify", "out/", "-d", "dict.h5") == 1
+    fit("out/", "partition=100")
+    fit("whole.h5")
+    for name, table in (("out/", "joined.csv"), ("whole.h5", "whole.csv")):
+        assert command("convert", name, "-o", table) == 0
+    assert Path("joined.csv").read_text() == Path("whole.csv").read_text()
+    assert command("view", "out/", "-o", "page.html") == 0
+    assert Path("page.html").stat().st_size > 10_000
 
-    def test_converted(self):
-        assert self.command("convert", "out/", "-o", "joined.csv") == 0
-        assert self.command("convert", "whole.h5", "-o", "whole.csv") == 0
-        assert Path("joined.csv").read_text() == Path("whole.csv").read_text()
+    truth = ShapeSet(rng.normal(size=(500, 3, 8)), NAMES, tuple(f"i{n}" for n in range(500)))
+    write_shapes(Path("truth.h5"), truth)
+    assert command("eval", "out/", "whole.h5", "--truth", "truth.h5", "-o", "report") == 0
+    report = Path("report/report.json").read_text()
+    assert '"out"' in report
+    assert '"whole"' in report
+    lines = Path("report/per_image.csv").read_text().splitlines()
+    own = [line.split(",", 1)[1] for line in lines if line.startswith("out,")]
+    assert own == [line.split(",", 1)[1] for line in lines if line.startswith("whole,")]
+    assert len(own) >= 500
 
-    def test_judged_under_the_name_of_the_folder(self, rng):
-        from shapefit.io import write_shapes
-        from shapefit.io.records import ShapeSet
-
-        items = tuple(f"i{n}" for n in range(500))
-        truth = ShapeSet(rng.normal(size=(500, 3, 8)), NAMES, items)
-        write_shapes(Path("truth.h5"), truth)
-        assert self.command("eval", "out/", "whole.h5", "--truth", "truth.h5", "-o", "report") == 0
-        rows = json.loads(Path("report/report.json").read_text())
-        text = json.dumps(rows)
-        assert '"out"' in text
-        assert '"whole"' in text
-        lines = Path("report/per_image.csv").read_text().splitlines()
-        own = [line.split(",", 1)[1] for line in lines if line.startswith("out,")]
-        other = [line.split(",", 1)[1] for line in lines if line.startswith("whole,")]
-        assert own == other
-        assert len(own) >= 500
-
-    def test_shown(self):
-        assert self.command("view", "out/", "-o", "page.html") == 0
-        assert Path("page.html").stat().st_size > 10_000
+    assert command("verify", "out", "-d", "dict.h5") == 0
+    with h5py.File("out/part-00003.h5", "a") as file:
+        file["objective"][2] *= 0.9
+    assert command("verify", "out/", "-d", "dict.h5") == 1
 
 
 def test_a_missing_or_shortened_result_is_done_again(folder):
@@ -319,8 +297,6 @@ def test_a_missing_or_shortened_result_is_done_again(folder):
 
 
 def test_a_dry_run_prints_a_line_per_part(folder, capsys):
-    from shapefit.cli.main import run as shapefit
-
     line = "fit one.h5 two.h5 -d dict.h5 -o out/ --set partition=200 --dry-run"
     assert shapefit(line.split()) == 0
     printed, told = capsys.readouterr()
