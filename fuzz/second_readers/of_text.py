@@ -47,10 +47,18 @@ def coco_results(path: Path) -> Reading:
     found: dict[Any, list[Any]] = defaultdict(list)
     for one in json.loads(path.read_text("utf-8")):
         found[one["image_id"]].append(one["keypoints"])
-    frames = _rows(found)
-    if all(isinstance(image, str) for image in found) and max(f[..., 2].max() for f in frames) > 2:
+    frames = [_finite(frame) for frame in _rows(found)]
+    if (
+        all(isinstance(image, str) for image in found)
+        and max(np.nanmax(f[..., 2]) for f in frames) > 2
+    ):
         frames = [frame / [1, 1, 6] for frame in frames]
     return None, [np.where(frame.any(axis=2, keepdims=True), frame, np.nan) for frame in frames]
+
+
+def _finite(frame: Floats) -> Floats:
+    """Return points without those of which a number is none."""
+    return np.where(np.isfinite(frame).all(axis=-1, keepdims=True), frame, np.nan)
 
 
 def coco_annotations(path: Path) -> Reading:
@@ -88,7 +96,7 @@ def mmpose(path: Path) -> Reading:
             np.column_stack([one["keypoints"], one["keypoint_scores"]])
             for one in frame["instances"]
         ]
-        frames += [np.stack(every)] if every else []
+        frames += [_placed(_finite(np.stack(every).astype(float)))] if every else []
     return None, frames
 
 
@@ -98,6 +106,7 @@ def caliscope(path: Path) -> Reading:
     camera = "port" if "port" in table else "cam_id"
     keys = [camera, "frame_index", "point_id", "img_loc_x", "img_loc_y"]
     table = table[keys].astype(float).dropna(subset=keys)
+    table = table[(table["frame_index"] % 1 == 0) & (table["frame_index"].abs() < 2**40)]
     points = sorted(set(table["point_id"]))
     found: dict[Any, Floats] = {}
     for port, frame, point, x, y in table.to_numpy():
@@ -108,18 +117,24 @@ def caliscope(path: Path) -> Reading:
 
 def anipose(path: Path) -> Reading:
     """Read three columns of each landmark that has an error, cameras or a score."""
-    table = pandas.read_csv(path, index_col=False)
+    table = pandas.read_csv(path, index_col=False, sep="[,;\t]", engine="python")
     given = ["_error", "_ncams", "_score"]
     names = [name[:-2] for name in table if name.endswith("_x")]
     names = [name for name in names if any(name + ending in table for ending in given)]
     columns = [f"{name}_{axis}" for name in names for axis in "xyz"]
     values = table[columns].to_numpy(float)
-    return tuple(names), list(values.reshape(len(values), 1, -1, 3))
+    points = values.reshape(len(values), 1, -1, 3)
+    if names and all(f"{name}_score" in table for name in names):
+        scores = table[[f"{name}_score" for name in names]].to_numpy(float)
+        points = np.concatenate([points, scores[:, None, :, None]], axis=-1)
+    return tuple(names), list(points)
 
 
 def trc(path: Path) -> Reading:
     """Read a line per frame below the markers, in metres; 0, 0, 0 is missing."""
     lines = [line.rstrip("\r") for line in path.read_text("utf-8-sig").split("\n")]
+    if not lines[1].startswith("DataRate") or lines[4].lstrip("\t, ")[:2] != "X1":
+        raise ValueError("the header is damaged")
     separator = "\t" if "\t" in lines[3] else ","
     head = dict(zip(*(line.split(separator) for line in lines[1:3]), strict=False))
     scale = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}.get(head["Units"].strip(), 1.0)
@@ -185,16 +200,20 @@ def _posed(joints: list[tuple[int, list[float], list[str]]], row: Floats) -> Flo
 
 
 def c3d_points(path: Path) -> Reading:
-    """Read markers in metres; a negative residual is a missing one."""
+    """Read markers in metres; the fourth word of one is negative where it is missing."""
     with path.open("rb") as file:
         reader = c3d.Reader(file)
         unit = reader.get("POINT:UNITS").string_value.strip().lower()
         scale = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}.get(unit, 1.0)
-        frames = [
-            scale * np.where(points[:, 3:4] >= 0, points[:, :3].astype(float), np.nan)[None]
-            for _, points, _ in reader.read_frames(copy=True)
-        ]
-    return None, frames
+        points = np.stack([points for _, points, _ in reader.read_frames(copy=True)])
+        file.seek(512 * (reader.header.data_block - 1))
+        words = np.frombuffer(file.read(), "<f4")
+    width = 4 * points.shape[1] + reader.header.analog_count
+    words = words[: len(points) * width].reshape(len(points), width)[:, 3 : 4 * points.shape[1] : 4]
+    if (words % 1 != 0).any() or (np.abs(words) > 32767).any():
+        raise ValueError("the fourth word of a point has more than 16 bits")
+    places = scale * points[:, :, :3].astype(float)
+    return None, list(np.where(words[..., None] >= 0, places, np.nan)[:, None])
 
 
 def array(path: Path) -> Reading:
@@ -206,6 +225,8 @@ def array(path: Path) -> Reading:
 def long_table(path: Path) -> Reading:
     """Read a row per landmark."""
     table = pandas.read_csv(path)
+    if list(table) != ["Filename", "Bodypart", "X", "Y", "Score"]:
+        raise ValueError("other columns have a meaning that this reader does not know")
     names = tuple(dict.fromkeys(table["Bodypart"].astype(str)))
     found: dict[str, Floats] = {}
     for image, name, *numbers in table.itertuples(index=False):

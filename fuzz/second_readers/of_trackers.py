@@ -23,14 +23,16 @@ Reading = tuple[tuple[str, ...] | None, list[Floats]]
 A number beyond x, y and z of a landmark is its confidence; one that is missing is NaN.
 """
 
-HEADER = ("scorer", "individuals", "bodyparts", "coords")
+HEADER, AXES = ("scorer", "individuals", "bodyparts", "coords"), ("x", "y", "z", "likelihood")
 
 
 def deeplabcut_csv(path: Path) -> Reading:
     """Read a table with three or four lines of names."""
     with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = [row for row in csv.reader(file) if row][:4]
-    head = [row for row in rows if row[0].strip() in HEADER]
+        rows = [row for row in csv.reader(file) if row]
+    head = [row for row in rows[:4] if row[0].strip() in HEADER]
+    if len(rows[len(head)]) < len(head[-1]) and len(rows[-1]) != len(rows[len(head)]):
+        raise ValueError("pandas loses cells where the first row is shorter than others")
     index = next(number for number, cell in enumerate(head[-1]) if cell in ("x", "y", "z"))
     given = {"header": list(range(len(head))), "index_col": list(range(index))}
     return _table(pandas.read_csv(path, **given))
@@ -46,11 +48,14 @@ def _table(table: Any) -> Reading:
     columns = [tuple(str(name).strip() for name in column) for column in table.columns]
     kept = [number for number, column in enumerate(columns) if "Unnamed" not in column[-1]]
     columns = [columns[number] for number in kept]
+    if table.columns.nlevels == 3:
+        columns = [("", *column[1:]) for column in columns]
     values = table.to_numpy(dtype=float)[:, kept]
-    who = list(dict.fromkeys(column[-3] for column in columns))
-    names = list(dict.fromkeys(column[-2] for column in columns))
+    placed = [column for column in columns if column[-1] in AXES]
+    who = list(dict.fromkeys(column[-3] for column in placed))
+    names = list(dict.fromkeys(column[-2] for column in placed))
     present = {column[-1] for column in columns}
-    axes = [axis for axis in ("x", "y", "z", "likelihood") if axis in present]
+    axes = [axis for axis in AXES if axis in present]
     frames = np.full((len(values), len(who), len(names), len(axes)), np.nan)
     for number, (individual, name, axis) in enumerate(column[-3:] for column in columns):
         if axis in axes:

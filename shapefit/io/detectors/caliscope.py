@@ -39,6 +39,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     path = paths[0]
     camera, frame, point, x, y = _read(path).T
     whole = np.isfinite([camera, frame, point]).all(axis=0) & (np.abs(frame) < LAST_FRAME)
+    whole &= frame == np.rint(frame)
     placed = whole & np.isfinite(x) & np.isfinite(y)
     notes: tuple[str, ...] = ()
     if not whole.all():

@@ -30,8 +30,8 @@ from shapefit.stores.urls import UrlPath
 TEXT = 100
 """Bytes of a short text in memory, and of the place where it is held."""
 
-COPIES = 2
-"""Of what is read: as pyarrow has it, and as the records have it."""
+COPIES, TEXT_COPIES = 2, 6
+"""Of what is read: as pyarrow has it, and as the records have it; of long texts, as measured."""
 
 NAME_THEM = (
     'add the metadata landmark_names, a JSON list such as ["nose", "tail"], or a column of this '
@@ -257,7 +257,7 @@ class ParquetReader(StoredReader):
     def _row_bytes(self, column: str) -> int:
         """Return the bytes of a row in memory, by what the file holds of it before compression."""
         if column_type(self._fields[column]).kind == "O":
-            return TEXT
+            return max(TEXT, TEXT_COPIES * self._stored_bytes[column] // max(self.count, 1))
         return COPIES * self._stored_bytes[column] // max(self.count, 1)
 
     @cached_property
@@ -276,6 +276,7 @@ class ParquetReader(StoredReader):
         """Return how many values the first row of a column has; None without rows."""
         if not self.count:
             return None
+        check_fits(f"{self.path}: column {column}", self._row_bytes(column), "a row")
         (values,) = self._arrays((column,), 0, 1)
         return int(values.size)
 
