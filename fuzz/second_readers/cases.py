@@ -205,15 +205,18 @@ def _ordered(frames: list[Floats], axes: int) -> list[Floats]:
     return found
 
 
-def compare(known: Format, path: Path) -> str:
-    """Return what comes of both readers: the first word is the kind of it."""
+def compare(known: Format, path: Path, started: Callable[[], object] = bool) -> str:
+    """Return what comes of both readers: the first word is the kind of it.
+
+    `started` is called before the other reader, which may crash.
+    """
     try:
         own = ours(path)
     except InputError:
         return "refused"
     except Exception as error:
         return f"breaks: {error!r}"
-    print(f"\n{ALONE}", flush=True)  # it may crash
+    started()
     try:
         found = difference(own, known.read(path))
     except Exception:
@@ -243,7 +246,7 @@ def spoiled(seed: int, data: Path, work: Path) -> Iterator[tuple[str, Path, str]
 
         def work_on(path: Path = path, known: Format = known) -> int:
             warnings.simplefilter("ignore")
-            print(f"\n{compare(known, path)}")
+            print(f"\n{compare(known, path, lambda: print(ALONE, flush=True))}")
             return 0
 
         status, _ = in_child(work_on, folder)

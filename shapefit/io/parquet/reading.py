@@ -258,7 +258,13 @@ class ParquetReader(StoredReader):
         """Return the bytes of a row in memory, by what the file holds of it before compression."""
         if column_type(self._fields[column]).kind == "O":
             return max(TEXT, TEXT_COPIES * self._stored_bytes[column] // max(self.count, 1))
-        return COPIES * self._stored_bytes[column] // max(self.count, 1)
+        stored = self._stored_bytes[column] // max(self.count, 1)
+        return COPIES * max(stored, 8 * self._list_size(column))  # equal numbers take few bytes
+
+    def _list_size(self, column: str) -> int:
+        """Return how many values each row of a column has, where its type states it, or 0."""
+        kind = self._fields[column].type
+        return kind.list_size if pyarrow.types.is_fixed_size_list(kind) else 0
 
     @cached_property
     def _stored_bytes(self) -> Counter[str]:
@@ -276,7 +282,8 @@ class ParquetReader(StoredReader):
         """Return how many values the first row of a column has; None without rows."""
         if not self.count:
             return None
-        check_fits(f"{self.path}: column {column}", self._row_bytes(column), "a row")
+        if stated := self._list_size(column):
+            return stated
         (values,) = self._arrays((column,), 0, 1)
         return int(values.size)
 

@@ -22,17 +22,14 @@ def row_group_starts(file: Any) -> list[int]:
 
 
 def stored_bytes(file: Any) -> Counter[str]:
-    """Return how many bytes the values of each column have, not compressed.
-
-    A column that repeats a value may be encoded in few bytes: there it is 8 for each number.
-    """
+    """Return how many bytes the values of each column have, encoded but not compressed."""
     names = file.schema_arrow.names
     total: Counter[str] = Counter()
     for group in map(file.metadata.row_group, range(file.metadata.num_row_groups)):
         for stored in map(group.column, range(group.num_columns)):
             path = stored.path_in_schema
             name = path if path in names else path.partition(".")[0]
-            total[name] += max(stored.total_uncompressed_size, 8 * stored.num_values)
+            total[name] += stored.total_uncompressed_size
     return total
 
 

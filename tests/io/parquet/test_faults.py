@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -228,3 +230,17 @@ def test_a_writing_that_fails_leaves_the_old_file(tmp_path, landmarks):
         write()
     assert path.read_bytes() == b"old"
     assert [each.name for each in tmp_path.iterdir()] == ["views.parquet"]
+
+
+@pytest.mark.parametrize("column", ["x", "further", "sequence"])
+def test_a_small_file_of_large_rows_is_refused_before_it_is_read(tmp_path, monkeypatch, column):
+    many = pa.FixedSizeListArray.from_arrays(pa.array(np.zeros(10**7)), 10**7)
+    large = pa.array(["x" * 10**8]) if column == "sequence" else many
+    columns = {"item": ["a"], "x": [[1.0, 2.0]], "y": [[1.0, 2.0]]} | {column: large}
+    table = pa.table(columns).replace_schema_metadata({"landmark_names": json.dumps(["p", "q"])})
+    path = tmp_path / "bomb.parquet"
+    pq.write_table(table, path, compression="zstd")
+    assert path.stat().st_size < 10**5
+    monkeypatch.setattr("shapefit.io.memory.free_memory", lambda: 10**8)
+    with pytest.raises(InputError, match=r"bomb\.parquet"), open_landmarks([path]) as source:
+        list(source.chunks(1))
