@@ -47,9 +47,10 @@ def test_a_fit_is_the_command_on_the_same_array(found, keypoints, tmp_path):
 
 
 def test_one_image_has_the_method_for_single_images(keypoints):
-    alone = shapefit.fit(keypoints[0], "people", keypoints="body_25")
+    given = {"theta": {"head": 1.5, "hips": 1.15}, "camera": {"model": "weak-perspective"}}
+    alone = shapefit.fit(keypoints[0], "people", keypoints="body_25", **given)
     assert (len(alone), alone.attributes["method"]) == (1, "posterior")
-    config = shapefit.fit(keypoints, "people", keypoints="body_25", config="people")
+    config = shapefit.fit(keypoints, "people", keypoints="body_25", config="people", **given)
     np.testing.assert_array_equal(config[0].shapes, alone.shapes)
 
 
