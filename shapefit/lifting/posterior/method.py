@@ -57,7 +57,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     if options.misfit < COARSE:
         # Landmarks that are nearly exact look gross from any view but the right one.
         coarse = find(find_misfit(problem, COARSE), starts=starts)
-        starts = np.concatenate([coarse.rotation[:, None], starts], axis=1)
+        starts = coarse.rotation[:, None]
     found = find(
         find_misfit(problem, options.misfit),
         starts=starts,
