@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, counted, input_error
+from shapefit.geometry.length_units import as_metres
 from shapefit.io.foreign.recording import Instances, Recording
+from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.motion.labels import unique_names
-from shapefit.io.motion.units import in_metres
 
 BLOCK = 512
 """Bytes of a block, in which the format counts."""
@@ -46,7 +47,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     parameters: Mapping[str, Any] = file["parameters"].get("POINT", {})
     points = np.asarray(file["data"]["points"], dtype=np.float64)[:3].transpose(2, 1, 0)
     residual = np.asarray(file["data"]["meta_points"]["residuals"])[0].T
-    factor, unit = in_metres(_decoded(_first(parameters, "UNITS", "")))
+    factor, unit = as_metres(_decoded(_first(parameters, "UNITS", "")))
     points = factor * np.where((residual >= 0)[..., None], points, np.nan)
     labels = _labels(parameters, points.shape[1])
     computed = set().union(*(_texts(parameters, name) for name in COMPUTED))
@@ -86,7 +87,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         individuals=individuals,
         frames=n,
         frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
-        unit=unit,
+        unit=unit or UNKNOWN_UNIT,
         notes=notes + more,
     )
 

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
+from shapefit.geometry.length_units import as_metres
 from shapefit.io.foreign.recording import Instances, Recording
+from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.motion.labels import unique_names
 from shapefit.io.motion.text import read_blocks, read_head, read_plain, read_table
-from shapefit.io.motion.units import in_metres
 
 HEAD_LINES = 12
 """Within which the names of the markers stand; five as a rule, more with empty lines between."""
@@ -41,7 +42,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     path = paths[0]
     header = read_header(path)
     names, notes = unique_names(header.labels)
-    factor, unit = in_metres(header.values.get("units", ""))
+    factor, unit = as_metres(header.values.get("units", ""))
     rate = _number(header.values.get("datarate", ""))
     announced = _number(header.values.get("numframes", ""))
 
@@ -61,7 +62,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         landmark_names=names,
         blocks=blocks,
         frame_rate=rate if rate > 0 else None,
-        unit=unit,
+        unit=unit or UNKNOWN_UNIT,
         notes=notes,
     )
 
