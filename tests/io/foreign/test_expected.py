@@ -137,6 +137,8 @@ def test_names_and_frames(entry, records, recording):
     assert coordinates(records).shape[2] in counts
     if entry["landmark_names"] is not None:
         assert list(records.landmark_names[: entry["landmarks"]]) == entry["landmark_names"]
+    if entry["path"].startswith("motion/"):
+        assert records.unit == ("m" if entry["unit"] == "m" else "unknown")
     if entry.get("individual_names") is not None:
         assert list(recording.individuals) == entry["individual_names"]
     frames = recording.frames
