@@ -228,10 +228,8 @@ def _of_dictionary(path: Path) -> list[Line]:
     ]
     lines += [(key, text) for key, text in origin_of(dictionary)._asdict().items() if text]
     installed = {file: name for name, file in find_dictionaries().items()}
-    given = (
-        f"-c {installed[path]} -d {installed[path]}" if path in installed else f"-d {_typed(path)}"
-    )
-    lines.append(("go on with", f"shapefit fit LANDMARKS {given} -o result.h5"))
+    given = installed.get(path) or _typed(path)
+    lines.append(("go on with", f"shapefit fit LANDMARKS -d {given} -o result.h5"))
     return lines
 
 
@@ -248,7 +246,7 @@ def _following(
     what = " ".join(map(_typed, files))
     if kind == "landmarks":
         known = set(names) & set(PEOPLE) | set(people_joints(names))
-        with_what = "-c people -d people" if len(known) >= FEWEST_JOINTS else "-d DICT.h5"
+        with_what = "-d people" if len(known) >= FEWEST_JOINTS else "-d DICT.h5"
         return f"shapefit fit {what} {with_what} -o result.h5{more}"
     return f"shapefit learn-dict {what} -o dict.h5{more}"
 

@@ -24,7 +24,7 @@ def test_info_states_source_licence_and_acknowledgement(views, capsys):
     assert "CMU Motion Capture Database" in said
     assert "may not be resold directly" in said
     assert "NSF EIA-0196217" in said
-    assert "go on with:   shapefit fit LANDMARKS -c people -d people -o result.h5" in said
+    assert "go on with:   shapefit fit LANDMARKS -d people -o result.h5" in said
 
 
 def test_people_are_lifted_without_a_file_of_theirs(views, tmp_path, capsys):

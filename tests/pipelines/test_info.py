@@ -53,7 +53,7 @@ def test_files_of_one_recording_are_one_input():
     assert outcome.note.startswith(f"{SAMPLES / 'openpose'} (36 files)")
     told = lines(outcome.note)
     assert told["images"] == "72"
-    assert "openpose/*.json' -c people -d people " in told["go on with"]
+    assert "openpose/*.json' -d people " in told["go on with"]
 
 
 def test_one_bad_file_does_not_stop_the_others(tmp_path):
@@ -77,13 +77,13 @@ def test_people_need_no_dictionary_of_their_own():
     told = lines(outcome.note)
     assert told["frames"] == "36"
     assert told["images"] == "72"
-    assert told["go on with"].endswith("-c people -d people -o result.h5 --set keypoints=body_25")
+    assert told["go on with"].endswith("-d people -o result.h5 --set keypoints=body_25")
 
 
 def test_landmarks_without_names_are_no_error():
     told = lines(info(SAMPLES / "openpose").note)
     assert "`--set keypoints=body_25` or `--set keypoints=body_25b`" in told["landmarks"]
-    fit = "shapefit fit sample_data/openpose -c people -d people -o result.h5 --set keypoints=NAME"
+    fit = "shapefit fit sample_data/openpose -d people -o result.h5 --set keypoints=NAME"
     assert told["go on with"].split()[3:] == fit.split()[3:]
 
 

@@ -1,4 +1,4 @@
-"""What each step of an evaluation is told; none of them sees the config."""
+"""What each step of an evaluation gets; none of them sees the config."""
 
 from __future__ import annotations
 

@@ -29,6 +29,7 @@ from shapefit.pipelines.fit.record import as_result
 from shapefit.pipelines.fit.report import Batch, Report, said_of_y
 from shapefit.pipelines.fit.settle import plan_settling
 from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.skeletons.landmark_names import said_of_names
 from shapefit.stores.copies import keep_copies
 
 
@@ -44,7 +45,8 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     seconds, done = 0.0, 0
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         config, said = settle(source)
-        said = (said_of_y(source), *said)
+        names = said_of_names(source.head.landmark_names, dictionary.landmark_names)
+        said = (said_of_y(source), names, *said)
         wanted = wanted.seen_through(config.camera)
         plan = plan_fit(config, dictionary, source.head.landmark_names)
         with (

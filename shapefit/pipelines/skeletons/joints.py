@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from shapefit.dictionary.mapped import mapped
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import abbreviate, counted
 from shapefit.io import LandmarkSet
 from shapefit.io.extras import Extras
 from shapefit.io.skeletons import THETA, Part, people_parts
@@ -84,15 +83,6 @@ class Joints:
         for joint, landmarks in self.stand_ins.items():
             found[self.known.index(joint)] = max(self.parts[name].apart for name in landmarks)
         return found
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Say which landmarks were taken for joints."""
-        pairs = [f"{name} for {joint}" for joint, ls in self.stand_ins.items() for name in ls]
-        if not pairs:
-            return ()
-        taken = f"{counted(len(pairs), 'landmark')} taken for joints of people"
-        return (f"{taken} ({abbreviate(pairs)})",)
 
 
 def find_joints(own: Sequence[str], known: Sequence[str], *, in_place: bool = True) -> Joints:

@@ -72,12 +72,19 @@ def _same_joint(own: Sequence[str]) -> list[str]:
 
 
 def name_warnings(own: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """Say which landmarks stand for joints of the dictionary, and which are left out."""
+    """Say which landmarks are left out; those of a known skeleton are expected."""
     joints = find_joints(own, known)
-    strange = find_strange(joints.rename(own), known)
-    return joints.notes + left_out_landmarks(
-        strange, () if joints.names else [name for name in known if name not in set(own)]
-    )
+    if joints.names:
+        return ()
+    strange = find_strange(own, known)
+    return left_out_landmarks(strange, [name for name in known if name not in set(own)])
+
+
+def said_of_names(own: Sequence[str], known: Sequence[str]) -> str:
+    """Say how many landmarks stand for joints of the dictionary; nothing where none do."""
+    joints = find_joints(own, known)
+    taken = sum(map(len, joints.stand_ins.values()))
+    return f"{taken} of {counted(len(own), 'landmark')} taken for joints of people" if taken else ""
 
 
 def left_out_landmarks(strange: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
