@@ -45,8 +45,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     seconds, done = 0.0, 0
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         config, said = settle(source)
-        names = said_of_names(source.head.landmark_names, dictionary.landmark_names)
-        said = (said_of_y(source), names, *said)
+        said = (said_of_y(source), *said)
         wanted = wanted.seen_through(config.camera)
         plan = plan_fit(config, dictionary, source.head.landmark_names)
         with (
@@ -66,10 +65,11 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     of_writer = writer.summary.warnings
     if plan.needs_rate and not source.head.frame_rate:
         of_writer = with_rate_warning(of_writer)
+    names = said_of_names(source.head.landmark_names, dictionary.landmark_names)
     yield Outcome(
         total=source.count,
         warnings=warnings + exports.warnings + of_writer,
-        note="; ".join(filter(None, (*said, exports.note, writer.summary.note))),
+        note="; ".join(filter(None, (*said, names, exports.note, writer.summary.note))),
         written=(*(writer.summary.written or (output,)), *exports.folders, *exports.sheets),
     )
 
