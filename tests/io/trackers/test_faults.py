@@ -162,22 +162,6 @@ def test_a_filter_that_is_not_there(write, problem):
     assert text.endswith("write it again with gzip or without compression")
 
 
-def test_more_than_memory_holds(tmp_path, write, problem):
-    path = write("tracks.analysis.h5")
-    with h5py.File(path, "a") as file:
-        del file["tracks"], file["point_scores"]
-        file.create_dataset("tracks", (2, 2, 4, 10**12), "f8", chunks=(2, 2, 4, 1 << 20))
-    assert "tracks" in problem(path)
-
-
-def test_a_list_that_was_never_written(write, problem):
-    path = write("tracks.analysis.h5")
-    with h5py.File(path, "a") as file:
-        del file["edge_inds"]
-        file.create_dataset("edge_inds", (10**7, 2), "i8", chunks=(1, 2))
-    assert "next to nothing of it was written" in problem(path)
-
-
 HEADER = "scorer,n,n,n,n\nbodyparts,a,a,b,b\ncoords,x,y,x,y\n"
 
 
@@ -218,11 +202,38 @@ def test_two_scorers(write, problem):
     assert "keep the columns of one scorer (here one, two)" in problem(path)
 
 
-def test_two_tables_in_a_file(write, problem):
-    path = write("table.h5")
+def two_tables(file):
+    file.copy("df_with_missing", "tracks")
+
+
+def bounding_boxes(file):
+    file.attrs["ds_type"] = "bboxes"
+
+
+def never_written(file):
+    del file["edge_inds"]
+    file.create_dataset("edge_inds", (10**7, 2), "i8", chunks=(1, 2))
+
+
+def more_than_memory_holds(file):
+    del file["tracks"], file["point_scores"]
+    file.create_dataset("tracks", (2, 2, 4, 10**12), "f8", chunks=(2, 2, 4, 1 << 20))
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "found"),
+    [
+        ("table.h5", two_tables, "holds the tables df_with_missing and tracks"),
+        ("poses.nc", bounding_boxes, "holds bboxes, not poses"),
+        ("tracks.analysis.h5", never_written, "next to nothing of it was written"),
+        ("tracks.analysis.h5", more_than_memory_holds, "tracks"),
+    ],
+)
+def test_files_that_hold_something_else(write, problem, name, change, found):
+    path = write(name)
     with h5py.File(path, "a") as file:
-        file.copy("df_with_missing", "tracks")
-    assert "holds the tables df_with_missing and tracks" in problem(path)
+        change(file)
+    assert found in problem(path)
 
 
 @pytest.mark.parametrize("name", ["frames", "instances"])
@@ -270,38 +281,23 @@ def test_two_skeletons(write, read):
     assert placed[7:, 4:].sum() == 27
 
 
-def test_a_track_that_is_twice_in_a_frame(write, problem):
-    path = write("labels.slp")
-    with h5py.File(path, "a") as file:
-        table = file["instances"][:]
-        table["track"][:2] = 0
-        file["instances"][...] = table
-    assert "labels/animal0/0 occurs more than once" in problem(path)
-
-
 @pytest.mark.parametrize(
-    ("column", "value", "found"),
+    ("column", "rows", "value", "found"),
     [
-        ("track", 7, "has the track 7 of 2"),
-        ("skeleton", 3, "has the skeleton 3 of 1"),
-        ("instance_type", 9, "has the instance_type 9 of 2"),
-        ("point_id_end", 3, "has another number of points than its skeleton"),
+        ("track", 2, 0, "labels/animal0/0 occurs more than once"),
+        ("track", 1, 7, ":/instances: has the track 7 of 2"),
+        ("skeleton", 1, 3, ":/instances: has the skeleton 3 of 1"),
+        ("instance_type", 1, 9, ":/instances: has the instance_type 9 of 2"),
+        ("point_id_end", 1, 3, ":/instances: has another number of points than its skeleton"),
     ],
 )
-def test_instances_of_what_is_not_there(write, problem, column, value, found):
+def test_instances_of_what_is_not_there_or_twice(write, problem, column, rows, value, found):
     path = write("labels.slp")
     with h5py.File(path, "a") as file:
         table = file["instances"][:]
-        table[column][0] = value
+        table[column][:rows] = value
         file["instances"][...] = table
-    assert f":/instances: {found}" in problem(path)
-
-
-def test_bounding_boxes_have_no_landmarks(write, problem):
-    path = write("poses.nc")
-    with h5py.File(path, "a") as file:
-        file.attrs["ds_type"] = "bboxes"
-    assert "holds bboxes, not poses" in problem(path)
+    assert found in problem(path)
 
 
 def test_nwb_files_without_poses_and_with_times_that_do_not_increase(write, problem):

@@ -10,7 +10,7 @@ from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import LandmarkSet, landmark_writer, write_dictionary
+from shapefit.io import LandmarkSet, write_dictionary
 from shapefit.pipelines.fit.run import run
 
 N, K, P = 12, 6, 10
@@ -18,7 +18,7 @@ NAMES = tuple(f"point{j}" for j in range(P))
 
 
 @pytest.fixture
-def files(tmp_path, rng):
+def files(fit, tmp_path, rng):
     """A result of hidden and half believed landmarks, and the atoms."""
     atoms = normalise(rng.standard_normal((K, 3, P))).points
     landmarks = 100 + 20 * rng.standard_normal((N, 2, P))
@@ -31,20 +31,10 @@ def files(tmp_path, rng):
         items=tuple(f"image{i}" for i in range(N)),
         confidence=confidence,
     )
-    with landmark_writer(tmp_path / "landmarks.h5") as writer:
-        writer.append(images)
-    write_dictionary(
-        tmp_path / "dictionary.h5", Dictionary(atoms, NAMES, normalise(atoms.mean(0)).points)
-    )
-    config = FitConfig(
-        landmarks=[str(tmp_path / "landmarks.h5")],
-        dictionary=str(tmp_path / "dictionary.h5"),
-        output=str(tmp_path / "result.h5"),
-        lam=0.3,
-        transforms=True,
-    )
-    list(run(config))
-    return config.output, atoms
+    dictionary = tmp_path / "dictionary.h5"
+    write_dictionary(dictionary, Dictionary(atoms, NAMES, normalise(atoms.mean(0)).points))
+    fit(tmp_path, dictionary, images, lam=0.3, transforms=True)
+    return tmp_path / "result.h5", atoms
 
 
 def test_objective_and_gap_follow_from_the_datasets(files):
@@ -81,7 +71,7 @@ def test_objective_and_gap_follow_from_the_datasets(files):
 
 def test_no_file_of_points_is_asked_to_hold_more(files, tmp_path):
     config = FitConfig(
-        landmarks=[str(tmp_path / "landmarks.h5")],
+        landmarks=[str(tmp_path / "views.h5")],
         dictionary=str(tmp_path / "dictionary.h5"),
         output=str(tmp_path / "result.csv"),
         transforms=True,
