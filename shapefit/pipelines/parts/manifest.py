@@ -13,6 +13,7 @@ from shapefit import __version__
 from shapefit.config.paths import MANIFEST
 from shapefit.errors import InputError, input_error, path_text
 from shapefit.io.whole.atomic import atomic_path
+from shapefit.io.whole.folder import check_folder
 from shapefit.pipelines.parts.plan import Part
 from shapefit.pipelines.parts.spans import Span
 from shapefit.stores.reading import read_bytes
@@ -98,7 +99,10 @@ def replace_link(path: Path) -> None:
 
 @contextmanager
 def held_folder(folder: Path) -> Iterator[None]:
-    """Hold a folder of results for this run. Raises InputError where another run holds it."""
+    """Hold a folder of results for this run.
+
+    Raises InputError where another run holds it, and where it cannot be made or written to.
+    """
     if isinstance(folder, UrlPath):
         from shapefit.stores.lock import ABANDONED, held_object
 
@@ -108,6 +112,7 @@ def held_folder(folder: Path) -> Iterator[None]:
                 raise _busy(folder, f" (or {minutes:.0f} minutes, if it was killed)")
             yield
         return
+    check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for name in (LOCK, MANIFEST):
         replace_link(folder / name)
