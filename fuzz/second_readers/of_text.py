@@ -73,7 +73,7 @@ def coco_annotations(path: Path) -> Reading:
             places = [names.index(name) for name in own[one["category_id"]]]
             numbers[places] = np.array(one["keypoints"], float).reshape(-1, 3)
             found.setdefault(one["image_id"], []).append(numbers)
-    frames = [_placed(np.stack(every)) for every in found.values() if every]
+    frames = [_placed(_finite(np.stack(every))) for every in found.values() if every]
     return names, [frame[..., :2] for frame in frames]
 
 

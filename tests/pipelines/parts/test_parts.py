@@ -225,6 +225,15 @@ def test_a_second_run_into_the_folder_is_refused(folder):
             fit("out/", "partition=100")
 
 
+@pytest.mark.parametrize("made", [True, False])
+def test_a_folder_that_cannot_be_written_to_is_refused(folder, monkeypatch, made):
+    if made:
+        Path("out").mkdir()
+    monkeypatch.setattr("shapefit.io.whole.atomic.is_writable", lambda _: False)
+    with pytest.raises(InputError, match="is not writable"):
+        fit("out/", "partition=100")
+
+
 @pytest.mark.parametrize(
     ("output", "override", "message"),
     [
