@@ -117,11 +117,13 @@ def caliscope(path: Path) -> Reading:
 
 def anipose(path: Path) -> Reading:
     """Read three columns of each landmark that has an error, cameras or a score."""
-    table = pandas.read_csv(path, index_col=False, sep="[,;\t]", engine="python")
+    table = pandas.read_csv(path, index_col=False)
     given = ["_error", "_ncams", "_score"]
     names = [name[:-2] for name in table if name.endswith("_x")]
     names = [name for name in names if any(name + ending in table for ending in given)]
     columns = [f"{name}_{axis}" for name in names for axis in "xyz"]
+    if not columns:
+        raise ValueError("no table of anipose, which has commas")
     values = table[columns].to_numpy(float)
     points = values.reshape(len(values), 1, -1, 3)
     if names and all(f"{name}_score" in table for name in names):

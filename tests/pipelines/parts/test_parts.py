@@ -232,6 +232,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused(folder, monkeypatch, made
     monkeypatch.setattr("shapefit.io.whole.atomic.is_writable", lambda _: False)
     with pytest.raises(InputError, match="is not writable"):
         fit("out/", "partition=100")
+    assert list(Path().glob("out/**/*")) == []
 
 
 @pytest.mark.parametrize(
