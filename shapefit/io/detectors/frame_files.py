@@ -77,9 +77,10 @@ def frame_files(paths: Sequence[Path], folder: str) -> list[FrameFile]:
         return [FrameFile(path, folder, place, _stem(path)) for place, path in enumerate(images)]
     names = _video_names(list(series), folder)
     return [
-        FrameFile(own[number], name, number - min(own), str(number))
+        FrameFile(own[number], name, number - numbers[0], str(number))
         for name, own in zip(names, series.values(), strict=True)
-        for number in sorted(own)
+        for numbers in [sorted(own)]
+        for number in numbers
     ]
 
 

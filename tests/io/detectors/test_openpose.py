@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from shapefit.errors import InputError
+from shapefit.io.detectors.frame_files import frame_files
 from shapefit.io.formats import FORMATS, find_format
 
 from .conftest import read
@@ -200,3 +203,10 @@ def test_only_regular_files_of_a_folder_are_opened(written, tmp_path, make, endi
     make(tmp_path / "cam" / f"1{ending}")
     with pytest.raises(InputError, match=r"cam/1\.(json|txt): (is not a regular|leads to no) file"):
         read(tmp_path / "cam")
+
+
+def test_the_time_for_a_folder_of_many_files_grows_with_their_number():
+    began = time.process_time()
+    files = frame_files([Path(f"v_{n:012}.json") for n in range(40_000)], "v")
+    assert files[-1].frame == 39_999
+    assert time.process_time() - began < 5
