@@ -35,7 +35,7 @@ def openpose(path: Path) -> Reading:
         file: [one.get("pose_keypoints_2d") or [] for one in every]
         for file, every in people.items()
     }
-    return None, [_placed(frame) for frame in _rows(found)]
+    return None, [_placed(_finite(frame)) for frame in _rows(found)]
 
 
 def _placed(frame: Floats) -> Floats:
