@@ -8,6 +8,7 @@ from math import prod
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
 from typing import Any
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -38,6 +39,7 @@ class Column:
         self._dtype, self._shape = np.dtype(dtype), shape
         place = None if folder is None else str(folder)
         self._file = SpooledTemporaryFile(MOST_HELD, dir=place, buffering=0)  # noqa: SIM115
+        finalize(self, self._file.close)
         self._count = 0
 
     def __len__(self) -> int:
