@@ -23,7 +23,7 @@ def errors_of(folder: Path, method: str) -> dict[str, float]:
     """Return the similarity error of each item of a report, normalised."""
     with (folder / "report/per_image.csv").open(encoding="utf-8") as file:
         return {
-            row["item"]: float(row["error"])
+            row["item"]: float(row["error"] or "nan")
             for row in csv.DictReader(file)
             if (row["method"], row["metric"], row["unit"]) == (method, "similarity", "normalised")
         }

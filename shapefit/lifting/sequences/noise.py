@@ -17,7 +17,7 @@ The last one is that with which the posteriors of the images took them.
 FIRST = 3
 """The level that is tried first."""
 
-LEAST_TURN = 0.15
+LEAST_TURN = 0.3
 """How much bones must turn, see `find_turn`, before a sequence shows lengths and
 noise."""
 
