@@ -215,6 +215,9 @@ class TestRefusals:
             def write(self, _):
                 raise OSError(errno.ENOSPC, "No space left on device")
 
+            def close(self):
+                pass
+
         monkeypatch.setattr(columns, "SpooledTemporaryFile", Full)
         with pytest.raises(InputError, match="used for temporary files: No space left"):
             learned(people, batch=300)
