@@ -11,6 +11,7 @@
 #   make fuzz         50,000 damaged files, configs and options, each in a separate process
 #   make faults       every writing call fails with every error, and 200 kills; outputs stay whole
 #   make docs         write the generated pages of docs/
+#   make site         the pages as a site with search, in build/site/html; every link is checked
 #   make recovery     the paper's figure of exact recovery on planted instances
 #   make paper        every table and figure of the paper, with an index (DATA=FOLDER as below)
 #   make bench        speed relative to the previous release and other solvers; fails below a floor
@@ -31,12 +32,13 @@ BIN := $(VENV)/bin
 TOOLS := $(VENV)/tools
 RUNS := $(VENV)/runs
 READY := $(VENV)/ready
+SITE_READY := $(VENV)/site-ready
 ALL_READY := $(VENV)/all-ready
 CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp */*.?pp))
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test test-all fuzz faults test-levels sanitize arm64 wheel check format-check lint types docs mocap-table recovery paper people bodies footage detected from-2d cars bench clean
+.PHONY: demo test test-all fuzz faults test-levels sanitize arm64 wheel site check format-check lint types docs mocap-table recovery paper people bodies footage detected from-2d cars bench clean
 
 demo: $(RUNS)
 	$(SHAPEFIT) fit sample_data/openpose -d people --set keypoints=body_25 \
@@ -187,6 +189,10 @@ faults: $(READY)
 docs: $(READY)
 	$(BIN)/python docs/generate.py
 
+site: $(SITE_READY)
+	@$(BIN)/python building/site.py
+	@echo "The site is in build/site/html; open index.html there."
+
 bench: $(ALL_READY)
 	$(BIN)/python -m benchmarks.bench $(if $(DATA),--data '$(DATA)') $(if $(CARS),--cars '$(CARS)') $(BENCH_OPTIONS)
 
@@ -216,6 +222,10 @@ $(READY): $(TOOLS) $(CORE)
 	@echo "Installing shapefit with the developers' tools into $(VENV), a minute or two."
 	@$(INSTALL_SHAPEFIT) '.[dev]'
 	@touch $(RUNS) $@
+
+$(SITE_READY): $(RUNS)
+	@$(INSTALL_SHAPEFIT) '.[plots,site]'
+	@touch $@
 
 # Everything that a run needs, without the developers' tools. Python compiles modules at first use.
 $(RUNS): $(TOOLS) $(CORE)

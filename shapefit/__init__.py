@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from shapefit.face.learning import learn
     from shapefit.face.records import Dictionary, Fit, Landmarks, Shapes
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Dictionary",

@@ -1,0 +1,73 @@
+"""Build the site: gather the pages, add the functions and a result to look at, build, check the links.
+
+`python building/site.py` (`make site`) writes build/site/html, with the settings of mkdocs.yml. The
+pages keep their places, so that a link leads to the same page here and there.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import shapefit
+
+PROJECT = Path(__file__).resolve().parents[1]
+PAGES = PROJECT / "build/site/pages"
+
+GATHERED = (
+    "*.md",
+    "docs/*.md",
+    "docs/images/*",
+    "benchmarks/*.md",
+    "benchmarks/*.toml",
+    "benchmarks/notes/*.md",
+)
+
+
+def main() -> None:
+    """Write the site, and end with the exit code of its builder: a link that leads nowhere is 1."""
+    shutil.rmtree(PAGES.parent, ignore_errors=True)
+    for pattern in GATHERED:
+        for path in PROJECT.glob(pattern):
+            place = PAGES / path.relative_to(PROJECT)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, place)
+    (PAGES / "docs/api.md").write_text(functions_page(), encoding="utf-8")
+    write_sample(PAGES / "sample.html")
+    build = [
+        sys.executable,
+        "-m",
+        "mkdocs",
+        "build",
+        "--strict",
+    ]  # --quiet would let bad links pass
+    done = subprocess.run(build, cwd=PROJECT, stderr=subprocess.PIPE, text=True)
+    wrong = [line for line in done.stderr.splitlines() if line.startswith(("WARNING", "ERROR"))]
+    sys.exit("\n".join(wrong or [done.stderr]) if done.returncode else None)
+
+
+def functions_page() -> str:
+    """Return a page that lists what `import shapefit` offers, from the docstrings."""
+    names = [name for name in shapefit.__all__ if not name.startswith("_")]
+    places = (getattr(shapefit, name) for name in names)
+    return "# Functions\n\n" + "\n".join(
+        f"::: {place.__module__}.{place.__qualname__}\n" for place in places
+    )
+
+
+def write_sample(page: Path) -> None:
+    """Lift the walkers of sample_data and write their page."""
+    command = [sys.executable, "-m", "shapefit"]
+    with tempfile.TemporaryDirectory() as folder:
+        result = str(Path(folder) / "walk.h5")
+        given = ["sample_data/openpose", "-d", "people", "--set", "keypoints=body_25"]
+        rate = ["--set", "sequences.frame_rate=25"]
+        for arguments in (["fit", *given, *rate, "-o", result], ["view", result, "-o", str(page)]):
+            subprocess.run([*command, *arguments, "-q"], cwd=PROJECT, check=True)
+
+
+if __name__ == "__main__":
+    main()
