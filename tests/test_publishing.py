@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
@@ -51,6 +52,14 @@ def test_the_quick_tests_run_on_every_system_and_python(project: Path, package: 
     assert matrix["python"] == ["3.11", "3.12", "3.13", "3.14"]
     assert f">={matrix['python'][0]}" == package["requires-python"]
     assert {name.split("-")[0] for name in matrix["system"]} == {"ubuntu", "macos", "windows"}
+
+
+def test_docstrings_are_text_for_every_python(project: Path):
+    """From Python 3.13 on, no module compiles with half of a surrogate pair in a docstring."""
+    for path in (*project.glob("shapefit/**/*.py"), *project.glob("cli/*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                (ast.get_docstring(node) or "").encode()
 
 
 def test_commands_of_workflows_name_what_exists(project: Path):

@@ -147,7 +147,7 @@ class _Reader:
         return values
 
     def _text(self, node: Node) -> str | None:
-        """Return a string that UTF-8 can hold; `\ud800` in quotes is an unpaired surrogate."""
+        r"""Return a string that UTF-8 can hold; `\ud800` in quotes is an unpaired surrogate."""
         text = str(node.value)
         if any("\ud800" <= letter <= "\udfff" for letter in text):
             self._document.problems.append(
