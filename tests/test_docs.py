@@ -10,7 +10,7 @@ import pytest
 from pydantic import BaseModel
 
 from shapefit.config import CONFIGS
-from shapefit.config.fields import field_keys, submodel
+from shapefit.config.fields import field_keys, meaning, submodel
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
@@ -31,7 +31,7 @@ def test_generated_pages_are_in_step(pages):
 
 def fields(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str | None]]:
     for key, field in field_keys(model).items():
-        yield prefix + key, field.description
+        yield prefix + key, meaning(model, key)
         inner = submodel(field)
         if inner is not None:
             yield from fields(inner, f"{prefix}{key}.")

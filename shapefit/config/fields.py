@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from itertools import pairwise
 from types import NoneType, UnionType
 from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
@@ -79,6 +84,33 @@ def _bounds(metadata: Iterable[Any]) -> Iterator[str]:
 def field_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
     """Return the fields of a model under the keys that YAML uses for them."""
     return {field.alias or name: field for name, field in model.model_fields.items()}
+
+
+def meaning(model: type[BaseModel], key: str) -> str:
+    """Return what a key means: its description, the text below it, or that of its section."""
+    name, field = next(
+        (name, field) for name, field in model.model_fields.items() if key == (field.alias or name)
+    )
+    own = [kind for kind in model.__mro__ if kind.__module__.startswith("shapefit.")]
+    texts = (_texts(kind.__module__).get((kind.__name__, name)) for kind in own)
+    inner = submodel(field)
+    text = field.description or next(filter(None, texts), inner.__doc__ if inner else "")
+    return " ".join((text or "").split())
+
+
+@cache
+def _texts(module: str) -> dict[tuple[str, str], str]:
+    """Return the texts below the fields of the classes of a module, by class and name of field."""
+    tree = ast.parse(inspect.getsource(import_module(module)))
+    return {
+        (kind.name, field.target.id): text.value.value
+        for kind in tree.body
+        if isinstance(kind, ast.ClassDef)
+        for field, text in pairwise(kind.body)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+        if isinstance(text.value.value, str)
+    }
 
 
 def submodel(field: FieldInfo) -> type[BaseModel] | None:

@@ -61,25 +61,22 @@ class ConfigModel(BaseModel):
     )
 
 
-def section(model: type[ConfigModel], description: str) -> Any:
+def section(model: type[ConfigModel]) -> Any:
     """Return the field of a section, which by default has its own defaults."""
-    return Field(default_factory=model.model_construct, description=description)
+    return Field(default_factory=model.model_construct)
 
 
 class CommandConfig(ConfigModel):
     """Everything that can be set for one command."""
 
-    data: Folder = Field(
-        default=None,
-        description="Folder that replaces `{data}` at the beginning of any other path.",
-    )
+    data: Folder = None
+    """Folder that replaces `{data}` at the beginning of any other path."""
 
     storage_options: Annotated[Mapping[str, Any], BeforeValidator(_options)] = Field(
-        default_factory=dict,
-        repr=False,
-        description="Options for s3:// and gs:// URLs beside what the environment says, as fsspec "
-        "takes them: a mapping such as {endpoint_url: ...}. Shown as *** everywhere.",
+        default_factory=dict, repr=False
     )
+    """Options for s3:// and gs:// URLs beside what the environment says, as fsspec takes them: a
+    mapping such as {endpoint_url: ...}. Shown as *** everywhere."""
 
     @model_validator(mode="after")
     def _keeps_its_inputs(self) -> Self:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from shapefit.config.fields import expectation, field_keys, in_words, submodel
+from shapefit.config.fields import expectation, field_keys, in_words, meaning, submodel
 from shapefit.config.loader import CONFIGS
 from shapefit.config.paths import OfTheData
 from shapefit.errors import input_error
@@ -100,7 +100,7 @@ def _keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
         inner = submodel(field)
         if inner is None or in_words(field):
             mark = r" \*" if any(isinstance(entry, OfTheData) for entry in field.metadata) else ""
-            about = field.description or ""
+            about = meaning(model, key)
             yield Key(prefix + key, expectation(field), _default(field), about, mark)
         else:
             yield from _keys(inner, f"{prefix}{key}.")

@@ -27,6 +27,7 @@ from shapefit.config.fields import (
     expectation,
     field_keys,
     marked_keys,
+    meaning,
     submodel,
 )
 from shapefit.config.model import ConfigModel
@@ -326,13 +327,14 @@ def _schema_problems(
 def _problem(model: type[BaseModel], detail: ErrorDetails, settings: Settings) -> str:
     location = detail["loc"]
     owner, field = _schema_at(model, location)
+    key = str(location[-1]) if location else ""
     match detail["type"]:
         case "extra_forbidden":
             place = settings.place(location, key=True)
-            return f"{place}: unknown key {str(location[-1])!r}{_known(model, owner, location)}"
-        case "missing" if field and field is field_keys(owner).get(str(location[-1])):
+            return f"{place}: unknown key {key!r}{_known(model, owner, location)}"
+        case "missing" if field and field is field_keys(owner).get(key):
             place = settings.place(location[:-1])
-            return f"{place}: missing key {str(location[-1])!r} ({field.description})"
+            return f"{place}: missing key {key!r} ({meaning(owner, key)})"
         case "value_error":
             message = str(detail["ctx"]["error"])
             return f"{settings.place(_first_named(message, location, settings))}: {message}"

@@ -14,48 +14,27 @@ from shapefit.config.paths import InputPaths, OutputPath
 class ConvertConfig(CommandConfig):
     """Write what files hold in another format."""
 
-    files: InputPaths = Field(
-        description="Files of landmarks, shapes or results, all of one kind, in any format that "
-        "can be read, or folders with one file per frame."
-    )
-    input: InputConfig = section(InputConfig, "How the files are read.")
-    output: OutputPath = Field(description="File to write; - is stdout (CSV).")
-    to: str = Field(
-        default="auto",
-        min_length=1,
-        description="Format to write (docs/export.md); auto: as the name of the output says, "
-        "HDF5 without an ending.",
-    )
-    frame_rate: float | None = Field(
-        default=None,
-        gt=0,
-        description="Frames per second of the sequences; by default, as stated in the files.",
-    )
-    height: float | None = Field(
-        default=None,
-        gt=0,
-        le=1000,
-        description="Height of the body or object in metres, for outputs in metres "
-        "(docs/export.md); by default results are as large as the training shapes of their "
-        "dictionary.",
-    )
-    unit: str | None = Field(
-        default=None,
-        min_length=1,
-        description="Unit of shapes whose files do not say it (m, cm, mm, ...), for outputs in "
-        "metres.",
-    )
-    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = Field(
-        default=None,
-        description="Axis that points up, of the shapes or of the world of the camera, for outputs "
-        "in metres: it becomes y. By default shapes keep their axes, and the world's is the one "
-        "nearest to up in the image.",
-    )
-    world_unit: str | None = Field(
-        default=None,
-        min_length=1,
-        description="Unit of the translation of a camera's extrinsics; metres by default.",
-    )
-    chunk: int = Field(
-        default=4096, ge=1, le=10_000_000, description="Items held in memory at a time."
-    )
+    files: InputPaths
+    """Files of landmarks, shapes or results, all of one kind, in any format that can be read, or
+    folders with one file per frame."""
+    input: InputConfig = section(InputConfig)
+    output: OutputPath
+    """File to write; - is stdout (CSV)."""
+    to: str = Field(default="auto", min_length=1)
+    """Format to write (docs/export.md); auto: as the name of the output says, HDF5 without an
+    ending."""
+    frame_rate: float | None = Field(default=None, gt=0)
+    """Frames per second of the sequences; by default, as stated in the files."""
+    height: float | None = Field(default=None, gt=0, le=1000)
+    """Height of the body or object in metres, for outputs in metres (docs/export.md); by default
+    results are as large as the training shapes of their dictionary."""
+    unit: str | None = Field(default=None, min_length=1)
+    """Unit of shapes whose files do not say it (m, cm, mm, ...), for outputs in metres."""
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
+    """Axis that points up, of the shapes or of the world of the camera, for outputs in metres: it
+    becomes y. By default shapes keep their axes, and the world's is the one nearest to up in the
+    image."""
+    world_unit: str | None = Field(default=None, min_length=1)
+    """Unit of the translation of a camera's extrinsics; metres by default."""
+    chunk: int = Field(default=4096, ge=1, le=10_000_000)
+    """Items held in memory at a time."""

@@ -48,86 +48,61 @@ def _number_or_names(value: Any) -> int | tuple[str, ...]:
 class FloorsConfig(ConfigModel):
     """What a dictionary can reach at all: similarity errors of the truth, without any fit."""
 
-    dictionary: DictionaryPath = Field(
-        description="Dictionary whose mean shape, nearest atom and best non-negative "
-        "combination get their own rows, each aligned with the truth as well as "
-        "possible; without `floors` there are no such rows."
-    )
-    leave_out: Annotated[str | None, OF_THE_DATA] = Field(
-        default=None,
-        min_length=1,
-        description="Dataset of the result that names, for each image, the training shape whose "
-        "atoms are ignored (dictionaries of exemplars), like `leave_out` of fit.",
-    )
+    dictionary: DictionaryPath
+    """Dictionary whose mean shape, nearest atom and best non-negative combination get their own
+    rows, each aligned with the truth as well as possible; without `floors` there are no such
+    rows."""
+    leave_out: Annotated[str | None, OF_THE_DATA] = Field(default=None, min_length=1)
+    """Dataset of the result that names, for each image, the training shape whose atoms are ignored
+    (dictionaries of exemplars), like `leave_out` of fit."""
 
 
 class EvalConfig(CommandConfig):
     """Compare results with the truth."""
 
-    results: NamedFiles = Field(
-        description="Result files to compare, each with the name of its row; files in a list "
-        "are named after the file, without folder and suffix."
-    )
-    truth: InputPaths = Field(description="Files of the true 3D shapes.")
-    input: InputConfig = section(InputConfig, "How the files are read.")
-    output: OutputPath = Field(description="Folder to write the report to.")
-    match: Annotated[str, OF_THE_DATA] = Field(
-        default="item",
-        min_length=1,
-        description="What identifies the true shape of an image: `item`, or the name of a "
-        "dataset of the result that holds items of the truth.",
-    )
-    groups: Annotated[Mapping[str, str], OF_THE_DATA] = Field(
-        default_factory=dict,
-        description="Groups of sequences to average over: name -> glob on sequence names.",
-    )
+    results: NamedFiles
+    """Result files to compare, each with the name of its row; files in a list are named after the
+    file, without folder and suffix."""
+    truth: InputPaths
+    """Files of the true 3D shapes."""
+    input: InputConfig = section(InputConfig)
+    output: OutputPath
+    """Folder to write the report to."""
+    match: Annotated[str, OF_THE_DATA] = Field(default="item", min_length=1)
+    """What identifies the true shape of an image: `item`, or the name of a dataset of the result
+    that holds items of the truth."""
+    groups: Annotated[Mapping[str, str], OF_THE_DATA] = Field(default_factory=dict)
+    """Groups of sequences to average over: name -> glob on sequence names."""
     metrics: Annotated[tuple[AnyMetric, ...], FromLists] = Field(
         default=of_fits(),
         description=f"Errors to measure; {listed(of_labels(), 'and')}, of the outlier labels, only "
         "where they are named here.",
     )
-    least_visible: int = Field(
-        default=0,
-        ge=0,
-        description="Minimum number of observed landmarks for an image to be evaluated; other "
-        "images are left out and counted in a warning.",
-    )
-    truth_frame: Annotated[Literal["object", "camera", "line-of-sight"], OF_THE_DATA] = Field(
-        default="object",
-        description="Frame of the true shapes: `object`, which the dataset `true_rotation` of the "
-        "result turns into that of the camera; `camera` (x and y as in the image); or "
-        "`line-of-sight`: that of the camera, which is then turned to look straight at each shape, "
-        "as weak perspective has it.",
-    )
-    calibration: bool = Field(
-        default=True,
-        description="Also judge error bars and plausibilities, where results have them: the share "
-        "of the truth inside, and the error without the least plausible images.",
-    )
-    floors: FloorsConfig | None = Field(
-        default=None,
-        description="Smallest similarity errors that the dictionary allows.",
-    )
-    plots: Plots = Field(
-        default="auto",
-        description="Also draw the errors, and the examples (PNG and SVG); "
-        "auto: where matplotlib is installed.",
-    )
+    least_visible: int = Field(default=0, ge=0)
+    """Minimum number of observed landmarks for an image to be evaluated; other images are left out
+    and counted in a warning."""
+    truth_frame: Annotated[Literal["object", "camera", "line-of-sight"], OF_THE_DATA] = "object"
+    """Frame of the true shapes: `object`, which the dataset `true_rotation` of the result turns
+    into that of the camera; `camera` (x and y as in the image); or `line-of-sight`: that of the
+    camera, which is then turned to look straight at each shape, as weak perspective has it."""
+    calibration: bool = True
+    """Also judge error bars and plausibilities, where results have them: the share of the truth
+    inside, and the error without the least plausible images."""
+    floors: FloorsConfig | None = None
+    """Smallest similarity errors that the dictionary allows."""
+    plots: Plots = "auto"
+    """Also draw the errors, and the examples (PNG and SVG); auto: where matplotlib is installed."""
     examples: Annotated[
         int | tuple[str, ...],
         Expected(_EXAMPLES.removeprefix("expected ")),
         BeforeValidator(_number_or_names),
-    ] = Field(
-        default=0,
-        description="Images to draw (landmarks, truth and every method in a novel view): a "
-        "number, spread evenly over the images of all methods, or a list of items.",
-    )
+    ] = 0
+    """Images to draw (landmarks, truth and every method in a novel view): a number, spread evenly
+    over the images of all methods, or a list of items."""
 
-    view: bool = Field(
-        default=True,
-        description="Also write view.html, which shows the results and the truth, and draw the "
-        "worst, median and best images in report.html.",
-    )
+    view: bool = True
+    """Also write view.html, which shows the results and the truth, and draw the worst, median and
+    best images in report.html."""
 
     @field_validator("metrics")
     @classmethod

@@ -65,9 +65,8 @@ class SolverConfig(ConfigModel):
         "method global its gap to the bound on all rotations, "
         f"{METHODS['global'].tolerance:g} by default.",
     )
-    max_iterations: int = Field(
-        default=1000, ge=1, le=MOST_STEPS, description="Maximum iterations per image."
-    )
+    max_iterations: int = Field(default=1000, ge=1, le=MOST_STEPS)
+    """Maximum iterations per image."""
 
 
 _MOST_VIEWS = 1000
@@ -84,10 +83,8 @@ def _views(value: Any) -> int | str:
 class AlternationConfig(ConfigModel):
     """How the methods that share one rotation alternate."""
 
-    signed: bool = Field(
-        default=AlternationOptions.signed,
-        description="Coefficients of either sign; without, they are >= 0.",
-    )
+    signed: bool = AlternationOptions.signed
+    """Coefficients of either sign; without, they are >= 0."""
     views: Annotated[int | Literal["all"], Expected(_VIEWS), BeforeValidator(_views)] = Field(
         default=AlternationOptions.views,
         description="Views, spread evenly, from which the pose of the mean shape is sought; all: "
@@ -99,30 +96,18 @@ class AlternationConfig(ConfigModel):
 class SearchConfig(ConfigModel):
     """How the method global searches all rotations."""
 
-    signed: bool = Field(default=SearchOptions.signed, description="Coefficients of either sign.")
-    modes: float = Field(
-        default=SearchOptions.modes,
-        ge=0,
-        le=1,
-        description="Also list all other readings of an image whose objective is at most this "
-        "share above the least, such as 0.05, and prove that there is none besides; 0 lists none.",
-    )
-    max_cells: int = Field(
-        default=SearchOptions.max_cells,
-        ge=1,
-        le=MOST_STEPS,
-        description="Maximum number of cells of rotations searched per image.",
-    )
-    max_seconds: float = Field(
-        default=SearchOptions.max_seconds, gt=0, description="Maximum seconds per image."
-    )
-    proof_every: int = Field(
-        default=SearchOptions.proof_every,
-        ge=0,
-        le=MOST_STEPS,
-        description="Also store the proof of every so many images, for `shapefit verify` (HDF5 "
-        "and Parquet; some 100 KB for each); 0 stores none.",
-    )
+    signed: bool = SearchOptions.signed
+    """Coefficients of either sign."""
+    modes: float = Field(default=SearchOptions.modes, ge=0, le=1)
+    """Also list all other readings of an image whose objective is at most this share above the
+    least, such as 0.05, and prove that there is none besides; 0 lists none."""
+    max_cells: int = Field(default=SearchOptions.max_cells, ge=1, le=MOST_STEPS)
+    """Maximum number of cells of rotations searched per image."""
+    max_seconds: float = Field(default=SearchOptions.max_seconds, gt=0)
+    """Maximum seconds per image."""
+    proof_every: int = Field(default=SearchOptions.proof_every, ge=0, le=MOST_STEPS)
+    """Also store the proof of every so many images, for `shapefit verify` (HDF5 and Parquet; some
+    100 KB for each); 0 stores none."""
 
 
 PartFormat = Literal["hdf5", "parquet"]
@@ -131,128 +116,81 @@ PartFormat = Literal["hdf5", "parquet"]
 class FitConfig(CommandConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
-    landmarks: InputPaths = Field(
-        description="Files of 2D landmarks (- is stdin, CSV), or folders with one file per frame."
-    )
-    dictionary: DictionaryPath = Field(
-        description="Dictionary file that learn-dict wrote, or the name of an installed one, such "
-        "as people."
-    )
-    input: InputConfig = section(InputConfig, "How the files are read.")
-    output: OutputOrFolder = Field(
-        description="Result file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV if "
-        "it ends in .csv or is - (stdout), or TRC, C3D or JSON by its ending (docs/export.md). A "
-        "name that ends in / is a folder: of one result file per part, and manifest.json."
-    )
-    height: float | None = Field(
-        default=None,
-        gt=0,
-        le=1000,
-        description="Height of the body or object in metres, for outputs in metres (TRC, C3D); by "
-        "default it is as large as the training shapes of the dictionary.",
-    )
-    partition: int = Field(
-        default=100_000,
-        ge=1,
-        description="With a folder as output, images per part of a large HDF5 or Parquet file, "
-        "rounded up to a multiple of 64, or to whole sequences where those are lifted; of Parquet "
-        "up to twice as many, to the end of a row group.",
-    )
-    part_format: PartFormat = Field(
-        default="hdf5", description="With a folder as output, the format of its results."
-    )
-    scheduler: str | None = Field(
-        default=None,
-        min_length=1,
-        description="Address of a running Dask scheduler that the parts are sent to.",
-    )
-    scheduler_file: OptionalInputPath = Field(
-        default=None, description="File in which a running Dask scheduler left its address."
-    )
-    workers: int | None = Field(
-        default=None,
-        ge=1,
-        le=MOST_THREADS,
-        description="Without a scheduler, processes of this machine that do the parts.",
-    )
-    dry_run: bool = Field(default=False, description="Only list the parts that would be done.")
+    landmarks: InputPaths
+    """Files of 2D landmarks (- is stdin, CSV), or folders with one file per frame."""
+    dictionary: DictionaryPath
+    """Dictionary file that learn-dict wrote, or the name of an installed one, such as people."""
+    input: InputConfig = section(InputConfig)
+    output: OutputOrFolder
+    """Result file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV if it ends in .csv
+    or is - (stdout), or TRC, C3D or JSON by its ending (docs/export.md). A name that ends in / is a
+    folder: of one result file per part, and manifest.json."""
+    height: float | None = Field(default=None, gt=0, le=1000)
+    """Height of the body or object in metres, for outputs in metres (TRC, C3D); by default it is as
+    large as the training shapes of the dictionary."""
+    partition: int = Field(default=100_000, ge=1)
+    """With a folder as output, images per part of a large HDF5 or Parquet file, rounded up to a
+    multiple of 64, or to whole sequences where those are lifted; of Parquet up to twice as many, to
+    the end of a row group."""
+    part_format: PartFormat = "hdf5"
+    """With a folder as output, the format of its results."""
+    scheduler: str | None = Field(default=None, min_length=1)
+    """Address of a running Dask scheduler that the parts are sent to."""
+    scheduler_file: OptionalInputPath = None
+    """File in which a running Dask scheduler left its address."""
+    workers: int | None = Field(default=None, ge=1, le=MOST_THREADS)
+    """Without a scheduler, processes of this machine that do the parts."""
+    dry_run: bool = False
+    """Only list the parts that would be done."""
     method: MethodName = Field(default="convex", description=f"How to lift: {summarise()}.")
-    loss: Literal["squared", "exact"] = Field(
-        default="squared",
-        description="The data term: half the squared residual; or exact, no residual at all, where "
-        "lambda is ignored. Robust ones are methods of `outliers`.",
-    )
+    loss: Literal["squared", "exact"] = "squared"
+    """The data term: half the squared residual; or exact, no residual at all, where lambda is
+    ignored. Robust ones are methods of `outliers`."""
     lam: Annotated[
         float | Literal["auto"],
         Expected("a number > 0 or auto"),
         PlainValidator(_number_or_auto),
-    ] = Field(
-        default=0.1,
-        alias="lambda",
-        description="Weight of the sum of spectral norms, for normalised landmarks and atoms; "
-        "auto derives it from `noise`.",
-    )
-    noise: float | None = Field(
-        default=None,
-        ge=0,
-        description="Expected standard deviation of a landmark's coordinate, in the unit of the "
-        "landmarks; `lambda: auto` needs it.",
-    )
-    solver: SolverConfig = section(SolverConfig, "How the convex program is solved.")
-    rotations: Literal["shared", "per-atom", "orthogonal"] = Field(
-        default="shared",
-        description="convex: how atoms are rotated. shared: landmarks by the transform of each "
-        "atom, meshes by one rotation; per-atom: meshes by the transform of each atom too, under "
-        "which they shear; orthogonal: both by the rotation nearest to the transform of each atom.",
-    )
-    alternation: AlternationConfig = section(AlternationConfig, f"How {SEARCHING} search.")
-    search: SearchConfig = section(SearchConfig, "How the method global searches all rotations.")
-    posterior: PosteriorConfig = section(
-        PosteriorConfig, "How posterior weighs landmarks against the prior over shapes."
-    )
-    sequences: SequencesConfig = section(
-        SequencesConfig, "How the method sequences ties the images of a sequence together."
-    )
-    leave_out: Annotated[str | None, OF_THE_DATA] = Field(
-        default=None,
-        min_length=1,
-        description="Dataset of the landmarks that names, for each image, the training shape "
-        "whose atoms its fit must not use (dictionaries of exemplars; methods without a "
-        "prior); `item` if images are named after training shapes.",
-    )
-    outliers: OutliersConfig = section(OutliersConfig, "How wrong landmarks are found.")
-    theta: dict[str, float] | None = Field(
-        default=None,
-        description="How the skeleton of a detector of people differs from the joints of the "
-        "dictionary, as {head: 1.5, hips: 1.15, shoulders: 1}: the height of the top of the head "
-        "above the shoulders and the distances of hips and shoulders, as factors. What is not "
-        "given is found in the first images by the methods with a prior over shapes.",
-    )
-    camera: ViewingConfig = section(ViewingConfig, "How the camera saw the landmarks.")
-    export: ExportConfig = section(ExportConfig, "Mesh files of the fitted shapes.")
-    pictures: PicturesConfig = section(PicturesConfig, "Pictures of the fitted shapes.")
-    threads: int = Field(
-        default=0, ge=0, le=MOST_THREADS, description="Threads to solve with; 0 is one per core."
-    )
-    chunk: int = Field(
-        default=4096,
-        ge=1,
-        le=10_000_000,
-        description="Images held in memory at a time, rounded up to a multiple of 64. Results "
-        "do not depend on it, except with `leave_out`, within the tolerance of the "
-        "solver. With `method: sequences` whole sequences are held instead.",
-    )
-    strict: bool = Field(
-        default=False, description="Count an image whose tolerance was not reached as failed."
-    )
-    transforms: bool = Field(
-        default=False, description="Also write the (k, 2, 3) transforms of every image (large)."
-    )
-    proof: bool = Field(
-        default=True,
-        description="Also write the proof of the optimum of the convex program (the dual and "
-        "the active transforms) for `shapefit verify` (HDF5 and Parquet).",
-    )
+    ] = Field(default=0.1, alias="lambda")
+    """Weight of the sum of spectral norms, for normalised landmarks and atoms; auto derives it from
+    `noise`."""
+    noise: float | None = Field(default=None, ge=0)
+    """Expected standard deviation of a landmark's coordinate, in the unit of the landmarks;
+    `lambda: auto` needs it."""
+    solver: SolverConfig = section(SolverConfig)
+    rotations: Literal["shared", "per-atom", "orthogonal"] = "shared"
+    """convex: how atoms are rotated. shared: landmarks by the transform of each atom, meshes by one
+    rotation; per-atom: meshes by the transform of each atom too, under which they shear;
+    orthogonal: both by the rotation nearest to the transform of each atom."""
+    alternation: AlternationConfig = section(AlternationConfig)
+    search: SearchConfig = section(SearchConfig)
+    posterior: PosteriorConfig = section(PosteriorConfig)
+    sequences: SequencesConfig = section(SequencesConfig)
+    leave_out: Annotated[str | None, OF_THE_DATA] = Field(default=None, min_length=1)
+    """Dataset of the landmarks that names, for each image, the training shape whose atoms its fit
+    must not use (dictionaries of exemplars; methods without a prior); `item` if images are named
+    after training shapes."""
+    outliers: OutliersConfig = section(OutliersConfig)
+    theta: dict[str, float] | None = None
+    """How the skeleton of a detector of people differs from the joints of the dictionary, as {head:
+    1.5, hips: 1.15, shoulders: 1}: the height of the top of the head above the shoulders and the
+    distances of hips and shoulders, as factors. What is not given is found in the first images by
+    the methods with a prior over shapes."""
+    camera: ViewingConfig = section(ViewingConfig)
+    export: ExportConfig = section(ExportConfig)
+    pictures: PicturesConfig = section(PicturesConfig)
+    threads: int = Field(default=0, ge=0, le=MOST_THREADS)
+    """Threads to solve with; 0 is one per core."""
+    chunk: int = Field(default=4096, ge=1, le=10_000_000)
+    """Images held in memory at a time, rounded up to a multiple of 64. Results do not depend on it,
+    except with `leave_out`, within the tolerance of the solver. With `method: sequences` whole
+    sequences are held instead."""
+    strict: bool = False
+    """Count an image whose tolerance was not reached as failed."""
+    transforms: bool = False
+    """Also write the (k, 2, 3) transforms of every image (large)."""
+    proof: bool = True
+    """Also write the proof of the optimum of the convex program (the dual and the active
+    transforms) for `shapefit verify` (HDF5 and Parquet)."""
 
     @property
     def labels_outliers(self) -> bool:

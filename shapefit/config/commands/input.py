@@ -17,42 +17,24 @@ Pixels = Annotated[float, Field(gt=0)]
 class InputConfig(ConfigModel):
     """How files are read. `--set keypoints=NAME` is short for `--set input.keypoints=NAME`."""
 
-    format: str = Field(
-        default="auto",
-        min_length=1,
-        description="Format of the files (docs/formats.md); auto: by their content.",
-    )
-    keypoints: str | None = Field(
-        default=None,
-        min_length=1,
-        description="Skeleton that names the landmarks of files without names, such as body_25b "
-        "or coco_17 (docs/formats.md); numbered: 0, 1 and so on.",
-    )
-    individual: str | None = Field(
-        default=None, min_length=1, description="Read only this individual; by default, all."
-    )
-    track: Literal["nearest", "none"] | None = Field(
-        default=None,
-        description="Detections without identity: nearest joins them over frames, none makes each "
-        "an item of its own. By default nearest where sequences are asked for.",
-    )
-    likelihood_below: float = Field(
-        default=0,
-        ge=0,
-        description="Hide landmarks whose confidence is below this.",
-    )
-    rename: Renaming = Field(
-        default_factory=dict,
-        description="Landmarks to rename: name in the files that are read -> name in the "
-        "dictionary or the results.",
-    )
-    image_size: Annotated[tuple[Pixels, Pixels] | None, Expected(_SIZE), FromLists] = Field(
-        default=None,
-        description="Width and height of the images in pixels, for files whose coordinates are "
-        "fractions of them (MediaPipe, YOLO).",
-    )
-    y_axis: Literal["down", "up"] = Field(
-        default="down",
-        description="Where y points in landmarks whose files do not say it (CSV): down, as pixels "
-        "are counted, or up.",
-    )
+    format: str = Field(default="auto", min_length=1)
+    """Format of the files (docs/formats.md); auto: by their content."""
+    keypoints: str | None = Field(default=None, min_length=1)
+    """Skeleton that names the landmarks of files without names, such as body_25b or coco_17
+    (docs/formats.md); numbered: 0, 1 and so on."""
+    individual: str | None = Field(default=None, min_length=1)
+    """Read only this individual; by default, all."""
+    track: Literal["nearest", "none"] | None = None
+    """Detections without identity: nearest joins them over frames, none makes each an item of its
+    own. By default nearest where sequences are asked for."""
+    likelihood_below: float = Field(default=0, ge=0)
+    """Hide landmarks whose confidence is below this."""
+    rename: Renaming = Field(default_factory=dict)
+    """Landmarks to rename: name in the files that are read -> name in the dictionary or the
+    results."""
+    image_size: Annotated[tuple[Pixels, Pixels] | None, Expected(_SIZE), FromLists] = None
+    """Width and height of the images in pixels, for files whose coordinates are fractions of them
+    (MediaPipe, YOLO)."""
+    y_axis: Literal["down", "up"] = "down"
+    """Where y points in landmarks whose files do not say it (CSV): down, as pixels are counted, or
+    up."""

@@ -29,20 +29,12 @@ def _landmark_choice(value: Any) -> Any:
 class OriginConfig(ConfigModel):
     """Where training shapes come from: root attributes of the dictionary."""
 
-    source: str | None = Field(
-        default=None,
-        min_length=1,
-        description="Where the shapes come from; the dictionary states it, and `shapefit info` "
-        "shows it.",
-    )
-    licence: str | None = Field(
-        default=None, min_length=1, description="Terms of use, stated alike."
-    )
-    acknowledgement: str | None = Field(
-        default=None,
-        min_length=1,
-        description="What those who use the shapes are asked to acknowledge, stated alike.",
-    )
+    source: str | None = Field(default=None, min_length=1)
+    """Where the shapes come from; the dictionary states it, and `shapefit info` shows it."""
+    licence: str | None = Field(default=None, min_length=1)
+    """Terms of use, stated alike."""
+    acknowledgement: str | None = Field(default=None, min_length=1)
+    """What those who use the shapes are asked to acknowledge, stated alike."""
 
 
 _BASES = "a whole number >= 1, or a share > 0 and < 1"
@@ -73,147 +65,83 @@ def _is_step(value: Any) -> bool:
 class PriorConfig(ConfigModel):
     """The prior over shapes that `method: posterior` of `fit` needs."""
 
-    components: int = Field(
-        default=0,
-        ge=0,
-        le=1000,
-        description="Gaussians in the mixture; 0 learns none.",
-    )
-    shrinkage: float = Field(
-        default=0.3,
-        ge=0,
-        lt=1,
-        description="Share of the covariance of all shapes in that of a component of average size.",
-    )
-    floor: float = Field(
-        default=0.01,
-        gt=0,
-        description="Variance of every coordinate beyond that of the shapes, which are normalised.",
-    )
-    copies: int = Field(
-        default=1,
-        ge=1,
-        le=100,
-        description="Number of copies of each shape, each varied at random.",
-    )
-    stretch: float = Field(
-        default=0.0,
-        ge=0,
-        le=1,
-        description="Standard deviation of the logarithm of the lengths of bones (the edges of the "
-        "shapes, a tree): other bodies.",
-    )
-    exchange: float = Field(
-        default=0.0,
-        ge=0,
-        le=1,
-        description="Share of the shapes whose limbs, the chains of bones that end freely, come "
-        "from other shapes: other poses.",
-    )
-    weights: str | None = Field(
-        default=None,
-        min_length=1,
-        description="Dataset of the shapes that holds the weight of each.",
-    )
-    max_rounds: int = Field(
-        default=20, ge=1, le=MOST_STEPS, description="Maximum rounds of expectation maximisation."
-    )
-    folds: int = Field(
-        default=0,
-        ge=0,
-        le=100,
-        description="Cross-validates the mixture on as many groups of whole sequences (without "
-        "sequences: blocks of shapes), and reports the log likelihood of a shape left out; 0 "
-        "skips this.",
-    )
+    components: int = Field(default=0, ge=0, le=1000)
+    """Gaussians in the mixture; 0 learns none."""
+    shrinkage: float = Field(default=0.3, ge=0, lt=1)
+    """Share of the covariance of all shapes in that of a component of average size."""
+    floor: float = Field(default=0.01, gt=0)
+    """Variance of every coordinate beyond that of the shapes, which are normalised."""
+    copies: int = Field(default=1, ge=1, le=100)
+    """Number of copies of each shape, each varied at random."""
+    stretch: float = Field(default=0.0, ge=0, le=1)
+    """Standard deviation of the logarithm of the lengths of bones (the edges of the shapes, a
+    tree): other bodies."""
+    exchange: float = Field(default=0.0, ge=0, le=1)
+    """Share of the shapes whose limbs, the chains of bones that end freely, come from other shapes:
+    other poses."""
+    weights: str | None = Field(default=None, min_length=1)
+    """Dataset of the shapes that holds the weight of each."""
+    max_rounds: int = Field(default=20, ge=1, le=MOST_STEPS)
+    """Maximum rounds of expectation maximisation."""
+    folds: int = Field(default=0, ge=0, le=100)
+    """Cross-validates the mixture on as many groups of whole sequences (without sequences: blocks
+    of shapes), and reports the log likelihood of a shape left out; 0 skips this."""
 
 
 class LearnDictConfig(CommandConfig):
     """Learn a dictionary of rotatable basis shapes from 3D shapes."""
 
-    shapes: InputPaths = Field(description="Files of 3D training shapes.")
-    input: InputConfig = section(InputConfig, "How the files are read.")
-    output: OutputPath = Field(description="Dictionary file to write (HDF5).")
-    method: Literal["sparse-coding", "exemplars", "pca-bases"] = Field(
-        default="sparse-coding",
-        description="How to learn: non-negative sparse coding with bounded atoms; exemplars, "
-        "which makes every training shape an atom; or the principal components of "
-        "each sequence, bases of either sign for matching pursuit.",
-    )
+    shapes: InputPaths
+    """Files of 3D training shapes."""
+    input: InputConfig = section(InputConfig)
+    output: OutputPath
+    """Dictionary file to write (HDF5)."""
+    method: Literal["sparse-coding", "exemplars", "pca-bases"] = "sparse-coding"
+    """How to learn: non-negative sparse coding with bounded atoms; exemplars, which makes every
+    training shape an atom; or the principal components of each sequence, bases of either sign for
+    matching pursuit."""
     every: Annotated[
         int | Mapping[str, int], Expected(_EVERY), BeforeValidator(_number_or_numbers)
-    ] = Field(
-        default=1,
-        description="Keep every n-th shape of each sequence, starting with its first; a mapping "
-        'such as {13_*: 18, "*": 2} keeps so many of the sequences that a glob fits, the first '
-        "that fits, and all shapes of those that none fits.",
-    )
+    ] = 1
+    """Keep every n-th shape of each sequence, starting with its first; a mapping such as {13_*: 18,
+    "*": 2} keeps so many of the sequences that a glob fits, the first that fits, and all shapes of
+    those that none fits."""
     align: Annotated[
         Literal["all", "none"] | tuple[str, ...],
         Expected(_ALIGN),
         BeforeValidator(_landmark_choice),
-    ] = Field(
-        default="all",
-        description="Landmarks by which training shapes are aligned; none keeps them in their "
-        "common frame.",
-    )
-    symmetry: Literal["none", "symmetrise", "double"] = Field(
-        default="none",
-        description="Left and right, as paired by the `mirror_index` of the shapes: symmetrise "
-        "takes the mean of each training shape and its mirror image; double adds "
-        "the mirror images as further training shapes. Both drop meshes.",
-    )
+    ] = "all"
+    """Landmarks by which training shapes are aligned; none keeps them in their common frame."""
+    symmetry: Literal["none", "symmetrise", "double"] = "none"
+    """Left and right, as paired by the `mirror_index` of the shapes: symmetrise takes the mean of
+    each training shape and its mirror image; double adds the mirror images as further training
+    shapes. Both drop meshes."""
     mirror: Annotated[
         dict[str, str] | None, Expected("a mapping of landmark names to landmark names")
-    ] = Field(
-        default=None,
-        description="The partner of each landmark on one side, as rhip: lhip, for `symmetry`; "
-        "landmarks that it does not name lie on the plane of symmetry. In place of `mirror_index`.",
-    )
-    k: int = Field(
-        default=64,
-        ge=1,
-        description="Number of atoms; at most the number of shapes (sparse-coding only).",
-    )
-    beta: float = Field(
-        default=0.1,
-        ge=0,
-        description="Weight of the sparsity of the coefficients (sparse-coding only).",
-    )
-    iterations: int = Field(
-        default=15,
-        ge=1,
-        le=MOST_STEPS,
-        description="Rounds of coding all shapes and updating all atoms (sparse-coding only).",
-    )
-    batch: int = Field(
-        default=0,
-        ge=0,
-        description="Shapes in memory at a time, where a file holds more than fit; 0: all at once. "
-        "Learns from a sample of so many first, then from all (sparse-coding only).",
-    )
-    bases: Annotated[float | int, Expected(_BASES), BeforeValidator(_share_or_number)] = Field(
-        default=0.99,
-        description="Bases of each sequence: their number, or, below 1, the share of the variation "
-        "within the sequence that they explain (pca-bases only).",
-    )
+    ] = None
+    """The partner of each landmark on one side, as rhip: lhip, for `symmetry`; landmarks that it
+    does not name lie on the plane of symmetry. In place of `mirror_index`."""
+    k: int = Field(default=64, ge=1)
+    """Number of atoms; at most the number of shapes (sparse-coding only)."""
+    beta: float = Field(default=0.1, ge=0)
+    """Weight of the sparsity of the coefficients (sparse-coding only)."""
+    iterations: int = Field(default=15, ge=1, le=MOST_STEPS)
+    """Rounds of coding all shapes and updating all atoms (sparse-coding only)."""
+    batch: int = Field(default=0, ge=0)
+    """Shapes in memory at a time, where a file holds more than fit; 0: all at once. Learns from a
+    sample of so many first, then from all (sparse-coding only)."""
+    bases: Annotated[float | int, Expected(_BASES), BeforeValidator(_share_or_number)] = 0.99
+    """Bases of each sequence: their number, or, below 1, the share of the variation within the
+    sequence that they explain (pca-bases only)."""
 
-    flip: bool = Field(
-        default=False,
-        description="Shapes learned from 2D landmarks: exchange near and far, which landmarks "
-        "alone do not tell apart.",
-    )
-    origin: Annotated[OriginConfig, OF_THE_DATA] = section(
-        OriginConfig, "Where the shapes come from, which the dictionary then says."
-    )
-    suits: Annotated[tuple[str, ...], FromLists, OF_THE_DATA] = Field(
-        default=(),
-        description="Installed configs that `fit` takes with this dictionary where it is given "
-        "none: for single images and, second, for whole sequences.",
-    )
-    prior: PriorConfig = section(
-        PriorConfig, "The prior over shapes, for `method: posterior` of fit."
-    )
+    flip: bool = False
+    """Shapes learned from 2D landmarks: exchange near and far, which landmarks alone do not tell
+    apart."""
+    origin: Annotated[OriginConfig, OF_THE_DATA] = section(OriginConfig)
+    suits: Annotated[tuple[str, ...], FromLists, OF_THE_DATA] = ()
+    """Installed configs that `fit` takes with this dictionary where it is given none: for single
+    images and, second, for whole sequences."""
+    prior: PriorConfig = section(PriorConfig)
 
     @field_validator("k", "beta", "iterations", "batch", "bases")
     @classmethod

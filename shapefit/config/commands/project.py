@@ -62,47 +62,32 @@ class CameraConfig(ConfigModel):
 
     view: Annotated[
         Literal["turntable", "random"] | Rotation, Expected(_VIEW), FromLists, PlainValidator(_view)
-    ] = Field(
-        default="turntable",
-        description="One full turn per sequence about the vertical axis, a random rotation per "
-        "image, or one rotation for all, from object to camera frame (x and y as in the "
-        "landmarks): three rows, orthonormal, determinant +1.",
-    )
-    scale: float | None = Field(
-        default=None,
-        gt=0,
-        description="Pixels per unit of the shape, for a weak-perspective camera; without it the "
-        "camera is orthographic and landmarks have the unit of the shapes.",
-    )
-    up: Literal["x", "y", "z"] = Field(default="y", description="The vertical axis of the shapes.")
+    ] = "turntable"
+    """One full turn per sequence about the vertical axis, a random rotation per image, or one
+    rotation for all, from object to camera frame (x and y as in the landmarks): three rows,
+    orthonormal, determinant +1."""
+    scale: float | None = Field(default=None, gt=0)
+    """Pixels per unit of the shape, for a weak-perspective camera; without it the camera is
+    orthographic and landmarks have the unit of the shapes."""
+    up: Literal["x", "y", "z"] = "y"
+    """The vertical axis of the shapes."""
 
 
 class ProjectConfig(CommandConfig):
     """Project 3D shapes to synthetic 2D landmarks."""
 
-    shapes: InputPaths = Field(description="Files of 3D shapes (- is stdin, CSV).")
-    input: InputConfig = section(InputConfig, "How the files are read.")
-    output: OutputPath = Field(
-        description="Landmark file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV "
-        "if it ends in .csv or is - (stdout)."
-    )
-    camera: CameraConfig = section(CameraConfig, "The camera that sees the shapes.")
-    y_axis: Literal["down", "up"] = Field(
-        default="down",
-        description="Where y points in the landmarks that are written: down, as pixels are "
-        "counted, or up.",
-    )
-    noise: float = Field(
-        default=0.0,
-        ge=0,
-        description="Standard deviation of Gaussian noise on each coordinate, in the unit of the "
-        "landmarks.",
-    )
-    hidden: float = Field(
-        default=0.0,
-        ge=0,
-        lt=1,
-        description="Share of landmarks hidden, different ones in each image; at least three "
-        "remain visible.",
-    )
-    seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
+    shapes: InputPaths
+    """Files of 3D shapes (- is stdin, CSV)."""
+    input: InputConfig = section(InputConfig)
+    output: OutputPath
+    """Landmark file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV if it ends in
+    .csv or is - (stdout)."""
+    camera: CameraConfig = section(CameraConfig)
+    y_axis: Literal["down", "up"] = "down"
+    """Where y points in the landmarks that are written: down, as pixels are counted, or up."""
+    noise: float = Field(default=0.0, ge=0)
+    """Standard deviation of Gaussian noise on each coordinate, in the unit of the landmarks."""
+    hidden: float = Field(default=0.0, ge=0, lt=1)
+    """Share of landmarks hidden, different ones in each image; at least three remain visible."""
+    seed: int = Field(default=0, ge=0)
+    """Seed of every random choice."""

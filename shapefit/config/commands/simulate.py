@@ -43,46 +43,36 @@ ActiveAtoms = Annotated[
 class ExactSolverConfig(ConfigModel):
     """When the noiseless program counts as solved."""
 
-    tolerance: float = Field(
-        default=1e-6,
-        gt=0,
-        description="An instance is solved when its relative duality gap and its relative residual "
-        "fall to this.",
-    )
-    max_iterations: int = Field(
-        default=10000, ge=1, le=MOST_STEPS, description="Maximum iterations per instance."
-    )
+    tolerance: float = Field(default=1e-6, gt=0)
+    """An instance is solved when its relative duality gap and its relative residual fall to
+    this."""
+    max_iterations: int = Field(default=10000, ge=1, le=MOST_STEPS)
+    """Maximum iterations per instance."""
 
 
 class SimulateConfig(CommandConfig):
     """Measure how often the noiseless program recovers planted transforms exactly."""
 
-    output: OutputPath = Field(description="Folder to write the report to.")
-    k: int = Field(default=50, ge=1, description="Number of atoms, their entries N(0, 1).")
-    landmarks: Landmarks = Field(
-        default=tuple(range(5, 51, 5)), description="Numbers of landmarks (p), one per row."
-    )
-    active_atoms: ActiveAtoms = Field(
-        default=tuple(range(1, 11)),
-        validate_default=True,
-        description="Numbers of atoms in use (z), one per column.",
-    )
-    trials: int = Field(default=100, ge=1, description="Random instances in each cell.")
-    translation: Literal["free", "none"] = Field(
-        default="free",
-        description="free: the program has a translation T, which is equivalent to centring "
-        "landmarks and atoms and costs the information of one landmark; none: T is "
-        "0.",
-    )
-    solver: ExactSolverConfig = section(ExactSolverConfig, "How the program is solved.")
-    seed: int = Field(default=0, ge=0, description="Seed of every random choice.")
-    threads: int = Field(
-        default=0, ge=0, le=MOST_THREADS, description="Threads to solve with; 0 is one per core."
-    )
-    plots: Plots = Field(
-        default="auto",
-        description="Also draw the heat map (PNG and SVG); auto: where matplotlib is installed.",
-    )
+    output: OutputPath
+    """Folder to write the report to."""
+    k: int = Field(default=50, ge=1)
+    """Number of atoms, their entries N(0, 1)."""
+    landmarks: Landmarks = tuple(range(5, 51, 5))
+    """Numbers of landmarks (p), one per row."""
+    active_atoms: ActiveAtoms = Field(default=tuple(range(1, 11)), validate_default=True)
+    """Numbers of atoms in use (z), one per column."""
+    trials: int = Field(default=100, ge=1)
+    """Random instances in each cell."""
+    translation: Literal["free", "none"] = "free"
+    """free: the program has a translation T, which is equivalent to centring landmarks and atoms
+    and costs the information of one landmark; none: T is 0."""
+    solver: ExactSolverConfig = section(ExactSolverConfig)
+    seed: int = Field(default=0, ge=0)
+    """Seed of every random choice."""
+    threads: int = Field(default=0, ge=0, le=MOST_THREADS)
+    """Threads to solve with; 0 is one per core."""
+    plots: Plots = "auto"
+    """Also draw the heat map (PNG and SVG); auto: where matplotlib is installed."""
 
     @field_validator("landmarks", "active_atoms")
     @classmethod

@@ -32,45 +32,40 @@ from shapefit.errors import InputError
 
 Value = str | bool | int | float
 
-_MADE = "; the sweep chooses it"
-
 
 class CorruptionConfig(ConfigModel):
     """Visible landmarks replaced by points drawn at random, to see which are found."""
 
-    share: float = Field(
-        default=0.0,
-        ge=0,
-        le=1,
-        description="Share of the visible landmarks of each image to replace by points drawn "
-        "uniformly from the bounding box of these landmarks, grown on each side by a tenth of its "
-        "size.",
-    )
-    seed: int = Field(default=0, ge=0, description="Seed of the choice and of the points.")
+    share: float = Field(default=0.0, ge=0, le=1)
+    """Share of the visible landmarks of each image to replace by points drawn uniformly from the
+    bounding box of these landmarks, grown on each side by a tenth of its size."""
+    seed: int = Field(default=0, ge=0)
+    """Seed of the choice and of the points."""
 
 
 class LearnDictSection(LearnDictConfig):
     """Settings of `learn-dict` in a sweep."""
 
-    output: OutputPath = Field(default=STANDARD_STREAM, description=f"Dictionary file{_MADE}.")
+    output: OutputPath = STANDARD_STREAM
+    """Dictionary file; the sweep chooses it."""
 
 
 class ProjectSection(ProjectConfig):
     """Settings of `project` in a sweep."""
 
-    output: OutputPath = Field(default=STANDARD_STREAM, description=f"Landmark file{_MADE}.")
+    output: OutputPath = STANDARD_STREAM
+    """Landmark file; the sweep chooses it."""
 
 
 class FitSection(FitConfig):
     """Settings of `fit` in a sweep; `-` is what the step before made."""
 
-    landmarks: InputPaths = Field(
-        default=(STANDARD_STREAM,), description="Files of 2D landmarks, where none are projected."
-    )
-    dictionary: DictionaryPath = Field(
-        default=STANDARD_STREAM, description="Dictionary file, where none is learned."
-    )
-    output: OutputPath = Field(default=STANDARD_STREAM, description=f"Result file{_MADE}.")
+    landmarks: InputPaths = (STANDARD_STREAM,)
+    """Files of 2D landmarks, where none are projected."""
+    dictionary: DictionaryPath = STANDARD_STREAM
+    """Dictionary file, where none is learned."""
+    output: OutputPath = STANDARD_STREAM
+    """Result file; the sweep chooses it."""
 
 
 COMMANDS: dict[str, type[ConfigModel]] = {
@@ -99,64 +94,43 @@ def _words(command: str) -> PathWords:
 class SweepConfig(CommandConfig):
     """Run the chain for each value of one key, and draw the error against it."""
 
-    learn_dict: Annotated[LearnDictSection | None, _words("learn-dict")] = Field(
-        default=None,
-        description="How to learn the dictionary; by default, the one that `fit` names.",
-    )
-    project: Annotated[ProjectSection | None, _words("project")] = Field(
-        default=None, description="How to view the shapes; by default, `fit` names the landmarks."
-    )
-    corrupt: CorruptionConfig = section(
-        CorruptionConfig, "Which observed landmarks to corrupt before the fit."
-    )
-    fit: Annotated[FitSection, _words("fit")] = Field(
-        description="How to lift; files that the sweep makes can be omitted and are ignored. "
-        "Meshes and pictures are not written."
-    )
-    truth: InputPaths = Field(description="Files of the true 3D shapes.")
-    match: Annotated[str, OF_THE_DATA] = Field(
-        default="item",
-        min_length=1,
-        description="What identifies the true shape of an image: `item`, or the name of a "
-        "dataset of the landmarks that holds items of the truth.",
-    )
-    groups: Annotated[Mapping[str, str], OF_THE_DATA] = Field(
-        default_factory=dict,
-        description="Groups of sequences to average over: name -> glob on sequence names.",
-    )
-    metrics: Annotated[tuple[ErrorMetric, ...], FromLists, Field(min_length=1)] = Field(
-        default=("similarity",),
-        description="Errors to measure, as in `eval`, each in its first unit; precision and "
-        "recall are added where landmarks are corrupted and the fit labels outliers.",
-    )
+    learn_dict: Annotated[LearnDictSection | None, _words("learn-dict")] = None
+    """How to learn the dictionary; by default, the one that `fit` names."""
+    project: Annotated[ProjectSection | None, _words("project")] = None
+    """How to view the shapes; by default, `fit` names the landmarks."""
+    corrupt: CorruptionConfig = section(CorruptionConfig)
+    fit: Annotated[FitSection, _words("fit")]
+    """How to lift; files that the sweep makes can be omitted and are ignored. Meshes and pictures
+    are not written."""
+    truth: InputPaths
+    """Files of the true 3D shapes."""
+    match: Annotated[str, OF_THE_DATA] = Field(default="item", min_length=1)
+    """What identifies the true shape of an image: `item`, or the name of a dataset of the landmarks
+    that holds items of the truth."""
+    groups: Annotated[Mapping[str, str], OF_THE_DATA] = Field(default_factory=dict)
+    """Groups of sequences to average over: name -> glob on sequence names."""
+    metrics: Annotated[tuple[ErrorMetric, ...], FromLists, Field(min_length=1)] = ("similarity",)
+    """Errors to measure, as in `eval`, each in its first unit; precision and recall are added where
+    landmarks are corrupted and the fit labels outliers."""
     vary: Annotated[
         Mapping[str, Annotated[tuple[Value, ...], FromLists]],
         Expected("a mapping of one key to a list of values"),
-    ] = Field(description="The key that varies, such as {fit.lambda: [0.05, 0.1]}.")
-    least_visible: int = Field(
-        default=0,
-        ge=0,
-        description="Minimum number of visible landmarks for an image to be fitted.",
-    )
-    every: int = Field(
-        default=1, ge=1, description="Fit every n-th image of those with enough landmarks."
-    )
-    offset: int = Field(
-        default=0,
-        ge=0,
-        description="Images to skip before the first that is fitted: with `every: 2`, offsets 0 "
-        "and 1 are the two halves of the images.",
-    )
-    output: OutputPath = Field(description="Folder to write the report and intermediate files to.")
-    plots: Plots = Field(
-        default="auto",
-        description="Also draw the errors (PNG and SVG); auto: where matplotlib is installed.",
-    )
-    view: bool = Field(
-        default=True,
-        description="Also draw the worst, median and best images in report.html, and write "
-        "view.html of them, at the value with the lowest mean error.",
-    )
+    ]
+    """The key that varies, such as {fit.lambda: [0.05, 0.1]}."""
+    least_visible: int = Field(default=0, ge=0)
+    """Minimum number of visible landmarks for an image to be fitted."""
+    every: int = Field(default=1, ge=1)
+    """Fit every n-th image of those with enough landmarks."""
+    offset: int = Field(default=0, ge=0)
+    """Images to skip before the first that is fitted: with `every: 2`, offsets 0 and 1 are the two
+    halves of the images."""
+    output: OutputPath
+    """Folder to write the report and intermediate files to."""
+    plots: Plots = "auto"
+    """Also draw the errors (PNG and SVG); auto: where matplotlib is installed."""
+    view: bool = True
+    """Also draw the worst, median and best images in report.html, and write view.html of them, at
+    the value with the lowest mean error."""
 
     @cached_property
     def key(self) -> str:

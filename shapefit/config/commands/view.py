@@ -23,54 +23,30 @@ from shapefit.config.paths import (
 class ViewConfig(CommandConfig):
     """Write one HTML page that shows results, to rotate and play."""
 
-    files: NamedFiles = Field(
-        description="Results, shapes or landmarks to show, each with its name on "
-        "the page; files in a list are named after the file, without folder and "
-        "suffix."
-    )
-    truth: OptionalInputPaths = Field(
-        default=(),
-        description="Files of the true 3D shapes, aligned with the first result by the best "
-        "similarity.",
-    )
-    match: Annotated[str, OF_THE_DATA] = Field(
-        default="item",
-        min_length=1,
-        description="What identifies the true shape of an image: `item`, or the name of a "
-        "dataset of the result that holds items of the truth.",
-    )
-    input: InputConfig = section(InputConfig, "How the files are read.")
-    dictionary: OptionalDictionaryPath = Field(
-        default=None,
-        description="Dictionary with the edges and meshes to draw; by default, the one with "
-        "which the result was fitted, if it still exists.",
-    )
+    files: NamedFiles
+    """Results, shapes or landmarks to show, each with its name on the page; files in a list are
+    named after the file, without folder and suffix."""
+    truth: OptionalInputPaths = ()
+    """Files of the true 3D shapes, aligned with the first result by the best similarity."""
+    match: Annotated[str, OF_THE_DATA] = Field(default="item", min_length=1)
+    """What identifies the true shape of an image: `item`, or the name of a dataset of the result
+    that holds items of the truth."""
+    input: InputConfig = section(InputConfig)
+    dictionary: OptionalDictionaryPath = None
+    """Dictionary with the edges and meshes to draw; by default, the one with which the result was
+    fitted, if it still exists."""
     images: Annotated[
         Path | None,
         PathWords("a folder, or a path with {item} in it"),
         BeforeValidator(lambda value: None if value is None else absolute_path(value)),
-    ] = Field(
-        default=None,
-        description="Images that the landmarks were found in, PNG or JPEG: a folder, whose "
-        "files are named after the items, or a path in which `{item}` stands for "
-        "the item.",
-    )
-    items: Annotated[tuple[str, ...], FromLists, OF_THE_DATA] = Field(
-        default=("*",), description="Items to show: names or globs."
-    )
-    frame_rate: float | None = Field(
-        default=None,
-        gt=0,
-        description="Frames per second; by default, as stated in the files.",
-    )
-    megabytes: float = Field(
-        default=20,
-        ge=1,
-        le=500,
-        description="Maximum size of the page; of more frames than fit, every n-th is shown.",
-    )
-    output: OptionalPath = Field(
-        default=None,
-        description="HTML file to write; by default, one in the working directory named after "
-        "the first file.",
-    )
+    ] = None
+    """Images that the landmarks were found in, PNG or JPEG: a folder, whose files are named after
+    the items, or a path in which `{item}` stands for the item."""
+    items: Annotated[tuple[str, ...], FromLists, OF_THE_DATA] = ("*",)
+    """Items to show: names or globs."""
+    frame_rate: float | None = Field(default=None, gt=0)
+    """Frames per second; by default, as stated in the files."""
+    megabytes: float = Field(default=20, ge=1, le=500)
+    """Maximum size of the page; of more frames than fit, every n-th is shown."""
+    output: OptionalPath = None
+    """HTML file to write; by default, one in the working directory named after the first file."""

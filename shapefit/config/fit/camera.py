@@ -23,67 +23,45 @@ def _text(value: Any) -> Any:
 class ViewingConfig(ConfigModel):
     """The camera of the images, and how a shape is refined under its full projection."""
 
-    model: Literal["auto", "weak-perspective", "perspective"] = Field(
-        default="auto",
-        description="Weak perspective, as in the convex program; or rotation, translation and "
-        "coefficients refined from there under the full projection, which requires "
-        "the focal length. The methods posterior and sequences look through the camera themselves. "
-        "auto: perspective for these two where the calibration or the landmarks hold a camera "
-        "matrix, or landmarks are pixels: then the focal length is 1.1 times the longer side of "
-        "the image, and the optical axis meets its centre; else weak perspective.",
-    )
+    model: Literal["auto", "weak-perspective", "perspective"] = "auto"
+    """Weak perspective, as in the convex program; or rotation, translation and coefficients refined
+    from there under the full projection, which requires the focal length. The methods posterior and
+    sequences look through the camera themselves. auto: perspective for these two where the
+    calibration or the landmarks hold a camera matrix, or landmarks are pixels: then the focal
+    length is 1.1 times the longer side of the image, and the optical axis meets its centre; else
+    weak perspective."""
     image_size: Annotated[
         tuple[float, float] | None,
         Expected("two numbers, width and height"),
         FromLists,
         OF_THE_DATA,
-    ] = Field(
-        default=None,
-        description="auto: width and height of the images in pixels; by default those that the "
-        "files state, or else as far as the landmarks reach.",
-    )
-    focal: Annotated[float | None, OF_THE_DATA] = Field(
-        default=None, gt=0, description="Focal length of all images, in the unit of the landmarks."
-    )
-    intrinsics: str | None = Field(
-        default=None,
-        min_length=1,
-        description="Dataset of the landmarks that holds focal lengths or 3x3 camera matrices, "
-        "one for the file or one per image; instead of `focal`.",
-    )
+    ] = None
+    """auto: width and height of the images in pixels; by default those that the files state, or
+    else as far as the landmarks reach."""
+    focal: Annotated[float | None, OF_THE_DATA] = Field(default=None, gt=0)
+    """Focal length of all images, in the unit of the landmarks."""
+    intrinsics: str | None = Field(default=None, min_length=1)
+    """Dataset of the landmarks that holds focal lengths or 3x3 camera matrices, one for the file or
+    one per image; instead of `focal`."""
     principal_point: Annotated[
         tuple[float, float] | None, Expected("two numbers, x and y"), FromLists, OF_THE_DATA
-    ] = Field(
-        default=None,
-        description="Where the optical axis meets the image, in the unit of the landmarks; by "
-        "default that of the camera matrices, or 0, 0.",
-    )
-    calibration: Annotated[OptionalInputPath, OF_THE_DATA] = Field(
-        default=None,
-        description="Calibration of the cameras (TOML of anipose, Pose2Sim, caliscope or "
-        "FreeMoCap), which gives focal length, principal point, lens distortion and place; instead "
-        "of `focal` or `intrinsics`.",
-    )
+    ] = None
+    """Where the optical axis meets the image, in the unit of the landmarks; by default that of the
+    camera matrices, or 0, 0."""
+    calibration: Annotated[OptionalInputPath, OF_THE_DATA] = None
+    """Calibration of the cameras (TOML of anipose, Pose2Sim, caliscope or FreeMoCap), which gives
+    focal length, principal point, lens distortion and place; instead of `focal` or `intrinsics`."""
     name: Annotated[
         str | None, Expected("the name of a camera"), BeforeValidator(_text), OF_THE_DATA
-    ] = Field(
-        default=None,
-        min_length=1,
-        description="The camera of the calibration that took the images: its section, its `name` "
-        "or its `port`; not needed where there is one only.",
-    )
-    ridge: float = Field(
-        default=PerspectiveOptions.ridge,
-        gt=0,
-        description="perspective: weight of the squared distance of the coefficients to those of "
-        "the mean shape.",
-    )
-    softness: float = Field(
-        default=PerspectiveOptions.softness,
-        gt=0,
-        description="perspective: residual, for normalised landmarks, beyond which the pull of "
-        "a landmark decreases (Cauchy's loss).",
-    )
+    ] = Field(default=None, min_length=1)
+    """The camera of the calibration that took the images: its section, its `name` or its `port`;
+    not needed where there is one only."""
+    ridge: float = Field(default=PerspectiveOptions.ridge, gt=0)
+    """perspective: weight of the squared distance of the coefficients to those of the mean
+    shape."""
+    softness: float = Field(default=PerspectiveOptions.softness, gt=0)
+    """perspective: residual, for normalised landmarks, beyond which the pull of a landmark
+    decreases (Cauchy's loss)."""
 
     @property
     def matrices(self) -> str | None:

@@ -32,47 +32,34 @@ class _FilesConfig(ConfigModel):
 class ExportConfig(_FilesConfig):
     """Mesh files of the fitted shapes, one per image."""
 
-    folder: Folder = Field(
-        default=None, description="Folder to write mesh files to; none writes none."
-    )
-    format: Literal["obj", "ply", "ply-ascii", "glb"] = Field(
-        default="ply", description="Format of the files; ply is binary."
-    )
-    frame: Literal["object", "camera"] = Field(
-        default="object",
-        description="Frame of the vertices: that of the dictionary, in which objects are "
-        "oriented like its training shapes; or the camera's, in which y points as "
-        "in the landmarks.",
-    )
-    unit: Literal["landmarks", "dictionary"] = Field(
-        default="landmarks",
-        description="Unit of the vertices: that of the landmarks (pixels), or that of the "
-        "dictionary (metres), in which the size is the mean over the atoms used.",
-    )
-    landmarks: bool = Field(
-        default=False, description="Also write the landmarks, as a second object."
-    )
-    wireframe: Literal["tubes", "lines"] = Field(
-        default="tubes",
-        description="How edges between fitted landmarks are written if the dictionary has no mesh.",
-    )
-    items: Items = Field(default=("*",), description="Items to write: names or globs.")
+    folder: Folder = None
+    """Folder to write mesh files to; none writes none."""
+    format: Literal["obj", "ply", "ply-ascii", "glb"] = "ply"
+    """Format of the files; ply is binary."""
+    frame: Literal["object", "camera"] = "object"
+    """Frame of the vertices: that of the dictionary, in which objects are oriented like its
+    training shapes; or the camera's, in which y points as in the landmarks."""
+    unit: Literal["landmarks", "dictionary"] = "landmarks"
+    """Unit of the vertices: that of the landmarks (pixels), or that of the dictionary (metres), in
+    which the size is the mean over the atoms used."""
+    landmarks: bool = False
+    """Also write the landmarks, as a second object."""
+    wireframe: Literal["tubes", "lines"] = "tubes"
+    """How edges between fitted landmarks are written if the dictionary has no mesh."""
+    items: Items = ("*",)
+    """Items to write: names or globs."""
 
 
 class PicturesConfig(_FilesConfig):
     """Pictures of landmarks, fitted model and novel views."""
 
-    folder: Folder = Field(
-        default=None, description="Folder to write pictures to; none writes none."
-    )
-    format: Literal["png", "svg"] = Field(default="png", description="Format of the pictures.")
-    items: Items = Field(default=("*",), description="Items to draw a picture of: names or globs.")
-    most: int = Field(
-        default=20, ge=0, description="Maximum number of pictures; the first matches are drawn."
-    )
-    sheet: int = Field(
-        default=0,
-        ge=0,
-        le=MOST_ON_A_SHEET,
-        description="Number of images on the contact sheet, spread evenly over all; 0 draws none.",
-    )
+    folder: Folder = None
+    """Folder to write pictures to; none writes none."""
+    format: Literal["png", "svg"] = "png"
+    """Format of the pictures."""
+    items: Items = ("*",)
+    """Items to draw a picture of: names or globs."""
+    most: int = Field(default=20, ge=0)
+    """Maximum number of pictures; the first matches are drawn."""
+    sheet: int = Field(default=0, ge=0, le=MOST_ON_A_SHEET)
+    """Number of images on the contact sheet, spread evenly over all; 0 draws none."""
