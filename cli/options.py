@@ -38,7 +38,7 @@ class _ConfigPath(click.Path):
         """Offer the names of installed configs, and files."""
         from click.shell_completion import CompletionItem
 
-        from shapefit.config.presets import find_presets
+        from shapefit.config.loader import find_presets
 
         names = [name for name in find_presets(self._command) if name.startswith(incomplete)]
         files = super().shell_complete(ctx, param, incomplete)
@@ -64,7 +64,7 @@ class DictionaryPath(click.types.StringParamType):
         """Offer the names of installed dictionaries, and files."""
         from click.shell_completion import CompletionItem
 
-        from shapefit.config.dictionaries import find_dictionaries
+        from shapefit.config.named_files import find_dictionaries
 
         names = [name for name in find_dictionaries() if name.startswith(incomplete)]
         files = click.Path().shell_complete(ctx, param, incomplete)

@@ -35,7 +35,7 @@ def _find(dictionary: str) -> Path:
     path = location(dictionary)
     if path.is_file():
         return path
-    from shapefit.config.dictionaries import find_dictionaries
+    from shapefit.config.named_files import find_dictionaries
 
     return find_dictionaries().get(dictionary, path)
 

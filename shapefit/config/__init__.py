@@ -2,15 +2,13 @@
 
 from typing import TYPE_CHECKING, Any
 
-from shapefit.config.loader import CONFIGS, dump_config, load_config
+from shapefit.config.loader import CONFIGS, dump_config, find_config, load_config
 from shapefit.config.model import CommandConfig
-from shapefit.config.presets import find_config
 
 if TYPE_CHECKING:
-    from shapefit.config.commands.convert import ConvertConfig
     from shapefit.config.commands.evaluate import EvalConfig
+    from shapefit.config.commands.files import ConvertConfig, InfoConfig
     from shapefit.config.commands.fit import FitConfig
-    from shapefit.config.commands.info import InfoConfig
     from shapefit.config.commands.learn_dict import LearnDictConfig
     from shapefit.config.commands.project import ProjectConfig
     from shapefit.config.commands.simulate import SimulateConfig

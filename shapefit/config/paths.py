@@ -220,11 +220,15 @@ def expand_one(value: Any) -> Path:
 
 
 def as_tuple(value: Any) -> tuple[Any, ...]:
-    """Return a path or a list of paths as a tuple. Raises ValueError for an empty list."""
-    items = tuple(value) if isinstance(value, list | tuple) else (value,)
-    if not items:
+    """Return a path or a list of paths as a tuple."""
+    return tuple(value) if isinstance(value, list | tuple) else (value,)
+
+
+def at_least_one(value: Any) -> Any:
+    """Return a path or a list of them; raises ValueError for an empty list."""
+    if not as_tuple(value):
         raise ValueError("expected at least one path, found an empty list")
-    return items
+    return value
 
 
 def flat(expanded: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
@@ -232,23 +236,16 @@ def flat(expanded: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
     return tuple(dict.fromkeys(path for files in expanded for path in files))
 
 
-Folder = Annotated[
-    Path | None,
-    PathWords("a folder"),
-    BeforeValidator(lambda value: None if value is None else absolute_path(value)),
-]
+def unless_none(read: Callable[[Any], Path]) -> BeforeValidator:
+    """Return what reads a value that may be None."""
+    return BeforeValidator(lambda value: None if value is None else read(value))
 
-OptionalPath = Annotated[
-    Path | None,
-    PathWords("a path"),
-    BeforeValidator(lambda value: None if value is None else absolute_path(value)),
-]
 
-OptionalInputPath = Annotated[
-    Path | None,
-    PathWords("a path"),
-    BeforeValidator(lambda value: None if value is None else expand_one(value)),
-]
+Folder = Annotated[Path | None, PathWords("a folder"), unless_none(absolute_path)]
+
+OptionalPath = Annotated[Path | None, PathWords("a path"), unless_none(absolute_path)]
+
+OptionalInputPath = Annotated[Path | None, PathWords("a path"), unless_none(expand_one)]
 
 OutputPath = Annotated[Path, PathWords("a path"), BeforeValidator(absolute_path)]
 
@@ -276,16 +273,11 @@ OutputOrFolder = Annotated[
 
 # Each item becomes the tuple of the files that it names (so that a wrong item is reported at its
 # own place), and the tuples are joined last.
-InputPaths = Annotated[
+OptionalInputPaths = Annotated[
     tuple[Annotated[Path, PlainValidator(expand_path)], ...],
     PathWords("a path or glob, or a list of them"),
     BeforeValidator(as_tuple),
     AfterValidator(flat),
 ]
 
-OptionalInputPaths = Annotated[
-    tuple[Annotated[Path, PlainValidator(expand_path)], ...],
-    PathWords("a path or glob, or a list of them"),
-    BeforeValidator(lambda value: tuple(value) if isinstance(value, list | tuple) else (value,)),
-    AfterValidator(flat),
-]
+InputPaths = Annotated[OptionalInputPaths, BeforeValidator(at_least_one)]

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -40,7 +40,6 @@ from shapefit.config.paths import (
     change_paths,
     with_data,
 )
-from shapefit.config.presets import ConfigFile
 from shapefit.errors import InputError, input_error
 from shapefit.stores.options import MASK, STORAGE_OPTIONS, use_storage_options
 from shapefit.stores.urls import is_url
@@ -64,6 +63,13 @@ SHORT = (
 """Keys of the section that may be given beside it, in short."""
 
 Config = TypeVar("Config", bound=ConfigModel)
+
+
+class ConfigFile(NamedTuple):
+    """The YAML file of a config; of a preset only settings count, not what it says of its data."""
+
+    path: Path
+    is_preset: bool = False
 
 
 @dataclass

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from shapefit import io
-from shapefit.config.dictionaries import find_dictionaries
+from shapefit.config.named_files import find_dictionaries
 from shapefit.errors import input_error, listed
 from shapefit.face.records import (
     Dictionary,

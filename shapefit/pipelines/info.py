@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.config import InfoConfig
-from shapefit.config.dictionaries import find_dictionaries
+from shapefit.config.named_files import find_dictionaries
 from shapefit.dictionary.origin import origin_of
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import (

@@ -8,7 +8,7 @@ import pytest
 
 import shapefit
 from shapefit.config import find_config, load_config
-from shapefit.config.dictionaries import FOLDER, find_dictionaries
+from shapefit.config.named_files import FOLDER, find_dictionaries
 from shapefit.errors import InputError
 from shapefit.io.skeletons import PEOPLE as PEOPLE_JOINTS
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from shapefit.config import find_config, load_config
-from shapefit.config.presets import find_presets, presets_folder
+from shapefit.config.loader import find_presets, presets_folder
 from shapefit.errors import InputError
 
 

@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config.dictionaries import FOLDER
 from shapefit.config.loader import load_config
+from shapefit.config.named_files import FOLDER
 from shapefit.dictionary.origin import origin_of
 from shapefit.dictionary.variations import find_skeleton
 from shapefit.geometry.normalisation import normalise

@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
 
+from shapefit.config.commands.fit_sections import (
+    ExportConfig,
+    OutliersConfig,
+    PicturesConfig,
+    PosteriorConfig,
+    SequencesConfig,
+    ViewingConfig,
+)
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.dictionaries import DictionaryPath
 from shapefit.config.fields import Expected
-from shapefit.config.fit.camera import ViewingConfig
-from shapefit.config.fit.export import ExportConfig, PicturesConfig
-from shapefit.config.fit.outliers import OutliersConfig
-from shapefit.config.fit.posterior import PosteriorConfig
-from shapefit.config.fit.sequences import SequencesConfig
 from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, section
+from shapefit.config.named_files import DictionaryPath
 from shapefit.config.paths import (
     OF_THE_DATA,
     InputPaths,

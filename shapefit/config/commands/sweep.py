@@ -15,9 +15,9 @@ from shapefit.config.commands.evaluate import ErrorMetric
 from shapefit.config.commands.fit import FitConfig
 from shapefit.config.commands.learn_dict import LearnDictConfig
 from shapefit.config.commands.project import ProjectConfig
-from shapefit.config.dictionaries import DictionaryPath
 from shapefit.config.fields import Expected, marked_keys
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, plain, section
+from shapefit.config.named_files import DictionaryPath
 from shapefit.config.paths import (
     OF_THE_DATA,
     STANDARD_STREAM,
@@ -26,8 +26,7 @@ from shapefit.config.paths import (
     PathWords,
     absolute_path,
 )
-from shapefit.config.presets import ConfigFile
-from shapefit.config.settings import Settings, check, load_model
+from shapefit.config.settings import ConfigFile, Settings, check, load_model
 from shapefit.errors import InputError
 
 Value = str | bool | int | float

@@ -5,18 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.dictionaries import OptionalDictionaryPath
 from shapefit.config.model import CommandConfig, FromLists, section
-from shapefit.config.named_files import NamedFiles
+from shapefit.config.named_files import NamedFiles, OptionalDictionaryPath
 from shapefit.config.paths import (
     OF_THE_DATA,
     OptionalInputPaths,
     OptionalPath,
     PathWords,
     absolute_path,
+    unless_none,
 )
 
 
@@ -38,7 +38,7 @@ class ViewConfig(CommandConfig):
     images: Annotated[
         Path | None,
         PathWords("a folder, or a path with {item} in it"),
-        BeforeValidator(lambda value: None if value is None else absolute_path(value)),
+        unless_none(absolute_path),
     ] = None
     """Images that the landmarks were found in, PNG or JPEG: a folder, whose files are named after
     the items, or a path in which `{item}` stands for the item."""

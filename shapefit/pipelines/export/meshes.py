@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.config.fit.export import ExportConfig
+from shapefit.config.commands.fit_sections import ExportConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import ResultSet

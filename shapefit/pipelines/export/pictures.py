@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 from shapefit.arrays import Floats
-from shapefit.config.fit.export import PicturesConfig
+from shapefit.config.commands.fit_sections import PicturesConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation.plots.bars import save
 from shapefit.io import ResultSet

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.config.fit.export import ExportConfig
+from shapefit.config.commands.fit_sections import ExportConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import ResultSet
 from shapefit.meshes.dense import (

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from shapefit.arrays import Floats
 from shapefit.config import FitConfig
-from shapefit.config.fit.camera import ViewingConfig
-from shapefit.config.fit.export import ExportConfig, PicturesConfig
+from shapefit.config.commands.fit_sections import ExportConfig, PicturesConfig, ViewingConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import ResultSet

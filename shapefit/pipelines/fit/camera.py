@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.config.fit.camera import CAMERA_MATRIX, ViewingConfig
+from shapefit.config.commands.fit_sections import CAMERA_MATRIX, ViewingConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.pinhole import Camera, depth_sign

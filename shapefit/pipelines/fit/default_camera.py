@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.config import FitConfig
-from shapefit.config.fit.camera import CAMERA_MATRIX
+from shapefit.config.commands.fit_sections import CAMERA_MATRIX
 from shapefit.io import LandmarkSet
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.pipelines.fit.camera import read_intrinsics

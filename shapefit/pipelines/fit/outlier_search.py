@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
-from shapefit.config.fit.outliers import OutliersConfig
+from shapefit.config.commands.fit_sections import OutliersConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.config import FitConfig, find_config, load_config
+from shapefit.config.loader import find_presets
 from shapefit.config.paths import STANDARD_STREAM
-from shapefit.config.presets import find_presets
 from shapefit.dictionary.model import SUITS
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks, read_dictionary

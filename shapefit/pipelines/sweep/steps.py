@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from shapefit.config import SweepConfig
+from shapefit.config.commands.fit_sections import ExportConfig, PicturesConfig
 from shapefit.config.commands.sweep import Value
-from shapefit.config.fit.export import ExportConfig, PicturesConfig
 from shapefit.evaluation.experiments.sweep import value_text
 from shapefit.io import read_dictionary
 from shapefit.pipelines.fit import run as fit

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shapefit.config.fit.camera import ViewingConfig
+from shapefit.config.commands.fit_sections import ViewingConfig
 from shapefit.errors import InputError
 from shapefit.geometry.pinhole import Camera
 from shapefit.io import LandmarkSet

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.config.fit.outliers import OutliersConfig
+from shapefit.config.commands.fit_sections import OutliersConfig
 from shapefit.convex.newton import solve_newton
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import open_landmarks, write_dictionary

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import FitConfig
-from shapefit.config.dictionaries import find_dictionary
+from shapefit.config.named_files import find_dictionary
 from shapefit.dictionary.mapped import mapped
 from shapefit.io import (
     LandmarkSet,

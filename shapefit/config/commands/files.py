@@ -1,4 +1,4 @@
-"""The config of `convert`."""
+"""The configs of the commands that only read or write files: `convert`, `info`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pydantic import Field
 
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.model import CommandConfig, section
+from shapefit.config.named_files import NamedInputPaths
 from shapefit.config.paths import InputPaths, OutputPath
 
 
@@ -38,3 +39,12 @@ class ConvertConfig(CommandConfig):
     """Unit of the translation of a camera's extrinsics; metres by default."""
     chunk: int = Field(default=4096, ge=1, le=10_000_000)
     """Items held in memory at a time."""
+
+
+class InfoConfig(CommandConfig):
+    """Tell what files hold, and how to go on with them."""
+
+    files: NamedInputPaths
+    """Files of any kind and format, folders with one file per frame, and installed dictionaries by
+    name, such as people."""
+    input: InputConfig = section(InputConfig)

@@ -1,0 +1,224 @@
+"""The sections of `fit`: camera, outliers, posterior, sequences, and the files to look at."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+
+from shapefit.config.fields import Expected
+from shapefit.config.model import MOST_STEPS, ConfigModel, FromLists
+from shapefit.config.paths import OF_THE_DATA, Folder, OptionalInputPath
+from shapefit.lifting.methods import PosteriorOptions
+from shapefit.lifting.options import PerspectiveOptions
+
+CAMERA_MATRIX = "camera_matrix"
+"""Dataset (3, 3) or (n, 3, 3) of the landmarks, and where a calibration puts its matrix."""
+
+
+def _text(value: Any) -> Any:
+    """Return a port, which YAML reads as a number, as text."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+class ViewingConfig(ConfigModel):
+    """The camera of the images, and how a shape is refined under its full projection."""
+
+    model: Literal["auto", "weak-perspective", "perspective"] = "auto"
+    """Weak perspective, as in the convex program; or rotation, translation and coefficients refined
+    from there under the full projection, which requires the focal length. The methods posterior and
+    sequences look through the camera themselves. auto: perspective for these two where the
+    calibration or the landmarks hold a camera matrix, or landmarks are pixels: then the focal
+    length is 1.1 times the longer side of the image, and the optical axis meets its centre; else
+    weak perspective."""
+    image_size: Annotated[
+        tuple[float, float] | None,
+        Expected("two numbers, width and height"),
+        FromLists,
+        OF_THE_DATA,
+    ] = None
+    """auto: width and height of the images in pixels; by default those that the files state, or
+    else as far as the landmarks reach."""
+    focal: Annotated[float | None, OF_THE_DATA] = Field(default=None, gt=0)
+    """Focal length of all images, in the unit of the landmarks."""
+    intrinsics: str | None = Field(default=None, min_length=1)
+    """Dataset of the landmarks that holds focal lengths or 3x3 camera matrices, one for the file or
+    one per image; instead of `focal`."""
+    principal_point: Annotated[
+        tuple[float, float] | None, Expected("two numbers, x and y"), FromLists, OF_THE_DATA
+    ] = None
+    """Where the optical axis meets the image, in the unit of the landmarks; by default that of the
+    camera matrices, or 0, 0."""
+    calibration: Annotated[OptionalInputPath, OF_THE_DATA] = None
+    """Calibration of the cameras (TOML of anipose, Pose2Sim, caliscope or FreeMoCap), which gives
+    focal length, principal point, lens distortion and place; instead of `focal` or `intrinsics`."""
+    name: Annotated[
+        str | None, Expected("the name of a camera"), BeforeValidator(_text), OF_THE_DATA
+    ] = Field(default=None, min_length=1)
+    """The camera of the calibration that took the images: its section, its `name` or its `port`;
+    not needed where there is one only."""
+    ridge: float = Field(default=PerspectiveOptions.ridge, gt=0)
+    """perspective: weight of the squared distance of the coefficients to those of the mean
+    shape."""
+    softness: float = Field(default=PerspectiveOptions.softness, gt=0)
+    """perspective: residual, for normalised landmarks, beyond which the pull of a landmark
+    decreases (Cauchy's loss)."""
+
+    @property
+    def matrices(self) -> str | None:
+        """The dataset that holds the intrinsics of the images, if any does."""
+        return self.intrinsics if self.calibration is None else CAMERA_MATRIX
+
+    @field_validator("principal_point", "ridge", "softness")
+    @classmethod
+    def _belongs_to_perspective(cls, value: object, info: ValidationInfo) -> object:
+        key = str(info.field_name)
+        default = cls.model_fields[key].default
+        if value != default and info.data.get("model", value) != "perspective":
+            raise ValueError(f"`{key}` belongs to `model: perspective`; leave it out")
+        return value
+
+    @model_validator(mode="after")
+    def _knows_the_focal_length(self) -> Self:
+        if self.focal is not None and self.intrinsics is not None:
+            raise ValueError("`focal` and `intrinsics` exclude each other; give one of them")
+        known = self.focal is not None or self.intrinsics is not None
+        if self.calibration is not None:
+            if known:
+                key = "focal" if self.focal is not None else "intrinsics"
+                raise ValueError(f"`calibration` and `{key}` exclude each other; give one of them")
+            return self
+        if self.name is not None:
+            raise ValueError("`name` is that of a camera in a `calibration`; give both or neither")
+        if (self.model == "perspective") != known:
+            raise ValueError(
+                "`model: perspective` and a focal length (`focal` or `intrinsics`) go together; "
+                "give both or neither"
+            )
+        return self
+
+
+class OutliersConfig(ConfigModel):
+    """How wrong landmarks are found: by a search before the fit, or by a robust loss."""
+
+    method: Literal["none", "ransac", "truncated", "sparse-error", "l1"] = "none"
+    """none; ransac poses the mean shape on random triples of landmarks, keeps the pose with which
+    most others agree, and the fit rejects the others; truncated rejects those of truncated least
+    squares around the convex program, by graduated non-convexity; sparse-error and l1 are robust
+    losses of the program: the squared residual plus sparse errors with weight `threshold`, and the
+    sum of absolute residuals."""
+    threshold: float | None = Field(default=None, gt=0)
+    """Residual beyond which a landmark is wrong. Of a search, in units of the size of the shape as
+    given by the other landmarks (the mean standard deviation of its coordinates), 0.25 if not
+    given; of a robust loss, for normalised landmarks, 0.1 if not given."""
+    draws: int = Field(default=500, ge=1)
+    """ransac: triples drawn per image."""
+    seed: int = Field(default=0, ge=0)
+    """ransac: seed of the draws; those of an image depend on its name, not on its place in the
+    file."""
+    lam: float = Field(default=1.0, gt=0, alias="lambda")
+    """truncated: weight of the sum of spectral norms in its programs."""
+
+
+class PosteriorConfig(ConfigModel):
+    """How `method: posterior` weighs landmarks against the prior over shapes."""
+
+    misfit: float | None = Field(
+        default=None,
+        gt=0,
+        description="Variance of a landmark's coordinate that prior and camera do not explain, in "
+        "the unit of normalised shapes, at confidence 1; by default that of the dictionary, or "
+        f"{PosteriorOptions.misfit} where it has none. It is added to the variance of `noise`.",
+    )
+    least_score: float | None = Field(default=PosteriorOptions.least_score, ge=0)
+    """Hide landmarks whose confidence is below this, and take all others for equally precise: the
+    score of a detector is a chance, not a precision. Landmarks with `landmark_covariance` keep
+    theirs. With null the variances are divided by the square of the confidence."""
+    gross_chance: float = Field(default=PosteriorOptions.gross_chance, ge=0, lt=1)
+    """Probability that a landmark is grossly wrong, anywhere; 0 trusts all."""
+    gross_density: float = Field(default=PosteriorOptions.gross_density, gt=0)
+    """Density of gross landmarks, per area, for normalised landmarks."""
+    widening: float = Field(default=PosteriorOptions.widening, gt=0)
+    """Factor applied to all covariances, to allow for what the prior has not seen."""
+    views: int = Field(default=PosteriorOptions.views, ge=0, le=1000)
+    """Views, spread evenly, to start from besides that of the convex program."""
+    covariance: bool = PosteriorOptions.covariance
+    """Also write the covariance of all landmarks together, `shape_covariance` (n, 3p, 3p) (large;
+    HDF5 and Parquet)."""
+    csv_deviations: bool = False
+    """CSV: also write the standard deviations, as sd_x, sd_y, sd_z."""
+    max_rounds: int = Field(default=PosteriorOptions.max_rounds, ge=1, le=MOST_STEPS)
+    """Maximum steps per start and component."""
+    implausible: float = Field(default=0.05, ge=0, lt=1)
+    """Images with a plausibility below this are not to be trusted."""
+    widest: float = Field(default=0.8, gt=0)
+    """Images whose error bars are wider than this are not to be trusted: the mean over landmarks,
+    beside the spread of the shape."""
+
+
+class SequencesConfig(ConfigModel):
+    """How `method: sequences` ties the images of a sequence together."""
+
+    frame_rate: float | None = Field(default=None, gt=0)
+    """Images per second; by default, `frame_rate` of the landmark files. Without either, the motion
+    between images is assumed to be that between the training shapes."""
+    lengths: OptionalInputPath = None
+    """Known lengths of the bones: shapes of the body, of which the mean lengths are taken, or a CSV
+    file with the header `from,to,length`, in any unit. By default, they are estimated in each
+    sequence."""
+
+
+Items = Annotated[tuple[str, ...], FromLists, OF_THE_DATA]
+
+MOST_ON_A_SHEET = 200
+"""More would be too small to see, or too large to open."""
+
+
+class _FilesConfig(ConfigModel):
+    """Files of a fit, written where there is a folder for them."""
+
+    folder: Folder = None
+
+    @field_validator("*")
+    @classmethod
+    def _has_an_effect(cls, value: Any, info: ValidationInfo) -> Any:
+        key = str(info.field_name)
+        if value != cls.model_fields[key].default and info.data.get("folder", value) is None:
+            raise ValueError(f"`{key}` does nothing without `folder`; give one, or leave {key} out")
+        return value
+
+
+class ExportConfig(_FilesConfig):
+    """Mesh files of the fitted shapes, one per image."""
+
+    folder: Folder = None
+    """Folder to write mesh files to; none writes none."""
+    format: Literal["obj", "ply", "ply-ascii", "glb"] = "ply"
+    """Format of the files; ply is binary."""
+    frame: Literal["object", "camera"] = "object"
+    """Frame of the vertices: that of the dictionary, in which objects are oriented like its
+    training shapes; or the camera's, in which y points as in the landmarks."""
+    unit: Literal["landmarks", "dictionary"] = "landmarks"
+    """Unit of the vertices: that of the landmarks (pixels), or that of the dictionary (metres), in
+    which the size is the mean over the atoms used."""
+    landmarks: bool = False
+    """Also write the landmarks, as a second object."""
+    wireframe: Literal["tubes", "lines"] = "tubes"
+    """How edges between fitted landmarks are written if the dictionary has no mesh."""
+    items: Items = ("*",)
+    """Items to write: names or globs."""
+
+
+class PicturesConfig(_FilesConfig):
+    """Pictures of landmarks, fitted model and novel views."""
+
+    folder: Folder = None
+    """Folder to write pictures to; none writes none."""
+    format: Literal["png", "svg"] = "png"
+    """Format of the pictures."""
+    items: Items = ("*",)
+    """Items to draw a picture of: names or globs."""
+    most: int = Field(default=20, ge=0)
+    """Maximum number of pictures; the first matches are drawn."""
+    sheet: int = Field(default=0, ge=0, le=MOST_ON_A_SHEET)
+    """Number of images on the contact sheet, spread evenly over all; 0 draws none."""
