@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shapefit.evaluation.tables.markdown import markdown_table
+from shapefit.evaluation.tables.document import markdown_table
 from shapefit.io import landmark_writer, open_landmarks, read_shapes, write_shapes
 from shapefit.io.extras import Extras
 from shapefit.io.records import ShapeSet

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.detected import CONFIGS, cells, coverage, run
-from shapefit.evaluation.tables.markdown import markdown_table
+from shapefit.evaluation.tables.document import markdown_table
 from shapefit.io import landmark_writer, read_shapes, write_shapes
 from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet, ShapeSet

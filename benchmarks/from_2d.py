@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.evaluation.metrics import similarity
-from shapefit.evaluation.tables.markdown import markdown_table
+from shapefit.evaluation.tables.document import markdown_table
 from shapefit.geometry.normalisation import spread
 from shapefit.io import LandmarkSet, landmark_writer, open_landmarks, read_results, read_shapes
 from shapefit.io.records import concatenate

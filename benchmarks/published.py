@@ -16,14 +16,12 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from shapefit.evaluation.calibration import Coverage
-from shapefit.evaluation.experiments.recovery_grid import Place, shares_table
-from shapefit.evaluation.report import Method, Report
-from shapefit.evaluation.solving import Solving
+from shapefit.evaluation.calibration import Coverage, Kept
+from shapefit.evaluation.recovery import Place, shares_table
+from shapefit.evaluation.report import Method, Report, Solving
 from shapefit.evaluation.summary import Summary
 from shapefit.evaluation.tables.csv_json import report_json
 from shapefit.evaluation.tables.errors_document import markdown
-from shapefit.evaluation.trust import Kept
 from shapefit.io.whole.folder import Write, write_folder
 
 QUOTED = Path(__file__).with_name("published.yaml")
@@ -115,10 +113,10 @@ def beside_shares(folder: Path) -> str:
 def _heat_maps(panels: dict[str, dict[Place, float]]) -> dict[str, Write]:
     if find_spec("matplotlib") is None:
         return {}
-    from shapefit.evaluation.plots import bars
     from shapefit.evaluation.plots.heat_maps import heat_maps
+    from shapefit.evaluation.plots.style import writers
 
-    return {**bars.writers("recovery", heat_maps(panels, "landmarks p", "atoms in use z"))}
+    return {**writers("recovery", heat_maps(panels, "landmarks p", "atoms in use z"))}
 
 
 def _quoted(name: str) -> Any:

@@ -142,7 +142,6 @@ FEW_FILES = {
 SHORT = {
     "shapefit.__main__": "`python -m shapefit`",
     "shapefit.arrays": "three names that all rooms share",
-    "shapefit.evaluation.tables.markdown": "the one escape that all tables share",
 }
 """Files of less than 20 lines, and why."""
 

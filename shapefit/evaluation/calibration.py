@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
+from shapefit.evaluation.averages import mean
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, placed_apart, visible_in_both
-from shapefit.evaluation.summary import group_sequences
+from shapefit.evaluation.summary import ImageErrors, group_sequences
 
 LEVELS = (0.5, 0.9)
 """Nominal shares of the truth inside the ellipsoids that are reported."""
@@ -246,3 +247,58 @@ def join(parts: Sequence[ErrorBars]) -> ErrorBars:
         },
         parallel=any(part.parallel for part in parts),
     )
+
+
+LEAST_TRUSTED = 0.1
+"""Share of the images of a group that is left out, the least plausible ones."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Mean error over the images of a group, and over those that are kept.
+
+    Every image has the same weight. `plausibility` is the least that was kept.
+    """
+
+    method: str
+    metric: str
+    unit: str
+    group: str
+    images: int
+    mean: float
+    kept: int
+    mean_kept: float
+    plausibility: float
+
+
+def keep_trusted(errors: ImageErrors, grouping: Mapping[str, Sequence[str]]) -> list[Kept]:
+    """Leave out the least plausible tenth of each group, rounded down; ties by order of images.
+
+    Images without an error or a plausibility do not count, nor do groups without any other.
+    """
+    if errors.plausibility is None:
+        return []
+    values, trust = errors.values[:], errors.plausibility[:]
+    both = ~np.isnan(values) & ~np.isnan(trust)
+    found = []
+    for group, members in grouping.items():
+        rows = np.flatnonzero(errors.sequences.among(members) & both)
+        if not len(rows):
+            continue
+        left_out = int(LEAST_TRUSTED * len(rows))
+        rising = rows[np.argsort(trust[rows], kind="stable")]
+        kept = np.sort(rising[left_out:])
+        found.append(
+            Kept(
+                method=errors.method,
+                metric=errors.metric,
+                unit=errors.unit,
+                group=group,
+                images=len(rows),
+                mean=mean(values[rows]),
+                kept=len(kept),
+                mean_kept=mean(values[kept]),
+                plausibility=float(trust[rising[left_out]]),
+            )
+        )
+    return found

@@ -108,14 +108,14 @@ METRICS: dict[str, Metric] = {
         title="RMS reprojection error",
     ),
     "precision": Metric(
-        function="shapefit.evaluation.labels:precision",
+        function="shapefit.evaluation.metrics:precision",
         needs=(OUTLIERS, CORRUPTED),
         unit=SHARE,
         title="Precision of the outlier labels",
         of_labels=True,
     ),
     "recall": Metric(
-        function="shapefit.evaluation.labels:recall",
+        function="shapefit.evaluation.metrics:recall",
         needs=(OUTLIERS, CORRUPTED),
         unit=SHARE,
         title="Recall of the outlier labels",

@@ -105,3 +105,19 @@ def _mean_over_visible(values: Floats, visible: Flags, fewest: int) -> Floats:
     count = visible.sum(axis=-1)
     total = np.where(visible, values, 0.0).sum(axis=-1)
     return np.divide(total, count, out=np.full(len(values), np.nan), where=count >= fewest)
+
+
+def precision(labelled: Flags, corrupted: Flags) -> Floats:
+    """|labelled and corrupted| / |labelled| of each image (n,); nan where nothing is labelled."""
+    return _share(labelled & corrupted, labelled)
+
+
+def recall(labelled: Flags, corrupted: Flags) -> Floats:
+    """|labelled and corrupted| / |corrupted| of each image (n,); nan where nothing is corrupted."""
+    return _share(labelled & corrupted, corrupted)
+
+
+def _share(part: Flags, whole: Flags) -> Floats:
+    count = whole.sum(axis=-1)
+    nothing = np.full(len(count), np.nan)
+    return np.divide(part.sum(axis=-1), count, out=nothing, where=count > 0)

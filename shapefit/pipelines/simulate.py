@@ -14,11 +14,10 @@ import numpy as np
 from shapefit import __version__
 from shapefit.config import SimulateConfig
 from shapefit.errors import counted
-from shapefit.evaluation.experiments import recovery_grid
-from shapefit.evaluation.experiments.recovery import Attempt, plant, recover
-from shapefit.evaluation.experiments.recovery_grid import Cell, RecoveryGrid
-from shapefit.evaluation.plots import bars as plots
+from shapefit.evaluation import recovery
 from shapefit.evaluation.plots.heat_maps import heat_maps
+from shapefit.evaluation.plots.style import writers as drawings
+from shapefit.evaluation.recovery import Attempt, Cell, RecoveryGrid, plant, recover
 from shapefit.io.memory import check_fits
 from shapefit.io.whole.folder import Write, check_folder, write_folder
 from shapefit.pipelines.drawing import draws_plots, plots_left_out
@@ -73,7 +72,7 @@ def run(config: SimulateConfig) -> Iterator[Outcome]:
     )
     written = write_folder(config.output, _writers(grid, with_plot=draws))
     yield Outcome(
-        note=recovery_grid.markdown(grid).rstrip(),
+        note=recovery.markdown(grid).rstrip(),
         warnings=plots_left_out(config.plots),
         written=written,
     )
@@ -113,13 +112,13 @@ def _failure(cell: Cell, trial: int) -> Failure:
 
 def _writers(grid: RecoveryGrid, *, with_plot: bool) -> dict[str, Write]:
     writers: dict[str, Write] = {
-        "recovery.csv": lambda path: recovery_grid.write_csv(path, grid),
-        "recovery.json": lambda path: path.write_text(recovery_grid.grid_json(grid), "utf-8"),
-        "recovery.md": lambda path: path.write_text(recovery_grid.markdown(grid), "utf-8"),
+        "recovery.csv": lambda path: recovery.write_csv(path, grid),
+        "recovery.json": lambda path: path.write_text(recovery.grid_json(grid), "utf-8"),
+        "recovery.md": lambda path: path.write_text(recovery.markdown(grid), "utf-8"),
     }
     if with_plot:
         figure = heat_maps(
             {"Share recovered exactly": grid.shares}, "landmarks p", "atoms in use z"
         )
-        writers |= plots.writers("recovery", figure)
+        writers |= drawings("recovery", figure)
     return writers

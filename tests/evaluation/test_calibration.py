@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from shapefit.evaluation.calibration import Coverages, ErrorBars, find_levels, join
+from shapefit.evaluation.calibration import Coverages, ErrorBars, find_levels, join, keep_trusted
 from shapefit.evaluation.summary import ImageErrors
-from shapefit.evaluation.trust import keep_trusted
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
 BINOMIAL = 4

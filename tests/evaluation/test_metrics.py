@@ -6,6 +6,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from shapefit.evaluation import metrics
+from shapefit.evaluation.metrics import precision, recall
 from shapefit.geometry.rotations import random_rotations
 
 SQUARE = np.array([[1.0, -1, 0, 0], [0, 0, 1, -1], [0, 0, 0, 0]])
@@ -192,3 +193,20 @@ def test_one_point_or_none_has_no_box():
     observed = np.full((2, 2, 3), np.nan)
     observed[0, :, 1] = 7.0
     np.testing.assert_array_equal(metrics.box_diagonal(observed), [np.nan, np.nan])
+
+
+LABELLED = np.array(
+    [[1, 1, 1, 0, 0], [1, 0, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0], [1, 1, 0, 0, 0]], bool
+)
+CORRUPTED = np.array(
+    [[1, 1, 0, 1, 1], [1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0]], bool
+)
+NAN = np.nan
+
+
+def test_precision_is_the_share_of_the_labelled():
+    np.testing.assert_array_equal(precision(LABELLED, CORRUPTED), [2 / 3, 1, NAN, NAN, 0])
+
+
+def test_recall_is_the_share_of_the_corrupted():
+    np.testing.assert_array_equal(recall(LABELLED, CORRUPTED), [2 / 4, 1, 0, NAN, NAN])

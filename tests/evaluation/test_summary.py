@@ -1,8 +1,20 @@
 """Sums over sequences and groups, computed by hand."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
+from shapefit.evaluation.averages import (
+    by_name,
+    labels_of,
+    mean,
+    median,
+    of_names,
+    percentiles,
+    slices,
+)
+from shapefit.evaluation.report import Run, Solving, count_solved, sum_up
 from shapefit.evaluation.summary import ImageErrors, group_sequences, summarise
 
 NAN = float("nan")
@@ -58,3 +70,66 @@ def test_without_groups_all_sequences_are_in_one():
 def test_groups_and_sequences_without_an_image_are_left_out():
     rows = summarise(errors(a=[1]), {"one": ("a", "elsewhere"), "none": ("elsewhere",)})
     assert [(row.group, row.sequence) for row in rows] == [("one", None), ("one", "a")]
+
+
+def test_of_nothing_there_is_nothing():
+    nothing = np.empty(0)
+    assert all(np.isnan([mean(nothing), median(nothing), *percentiles(nothing, (90, 5))]))
+
+
+def test_statistics_have_the_bits_of_numpy(rng):
+    values = rng.lognormal(size=10_001)
+    assert (mean(values), median(values)) == (values.mean(), np.median(values))
+    assert percentiles(values, (5, 90)) == tuple(np.percentile(values, (5, 90)))
+
+
+def test_values_by_name_are_those_of_a_mask(rng):
+    # Some names come together, some are spread over all, one has next to all of the values.
+    names = np.array([*["a"] * 5, *rng.choice([*"bcde", "much", "much", "much"], 300), *["f"] * 20])
+    values = rng.standard_normal(len(names))
+    values[rng.random(len(names)) < 0.1] = np.nan
+    values[names == "e"] = np.nan
+    labels = labels_of(names.tolist())
+    found = {name: (count, known) for name, count, known in by_name(values, labels)}
+    assert sorted(found) == sorted(set(names.tolist()))
+    for name, (count, known) in found.items():
+        own = values[names == name]
+        assert count == len(own)
+        np.testing.assert_array_equal(known, own[~np.isnan(own)])
+    two = of_names(values, labels, ("b", "f", "none"))
+    expected = values[np.isin(names, ["b", "f"]) & ~np.isnan(values)]
+    np.testing.assert_array_equal(two, expected)
+
+
+def test_slices_cover_all_rows():
+    assert [list(range(*part.indices(9))) for part in slices(7, 3)] == [[0, 1, 2], [3, 4, 5], [6]]
+
+
+def test_each_image_weighs_the_same():
+    found = sum_up(Run(5, np.array([1.0, 2.0, 3.0, np.nan, 10.0]), 3, 0.75))
+    assert found.mean_objective == pytest.approx((1 + 2 + 3 + 10) / 4)
+    assert found.milliseconds == pytest.approx(750 / 5)
+    assert found.solved == pytest.approx(3 / 5)
+
+
+@pytest.mark.parametrize("status", ["optimal", "converged"])
+def test_both_good_ends_count_as_solved(status):
+    assert count_solved(np.array([status, "numerical failure"])) == 1
+
+
+def test_what_is_not_told_is_unknown():
+    assert sum_up(Run(1)) == Solving()
+    assert sum_up(Run(1, np.array([1.0]), 1, 0.5)) == Solving(1.0, 500.0, 1.0)
+
+
+def test_without_a_known_objective_there_is_no_mean():
+    for objective in (np.nan, np.inf, 1e300):
+        run = Run(1, np.array([objective]), 0, 0.5)
+        assert sum_up(run) == Solving(None, 500.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("milliseconds", "rate"), [(0.25, 4000.0), (80.0, 12.5), (0.0, None), (None, None)]
+)
+def test_the_rate_is_the_inverse_of_the_time_of_an_image(milliseconds, rate):
+    assert Solving(milliseconds=milliseconds).images_per_second == rate

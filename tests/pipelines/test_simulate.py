@@ -8,7 +8,7 @@ import pytest
 
 from shapefit.config import SimulateConfig
 from shapefit.errors import InputError
-from shapefit.evaluation.experiments.recovery import plant
+from shapefit.evaluation.recovery import plant
 from shapefit.pipelines import simulate
 from shapefit.pipelines.simulate import run
 

@@ -1,30 +1,21 @@
-"""Bar plots of the mean error of every sequence, one bar per method."""
+"""Errors drawn: a bar per method for the mean of every sequence, and boxes of all images."""
 
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from shapefit.evaluation.metric_table import METRICS, SHARE
-from shapefit.evaluation.summary import ALL, Summary
+from shapefit.arrays import Floats
+from shapefit.evaluation.averages import of_names, percentiles
+from shapefit.evaluation.metric_table import METRICS
+from shapefit.evaluation.plots.style import BARS, INK, LETTER, axis_label, look, style
+from shapefit.evaluation.summary import ALL, ImageErrors, Summary
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-FORMATS = ("png", "svg")
-
-# Okabe and Ito 2008: told apart with every common form of colour blindness.
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000", "#F0E442")
-HATCHES = ("", "////", "....", "xxxx")
-"""Once all colours are used they come again with the next hatch."""
-
-INK, FAINT = "#333333", "#DDDDDD"
 
 SLOTS_A_ROW = 52
 """Clusters of bars side by side; a longer group has a row of its own."""
@@ -32,12 +23,8 @@ MOST_SEQUENCES = 400
 """Of a group with more only the mean is drawn, as nobody could tell their bars apart."""
 GAP = 1.0
 """Empty slots between groups in one row."""
-BARS = 0.8
-"""Share of a slot that its bars fill."""
 FEWEST_SLOTS = 6
 """Fewer are padded left and right, so that bars stay slim."""
-LETTER = 0.085
-"""Width of a letter in inches, about, to decide what fits."""
 LEGEND_HANDLE = 0.6
 """Width in inches of an entry of the legend besides its letters."""
 
@@ -83,7 +70,7 @@ def bar_plot(summaries: Sequence[Summary]) -> Figure:
     top = 1.05 * max((s.mean for s in summaries if not math.isnan(s.mean)), default=0.0)
     for axis, row in zip(axes, rows, strict=True):
         label = f"mean {axis_label(summaries[0].unit)}"
-        style_axis(axis, slots, top or 1.0, label)
+        lay_out(axis, slots, top or 1.0, label)
         start = 0.0 if slots > FEWEST_SLOTS else (slots - row[0].slots) / 2
         ticks: dict[float, str] = {}
         for group in row:
@@ -93,22 +80,6 @@ def bar_plot(summaries: Sequence[Summary]) -> Figure:
         axis.set_xticks(list(ticks), list(ticks.values()), rotation=90 if upright else 0)
     add_head(figure, axes[0], METRICS[summaries[0].metric].title, methods)
     return figure
-
-
-def save(figure: Figure, path: Path, file_format: str) -> None:
-    """Write the figure as png or svg; the same figure gives the same bytes."""
-    import matplotlib
-
-    metadata = {"Date": None} if file_format == "svg" else {"Software": None}
-    with matplotlib.rc_context({"svg.hashsalt": "shapefit"}), warnings.catch_warnings():
-        # A letter that the font lacks, as some names have, is drawn as a box.
-        warnings.filterwarnings("ignore", "Glyph .* missing from ")
-        figure.savefig(path, format=file_format, dpi=150, metadata=metadata)
-
-
-def writers(name: str, figure: Figure) -> dict[str, Callable[[Path], None]]:
-    """Return what writes the figure to a path, for each file name that it gets: name.png, ..."""
-    return {f"{name}.{form}": partial(save, figure, file_format=form) for form in FORMATS}
 
 
 def _groups(summaries: Sequence[Summary], slot: float) -> list[_Group]:
@@ -162,26 +133,12 @@ def _draw(axis: Axes, start: float, group: _Group, methods: Sequence[str]) -> No
     )  # fmt: skip
 
 
-def look(index: int) -> tuple[str, str]:
-    """Return the colour and hatch of the method at an index."""
-    return COLOURS[index % len(COLOURS)], HATCHES[index // len(COLOURS) % len(HATCHES)]
-
-
-def axis_label(unit: str) -> str:
-    """Return what the errors of a unit are called; shares, of labels, are no errors."""
-    return unit if unit == SHARE else f"error ({unit})"
-
-
-def style_axis(axis: Axes, slots: float, top: float, label: str) -> None:
-    """Give an axis its limits, for slots 1 wide around 0, 1, ..., and its lines and letters."""
+def lay_out(axis: Axes, slots: float, top: float, label: str) -> None:
+    """Give an axis its limits, for slots 1 wide around 0, 1, ..., and its label."""
     axis.set_xlim(-0.7, slots - 0.3)
     axis.set_ylim(0, top)
     axis.set_ylabel(label, color=INK)
-    axis.grid(axis="y", color=FAINT, linewidth=0.8, zorder=0)
-    axis.set_axisbelow(True)
-    axis.spines[["top", "right", "left"]].set_visible(False)
-    axis.spines["bottom"].set_color(INK)
-    axis.tick_params(length=0, colors=INK, labelsize=8)
+    style(axis, "top", "right", "left", grid="y")
 
 
 def add_head(figure: Figure, axis: Axes, title: str, methods: Sequence[str]) -> None:
@@ -199,4 +156,75 @@ def add_head(figure: Figure, axis: Axes, title: str, methods: Sequence[str]) -> 
         ],
         loc="outside lower center", ncols=columns, frameon=False, labelcolor=INK,
         fontsize=9,
+    )  # fmt: skip
+
+
+SLOT = 0.45
+"""Width in inches of a box with its share of the space around it; a median's digits fit in."""
+WHISKERS = (5, 95)
+"""Percentiles that the whiskers reach to; of tens of thousands of images none is drawn alone."""
+FEWEST_BOXES = 7
+"""Fewer are padded left and right, so that the title fits."""
+
+
+def box_plot(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[str]]) -> Figure:
+    """Draw the errors of the images of each group: quartiles, median with its number, whiskers.
+
+    errors of one metric and unit, one entry per method. Every image weighs the same, whichever its
+    sequence. Failed images, nan, are left out, and so are groups without any image.
+    """
+    from matplotlib.figure import Figure
+
+    values = {
+        group: [of_names(e.values, e.sequences, members) for e in errors]
+        for group, members in grouping.items()
+    }
+    values = {group: boxes for group, boxes in values.items() if any(map(len, boxes))}
+    taken = [max(len(errors), LETTER * (len(group) + 2) / SLOT) for group in values]
+    slots = max(FEWEST_BOXES, sum(taken) + GAP * (len(taken) - 1))
+    figure = Figure(figsize=(1.1 + SLOT * slots, 3.9))
+    figure.set_layout_engine("constrained")
+    axis = figure.subplots()
+    every = [known for boxes in values.values() for known in boxes if len(known)]
+    reach = [percentiles(known, (WHISKERS[1],))[0] for known in every]
+    lay_out(axis, slots, 1.05 * max(reach, default=0.0) or 1.0, axis_label(errors[0].unit))
+    start = (slots - sum(taken) - GAP * (len(taken) - 1)) / 2
+    ticks: dict[float, str] = {}
+    for (group, boxes), width in zip(values.items(), taken, strict=True):
+        middle = start + (width - 1) / 2
+        for index, known in enumerate(boxes):
+            place = middle + index - (len(boxes) - 1) / 2
+            _draw_box(axis, place, known, look(index))
+        ticks[middle] = "" if group == ALL else group
+        start += width + GAP
+    axis.set_xticks(list(ticks), list(ticks.values()), fontweight="bold", fontsize=9)
+    methods = [e.method for e in errors]
+    add_head(figure, axis, f"{METRICS[errors[0].metric].title}, image by image", methods)
+    return figure
+
+
+def _draw_box(axis: Axes, place: float, known: Floats, style: tuple[str, str]) -> None:
+    if not len(known):
+        return
+    colour, hatch = style
+    first, lower, middle, upper, last = percentiles(known, (WHISKERS[0], 25, 50, 75, WHISKERS[1]))
+    box = {
+        "med": middle,
+        "q1": lower,
+        "q3": upper,
+        # Whiskers reach to the outermost images that are not beyond their percentiles.
+        "whislo": min(lower, known[known >= first].min()),
+        "whishi": max(upper, known[known <= last].max()),
+    }
+    axis.bxp(
+        [box], positions=[place], widths=[BARS], showfliers=False,
+        patch_artist=True, manage_ticks=False, capwidths=[BARS / 2],
+        boxprops={"facecolor": colour, "hatch": hatch, "edgecolor": INK, "linewidth": 0.8},
+        medianprops={"color": INK, "linewidth": 1.6}, whiskerprops={"color": INK},
+        capprops={"color": INK}, zorder=2,
+    )  # fmt: skip
+    axis.annotate(
+        f"{middle:#.3g}".rstrip("."), (place, middle), xytext=(0, 2), textcoords="offset points",
+        ha="center", va="bottom", fontsize=6.5, color=INK, zorder=4,
+        bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.8},
     )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shapefit.evaluation.calibration import CURVE, LEVELS, Coverage
-from shapefit.evaluation.plots.bars import BARS, COLOURS, FAINT, INK, LETTER
+from shapefit.evaluation.plots.style import BARS, INK, LETTER, look, style
 from shapefit.evaluation.summary import ALL
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ def calibration_plot(
     left, right = figure.subplots(1, 2, width_ratios=[SQUARE, width])
     for index, (method, group) in enumerate(series):
         shares = np.array(curves[method, group])
-        colour, style = look(index)
-        left.plot(100 * np.array(CURVE), 100 * shares, style, color=colour, linewidth=1.6,
+        colour, line = look(index, STYLES)
+        left.plot(100 * np.array(CURVE), 100 * shares, line, color=colour, linewidth=1.6,
                   label=method if group == ALL else f"{method}, {group}")  # fmt: skip
     _style_curves(left)
     _draw_landmarks(right, coverage, series, names)
@@ -57,11 +57,6 @@ def calibration_plot(
         ncols=max(1, min(4, len(series))), frameon=False, labelcolor=INK, fontsize=9,
     )  # fmt: skip
     return figure
-
-
-def look(index: int) -> tuple[str, str]:
-    """Return the colour and the style of the lines of a series."""
-    return COLOURS[index % len(COLOURS)], STYLES[index // len(COLOURS) % len(STYLES)]
 
 
 def _style_curves(axis: Axes) -> None:
@@ -74,8 +69,7 @@ def _style_curves(axis: Axes) -> None:
     axis.set_xlabel("nominal level (%)", color=INK)
     axis.set_ylabel("truth inside (%)", color=INK)
     axis.set_title("Error bars, all landmarks", loc="left", color=INK, fontsize=11)
-    axis.grid(color=FAINT, linewidth=0.8, zorder=0)
-    _plain(axis)
+    style(axis, "top", "right", grid="both")
 
 
 def _draw_landmarks(
@@ -101,11 +95,4 @@ def _draw_landmarks(
     axis.set_yticks([0, *(100 * level for level in LEVELS), 100])
     title = f"Inside {LEVELS[-1]:.0%} (bars) and {LEVELS[0]:.0%} (marks), by landmark"
     axis.set_title(title, loc="left", color=INK, fontsize=11)
-    _plain(axis)
-
-
-def _plain(axis: Axes) -> None:
-    axis.set_axisbelow(True)
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.spines[["left", "bottom"]].set_color(INK)
-    axis.tick_params(length=0, colors=INK, labelsize=8)
+    style(axis, "top", "right")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shapefit.evaluation.plots.bars import INK
+from shapefit.evaluation.plots.style import INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from shapefit.evaluation.experiments.sweep import Point, Sweep, value_text
 from shapefit.evaluation.metric_table import METRICS
-from shapefit.evaluation.plots.bars import COLOURS, FAINT, INK, axis_label
+from shapefit.evaluation.plots.style import COLOURS, INK, axis_label, style
 from shapefit.evaluation.summary import ALL
+from shapefit.evaluation.sweep import Point, Sweep, value_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,7 +53,7 @@ def sweep_plot(sweep: Sweep) -> Figure:
     if not sweep.is_numeric:
         _draw_times(axes[len(metrics)], next(iter(groups.values())))
     for axis in axes[:panels]:
-        _style(axis)
+        style(axis, "top", "right", grid="both")
     if list(groups) != [ALL]:
         figure.legend(
             *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4,
@@ -109,11 +109,3 @@ def _draw_times(axis: Axes, points: Sequence[Point]) -> None:
         )  # fmt: skip
     axis.minorticks_off()
     axis.set_title("Time per image (ms)", loc="left", fontsize=10, color=INK)
-
-
-def _style(axis: Axes) -> None:
-    axis.grid(color=FAINT, linewidth=0.8, zorder=0)
-    axis.set_axisbelow(True)
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.spines[["left", "bottom"]].set_color(INK)
-    axis.tick_params(length=0, colors=INK, labelsize=8)

@@ -6,12 +6,10 @@ import math
 from collections.abc import Sequence
 
 from shapefit.errors import listed
-from shapefit.evaluation.calibration import LEVELS, WIDTH_OF, Coverage
+from shapefit.evaluation.calibration import LEAST_TRUSTED, LEVELS, WIDTH_OF, Coverage, Kept
 from shapefit.evaluation.report import Report
 from shapefit.evaluation.summary import ALL
-from shapefit.evaluation.tables.cells import ABSENT, decimals_of, number
-from shapefit.evaluation.tables.document import Block, Section, Table
-from shapefit.evaluation.trust import LEAST_TRUSTED, Kept
+from shapefit.evaluation.tables.document import ABSENT, Block, Section, Table, decimals_of, number
 
 SHARES = [f"{level:.0%}" for level in LEVELS]
 

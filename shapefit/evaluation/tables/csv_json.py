@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
+import csv
 import json
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 from shapefit.evaluation.averages import slices
-from shapefit.evaluation.calibration import LEVELS, Coverage
+from shapefit.evaluation.calibration import LEVELS, Coverage, Kept
 from shapefit.evaluation.report import Report
 from shapefit.evaluation.summary import ImageErrors, Summary
-from shapefit.evaluation.tables.csv_table import null_for_nan, write_table
-from shapefit.evaluation.trust import Kept
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Write a header and rows; None and nan become empty cells."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        # A writer that ends its lines in CR LF puts cells with a CR in quotes, others do not.
+        table = csv.writer(SimpleNamespace(write=lambda line: file.write(f"{line[:-2]}\n")))
+        table.writerow(columns)
+        table.writerows([_null_for_nan(value) for value in row] for row in rows)
+
+
+def _null_for_nan(value: Any) -> Any:
+    """Return None in place of nan, as JSON and CSV have it."""
+    return None if isinstance(value, float) and math.isnan(value) else value
+
 
 Errors = TypeVar("Errors", Summary, ImageErrors)
 
@@ -77,9 +93,9 @@ def report_json(report: Report) -> str:
             }
             for method in report.methods
         ],
-        "summaries": [_nulls(asdict(s)) for s in report.summaries],
-        "calibration": [_nulls(asdict(c)) for c in report.coverage],
-        "trusted": [_nulls(asdict(k)) for k in report.kept],
+        "summaries": [asdict(s) for s in report.summaries],
+        "calibration": [asdict(c) for c in report.coverage],
+        "trusted": [asdict(k) for k in report.kept],
         "without_error_bars": report.without_bars,
         "parallel_error_bars": report.parallel,
         "published": {method: dict(column) for method, column in report.published.items()},
@@ -87,16 +103,21 @@ def report_json(report: Report) -> str:
         "warnings": report.warnings,
         **report.provenance,
     }
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return as_json(document)
+
+
+def as_json(document: Mapping[str, Any]) -> str:
+    """Return numbers as JSON; null stands for a number that does not exist."""
+    return json.dumps(_nulls(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _nulls(fields: Any) -> Any:
     """Put null in place of nan, throughout."""
-    if isinstance(fields, dict):
+    if isinstance(fields, Mapping):
         return {key: _nulls(value) for key, value in fields.items()}
     if isinstance(fields, list | tuple):
         return [_nulls(value) for value in fields]
-    return null_for_nan(fields)
+    return _null_for_nan(fields)
 
 
 def by_kind(errors: Iterable[Errors]) -> dict[tuple[str, str], list[Errors]]:

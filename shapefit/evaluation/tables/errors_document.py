@@ -4,20 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from shapefit.evaluation.report import PUBLISHED, Report
-from shapefit.evaluation.solving import Solving
+from shapefit.evaluation.report import PUBLISHED, Report, Solving
 from shapefit.evaluation.summary import ALL, Summary
 from shapefit.evaluation.tables.calibration_document import calibration
-from shapefit.evaluation.tables.cells import (
-    ABSENT,
-    HOW_TO_READ_PAIRS,
-    decimals_of,
-    number,
-    pairs,
-    percent,
-)
 from shapefit.evaluation.tables.csv_json import by_kind
 from shapefit.evaluation.tables.document import (
+    ABSENT,
+    HOW_TO_READ_PAIRS,
     Block,
     Italic,
     Listing,
@@ -25,6 +18,10 @@ from shapefit.evaluation.tables.document import (
     Table,
     Title,
     as_markdown,
+    decimals_of,
+    number,
+    pairs,
+    percent,
 )
 
 Kind = tuple[str, str]

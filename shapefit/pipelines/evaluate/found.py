@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from shapefit.evaluation.calibration import Coverages, image_shares
-from shapefit.evaluation.solving import Run, count_solved
+from shapefit.evaluation.report import Run, count_solved
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import ResultSet, read_results
 from shapefit.pipelines.evaluate.error_bars import find_plausibility, judge_error_bars

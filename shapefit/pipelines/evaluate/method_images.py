@@ -17,8 +17,7 @@ from shapefit.errors import input_error, path_text
 from shapefit.evaluation.averages import Coder, Labels
 from shapefit.evaluation.calibration import INSIDE
 from shapefit.evaluation.metric_table import SHARE
-from shapefit.evaluation.report import Method
-from shapefit.evaluation.solving import Run, sum_up
+from shapefit.evaluation.report import Method, Run, sum_up
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io.spilled.columns import Column
 from shapefit.io.spilled.equal_names import find_equal_names

@@ -8,15 +8,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from shapefit import __version__
 from shapefit.config import EvalConfig, ViewConfig
 from shapefit.errors import input_error, printable
+from shapefit.evaluation.calibration import keep_trusted
 from shapefit.evaluation.metric_table import METRICS
-from shapefit.evaluation.plots import bars as plots
-from shapefit.evaluation.plots.box_plots import box_plot
+from shapefit.evaluation.plots.bars import bar_plot, box_plot
 from shapefit.evaluation.plots.calibration_plot import calibration_plot
+from shapefit.evaluation.plots.style import writers as drawings
 from shapefit.evaluation.report import NORMALISED, Report
 from shapefit.evaluation.summary import ImageErrors, Summary, summarise
 from shapefit.evaluation.tables import csv_json as tables
 from shapefit.evaluation.tables.errors_document import document, markdown
-from shapefit.evaluation.trust import keep_trusted
 from shapefit.io.whole.atomic import digests
 from shapefit.io.whole.folder import Write, write_folder
 from shapefit.pipelines.evaluate.examples import check_examples
@@ -85,9 +85,9 @@ def _report(options: WritingOptions, found: Found) -> Outcome:
         writers |= _plots(errors, report.summaries, grouping)
         if coverage:
             curves = {(c.method, c.group): found.bars[c.method].curve(c.group) for c in coverage}
-            writers |= plots.writers("calibration", calibration_plot(coverage, curves))
+            writers |= drawings("calibration", calibration_plot(coverage, curves))
     if options.examples:
-        writers |= plots.writers("examples", found.draw_examples(options.examples))
+        writers |= drawings("examples", found.draw_examples(options.examples))
     blocks = [*document(report, MOST_FAILURES), *contact_sheets(found.sheets, options.output)]
     view, too_many = view_of(options, found)
     pages = report_pages("report", blocks, writers, errors, view, report.provenance)
@@ -145,6 +145,6 @@ def _plots(
     writers: dict[str, Write] = {}
     for metric, kind in drawn.items():
         if kind in summed_up:
-            writers |= plots.writers(metric, plots.bar_plot(summed_up[kind]))
-            writers |= plots.writers(f"{metric}_boxes", box_plot(of_kind[kind], grouping))
+            writers |= drawings(metric, bar_plot(summed_up[kind]))
+            writers |= drawings(f"{metric}_boxes", box_plot(of_kind[kind], grouping))
     return writers

@@ -11,7 +11,11 @@ from shapefit import __version__
 from shapefit.config import SweepConfig, ViewConfig
 from shapefit.config.commands.sweep import Value
 from shapefit.errors import input_error
-from shapefit.evaluation.experiments.sweep import (
+from shapefit.evaluation.metric_table import of_labels
+from shapefit.evaluation.plots.style import writers as drawings
+from shapefit.evaluation.plots.sweep_plots import sweep_plot
+from shapefit.evaluation.summary import ImageErrors
+from shapefit.evaluation.sweep import (
     Point,
     Sweep,
     document,
@@ -21,10 +25,6 @@ from shapefit.evaluation.experiments.sweep import (
     value_text,
     write_csv,
 )
-from shapefit.evaluation.metric_table import of_labels
-from shapefit.evaluation.plots import bars as plots
-from shapefit.evaluation.plots.sweep_plots import sweep_plot
-from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.tables.csv_json import write_per_image
 from shapefit.io import (
     ResultSet,
@@ -153,4 +153,4 @@ def _writers(sweep: Sweep, judged: Sequence[ImageErrors], *, with_plot: bool) ->
         "sweep.csv": lambda path: write_csv(path, sweep),
         "sweep.json": lambda path: path.write_text(sweep_json(sweep), encoding="utf-8"),
     }
-    return writers | (plots.writers("sweep", sweep_plot(sweep)) if with_plot else {})
+    return writers | (drawings("sweep", sweep_plot(sweep)) if with_plot else {})

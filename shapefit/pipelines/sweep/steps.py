@@ -10,7 +10,7 @@ from pathlib import Path
 from shapefit.config import SweepConfig
 from shapefit.config.commands.fit_sections import ExportConfig, PicturesConfig
 from shapefit.config.commands.sweep import Value
-from shapefit.evaluation.experiments.sweep import value_text
+from shapefit.evaluation.sweep import value_text
 from shapefit.io import read_dictionary
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shapefit.evaluation.plots import bars as plots
+from shapefit.evaluation.plots import style
 from shapefit.evaluation.plots.heat_maps import heat_maps
 
 NAN = float("nan")
@@ -50,8 +50,8 @@ def test_panels_share_their_rows_and_columns_and_missing_cells_stay_empty():
 
 def test_files_are_the_same_every_time(tmp_path):
     for turn in ("first", "second"):
-        for name, write in plots.writers(turn, heat_maps({"ours": OURS}, "p", "z")).items():
+        for name, write in style.writers(turn, heat_maps({"ours": OURS}, "p", "z")).items():
             write(tmp_path / name)
-    for form in plots.FORMATS:
+    for form in style.FORMATS:
         first, second = (tmp_path / f"{turn}.{form}" for turn in ("first", "second"))
         assert first.read_bytes() == second.read_bytes()

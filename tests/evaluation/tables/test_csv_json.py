@@ -1,13 +1,18 @@
 """The written tables, cell by cell."""
 
+from __future__ import annotations
+
 import csv
+import errno
 import json
+from pathlib import Path
 
 import pytest
 
-from shapefit.evaluation.report import Method, Report
-from shapefit.evaluation.solving import Solving
+from shapefit.evaluation.report import Method, Report, Solving
 from shapefit.evaluation.tables import csv_json as tables
+from shapefit.evaluation.tables.csv_json import write_table
+from shapefit.evaluation.tables.document import ABSENT, decimals_of, number
 
 
 def rows_of(path):
@@ -67,3 +72,49 @@ def test_json_lists_all_failures_and_how_each_method_solved(report):
         "solved": 0.99999,
     }
     assert table["solving"] == dict.fromkeys(convex["solving"])
+
+
+def test_every_cell_comes_back(tmp_path):
+    cells = ["a,b", 'c"d', "e\nf", "g\rh", " i ", ""]
+    write_table(tmp_path / "table.csv", ["x", *"yzuvw"], [cells])
+    with (tmp_path / "table.csv").open(newline="") as file:
+        assert list(csv.reader(file)) == [["x", *"yzuvw"], cells]
+
+
+def test_numbers_have_all_their_digits_and_nan_is_empty(tmp_path):
+    write_table(tmp_path / "table.csv", "abcd", [(0.1 + 0.2, float("nan"), None, 7)])
+    assert (tmp_path / "table.csv").read_bytes() == b"a,b,c,d\n0.30000000000000004,,,7\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+def test_a_full_disk_is_named_by_its_number():
+    with pytest.raises(OSError, match="No space left") as caught:
+        write_table(Path("/dev/full"), "a", [("cell",)])
+    assert caught.value.errno == errno.ENOSPC
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("values", "decimals"),
+    [
+        ([0.26, 9.999], 3),
+        ([10.0], 1),
+        ([0.2, 345.6], 1),
+        ([0.05, NAN], 4),
+        ([1.0], 3),
+        ([0.1], 3),
+        ([0.00123], 5),
+        ([0.0], 3),
+        ([NAN], 3),
+        ([], 3),
+    ],
+)
+def test_the_largest_number_chooses_the_decimals_of_all(values, decimals):
+    assert decimals_of(values) == decimals
+
+
+def test_a_number_that_does_not_exist_is_a_dash():
+    found = [number(value, 2) for value in (None, NAN, 0.006, 12.0)]
+    assert found == [ABSENT, ABSENT, "0.01", "12.00"]

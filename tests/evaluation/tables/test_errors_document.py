@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.evaluation.report import Method, Report
-from shapefit.evaluation.solving import Solving
+from shapefit.evaluation.report import Method, Report, Solving
 from shapefit.evaluation.summary import ImageErrors, summarise
 from shapefit.evaluation.tables.errors_document import markdown
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -14,9 +13,17 @@ import numpy as np
 from shapefit.evaluation.averages import by_name, percentiles
 from shapefit.evaluation.metric_table import METRICS
 from shapefit.evaluation.summary import ALL, ImageErrors, summarise
-from shapefit.evaluation.tables.cells import ABSENT, HOW_TO_READ_PAIRS, pairs, percent
-from shapefit.evaluation.tables.csv_table import null_for_nan, write_table
-from shapefit.evaluation.tables.document import Block, Table, Title, as_markdown
+from shapefit.evaluation.tables.csv_json import as_json, write_table
+from shapefit.evaluation.tables.document import (
+    ABSENT,
+    HOW_TO_READ_PAIRS,
+    Block,
+    Table,
+    Title,
+    as_markdown,
+    pairs,
+    percent,
+)
 
 Value = str | bool | int | float
 
@@ -138,12 +145,8 @@ def write_csv(path: Path, sweep: Sweep) -> None:
 
 def sweep_json(sweep: Sweep) -> str:
     """All numbers as JSON; null stands for a number that does not exist."""
-    document = {
-        "key": sweep.key,
-        "points": [_known(point) for point in sweep.points],
-        **sweep.provenance,
-    }
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    points = [asdict(point) for point in sweep.points]
+    return as_json({"key": sweep.key, "points": points, **sweep.provenance})
 
 
 def markdown(sweep: Sweep) -> str:
@@ -180,7 +183,3 @@ def document(sweep: Sweep) -> list[Block]:
 def _share_with_shape(point: Point) -> str:
     images = point.images + point.failed
     return percent(point.images / images, 0) if images else ABSENT
-
-
-def _known(point: Point) -> dict[str, Any]:
-    return {key: null_for_nan(value) for key, value in asdict(point).items()}

@@ -1,10 +1,9 @@
-"""How often planted transforms come back, cell by cell: the numbers as CSV, JSON and Markdown."""
+"""Exact recovery: plant transforms, solve the noiseless program, see how often they come back."""
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,10 +11,84 @@ from typing import Any
 
 import numpy as np
 
+from shapefit.arrays import Floats
+from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solution import Status
-from shapefit.evaluation.experiments.recovery import Attempt
-from shapefit.evaluation.tables.csv_table import write_table
-from shapefit.evaluation.tables.markdown import markdown_table
+from shapefit.evaluation.tables.csv_json import as_json, write_table
+from shapefit.evaluation.tables.document import markdown_table
+from shapefit.geometry.rotations import random_rotations
+
+
+@dataclass(frozen=True)
+class Instance:
+    """W = sum_i M_i B_i without noise: landmarks W (2, p), atoms B (k, 3, p), M (k, 2, 3)."""
+
+    landmarks: Floats
+    atoms: Floats
+    transforms: Floats
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What the program made of one instance.
+
+    error is ||M_found - M||_F / ||M||_F, nan where the solver failed; relative_gap, residual,
+    iterations and status are the solver's (Solution).
+    """
+
+    error: float
+    relative_gap: float
+    residual: float
+    iterations: int
+    status: Status
+
+
+def plant(k: int, p: int, z: int, rng: np.random.Generator) -> Instance:
+    """Return a random instance with k atoms, p landmarks and z atoms in use.
+
+    Entries of B_i are N(0, 1), rotations uniform, z coefficients at random places U(0, 1) and the
+    others 0; M_i = c_i times the first two rows of R_i (paper, section Simulation).
+    """
+    B = rng.standard_normal((k, 3, p))
+    R = random_rotations(k, rng)
+    c = np.zeros(k)
+    c[rng.choice(k, z, replace=False)] = rng.uniform(size=z)
+    M = c[:, None, None] * R[:, :2]
+    return Instance(np.einsum("iab,ibp->ap", M, B), B, M)
+
+
+def recover(
+    instance: Instance, *, free_translation: bool, tolerance: float, max_iterations: int
+) -> Attempt:
+    """Solve min sum_i ||M_i||_2 s.t. W = sum_i M_i B_i + T 1^T (paper, eq. finalnoiseless).
+
+    T is free, which is the same as centring the rows of W and of all B_i, or 0. One thread.
+    """
+    W, B = instance.landmarks, instance.atoms
+    if not free_translation:
+        W, B = _with_fixed_origin(W, B)
+    problem = build_problem(W, B, lam=1.0, loss=Loss.EXACT)
+    found = solve_newton(problem, tolerance=tolerance, max_iterations=max_iterations, threads=1)
+    M = instance.transforms
+    return Attempt(
+        error=float(np.linalg.norm(found.transforms[0] - M) / np.linalg.norm(M)),
+        relative_gap=float(found.relative_gap[0]),
+        residual=float(found.residual[0]),
+        iterations=int(found.iterations[0]),
+        status=found.status[0],
+    )
+
+
+def _with_fixed_origin(W: Floats, B: Floats) -> tuple[Floats, Floats]:
+    """Add a landmark at the origin of every atom that is seen at the origin: W (2, p), B (k, 3, p).
+
+    The solver always frees the translation. The constraint of this landmark is 0 = 0 + T; the
+    others are then those of the program without a translation, and no landmark is lost to T.
+    """
+    k, _, _ = B.shape
+    return np.hstack([W, np.zeros((2, 1))]), np.concatenate([B, np.zeros((k, 3, 1))], axis=2)
+
 
 Place = tuple[int, int]
 """p and z of a cell."""
@@ -76,41 +149,32 @@ def write_csv(path: Path, grid: RecoveryGrid) -> None:
 
 def grid_json(grid: RecoveryGrid) -> str:
     """All numbers as JSON; null stands for a number that does not exist."""
-    document = {
-        "program": grid.program,
-        "cells": [_cell(cell) for cell in grid.cells],
-        **grid.provenance,
-    }
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    cells = [_cell(cell) for cell in grid.cells]
+    return as_json({"program": grid.program, "cells": cells, **grid.provenance})
 
 
 def _cell(cell: Cell) -> dict[str, Any]:
     iterations = [a.iterations for a in cell.attempts]
+    errors, gaps, residuals = (
+        [value for value in values if math.isfinite(value)]
+        for values in (
+            [a.error for a in cell.attempts],
+            [abs(a.relative_gap) for a in cell.attempts],
+            [a.residual for a in cell.attempts],
+        )
+    )
     return {
         "p": cell.p,
         "z": cell.z,
         "trials": len(cell.attempts),
         "success": cell.success,
         "unsolved": cell.unsolved,
-        "median_error": _median(a.error for a in cell.attempts),
-        "largest_relative_gap": _largest(abs(a.relative_gap) for a in cell.attempts),
-        "largest_residual": _largest(a.residual for a in cell.attempts),
+        "median_error": float(np.median(errors)) if errors else None,
+        "largest_relative_gap": max(gaps, default=None),
+        "largest_residual": max(residuals, default=None),
         "median_iterations": float(np.median(iterations)),
         "largest_iterations": max(iterations),
     }
-
-
-def _known(values: Iterable[float]) -> list[float]:
-    return [value for value in values if math.isfinite(value)]
-
-
-def _median(values: Iterable[float]) -> float | None:
-    known = _known(values)
-    return float(np.median(known)) if known else None
-
-
-def _largest(values: Iterable[float]) -> float | None:
-    return max(_known(values), default=None)
 
 
 def markdown(grid: RecoveryGrid) -> str:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.evaluation.experiments.sweep import Sweep, markdown, points, sweep_json, write_csv
 from shapefit.evaluation.plots.sweep_plots import sweep_plot
 from shapefit.evaluation.summary import ImageErrors
+from shapefit.evaluation.sweep import Sweep, markdown, points, sweep_json, write_csv
 
 GROUPING = {"ab": ("a", "b"), "c": ("c",)}
 
