@@ -105,7 +105,7 @@ def caliscope(path: Path) -> Reading:
     table = pandas.read_csv(path)
     camera = "port" if "port" in table else "cam_id"
     keys = [camera, "frame_index", "point_id", "img_loc_x", "img_loc_y"]
-    table = table[keys].astype(float).dropna(subset=keys)
+    table = table[keys].astype(float).replace([np.inf, -np.inf], np.nan).dropna(subset=keys)
     table = table[(table["frame_index"] % 1 == 0) & (table["frame_index"].abs() < 2**40)]
     points = sorted(set(table["point_id"]))
     found: dict[Any, Floats] = {}
@@ -117,7 +117,7 @@ def caliscope(path: Path) -> Reading:
 
 def anipose(path: Path) -> Reading:
     """Read three columns of each landmark that has an error, cameras or a score."""
-    table = pandas.read_csv(path, index_col=False)
+    table = pandas.read_csv(path, index_col=False, skipinitialspace=True)
     given = ["_error", "_ncams", "_score"]
     names = [name[:-2] for name in table if name.endswith("_x")]
     names = [name for name in names if any(name + ending in table for ending in given)]

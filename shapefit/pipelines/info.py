@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -32,7 +32,7 @@ from shapefit.io.options import InputOptions
 from shapefit.io.skeletons import PEOPLE, SKELETONS, people_joints
 from shapefit.io.sources import is_stream, source_name
 from shapefit.pipelines.outcome import Failure, Outcome
-from shapefit.pipelines.parts.manifest import Manifest
+from shapefit.pipelines.parts.manifest import Manifest, damage_of
 from shapefit.pipelines.reading import input_options
 from shapefit.pipelines.result_folder import find_folders, sum_up
 
@@ -73,10 +73,16 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
     known: list[Path] = []
     folders = find_folders(config.files)
     for folder, manifest in folders.items():
-        try:
-            texts.append(_as_text(_of_folder(folder, manifest)))
-        except InputError as error:
-            fail(folder, error)
+        shared: dict[str, str] = {}
+        for name, entry in sorted(manifest.parts.items()):
+            try:
+                if error := damage_of(folder / name, entry):
+                    raise error
+                shared = shared or dict(_of_result(folder / name))
+            except InputError as error:
+                fail(folder / name, error)
+        if shared:
+            texts.append(_as_text(_of_folder(folder, manifest, shared)))
     for path in config.files:
         if path.parent in folders:
             continue
@@ -187,9 +193,8 @@ def _of_records(head: LandmarkSet | ShapeSet, found: _Found, count: int, kind: s
     return lines
 
 
-def _of_folder(folder: Path, manifest: Manifest) -> list[Line]:
+def _of_folder(folder: Path, manifest: Manifest, first: Mapping[str, str]) -> list[Line]:
     """Describe a folder of results by its manifest, and what all of them share by the first."""
-    first = dict(_of_result(folder / min(manifest.parts)))
     shared = [(name, first[name]) for name in ("landmarks", "unit")]
     title = [("", source_name(folder)), ("kind", f"folder with {first['kind']}")]
     following = [("go on with", f"shapefit eval {_typed(folder)} --truth SHAPES -o report")]

@@ -16,7 +16,7 @@ import numpy as np
 
 from shapefit.config.paths import MANIFEST
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import counted, input_error
+from shapefit.errors import InputError, counted, input_error
 from shapefit.io import (
     LandmarkSet,
     ResultSet,
@@ -95,15 +95,26 @@ def run(request: Request) -> Generator[Outcome, None, None]:
     """Verify every image of a result; yields an Outcome per chunk, and the table as the last note.
 
     Raises InputError where the result is no HDF5 or Parquet result of `fit`, has no proof though
-    its method has one, or does not go with the dictionary or the landmarks.
+    its method has one, or does not go with the dictionary or the landmarks; for a folder only where
+    that is so of every part.
     """
     parts, wrong = find_parts(request)
-    in_folder = any(part.folder for part in parts)
-    coverage = Coverage(in_folder=in_folder, landmarks=bool(request.landmarks))
+    folder = parts[0].folder if parts else None
+    coverage = Coverage(in_folder=folder is not None, landmarks=bool(request.landmarks))
     work = Work(request, read_dictionary(request.dictionary), coverage)
     yield Outcome(failures=wrong)
+    unread: list[InputError] = []
     for part in parts:
-        yield from verify_file(part, work)
+        try:
+            yield from verify_file(part, work)
+        except InputError as error:
+            unread.append(error)
+            if len(unread) == len(parts):
+                raise InputError(each for one in unread for each in one.problems) from None
+            yield Outcome(failures=(Failure(part.file.name, "; ".join(error.problems)),))
+    if folder is not None:  # images of parts that are not there, or were not read, are not proved
+        stated = sum(entry.images for entry in folder.entries)
+        coverage.images = max(coverage.images, stated)
     failures: tuple[Failure, ...] = ()
     if coverage.empty and not request.landmarks:
         reason = "not checked: give the landmarks of the fit with `--landmarks`"

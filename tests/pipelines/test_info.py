@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -97,18 +98,51 @@ def test_commands_are_as_they_are_typed(tmp_path, monkeypatch):
     assert told["go on with"] == "shapefit learn-dict 'my walk.h5' -o dict.h5"
 
 
-def test_a_folder_of_results_is_one_input(tmp_path):
+def fit_parts(folder, *options):
+    """Fit two files of landmarks into a folder."""
     views = (SAMPLES / "people_views.csv", SAMPLES / "one_person.csv")
-    inputs = {"landmarks": views, "dictionary": "people", "output": f"{tmp_path}/out/"}
-    list(fit(load_config("fit", None, (), inputs)))
-    folder = tmp_path / "out"
-    results = sorted(folder.glob("part-*"))
+    inputs = {"landmarks": views, "dictionary": "people", "output": f"{folder}/"}
+    list(fit(load_config("fit", None, options, inputs)))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    return fit_parts(tmp_path_factory.mktemp("fitted") / "out")
+
+
+def test_a_folder_of_results_is_one_input(fitted):
+    results = sorted(fitted.glob("part-*"))
     size = sum(path.stat().st_size for path in results)
-    note = info(folder).note
-    assert note.startswith(f"{folder}\n")
+    note = info(fitted).note
+    assert note.startswith(f"{fitted}\n")
     told = lines(note)
     assert told["kind"] == "folder with result of convex"
     assert told["parts"] == f"{len(results)}, {in_words(size)}"
-    assert int(told["images"]) == sum(int(lines(info(file).note)["images"]) for file in views)
+    images = [int(lines(info(file).note)["images"]) for file in results]
+    assert int(told["images"]) == sum(images)
     assert told["landmarks"] == lines(info(results[0]).note)["landmarks"]
     assert info(results[0]).note.startswith(f"{results[0]}\n")
+
+
+@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("change", ["spoiled", "removed"])
+def test_a_part_that_cannot_be_read_is_named(fitted, tmp_path, number, change):
+    shutil.copytree(fitted, tmp_path / "out")
+    part = tmp_path / f"out/part-0000{number}.h5"
+    data = part.read_bytes()
+    part.unlink() if change == "removed" else part.write_bytes(data[:2000] + bytes(len(data)))
+    outcome = info(tmp_path / "out")
+    assert lines(outcome.note)["parts"].startswith("2, ")
+    (failure,) = outcome.failures
+    assert failure.item == str(part)
+
+
+def test_the_numbers_of_a_part_that_was_touched_are_read(tmp_path):
+    folder = fit_parts(tmp_path / "out", "part_format=parquet")
+    part = folder / "part-00001.parquet"
+    data = bytearray(part.read_bytes())
+    data[len(data) // 3 : len(data) // 2] = bytes(len(data) // 2 - len(data) // 3)
+    part.write_bytes(data)
+    (failure,) = info(folder).failures
+    assert failure.item == str(part)

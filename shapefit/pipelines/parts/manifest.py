@@ -12,15 +12,20 @@ from typing import Any
 from shapefit import __version__
 from shapefit.config.paths import MANIFEST
 from shapefit.errors import InputError, input_error, path_text
+from shapefit.io.kinds.opening import open_results
 from shapefit.io.whole.atomic import atomic_path
 from shapefit.io.whole.folder import check_folder
 from shapefit.pipelines.parts.plan import Part
 from shapefit.pipelines.parts.spans import Span
 from shapefit.stores.reading import read_bytes
+from shapefit.stores.states import find_state
 from shapefit.stores.urls import UrlPath
 
 VERSION = 1
 LOCK = ".lock"
+
+BATCH = 4096
+"""Images of a result that was touched that are read at a time."""
 
 Entry = dict[str, Any]
 
@@ -89,6 +94,19 @@ def read_manifest(path: Path) -> Manifest | None:
         found = "is not a manifest of results"
         raise input_error(path, found, "choose another folder, or remove it") from None
     return Manifest(terms, parts)
+
+
+def damage_of(result: Path, entry: Mapping[str, Any]) -> InputError | None:
+    """Return why a result cannot be read any more; one that is as it was written is not read."""
+    if isinstance(result, UrlPath) or find_state(result) == (entry["bytes"], entry.get("written")):
+        return None
+    try:
+        with open_results([result], without=()) as source:
+            for _ in source.chunks(BATCH):
+                pass
+    except InputError as error:
+        return error
+    return None
 
 
 def replace_link(path: Path) -> None:

@@ -19,7 +19,6 @@ from shapefit.errors import InputError, abbreviate, counted, input_error, printa
 from shapefit.io import digest, open_landmarks, read_dictionary
 from shapefit.io.formats import FORMATS, find_writer
 from shapefit.io.layout import RESULTS
-from shapefit.io.stored.opening import open_stored
 from shapefit.pipelines.fit.plan import read_options
 from shapefit.pipelines.fit.settle import FIRST, plan_settling
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
@@ -32,6 +31,7 @@ from shapefit.pipelines.parts.cluster import (
 )
 from shapefit.pipelines.parts.manifest import (
     Manifest,
+    damage_of,
     describe,
     held_folder,
     read_manifest,
@@ -42,7 +42,6 @@ from shapefit.pipelines.parts.plan import Part, plan_parts
 from shapefit.pipelines.parts.spans import overlapping
 from shapefit.stores.listing import files_in
 from shapefit.stores.options import STORAGE_OPTIONS
-from shapefit.stores.states import find_state
 from shapefit.stores.urls import UrlPath
 from shapefit.stores.writing import remove
 
@@ -122,22 +121,11 @@ def _known(folder: ResultFolder, terms: dict[str, str]) -> tuple[Manifest, str |
         name: entry for name, entry in known.parts.items() if there.get(name) == entry.get("bytes")
     }
     damaged = [
-        name for name, entry in known.parts.items() if _is_damaged(folder.path / name, entry)
+        name for name, entry in known.parts.items() if damage_of(folder.path / name, entry)
     ]
     for name in damaged:
         del known.parts[name]
     return known, f"damaged, and done again: {abbreviate(damaged)}" if damaged else None
-
-
-def _is_damaged(result: Path, entry: Mapping[str, object]) -> bool:
-    """Whether a result was touched since it was written, and does not open any more."""
-    if isinstance(result, UrlPath) or find_state(result) == (entry["bytes"], entry.get("written")):
-        return False
-    try:
-        open_stored(result, RESULTS).close()
-    except InputError:
-        return True
-    return False
 
 
 def _dry(parts: Sequence[Part], manifest: Manifest) -> Outcome:

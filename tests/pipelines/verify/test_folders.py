@@ -167,9 +167,36 @@ LIES = [
 @pytest.mark.parametrize("lie", LIES, ids=[lie.__name__ for lie in LIES])
 def test_a_changed_folder_is_found(folder, honest, verify, dictionaries, landmarks, lie):
     lie(folder, honest["other"])
-    assert verify(folder, dictionaries["cars"], [landmarks["cars"]]).failures
+    found = verify(folder, dictionaries["cars"], [landmarks["cars"]])
+    assert found.failures
+    if lie is lose_file:
+        assert "Of 64 of 108 images: the optimum" in found.note
     if lie is not cut_last_with_file:  # which only the landmarks know
         assert verify(folder, dictionaries["cars"]).failures
+
+
+def damage(part, first=20000):
+    data = bytearray(part.read_bytes())
+    data[first : first + 10000] = bytes(10000)
+    part.write_bytes(data)
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_damaged_part_is_named_and_the_others_are_checked(folder, verify, dictionaries, number):
+    damage(folder / f"part-0000{number}.h5", 2000)
+    found = verify(folder, dictionaries["cars"])
+    (reason,) = found.failures.values()
+    assert (found.done, list(found.failures)) == ([44, 64][number], [f"part-0000{number}.h5"])
+    assert "cannot be read" in reason
+    assert f"Of {found.done} of 108 images: the optimum" in found.note
+
+
+def test_a_folder_of_damaged_parts_is_refused(folder, verify, dictionaries):
+    for part in folder.glob("part-*"):
+        damage(part, 2000)
+    with pytest.raises(InputError) as found:
+        verify(folder, dictionaries["cars"])
+    assert [f"part-0000{number}.h5" in str(found.value) for number in (0, 1)] == [True, True]
 
 
 def test_parts_outside_the_folder_are_never_read(folder, honest, verify, dictionaries):
