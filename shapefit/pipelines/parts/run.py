@@ -120,9 +120,7 @@ def _known(folder: ResultFolder, terms: dict[str, str]) -> tuple[Manifest, str |
     known.parts = {
         name: entry for name, entry in known.parts.items() if there.get(name) == entry.get("bytes")
     }
-    damaged = [
-        name for name, entry in known.parts.items() if damage_of(folder.path / name, entry)
-    ]
+    damaged = [name for name, entry in known.parts.items() if damage_of(folder.path / name, entry)]
     for name in damaged:
         del known.parts[name]
     return known, f"damaged, and done again: {abbreviate(damaged)}" if damaged else None
