@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.config import ViewConfig
-from shapefit.errors import input_error
+from shapefit.errors import InputError, input_error
 from shapefit.io.kinds.listing import Listing, list_file
 from shapefit.io.options import InputOptions
+from shapefit.io.sources import source_name
 from shapefit.pipelines.items import ChosenItems
+from shapefit.pipelines.outcome import Failure
 
 EVERY = ("*",)
 """Patterns that choose all items."""
@@ -26,11 +28,13 @@ class Listed:
     """The listings of each name, with the chosen items; every `step`-th where they are many.
 
     count   the chosen images of the name that has most of them
+    unread  the files that cannot be read, and why; each name has another
     """
 
     listings: Mapping[str, tuple[Listing, ...]]
     count: int
     step: int = 1
+    unread: tuple[Failure, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -61,15 +65,21 @@ class _Part:
 def list_files(config: ViewConfig, options: InputOptions, kept: Collection[str] = ()) -> Listed:
     """List the files of each name; the items `kept` are never left out.
 
-    Raises InputError for what is wrong with a file, and where no item is chosen.
+    Raises InputError for a name of which no file can be read, and where no item is chosen.
     """
     chosen = ChosenItems("items", config.items)
     held: dict[str, list[_Part]] = {name: [] for name in config.files}
     found, counted, step = 0, 0, 1
+    unread: list[Failure] = []
     for name, files in config.files.items():
-        own = 0
+        own, lost = 0, []
         for file in files:
-            listing = list_file(file, options)
+            try:
+                listing = list_file(file, options)
+            except InputError as error:
+                lost += error.problems
+                unread.append(Failure(source_name(file), "; ".join(error.problems)))
+                continue
             found += len(listing.items)
             part = _Part(listing, np.arange(len(listing.items)))
             if config.items != EVERY:
@@ -79,6 +89,8 @@ def list_files(config: ViewConfig, options: InputOptions, kept: Collection[str] 
             while sum(len(each.rows) for each in held[name]) > max(MOST_LISTED, len(kept)):
                 step *= 2
                 held = {n: [each.every(step, kept) for each in parts] for n, parts in held.items()}
+        if not held[name]:
+            raise InputError(lost)
         counted = max(counted, own)
     if not counted:
         places = ", ".join(str(file) for files in config.files.values() for file in files)
@@ -86,4 +98,4 @@ def list_files(config: ViewConfig, options: InputOptions, kept: Collection[str] 
             raise input_error("items", f"no item of {places} fits", "correct the names or globs")
         raise input_error(places, "holds no images", "check the run that wrote it")
     listings = {n: tuple(each.listing for each in parts) for n, parts in held.items()}
-    return Listed(listings, counted, step)
+    return Listed(listings, counted, step, tuple(unread))

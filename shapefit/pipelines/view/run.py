@@ -14,7 +14,7 @@ from shapefit.errors import input_error, listed
 from shapefit.io.kinds.listing import Listing
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_path, check_output
-from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.pipelines.reading import input_options
 from shapefit.pipelines.view.assembly import assemble
 from shapefit.pipelines.view.files import list_files
@@ -37,8 +37,8 @@ ROUNDS = 4
 def run(config: ViewConfig) -> Iterator[Outcome]:
     """Write the page; yields one Outcome with what the page lacks as warnings.
 
-    Raises InputError for files that cannot be read or shown together, and where the page cannot be
-    written.
+    Files that cannot be read are failures where their name has others. Raises InputError where it
+    has none, for files that cannot be shown together, and where the page cannot be written.
     """
     output = check_page(config)
     page = make_page(config)
@@ -46,6 +46,7 @@ def run(config: ViewConfig) -> Iterator[Outcome]:
         temporary.write_bytes(page.html)
     yield Outcome(
         done=len(page.scene.items),
+        failures=page.unread,
         warnings=tuple(page.scene.notes),
         note=f"{len(page.html) / MEGABYTE:.1f} MB",
         written=(output,),
@@ -71,10 +72,11 @@ def check_page(config: ViewConfig) -> Path:
 
 @dataclass(frozen=True)
 class Page:
-    """The page in UTF-8, and what it shows."""
+    """The page in UTF-8, what it shows, and the files that cannot be read."""
 
     html: bytes
     scene: Scene
+    unread: tuple[Failure, ...]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # beyond 32-bit floats a value is not finite: missing
@@ -89,7 +91,7 @@ def make_page(config: ViewConfig, kept: Collection[str] = ()) -> Page:
     for _ in range(ROUNDS):
         frames = thin(whole, step, kept)
         scene = assemble(config, listed.listings, frames)
-        page = Page(viewer_page(scene).encode("utf-8", "xmlcharrefreplace"), scene)
+        page = Page(viewer_page(scene).encode("utf-8", "xmlcharrefreplace"), scene, listed.unread)
         if len(page.html) <= most or len(frames.items) <= max(1, len(kept)):
             break
         step = math.ceil(step * 1.02 * len(page.html) / most)

@@ -10,7 +10,7 @@ from shapefit.errors import InputError
 from shapefit.io.options import AS_THEY_ARE
 from shapefit.pipelines.view import files as module
 from shapefit.pipelines.view.files import list_files
-from shapefit.pipelines.view.run import make_page
+from shapefit.pipelines.view.run import make_page, run
 
 
 @pytest.fixture
@@ -60,3 +60,14 @@ def test_a_page_of_some_frames_says_so(parts):
     assert len(page.scene.items) == 70
     for layer in page.scene.layers:
         assert np.isfinite(layer.points).all()
+
+
+def test_files_that_cannot_be_read_are_named_and_the_others_shown(parts, tmp_path):
+    for part in parts[1:3]:
+        part.write_bytes(part.read_bytes()[:1000])
+    (outcome,) = run(ViewConfig(files={"fit": parts}, output=tmp_path / "page.html"))
+    assert [failure.item for failure in outcome.failures] == [str(part) for part in parts[1:3]]
+    assert outcome.done == 8 * 7  # every 16th
+    with pytest.raises(InputError, match="part-1") as found:
+        make_page(ViewConfig(files={"fit": parts, "two": parts[1:3]}))
+    assert len(found.value.problems) == 2
