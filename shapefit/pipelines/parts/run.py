@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 from typing import get_args
 
@@ -42,7 +42,6 @@ from shapefit.pipelines.parts.plan import Part, plan_parts
 from shapefit.pipelines.parts.spans import overlapping
 from shapefit.stores.listing import files_in
 from shapefit.stores.options import STORAGE_OPTIONS
-from shapefit.stores.urls import UrlPath
 from shapefit.stores.writing import remove
 
 OF_THE_RUN = (
