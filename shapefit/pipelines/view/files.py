@@ -72,7 +72,8 @@ def list_files(config: ViewConfig, options: InputOptions, kept: Collection[str] 
     found, counted, step = 0, 0, 1
     unread: list[Failure] = []
     for name, files in config.files.items():
-        own, lost = 0, []
+        own = 0
+        lost: list[str] = []
         for file in files:
             try:
                 listing = list_file(file, options)
