@@ -225,7 +225,7 @@ def array(path: Path) -> Reading:
 
 
 def long_table(path: Path) -> Reading:
-    """Read a row per landmark."""
+    """Read a row per landmark; 0, 0, 0 is missing."""
     table = pandas.read_csv(path)
     if list(table) != ["Filename", "Bodypart", "X", "Y", "Score"]:
         raise ValueError("other columns have a meaning that this reader does not know")
@@ -234,4 +234,6 @@ def long_table(path: Path) -> Reading:
     for image, name, *numbers in table.itertuples(index=False):
         empty = np.full((1, len(names), 3), np.nan)
         found.setdefault(str(image), empty)[0, names.index(str(name))] = numbers
-    return names, list(found.values())
+    return names, [
+        np.where(frame.any(axis=2, keepdims=True), frame, np.nan) for frame in found.values()
+    ]

@@ -1,7 +1,7 @@
-"""HDF5 files are opened by a child process first: on damaged ones libhdf5 may hang or crash.
+"""Files are opened by a child process first: on damaged ones a library may hang or crash.
 
-The child is forked, so it has h5py at hand and costs some milliseconds. It walks through all that
-is not numbers: groups, attributes, types, the indices of chunks, and the first texts.
+The child is forked, so it has the library at hand and costs some milliseconds. In HDF5 it walks
+through all that is not numbers: groups, attributes, types, the indices of chunks, the first texts.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import gc
 import os
 import signal
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -26,19 +27,22 @@ from shapefit.stores.states import find_state
 
 SECONDS = 5
 """Of the processor that the child may take, and one more for every BYTES_A_SECOND of the file."""
-BYTES_A_SECOND = 50_000_000
+BYTES_A_SECOND = 10_000_000
 
 LONGEST = 300
 """Seconds by the clock, for disks that do not answer."""
 
 MEMORY = 1 << 30
-"""Bytes that the child may take, beside the size of the file."""
+"""Bytes that the child may take, beside what the file itself takes in memory."""
 
 FIRST_TEXTS = 4096
 """Entries that are read of each dataset whose values lie elsewhere in the file."""
 
 NO_MEMORY, NOT_LISTED = 1, 2
 """Exit codes of the child; what a reader will report itself is 0."""
+
+Walk = Callable[[Path], int]
+"""Opens a file by a library; returns an exit code of the child."""
 
 DAMAGED = "the file is damaged: copy or make it again"
 WRITTEN = "user.shapefit.written"
@@ -47,18 +51,22 @@ WRITTEN = "user.shapefit.written"
 INSTALLED = Path(shapefit.__file__).parent
 
 
-def try_opening(path: Path) -> None:
-    """Raise InputError for a file on which libhdf5 hangs, crashes or fills the memory.
+def try_opening(
+    path: Path, walk: Walk | None = None, library: str = "libhdf5", expands: int = 1
+) -> None:
+    """Raise InputError for a file on which a library hangs, crashes or fills the memory.
 
-    What it reports itself is left to the reader. A file that did not change is tried once; those
-    that are installed with the package, or as this program wrote them, never.
+    `walk` opens the file by it and returns an exit code; None walks through HDF5. A sound file
+    takes at most `expands` times its size in memory. What the library reports itself is left to
+    the reader. A file that did not change is tried once; those that are installed with the package,
+    or as this program wrote them, never.
     """
     state = find_state(path)
     if state is None or not hasattr(os, "fork") or INSTALLED in path.parents:
         return
     if _is_as_written(path, state):
         return
-    found = _tried(path, state)
+    found = _tried(path, state, walk, library, expands)
     if found is not None:
         raise input_error(path, found, DAMAGED)
 
@@ -86,30 +94,33 @@ def _words(state: State) -> bytes:
 
 
 @lru_cache(maxsize=4096)
-def _tried(path: Path, state: State) -> str | None:
+def _tried(path: Path, state: State, walk: Walk | None, library: str, expands: int) -> str | None:
     """Let a child walk through the file; return what became of it, None where all was well."""
-    seconds, memory = SECONDS + state[0] // BYTES_A_SECOND, MEMORY + state[0]
+    seconds, memory = SECONDS + state[0] // BYTES_A_SECOND, MEMORY + expands * state[0]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # forks of threads: h5py holds its lock
+        # a signal that comes in a fork can be lost
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
         child = os.fork()
     if child == 0:
-        _walk_and_exit(path, seconds, memory)
+        _walk_and_exit(path, seconds, memory, walk or _walk)
     try:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     except BaseException:  # a signal that ends this process
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         raise
     if code in (-signal.SIGXCPU, -signal.SIGALRM):
-        return f"cannot be read (libhdf5 does not come to an end within {seconds} s)"
+        return f"cannot be read ({library} does not come to an end within {seconds} s)"
     if code == NO_MEMORY:
-        return f"cannot be read (libhdf5 asks for more than {in_words(memory)} of memory)"
+        return f"cannot be read ({library} asks for more than {in_words(memory)} of memory)"
     if code == NOT_LISTED:
         return "cannot be read (what it holds cannot be listed)"
-    return f"cannot be read (libhdf5 crashes: {signal.Signals(-code).name})" if code < 0 else None
+    return f"cannot be read ({library} crashes: {signal.Signals(-code).name})" if code < 0 else None
 
 
-def _walk_and_exit(path: Path, seconds: int, memory: int) -> NoReturn:
+def _walk_and_exit(path: Path, seconds: int, memory: int, walk: Walk) -> NoReturn:
     """Walk through a file in this process, which does nothing else and leaves without unwinding."""
     code = 0
     try:
@@ -118,9 +129,12 @@ def _walk_and_exit(path: Path, seconds: int, memory: int) -> NoReturn:
         for number in (signal.SIGTERM, signal.SIGALRM, signal.SIGHUP):
             signal.signal(number, signal.SIG_DFL)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+        signal.pthread_sigmask(signal.SIG_SETMASK, ())
         signal.alarm(LONGEST + seconds)
         _limit(seconds, memory)
-        code = _walk(path)
+        code = walk(path)
+    except MemoryError:
+        code = NO_MEMORY
     finally:
         os._exit(code)
 

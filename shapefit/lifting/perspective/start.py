@@ -30,7 +30,7 @@ def place_in_depth(
     least = 0.1 * np.sqrt(
         spread * np.einsum("nap,nap,np->n", *(2 * (rays - ray[..., None],)), share)
     )
-    with np.errstate(divide="ignore"):  # the camera cannot tell the landmarks apart
+    with np.errstate(divide="ignore", invalid="ignore"):  # landmarks that are all in one place
         depth = spread / np.maximum(overlap, least)
     t = np.empty((len(W), 3))
     t[:, :2] = ray * depth[:, None] - middle[:, :2]

@@ -89,15 +89,25 @@ def test_a_cut_off_file_is_refused_before_ezc3d_sees_it(c3d):
             read(path)
 
 
-def test_damaged_parameters_are_refused_before_ezc3d_sees_them(c3d):
-    """A record whose name is too long sends ezc3d anywhere, and the process may die."""
+def test_damaged_parameters_are_refused(c3d):
+    """A record whose name is too long sends ezc3d anywhere."""
     path, _ = c3d()
     whole = path.read_bytes()
     place = whole.index(b"POINT") - 2
     for wrong in (127, 130):
         path.write_bytes(whole[:place] + bytes([wrong]) + whole[place + 1 :])
-        with pytest.raises(InputError, match="parameters are damaged"):
+        with pytest.raises(InputError, match=r"walk\.c3d: cannot be read"):
             read(path)
+
+
+@pytest.mark.real_data
+def test_a_file_on_which_ezc3d_crashes_is_named(real_data, tmp_path):
+    data = bytearray((real_data / "formats/motion/runway03.c3d").read_bytes())
+    path = tmp_path / "walk.c3d"
+    data[4165] = 246  # labels of a group become a group
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=r"walk\.c3d: cannot be read \(ezc3d crashes"):
+        read(path)
 
 
 def test_a_negative_residual_is_missing_whatever_the_point(c3d, monkeypatch):
