@@ -18,6 +18,7 @@ from shapefit.convex.certificate import certify_transforms
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution, Status
 from shapefit.convex.spectral_norm import sum_and_difference
+from shapefit.convex.transforms import Transforms
 
 BATCH = 256
 CHECK_EVERY = 10
@@ -69,7 +70,17 @@ def solve_admm(
         return Status.CONVERGED if stopped[image] else Status.ITERATION_LIMIT
 
     status = tuple(judge(image) for image in range(n))
-    return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)
+    return Solution(
+        Transforms.of(transforms),
+        translation,
+        dual,
+        errors,
+        objective,
+        gap,
+        residual,
+        steps,
+        status,
+    )
 
 
 def prox_spectral_norm(Q: Floats, t: Floats | float) -> Floats:

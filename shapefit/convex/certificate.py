@@ -10,6 +10,7 @@ from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.spectral_norm import nuclear_norm
+from shapefit.convex.transforms import Transforms
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ def certify_transforms(
     objective, gap, residual, T = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 2))
     core.certify(
         **problem.arrays, delta=float(problem.loss.has_quadratic), bound=problem.bound, threads=0,
-        transforms=np.require(transforms, np.float64, ("C", "W")), translation=T, dual=Y, errors=E,
+        **Transforms.of(transforms).arrays, translation=T, dual=Y, errors=E,
         objective=objective, relative_gap=gap, residual=residual,
     )  # fmt: skip
     return Certificate(objective, gap, residual, T, E, Y)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
+from shapefit.convex.transforms import Transforms
 
 
 class Status(Enum):
@@ -29,14 +30,14 @@ class Status(Enum):
 class Solution:
     """Optimum of the convex program for n images.
 
-    transforms M (n, k, 2, 3); translation T (n, 2); dual Y (n, 2, p), feasible up to scaling;
+    transforms M; translation T (n, 2); dual Y (n, 2, p), feasible up to scaling;
     errors E (n, 2, p), the sparse errors of a robust loss in the units of the landmarks, else
     zero; objective and relative_gap (n,), computed from scratch at the end; residual (n,),
     ||Omega o (W - sum M_i B_i - T 1^T)||_F / ||Omega o (W - mean)||_F; iterations (n,);
     status, a Status per image.
     """
 
-    transforms: Floats
+    transforms: Transforms
     translation: Floats
     dual: Floats
     errors: Floats

@@ -24,6 +24,7 @@ struct Kernels {
     void (*find_consensus)(const ConsensusData&, Range);
     void (*find_posterior)(const PosteriorData&, Range);
     void (*pursue)(const PursuitData&, Range);
+    void (*reconstruct)(const ReconstructionData&, Range);
     void (*refine_perspective)(const PerspectiveData&, Range);
     void (*synchronise)(const SynchronisationData&, Range);
     void (*find_optimum)(const GlobalData&, Range);
@@ -49,6 +50,7 @@ struct Parts {
     long (*expand)(Matrix<const double> y, Vector<const double> omega, Matrix<double> out);
     double (*soft_squared)(const SoftData&);
     double (*climb)(Tensor<const double> blocks, Matrix<double> R);
+    void (*nearest_rotation)(Matrix<const double> A, Matrix<double> R);
     bool (*polar_rotation)(Matrix<const double> A, Matrix<double> R);
     void (*draw_triple)(Vector<const int64_t> candidates, Vector<uint64_t> state,
                         Vector<int64_t> triple);

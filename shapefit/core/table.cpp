@@ -9,6 +9,7 @@
 #include "dictionary/coding.hpp"
 #include "lifting/alternation.hpp"
 #include "lifting/pose.hpp"
+#include "lifting/reconstruction.hpp"
 #include "lifting/rotation_step.hpp"
 #include "lifting/scaled_coefficients.hpp"
 #include "lifting/synchronisation.hpp"
@@ -47,6 +48,7 @@ const Level table = {
             .find_consensus = find_consensus,
             .find_posterior = find_posterior,
             .pursue = pursue,
+            .reconstruct = reconstruct,
             .refine_perspective = refine_perspective,
             .synchronise = synchronise,
             .find_optimum = find_optimum,
@@ -70,6 +72,7 @@ const Level table = {
             .expand = expand_part,
             .soft_squared = soft_part,
             .climb = climb,
+            .nearest_rotation = nearest_rotation,
             .polar_rotation = polar_rotation,
             .draw_triple = draw_candidates,
             .find_area = area_of,

@@ -72,7 +72,7 @@ def recover(
     found = solve_newton(problem, tolerance=tolerance, max_iterations=max_iterations, threads=1)
     M = instance.transforms
     return Attempt(
-        error=float(np.linalg.norm(found.transforms[0] - M) / np.linalg.norm(M)),
+        error=float(np.linalg.norm(found.transforms.dense()[0] - M) / np.linalg.norm(M)),
         relative_gap=float(found.relative_gap[0]),
         residual=float(found.residual[0]),
         iterations=int(found.iterations[0]),

@@ -12,13 +12,22 @@ from shapefit.lifting.reconstruction import reconstruct
 def lift_convex(problem: Problem, settings: Settings) -> Estimate:
     """Solve the convex program and complete each transform (paper, section Reconstruction)."""
     solution = settings.solve(problem)
-    found = reconstruct(solution.transforms, problem.atoms, orthogonal=settings.orthogonal)
+    found = reconstruct(
+        solution.transforms,
+        problem.atoms,
+        orthogonal=settings.orthogonal,
+        threads=settings.threads,
+    )
+    residual = solution.residual
+    if settings.orthogonal:  # the shapes are not those that the program was solved with
+        placed = fit_translation(problem, found.shapes[:, :2], solution.translation)
+        residual = placed.residual
     return Estimate(
         shapes=found.shapes,
         translation=solution.translation,
         rotation=found.rotation,
         objective=solution.objective,
-        residual=fit_translation(problem, found.shapes[:, :2], solution.translation).residual,
+        residual=residual,
         iterations=solution.iterations,
         status=solution.status,
         coefficients=found.coefficients,

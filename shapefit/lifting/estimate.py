@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution, Status
+from shapefit.convex.transforms import Transforms
 
 if TYPE_CHECKING:
     from shapefit.lifting.global_optimum.modes import Modes
@@ -27,11 +28,11 @@ STATUS = (Status.CONVERGED, Status.ITERATION_LIMIT, Status.DEGENERATE, Status.NU
 class ConvexProof:
     """What proves the optimum of the convex program for n images, in normalised units.
 
-    transforms M (n, k, 2, 3) and translation T (n, 2), at which the objective P (n,) is taken;
+    transforms M and translation T (n, 2), at which the objective P (n,) is taken;
     dual Y (n, 2, p), feasible, whose value D makes the relative_gap (P - D) / P (n,).
     """
 
-    transforms: Floats
+    transforms: Transforms
     translation: Floats
     dual: Floats
     objective: Floats
@@ -53,7 +54,7 @@ class Estimate:
     iterations (n,); status, a Status per image.
 
     None where the method has no such thing: coefficients (n, k) and active_atoms (n,), how many
-    of them are not 0; transforms M (n, k, 2, 3); relative_gap (n,); tight (n,), as in
+    of them are not 0; transforms M; relative_gap (n,); tight (n,), as in
     Reconstruction; outliers (n, p), the landmarks that a robust loss or a search
     before the fit set aside; deviation (n, 3, p) and covariance (n, 3p, 3p; all x, then y, then z),
     how uncertain shapes + T are; posterior_modes of each image, from which sequences are inferred;
@@ -75,7 +76,7 @@ class Estimate:
     status: tuple[Status, ...]
     coefficients: Floats | None = None
     active_atoms: NDArray[np.int64] | None = None
-    transforms: Floats | None = None
+    transforms: Transforms | None = None
     relative_gap: Floats | None = None
     tight: NDArray[np.bool_] | None = None
     outliers: NDArray[np.bool_] | None = None
@@ -148,24 +149,21 @@ def replace_rows(some: Estimate, rows: NDArray[np.intp], whole: Estimate) -> Est
     Raises ValueError where one has a field that the other lacks.
     """
     changes: dict[str, Any] = {}
+    order = np.arange(len(whole.status))
+    order[rows] = len(order) + np.arange(len(rows))
     for name in (each.name for each in fields(Estimate)):
         old, new = getattr(whole, name), getattr(some, name)
         if (old is None) != (new is None):
             raise ValueError(f"{name} is in one of the estimates only")
         if isinstance(old, np.ndarray):
-            changes[name] = _with_rows(old, rows, new)
+            changes[name] = np.concatenate([old, new])[order]
+        elif isinstance(old, Transforms):
+            changes[name] = Transforms.joined([old, new]).take(order)
     if some.further.keys() != whole.further.keys():
         raise ValueError("further datasets are in one of the estimates only")
     changes["further"] = {
-        name: _with_rows(values, rows, some.further[name]) for name, values in whole.further.items()
+        name: np.concatenate([values, some.further[name]])[order]
+        for name, values in whole.further.items()
     }
-    status = list(whole.status)
-    for row, word in zip(rows.tolist(), some.status, strict=True):
-        status[row] = word
-    return replace(whole, status=tuple(status), **changes)
-
-
-def _with_rows(old: NDArray[Any], rows: NDArray[np.intp], new: NDArray[Any]) -> NDArray[Any]:
-    values = old.copy()
-    values[rows] = new
-    return values
+    status = (*whole.status, *some.status)
+    return replace(whole, status=tuple(status[row] for row in order.tolist()), **changes)

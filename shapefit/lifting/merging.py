@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
+from shapefit.convex.transforms import Transforms
 from shapefit.lifting.lift import Lifting
 
 Indices = NDArray[np.integer]
 
 # What has an axis of atoms, after that of the images; an atom that a group lacked had no part: 0.
-PER_ATOM = ("coefficients", "transforms")
+PER_ATOM = ("coefficients",)
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,12 @@ class _Merger:
                     self._with_all_atoms(*pair) for pair in zip(values, self._groups, strict=True)
                 ]
             return self._in_order(values)
+        if isinstance(first, Transforms):
+            of_all = [
+                replace(value, atom=group.atoms[value.atom], k=self._k)
+                for value, group in zip(values, self._groups, strict=True)
+            ]
+            return Transforms.joined(of_all).take(self._rank)
         if isinstance(first, tuple):
             joined = self._in_order([np.array(value, dtype=object) for value in values])
             return tuple(joined)

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.spectral_norm import spectral_norm
-from shapefit.geometry.rotations import complete_rotation, nearest_rotation
+from shapefit.convex.transforms import Transforms
+from shapefit.geometry.rotations import complete_rotation
 
 # An atom is active where its coefficient is more than this share of the largest one.
 ACTIVE = 1e-6
-# A transform is orthogonal where ||M M^T / c^2 - I||_F is at most this.
-ORTHOGONAL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -61,34 +61,22 @@ def is_active(coefficients: Floats) -> NDArray[np.bool_]:
     return active
 
 
-def reconstruct(M: Floats, atoms: Floats, *, orthogonal: bool = False) -> Reconstruction:
-    """S = sum_i c_i R_i B_i (paper, eq. new3dmodel); M (n, k, 2, 3), atoms B (k, 3, p).
+def reconstruct(
+    M: Transforms, atoms: Floats, *, orthogonal: bool = False, threads: int = 0
+) -> Reconstruction:
+    """S = sum_i c_i R_i B_i (paper, eq. new3dmodel) of n images, atoms B (k, 3, p).
 
-    R_i completes M_i / c_i, or is the rotation nearest to it where `orthogonal`. Most transforms
-    are 0, so the work is done on the list of the others.
+    R_i completes M_i / c_i, or is the rotation nearest to it where `orthogonal`; `threads` = 0
+    means all cores. The method is written down in shapefit/core/lifting/reconstruction.hpp.
     """
-    n, k = M.shape[:2]
-    flat = M.reshape(n, k, 6)
-    image, atom = np.nonzero(np.einsum("nke,nke->nk", flat, flat))
-    blocks = M[image, atom]
-    c = spectral_norm(blocks)
-    coefficients = np.zeros((n, k))
-    coefficients[image, atom] = c
-    turned = np.zeros((n, 3, k, 3))
-    turned[image, :, atom] = (orthogonal_transforms if orthogonal else complete_transforms)(blocks)
-    shapes = turned.reshape(n, 3, 3 * k) @ atoms.reshape(3 * k, -1)
-
-    active = is_active(coefficients)
-    total = turned.sum(axis=2)
-    rotation = np.full((n, 3, 3), np.nan)
-    known = np.isfinite(total).all(axis=(1, 2)) & active.any(axis=1)
-    rotation[known] = nearest_rotation(total[known])
-
-    gram = blocks @ blocks.swapaxes(-1, -2) / (c**2)[:, None, None]
-    skewed = np.linalg.norm(gram - np.eye(2), axis=(-2, -1)) > ORTHOGONAL
-    tight = np.asarray(active.any(axis=1))
-    tight[image[skewed & active[image, atom]]] = False
-    return Reconstruction(shapes, coefficients, rotation, active.sum(axis=1), tight)
+    n, p = len(M.count), atoms.shape[2]
+    shapes, rotation = np.zeros((n, 3, p)), np.full((n, 3, 3), np.nan)
+    sizes, active, tight = np.empty(len(M.atom)), np.empty(n, np.int64), np.empty(n, bool)
+    core.reconstruct(
+        **M.arrays, atoms=atoms, orthogonal=orthogonal, threads=threads,
+        sizes=sizes, shapes=shapes, rotation=rotation, active=active, tight=tight,
+    )  # fmt: skip
+    return Reconstruction(shapes, M.spread(sizes), rotation, active, tight)
 
 
 def combine(coefficients: Floats, atoms: Floats) -> Floats:

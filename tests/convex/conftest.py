@@ -122,7 +122,7 @@ def check_certificate(problem: Problem, solution: Solution, tolerance: float) ->
     """All images are OPTIMAL, and the independent certificate says so too."""
     assert set(solution.status) == {Status.OPTIMAL}
     P, D, residual = numpy_certificate(
-        problem, solution.transforms, solution.translation, solution.dual
+        problem, solution.transforms.dense(), solution.translation, solution.dual
     )
     rounding = 1e-15 * np.abs(problem.landmarks).max() * problem.landmarks[0].size  # of W - T
     np.testing.assert_allclose(P, solution.objective, rtol=1e-9, atol=rounding)

@@ -27,7 +27,9 @@ def assert_agreement(problem: Problem, iterations: int) -> None:
     # and so do the fits that are strongly convex in the data: 1/2 ||A - B||^2 <= P - D
     omega = problem.weights[:, None, :]
     difference = (
-        np.einsum("nkab,kbp->nap", fast.transforms - reference.transforms, problem.atoms)
+        np.einsum(
+            "nkab,kbp->nap", fast.transforms.dense() - reference.transforms.dense(), problem.atoms
+        )
         + (fast.translation - reference.translation)[..., None]
     )
     distance = np.linalg.norm((omega * difference).reshape(len(omega), -1), axis=1)

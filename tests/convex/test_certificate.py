@@ -76,7 +76,9 @@ def test_no_point_lies_below_any_bound(
     best = solve_newton(problem, tolerance=1e-10)
     for size in (0, 1e-6, 1e-3, 1.0):
         M, Y, _ = random_point(problem, rng)
-        found = certify_transforms(problem, best.transforms + size * M, best.dual + size * Y)
+        found = certify_transforms(
+            problem, best.transforms.dense() + size * M, best.dual + size * Y
+        )
         P, D = found.objective, found.objective * (1 - found.relative_gap)
         assert (P >= best.objective * (1 - 1e-9)).all()
         assert (D <= best.objective * (1 + 1e-12)).all()
@@ -120,7 +122,7 @@ def test_lambda_max_is_the_least_lambda_with_optimum_zero(
         at = build_problem(problem.landmarks, problem.atoms, factor * top, weights=problem.weights)
         solution = solve_newton(at, tolerance=1e-12)
         assert set(solution.status) == {Status.OPTIMAL}
-        return np.abs(solution.transforms).max(axis=(1, 2, 3))
+        return np.abs(solution.transforms.dense()).max(axis=(1, 2, 3))
 
     assert not solve(1 + 1e-12).any()
     assert not solve(10.0).any()

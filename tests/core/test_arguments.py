@@ -7,13 +7,15 @@ import pytest
 
 from building.core_stub import stub
 from shapefit import core
+from shapefit.convex.transforms import Transforms
 
 N, K = 3, 2
 
 
 @pytest.fixture
 def arguments():
-    return {"transforms": np.ones((N, K, 2, 3)), "rotation": np.zeros((N, 3, 3)), "threads": 1}
+    M = Transforms.of(np.ones((N, K, 2, 3)))
+    return {**M.arrays, "rotation": np.zeros((N, 3, 3)), "threads": 1}
 
 
 def test_the_stub_is_that_of_the_core(project):
@@ -23,7 +25,7 @@ def test_the_stub_is_that_of_the_core(project):
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("rotation", np.zeros((N + 1, 3, 3)), r"\(n 3 3\) with n = 3, k = 2, not float64 \(4,"),
+        ("rotation", np.zeros((N + 1, 3, 3)), r"\(n 3 3\) with n = 3, a = 6, not float64 \(4,"),
         ("rotation", np.zeros((N, 3, 4)), "rotation must be"),
         ("rotation", np.zeros((N, 9)), "rotation must be"),
         ("rotation", np.zeros((N, 3, 3), np.float32), "not float32"),
@@ -32,7 +34,7 @@ def test_the_stub_is_that_of_the_core(project):
         ("rotation", None, "not NoneType"),
         ("threads", "all", "threads must be an integer"),
         ("threads", 1.5, "threads must be an integer"),
-        ("further", 1, "4 arguments, 3 are known"),
+        ("further", 1, "7 arguments, 6 are known"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused(arguments, name, value, message):
@@ -50,8 +52,8 @@ def test_what_lacks_is_named(arguments):
 def test_what_is_only_read_may_be_of_another_layout(arguments):
     core.synchronise(**arguments)
     found = np.zeros((N, 3, 3))
-    turned = arguments["transforms"].astype(np.float32).swapaxes(0, 1).copy().swapaxes(0, 1)
-    core.synchronise(**{**arguments, "transforms": turned, "rotation": found})
+    turned = arguments["blocks"].astype(np.float32).swapaxes(0, 1).copy().swapaxes(0, 1)
+    core.synchronise(**{**arguments, "blocks": turned, "rotation": found})
     np.testing.assert_array_equal(found, arguments["rotation"])
 
 

@@ -144,7 +144,9 @@ def test_a_planted_optimum_comes_back(planted, convex):
     found = lift(landmarks, np.ones((1, 14)), atoms, Program(lam=lam), convex)
     np.testing.assert_allclose(found.estimate.coefficients[0], c, atol=1e-4)
     for i in range(3):
-        np.testing.assert_allclose(found.estimate.transforms[0, i] / c[i], rows[i], atol=1e-4)
+        np.testing.assert_allclose(
+            found.estimate.transforms.dense()[0, i] / c[i], rows[i], atol=1e-4
+        )
     R = np.stack([np.vstack([r, np.cross(r[0], r[1])]) for r in rows])
     S = np.einsum("k,kab,kbp->ap", c, R, atoms)
     np.testing.assert_allclose(found.shapes[0, 2], 120 * S[2], atol=0.05)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.learning import learn
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera
@@ -100,7 +101,7 @@ def test_camera_frame_is_the_formula(rng):
 def test_per_atom_rotations_give_the_shapes_of_the_fit(rng):
     B, M = rng.normal(size=(4, 3, 6)), rng.normal(size=(2, 4, 2, 3))
     s, T = np.array([3.0, 0.5]), np.array([[10.0, 20], [-1, 4]])
-    expected = s[:, None, None] * reconstruct(M, B).shapes
+    expected = s[:, None, None] * reconstruct(Transforms.of(M), B).shapes
     expected[:, :2] += T[..., None]
     np.testing.assert_allclose(camera_frame_sheared(B, M, s, T), expected, atol=1e-12)
 
@@ -108,7 +109,7 @@ def test_per_atom_rotations_give_the_shapes_of_the_fit(rng):
 def test_orthogonal_transforms_are_completed_as_the_fit_completes_them(rng):
     B, M = rng.normal(size=(4, 3, 6)), rng.normal(size=(2, 4, 2, 3))
     one, none = np.ones(2), np.zeros((2, 2))
-    expected = reconstruct(M, B, orthogonal=True).shapes
+    expected = reconstruct(Transforms.of(M), B, orthogonal=True).shapes
     found = camera_frame_sheared(B, M, one, none, orthogonal=True)
     np.testing.assert_allclose(found, expected, atol=1e-12)
     assert np.abs(camera_frame_sheared(B, M, one, none) - expected).max() > 0.1

@@ -34,21 +34,19 @@ double centre(Matrix<const double> W, Vector<const double> omega, Certifier& roo
 }
 
 // left -= sum M_i B_i; returns sum ||M_i||_2.
-double subtract_shapes(Tensor<const double> M, Tensor<const double> B, Matrix<double> left) {
+double subtract_shapes(const ImageTransforms& M, Tensor<const double> B, Matrix<double> left) {
     const long p = B.size[2];
     double norms = 0;
-    for (long i = 0; i < M.size[0]; ++i) {
-        const double* m = M[i].data;
+    for (long e = 0; e < M.count; ++e) {
+        const double* m = M.blocks + 6 * e;
         const double q[6] = {m[0], m[1], m[2], m[3], m[4], m[5]};
-        const Invariants<double> block = invariants(q);
-        if (block.trace == 0) continue;
-        const double* b = B[i].data;
+        const double* b = B[M.atom[e]].data;
         for (int a = 0; a < 2; ++a) {
             double* row = left[a].data;
             for (long j = 0; j < p; ++j)
                 row[j] -= m[3 * a] * b[j] + m[3 * a + 1] * b[p + j] + m[3 * a + 2] * b[2 * p + j];
         }
-        norms += spectral_norm(block);
+        norms += spectral_norm(invariants(q));
     }
     return norms;
 }
@@ -118,13 +116,12 @@ Certifier::Certifier(const ConvexProgram& data, Workspace& workspace)
       weighted(workspace.matrix<double>(2, data.atoms.size[2])),
       N(workspace.zeros<double>(6 * planes.padded_atoms)) {}
 
-void Certifier::certify(long image, const ConvexPoint& point, const ConvexProof& proof) {
+void Certifier::certify(long image, const ImageTransforms& M, const ConvexPoint& point,
+                        const ConvexProof& proof) {
     const Vector<const double> omega = program.weights[image];
     double mean[2];
     const double total = centre(program.landmarks[image], omega, *this, mean);
-    const Tensor<double> M = point.transforms[image];
-    const double norms =
-        subtract_shapes({M.data, {M.size[0], 2, 3}}, program.atoms, left);
+    const double norms = subtract_shapes(M, program.atoms, left);
     Sums sums;
     sums.primal = program.lam[image] * norms;
     for (int a = 0; a < 2; ++a) {
@@ -143,7 +140,7 @@ void certify_images(const CertificateTask& task, Range range) {
     Workspace workspace;
     Certifier certifier(task.program, workspace);
     for (long image = range.first; image < range.last; ++image)
-        certifier.certify(image, task.point, task.proof);
+        certifier.certify(image, task.transforms[image], task.point, task.proof);
 }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -24,7 +24,8 @@ struct Certifier {
     // leave, weighted by omega^2 where the loss has a quadratic. On return it holds those that
     // minimise the objective, T is written, and Y has been made orthogonal to omega and scaled until
     // it is dual feasible, so P - D bounds the distance to the optimum whatever the solver did.
-    void certify(long image, const ConvexPoint& point, const ConvexProof& proof);
+    void certify(long image, const ImageTransforms& M, const ConvexPoint& point,
+                 const ConvexProof& proof);
 };
 
 void certify_images(const CertificateTask& task, Range range);

@@ -21,10 +21,35 @@ struct ConvexProgram {
     double bound = from("bound");
 };
 
-// A point of the program and of its dual for each image.
+// The transforms of one image that are not 0: their atoms, in order, and blocks (count, 2, 3).
+struct ImageTransforms {
+    const int64_t* atom;
+    const double* blocks;
+    long count;
+};
+
+// Those of n images in one list: each has `count` of them, from `first` on.
+template <class Index, class Number>
+struct SparseTransforms {
+    Arguments& from;
+    Vector<Index> first = from("first", "n"), count = from("count", "n");
+    Vector<Index> atom = from("atom", "a");
+    Tensor<Number> blocks = from("blocks", "a 2 3");
+
+    [[gnu::always_inline]] ImageTransforms operator[](long image) const {
+        const long at = first[image];
+        return {atom.data + at, blocks.data + 6 * at, count[image]};
+    }
+};
+using GivenTransforms = SparseTransforms<const int64_t, const double>;
+// Images take their places in the list as they are done: whoever reads it must not rely on their order.
+struct FoundTransforms : SparseTransforms<int64_t, double> {
+    Vector<int64_t> used = from("used", "1");  // places that are taken
+};
+
+// A point of the dual for each image, and what of the program goes with its transforms.
 struct ConvexPoint {
     Arguments& from;
-    Blocks<double> transforms = from("transforms", "n k 2 3");  // M
     Matrix<double> translation = from("translation", "n 2");  // T
     Tensor<double> dual = from("dual", "n 2 p");  // Y
     Tensor<double> errors = from("errors", "n 2 p");  // E
@@ -42,8 +67,6 @@ struct ConvexOptions {
     Arguments& from;
     double tolerance = from("tolerance");
     long most_steps = from("most_steps");
-    // the point holds a start for each image, in place of the neighbour's
-    bool started = from("started");
 };
 
 struct ConvexEnd {
@@ -94,6 +117,7 @@ struct ConvexTask {
     Arguments& from;
     ConvexProgram program{from};
     ConvexOptions options{from};
+    FoundTransforms transforms{from};
     ConvexPoint point{from};
     ConvexProof proof{from};
     ConvexEnd end{from};
@@ -103,6 +127,7 @@ struct ConvexTask {
 struct CertificateTask {
     Arguments& from;
     ConvexProgram program{from};
+    GivenTransforms transforms{from};
     ConvexPoint point{from};
     ConvexProof proof{from};
 };

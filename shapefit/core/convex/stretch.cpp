@@ -29,6 +29,14 @@ struct Units {
     double transforms() const { return landmarks / atoms; }
 };
 
+// The transforms of an image that are not 0.
+struct ActiveList {
+    int64_t* atom;
+    double* blocks;
+    long count = 0;
+    operator ImageTransforms() const { return {atom, blocks, count}; }
+};
+
 // A solution in the units of the data, and whether there is one.
 struct Memory {
     double *M, *y;
@@ -50,6 +58,7 @@ class StretchSolver {
           room_(workspace_, padded_, p_ > 1 ? p_ - 1 : 1, robust() ? 2 * p_ : 0) {
         const auto numbers = [&](long count) { return workspace_.zeros<double>(count); };
         reduced_.data = numbers(3 * p_ * padded_);
+        active_ = {workspace_.zeros<int64_t>(padded_), numbers(6 * padded_)};
         last_weights_ = workspace_.vector<double>(p_);
         rho_ = workspace_.vector<double>(p_);
         bounds_ = numbers(p_), ones_ = numbers(p_), row_ = numbers(p_);
@@ -85,6 +94,7 @@ class StretchSolver {
         }
         task_.end.steps[image] = steps;
         give_errors_their_unit(image);
+        hand_over(image);
     }
 
   private:
@@ -136,36 +146,9 @@ class StretchSolver {
 
     // The first iterate; returns whether it is the solution of a neighbour with the same weights.
     bool start(long image, bool same_mask, double lam) {
-        bool known = false;
-        if (task_.options.started)
-            known = start_as_given(image);
-        else if (last_.known)
-            known = start_from_last(same_mask);
+        const bool known = last_.known && start_from_last(same_mask);
         if (!known) start_cold(image, lam);
-        return known && same_mask && !task_.options.started;
-    }
-
-    bool start_as_given(long image) {
-        const double* M = task_.point.transforms[image].data;
-        const double scale = 1 / units_.transforms();
-        double total = 0;
-        for (long i = 0; i < k_; ++i)
-            for (int e = 0; e < 6; ++e) {
-                iterate_.M[e * padded_ + i] = M[6 * i + e] * scale;
-                total += magnitude(M[6 * i + e]);
-            }
-        for (int a = 0; a < 2; ++a) {
-            double *E = task_.point.errors[image][a].data, *Y = task_.point.dual[image][a].data;
-            for (long m = 0; m < reduction_.seen; ++m) {
-                const long j = reduction_.visible[m];
-                row_[j] = Y[j] * (last_weights_[j] / rho_[j]);
-                E[j] *= rho_[j] / units_.landmarks;
-                total += magnitude(row_[j]) + magnitude(E[j]);
-            }
-            reduction_.reduce(row_, ones_, iterate_.y + a * q());
-        }
-        for (long j = 0; j < 2 * q(); ++j) iterate_.y[j] /= units_.dual;
-        return is_finite(total);
+        return known && same_mask;
     }
 
     bool start_from_last(bool same_mask) {
@@ -189,23 +172,30 @@ class StretchSolver {
         double* left = room_.gradient;
         const long n = 2 * q();
         memcpy(left, w_, sizeof(double) * n);
-        for (long i = 0; i < k_; ++i) {
-            const double* M = iterate_.M + i;
-            if (is_zero(M)) continue;
-            const double* B = laid_.at(i);
+        list_active(iterate_.M);
+        for (long c = 0; c < active_.count; ++c) {
+            const double *M = active_.blocks + 6 * c, *B = laid_.at(active_.atom[c]);
             for (int a = 0; a < 2; ++a)
                 for (long j = 0; j < q(); ++j)
                     for (int b = 0; b < 3; ++b)
-                        left[a * q() + j] -=
-                            M[(3 * a + b) * padded_] * B[b * laid_.stride() + j];
+                        left[a * q() + j] -= M[3 * a + b] * B[b * laid_.stride() + j];
         }
         return dot(left, left, n) < EXPLAINED * dot(w_, w_, n);
     }
 
-    bool is_zero(const double* M) const {
-        double total = 0;
-        for (int e = 0; e < 6; ++e) total += magnitude(M[e * padded_]);
-        return total == 0;
+    // Those of the transforms M (6, padded) that are not 0; beyond the atoms nothing counts.
+    void list_active(const double* M) {
+        active_.count = 0;
+        for (long i = 0; i < padded_; i += WIDTH) {
+            Lanes size = {};
+            for (int e = 0; e < 6; ++e) size += magnitude(load(M + e * padded_ + i));
+            for (int lane = 0; lane < WIDTH && i + lane < k_; ++lane) {
+                if (size[lane] == 0) continue;
+                double* block = active_.blocks + 6 * active_.count;
+                for (int e = 0; e < 6; ++e) block[e] = M[e * padded_ + i + lane];
+                active_.atom[active_.count++] = i + lane;
+            }
+        }
     }
 
     // M = 0 and the multiple of w that is dual feasible.
@@ -251,11 +241,7 @@ class StretchSolver {
 
     // Back to the landmarks of the image.
     void write(long image) {
-        double* M = task_.point.transforms[image].data;
-        for (long i = 0; i < k_; ++i) {
-            if (is_zero(last_.M + i) && !task_.options.started) continue;  // as Python made it
-            for (int e = 0; e < 6; ++e) M[6 * i + e] = last_.M[e * padded_ + i];
-        }
+        list_active(last_.M);
         for (int a = 0; a < 2; ++a) {
             double *E = task_.point.errors[image][a].data, *Y = task_.point.dual[image][a].data;
             for (long j = 0; j < p_; ++j) Y[j] = 0;
@@ -269,7 +255,7 @@ class StretchSolver {
     }
 
     void judge(long image) {
-        certifier_.certify(image, task_.point, task_.proof);
+        certifier_.certify(image, active_, task_.point, task_.proof);
         const double gap = magnitude(task_.proof.relative_gap[image]);
         last_.known = is_finite(gap);
         if (!last_.known) {
@@ -298,6 +284,16 @@ class StretchSolver {
             }
     }
 
+    // Take as many places of the common list as there are transforms, and fill them.
+    void hand_over(long image) {
+        const long count = active_.count;
+        const long at = __atomic_fetch_add(task_.transforms.used.data, count, __ATOMIC_RELAXED);
+        task_.transforms.first[image] = at;
+        task_.transforms.count[image] = count;
+        memcpy(task_.transforms.atom.data + at, active_.atom, sizeof(int64_t) * count);
+        memcpy(task_.transforms.blocks.data + 6 * at, active_.blocks, sizeof(double) * 6 * count);
+    }
+
     void give_up(long image) {
         task_.end.status[image] = DEGENERATE;
         task_.proof.objective[image] = NOT_A_NUMBER;
@@ -320,6 +316,7 @@ class StretchSolver {
     double *bounds_, *ones_, *row_, *w_, *Y_;
     Iterate iterate_;
     Memory last_, before_;
+    ActiveList active_;
     Units units_;
 };
 

@@ -5,8 +5,7 @@
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
-// Solve the images of the range in turn, stretch by stretch, and certify each. Where the options say `started`, the
-// point holds a start for each image, which takes the place of the neighbour's.
+// Solve the images of the range in turn, stretch by stretch, and certify each.
 void solve_convex(const ConvexTask& task, Range range);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -1,7 +1,7 @@
 // What the kernels of lifting read and write, as Python lays it out.
 #pragma once
 
-#include "../arguments.hpp"
+#include "../convex/data.hpp"
 
 namespace shapefit {
 
@@ -31,8 +31,21 @@ struct AlternationEnd {
 // argmin sum_i ||M_i - c_i Rbar||_F^2 over c >= 0 and Rbar Rbar^T = I, for each image.
 struct SynchronisationData {
     Arguments& from;
-    Blocks<const double> transforms = from("transforms", "n k 2 3");  // M
+    GivenTransforms transforms{from};  // M
     Tensor<double> rotation = from("rotation", "n 3 3");  // R, left alone where all M_i are 0
+};
+
+// S = sum_i c_i R_i B_i and its parts, for each image.
+struct ReconstructionData {
+    Arguments& from;
+    GivenTransforms transforms{from};  // M
+    Tensor<const double> atoms = from("atoms", "k 3 p");  // B
+    bool orthogonal = from("orthogonal");  // the first rows of R_i are orthonormal, too
+    Vector<double> sizes = from("sizes", "a");  // c_i = ||M_i||_2 of each transform
+    Tensor<double> shapes = from("shapes", "n 3 p");  // S
+    Tensor<double> rotation = from("rotation", "n 3 3");  // left alone where none is known
+    Vector<int64_t> active = from("active", "n");  // number of atoms that are not negligible
+    Vector<bool> tight = from("tight", "n");  // whether their transforms are all orthogonal
 };
 
 // argmin 1/2 ||w - s Rbar S||_F^2 over rotations and s >= 0, for each image.

@@ -19,7 +19,7 @@ double squared_norm(const double* M) {
 }
 
 // Climb from the sum of all blocks (k, 2, 3) and from the largest ones; the best goes to R.
-void synchronise_image(Tensor<const double> blocks, Vector<double> norms, double* R) {
+void synchronise_image(Tensor<const double> blocks, double* norms, double* R) {
     double start[6] = {}, trial[9];
     for (long i = 0; i < blocks.size[0]; ++i) {
         norms[i] = squared_norm(blocks[i].data);
@@ -28,8 +28,9 @@ void synchronise_image(Tensor<const double> blocks, Vector<double> norms, double
     double best = -1;
     for (int round = 0; round < STARTS; ++round) {
         if (round > 0) {
+            if (blocks.size[0] == 0) break;
             long longest = 0;
-            for (long i = 1; i < norms.size[0]; ++i)
+            for (long i = 1; i < blocks.size[0]; ++i)
                 if (norms[i] > norms[longest]) longest = i;
             if (norms[longest] <= 0) break;
             norms[longest] = 0;
@@ -66,9 +67,14 @@ void polar_of_rank_one(const double* A, double xx, double yy, double xy, double*
 
 void synchronise(const SynchronisationData& data, Range range) {
     Workspace workspace;
-    const Vector<double> norms = workspace.vector<double>(data.transforms.size[1]);
+    long most = 0;
     for (long image = range.first; image < range.last; ++image)
-        synchronise_image(data.transforms[image], norms, data.rotation[image].data);
+        if (data.transforms.count[image] > most) most = data.transforms.count[image];
+    double* norms = workspace.zeros<double>(most);
+    for (long image = range.first; image < range.last; ++image) {
+        const ImageTransforms M = data.transforms[image];
+        synchronise_image({M.blocks, {M.count, 2, 3}}, norms, data.rotation[image].data);
+    }
 }
 
 double climb(Tensor<const double> blocks, Matrix<double> R) {

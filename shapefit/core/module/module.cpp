@@ -22,6 +22,7 @@ NB_MODULE(_core, module) {
     define(module, "find_consensus", kernel.find_consensus);
     define(module, "find_posterior", kernel.find_posterior);
     define(module, "pursue", kernel.pursue);
+    define(module, "reconstruct", kernel.reconstruct);
     define(module, "refine_perspective", kernel.refine_perspective);
     define(module, "synchronise", kernel.synchronise);
     define(module, "find_optimum", kernel.find_optimum);
@@ -44,6 +45,7 @@ NB_MODULE(_core, module) {
     define(parts, "expand", part.expand);
     define(parts, "soft_squared", part.soft_squared);
     define(parts, "climb", part.climb);
+    define(parts, "nearest_rotation", part.nearest_rotation);
     define(parts, "polar_rotation", part.polar_rotation);
     define(parts, "draw_triple", part.draw_triple);
     define(parts, "find_area", part.find_area);

@@ -15,11 +15,10 @@ def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | N
 
     For the sparse-error loss these are the ones with an error E that is not 0.
     """
-    errors = np.abs(solution.errors)
     if problem.loss is Loss.ABSOLUTE:
-        return np.any(errors * problem.weights[:, None, :] > problem.beta, axis=1)
+        return np.any(np.abs(solution.errors) * problem.weights[:, None, :] > problem.beta, axis=1)
     if problem.loss is Loss.SPARSE_ERROR:
-        return np.any(errors > 0, axis=1)
+        return np.any(solution.errors != 0, axis=1)
     return None
 
 

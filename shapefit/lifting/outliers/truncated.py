@@ -117,7 +117,7 @@ def residual_squares(problem: Problem, solution: Solution) -> Floats:
     what is judged should not be. inf where there is no shape with s > 0. Landmarks of weight 0
     are judged like the others.
     """
-    S = reconstruct(solution.transforms, problem.atoms).shapes
+    S = reconstruct(solution.transforms, problem.atoms, threads=1).shapes
     portion = problem.weights**2
     portion = (portion / portion.sum(axis=1, keepdims=True))[:, None]
     W, F = problem.landmarks, S[:, :2]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
+from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
@@ -99,7 +100,7 @@ def refine_view(
         status=merge_status(old, found.status, rows),
         coefficients=spread(c, 0.0),
         active_atoms=is_active(spread(c, 0.0)).sum(axis=1),
-        transforms=spread(c[:, :, None, None] * R[:, None, :2], 0.0),
+        transforms=Transforms.with_one_rotation(spread(c, 0.0), spread(R)),
         relative_gap=None,
         tight=None,
     )

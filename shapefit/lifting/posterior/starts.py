@@ -25,8 +25,9 @@ def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Flo
     Where they are all 0, the best pose of the mean shape. Then the views of the options, each
     turned in the plane onto the landmarks.
     """
-    rotation = reconstruct(solution.transforms, problem.atoms).rotation.copy()
-    empty = np.flatnonzero(~solution.transforms.any(axis=(1, 2, 3)))
+    M = solution.transforms
+    rotation = reconstruct(M, problem.atoms, threads=settings.threads).rotation
+    empty = np.flatnonzero(M.count == 0)
     if len(empty):
         part = problem.take(empty)
         views = spread_views(VIEWS)

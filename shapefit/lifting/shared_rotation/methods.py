@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solution import Status
+from shapefit.convex.transforms import Transforms
 from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation, replace_rows
 from shapefit.lifting.methods import AlternationOptions, Settings
 from shapefit.lifting.outliers.robust_loss import believable, find_outliers
@@ -75,7 +76,7 @@ def _alternate_from_solution(problem: Problem, settings: Settings, *, signed: bo
     squared residuals: then there is no gap.
     """
     solution = settings.solve(problem)
-    start = synchronise(solution.transforms, threads=settings.threads).rotation[:, None]
+    start = synchronise(solution.transforms, threads=settings.threads)[:, None]
     outliers = find_outliers(problem, solution)
     if outliers is None:
         found = _alternate_or_restart(problem, settings, start, signed=signed)
@@ -129,14 +130,6 @@ def _alternate_or_restart(
     return replace_rows(again, rows, found)
 
 
-def share_rotation(coefficients: Floats, rotation: Floats) -> Floats:
-    """M_i = c_i Rbar (n, k, 2, 3) of c (n, k) and R (n, 3, 3); most c_i are 0."""
-    transforms = np.zeros((*coefficients.shape, 2, 3))
-    image, atom = np.nonzero(coefficients)
-    transforms[image, atom] = coefficients[image, atom, None, None] * rotation[image, :2]
-    return transforms
-
-
 def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: bool) -> Estimate:
     """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
     options: AlternationOptions = settings.options
@@ -172,5 +165,5 @@ def describe(
         status=status,
         coefficients=coefficients,
         active_atoms=is_active(coefficients).sum(axis=1),
-        transforms=share_rotation(coefficients, R),
+        transforms=Transforms.with_one_rotation(coefficients, R),
     )

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from shapefit.arrays import Floats
+from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.io import ResultSet
@@ -24,7 +25,7 @@ from shapefit.pipelines.export.placement import required
 
 
 def fitted_image(
-    found: ResultSet, transforms: Floats | None, pose: Pose, dictionary: Dictionary
+    found: ResultSet, transforms: Transforms | None, pose: Pose, dictionary: Dictionary
 ) -> FittedImage:
     """Gather one image (n = 1); without mesh where that cannot follow, all nan without a shape.
 
@@ -49,7 +50,7 @@ def fitted_image(
     elif carried is not None and not pose.one_rotation:
         seen_mesh = camera_frame_sheared(
             carried,
-            required(transforms),
+            required(transforms).dense(),
             *_place(found),
             orthogonal=pose.rotations == "orthogonal",
         )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.config.commands.fit_sections import ExportConfig
+from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
@@ -79,15 +80,15 @@ class MeshExport:
         self._farthest = np.inf if options.format == "obj" else FARTHEST
         self._written = self._missing = self._far = 0
 
-    def add(self, found: ResultSet, transforms: Floats | None) -> None:
-        """Write the files of a chunk; transforms (n, k, 2, 3) where the method has them."""
+    def add(self, found: ResultSet, transforms: Transforms | None) -> None:
+        """Write the files of a chunk; transforms where the method has them."""
         chosen = np.array([item in self._items for item in found.items], dtype=bool)
         fitted = has_shape(found)
         self._missing += int(np.count_nonzero(chosen & ~fitted))
         rows = np.flatnonzero(chosen & fitted)
         for start in range(0, len(rows), BATCH):
             part = rows[start : start + BATCH]
-            self._write(found.take(part), None if transforms is None else transforms[part])
+            self._write(found.take(part), None if transforms is None else transforms.take(part))
 
     @property
     def note(self) -> str:
@@ -106,7 +107,7 @@ class MeshExport:
             *self._items.warnings,
         )
 
-    def _write(self, found: ResultSet, transforms: Floats | None) -> None:
+    def _write(self, found: ResultSet, transforms: Transforms | None) -> None:
         points, landmarks = self._points(
             ModelPlacement(self._options, self._pose, self._dictionary, found, transforms)
         )

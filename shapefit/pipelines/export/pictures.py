@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from shapefit.arrays import Floats
 from shapefit.config.commands.fit_sections import PicturesConfig
+from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation.plots.style import save
 from shapefit.io import ResultSet
@@ -50,8 +50,8 @@ class PictureExport:
         self._awaited = count
         self._come = self._drawn = self._missing = 0
 
-    def add(self, found: ResultSet, transforms: Floats | None) -> None:
-        """Draw the chosen images of a chunk; transforms (n, k, 2, 3) where the method has them.
+    def add(self, found: ResultSet, transforms: Transforms | None) -> None:
+        """Draw the chosen images of a chunk; transforms where the method has them.
 
         Images without a shape are drawn alone only if an item is called so: a glob means others.
         """
@@ -65,7 +65,7 @@ class PictureExport:
             on_sheet = self._come + row in self._places
             if not (alone or on_sheet):
                 continue
-            turned = None if transforms is None else transforms[[row]]
+            turned = None if transforms is None else transforms.take([row])
             one = found.take([row])
             image = fitted_image(one, turned, self._pose, self._dictionary)
             if on_sheet:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.config.commands.fit_sections import ExportConfig
+from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import ResultSet
 from shapefit.meshes.dense import (
@@ -18,8 +20,10 @@ from shapefit.meshes.dense import (
 )
 from shapefit.pipelines.export.carried_mesh import Pose
 
+Known = TypeVar("Known")
 
-def required(values: Floats | None) -> Floats:
+
+def required(values: Known | None) -> Known:
     """Return what a record may lack and the fit at hand has."""
     assert values is not None
     return values
@@ -30,14 +34,14 @@ class ModelPlacement:
     """size * S + origin, in the frame of the object size * R^T S, for n images with a shape.
 
     S are points in normalised units around the centroid of their landmarks, in the directions of
-    the camera. transforms (n, k, 2, 3) are needed for `rotations` other than shared alone.
+    the camera. transforms are needed for `rotations` other than shared alone.
     """
 
     options: ExportConfig
     pose: Pose
     dictionary: Dictionary
     found: ResultSet
-    transforms: Floats | None
+    transforms: Transforms | None
 
     def landmarks(self) -> Floats:
         """Return the fitted landmarks (n, 3, p)."""
@@ -51,7 +55,7 @@ class ModelPlacement:
         """
         one, none = np.ones(len(self.found)), np.zeros((len(self.found), 2))
         if self.pose.rotations != "shared":
-            M, orthogonal = required(self.transforms), self.pose.rotations == "orthogonal"
+            M, orthogonal = required(self.transforms).dense(), self.pose.rotations == "orthogonal"
             return self._place(camera_frame_sheared(atoms, M, one, none, orthogonal=orthogonal))
         c, R = required(self.found.coefficients), required(self.found.rotation)
         return self._place(camera_frame(atoms, c, R, one, none))

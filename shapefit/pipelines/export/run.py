@@ -10,9 +10,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from shapefit.arrays import Floats
 from shapefit.config import FitConfig
 from shapefit.config.commands.fit_sections import ExportConfig, PicturesConfig, ViewingConfig
+from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
@@ -35,8 +35,8 @@ class Exports:
     exporters: Sequence[MeshExport | PictureExport]
     staged: Sequence[StagedFiles]
 
-    def add(self, found: ResultSet, transforms: Floats | None) -> None:
-        """Export a chunk; transforms (n, k, 2, 3) where the method has them."""
+    def add(self, found: ResultSet, transforms: Transforms | None) -> None:
+        """Export a chunk; transforms where the method has them."""
         for exporter in self.exporters:
             exporter.add(found, transforms)
 

@@ -68,11 +68,11 @@ def as_result(
     """
     found = lifting.estimate
     bars = found.in_unit(lifting.scale[:, None, None])
-    failed = np.isnan(lifting.scale)
+    failed, M = np.isnan(lifting.scale), found.transforms
 
     def where_fitted(values: Floats | None) -> Floats | None:
-        if values is None:
-            return None
+        if values is None or not failed.any():
+            return values
         shape = (-1,) + (1,) * (values.ndim - 1)
         return np.where(failed.reshape(shape), np.nan, values)
 
@@ -91,7 +91,7 @@ def as_result(
         items=images.items,
         sequences=images.sequences,
         shape_sd=bars.deviation if options.deviations else None,
-        transforms=where_fitted(found.transforms) if options.transforms else None,
+        transforms=where_fitted(M.dense()) if options.transforms and M is not None else None,
         unit=images.unit,
         y_axis=images.y_axis,
         frame_rate=options.frame_rate or images.frame_rate,
@@ -128,7 +128,10 @@ def with_proof(record: ResultSet, lifting: Lifting, *, optimum: bool) -> ResultS
     if proof is None:
         return record
     failed = np.isnan(lifting.scale)
-    active = proof.transforms.any(axis=(2, 3)) & ~failed[:, None]
+    M = proof.transforms
+    if failed.any():
+        kept = ~failed[M.image]
+        M = replace(M, count=np.where(failed, 0, M.count), atom=M.atom[kept], blocks=M.blocks[kept])
     of_the_program = optimum and lifting.perspective is None
     return replace(
         record,
@@ -138,9 +141,9 @@ def with_proof(record: ResultSet, lifting: Lifting, *, optimum: bool) -> ResultS
         convex_relative_gap=(
             None if of_the_program else np.where(failed, np.nan, proof.relative_gap)
         ),
-        transform_count=active.sum(axis=1),
-        transform_atom=np.nonzero(active)[1],
-        active_transforms=proof.transforms[active],
+        transform_count=M.count,
+        transform_atom=M.atom,
+        active_transforms=M.blocks,
     )
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
+from shapefit.convex.transforms import Transforms
 from shapefit.core import STRETCH
 from shapefit.geometry.normalisation import normalise, spread
 from shapefit.geometry.rotations import random_rotations
@@ -120,11 +121,11 @@ def test_residuals_know_neither_the_shrinkage_nor_the_unit(scene, rng):
     problem = build_problem(landmarks, scene.atoms, 0.5, weights=weights)
     solution = SOLVE(problem)
     base = residual_squares(problem, solution)
-    shrunk = replace(solution, transforms=0.2 * solution.transforms)
+    shrunk = replace(solution, transforms=Transforms.of(0.2 * solution.transforms.dense()))
     np.testing.assert_allclose(residual_squares(problem, shrunk), base, rtol=1e-9)
     moved = build_problem(9 * landmarks + 5, scene.atoms, 0.5, weights=weights)
     np.testing.assert_allclose(residual_squares(moved, solution), base, rtol=1e-9)
-    nothing = replace(solution, transforms=0 * solution.transforms)
+    nothing = replace(solution, transforms=Transforms.of(0 * solution.transforms.dense()))
     assert (residual_squares(problem, nothing) == np.inf).all()
 
 

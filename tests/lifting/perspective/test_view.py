@@ -79,7 +79,7 @@ def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
         found.translation, project(camera, seen.translation[..., None])[..., 0]
     )
     np.testing.assert_allclose(
-        e.transforms, e.coefficients[..., None, None] * e.rotation[:, None, :2]
+        e.transforms.dense(), e.coefficients[..., None, None] * e.rotation[:, None, :2]
     )
     w = weights[:, None]
     centred = landmarks - (w**2 * landmarks).sum(2, keepdims=True) / (w**2).sum(2, keepdims=True)

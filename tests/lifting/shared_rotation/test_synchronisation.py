@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
 from shapefit import core
+from shapefit.convex.transforms import Transforms
 from shapefit.geometry.rotations import complete_rotation, random_rotations
-from shapefit.lifting.shared_rotation.synchronisation import synchronise
+from shapefit.lifting.shared_rotation import synchronisation
+
+
+class Synchronised(NamedTuple):
+    """The rotation found, and the best c >= 0 at it."""
+
+    rotation: np.ndarray
+    coefficients: np.ndarray
+
+
+def synchronise(M, threads=0):
+    R = synchronisation.synchronise(Transforms.of(M), threads=threads)
+    c = np.maximum(np.einsum("nkab,nab->nk", M, R[:, :2]), 0.0) / 2
+    return Synchronised(R, np.nan_to_num(c))
 
 
 def distance(M, c, R):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from shapefit.convex.transforms import Transforms
 from shapefit.io import open_landmarks
 from shapefit.pipelines.export.carried_mesh import Pose
 from shapefit.pipelines.export.fitted_images import fitted_image
@@ -158,7 +159,9 @@ class TestFittedImages:
                 keys.get("method", "convex+refine"), keys.get("rotations", "shared"), perspective
             )
             return found, [
-                fitted_image(found.take([row]), found.transforms[[row]], pose, dictionary)
+                fitted_image(
+                    found.take([row]), Transforms.of(found.transforms[[row]]), pose, dictionary
+                )
                 for row in range(len(found))
             ]
 

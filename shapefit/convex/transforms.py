@@ -1,0 +1,88 @@
+"""The transforms of the convex program, of which most are 0."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Floats
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Transforms:
+    """M (n, k, 2, 3) as a list of what is not 0, image by image, in the order of the atoms.
+
+    count (n,), how many each image has; atom (a,) and block (a, 2, 3) of each; k atoms in all.
+    """
+
+    count: Indices
+    atom: Indices
+    blocks: Floats
+    k: int
+
+    @classmethod
+    def of(cls, M: Floats) -> Transforms:
+        """List the blocks of M (n, k, 2, 3) that are not 0."""
+        image, atom = np.nonzero(M.any(axis=(2, 3)))
+        return cls(np.bincount(image, minlength=len(M)), atom, M[image, atom], M.shape[1])
+
+    @classmethod
+    def with_one_rotation(cls, c: Floats, R: Floats) -> Transforms:
+        """M_i = c_i Rbar of c (n, k), most of them 0, and R (n, 3, 3)."""
+        image, atom = np.nonzero(c)
+        blocks = c[image, atom, None, None] * R[image, :2]
+        return cls(np.bincount(image, minlength=len(c)), atom, blocks, c.shape[1])
+
+    @classmethod
+    def gathered(
+        cls, first: Indices, count: Indices, atom: Indices, blocks: Floats, k: int
+    ) -> Transforms:
+        """Put lists in which each image has its `count` from `first` on in the order of images."""
+        place = np.repeat(first - starts_of(count), count) + np.arange(count.sum())
+        return cls(count, atom[place], blocks[place], k)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Transforms]) -> Transforms:
+        """Put the images of all parts one after another; they have the same atoms."""
+        count, atom, blocks = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("count", "atom", "blocks")
+        )
+        return cls(count, atom, blocks, parts[0].k)
+
+    @property
+    def image(self) -> NDArray[np.intp]:
+        """The image (a,) of each."""
+        return np.repeat(np.arange(len(self.count)), self.count)
+
+    @property
+    def arrays(self) -> dict[str, Any]:
+        """What a kernel needs of it, by the names of its arguments."""
+        first = starts_of(self.count)
+        return {"first": first, "count": self.count, "atom": self.atom, "blocks": self.blocks}
+
+    def take(self, images: NDArray[np.intp] | NDArray[np.bool_] | Sequence[int]) -> Transforms:
+        """Keep some of the images, in the order given."""
+        first, count = starts_of(self.count)[images], self.count[images]
+        return Transforms.gathered(first, count, self.atom, self.blocks, self.k)
+
+    def spread(self, values: Floats) -> Floats:
+        """Return values (a, ...) at their images and atoms, and 0 elsewhere: (n, k, ...)."""
+        full = np.zeros((len(self.count), self.k, *values.shape[1:]))
+        full[self.image, self.atom] = values
+        return full
+
+    def dense(self) -> Floats:
+        """Return M (n, k, 2, 3)."""
+        return self.spread(self.blocks)
+
+
+def starts_of(count: Indices) -> Indices:
+    """Where lists of these lengths start when they stand one after another."""
+    return np.cumsum(count) - count
