@@ -23,9 +23,9 @@ from selenium.webdriver.chrome.service import Service
 from shapefit.config import FitConfig, LearnDictConfig, ProjectConfig, ViewConfig
 from shapefit.config.commands.project import CameraConfig
 from shapefit.io import ResultSet, read_shapes, result_writer, write_shapes
+from shapefit.pipelines import projection as project
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.project import run as project
 from shapefit.pipelines.view.run import run
 
 FLAGS = (

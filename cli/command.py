@@ -16,8 +16,7 @@ import click
 from shapefit.errors import printable
 
 from .options import config_options, reporting_options
-from .progress import Progress
-from .report import Report
+from .report import Progress, Report
 from .streams import tell
 
 if TYPE_CHECKING:

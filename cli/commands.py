@@ -85,7 +85,7 @@ any format that can be read; docs/formats.md lists them. Globs work.""",
     ),
     Spec(
         "project",
-        pipeline="project.run",
+        pipeline="projection",
         unit="image",
         summary="Project 3D shapes to synthetic 2D landmarks.",
         text="""Project 3D shapes to synthetic 2D landmarks with a known camera.
@@ -174,7 +174,7 @@ Random instances over a grid of landmarks and atoms in use; prints the table of 
     ),
     Spec(
         "sweep",
-        pipeline="sweep.run",
+        pipeline="sweeps",
         unit="image",
         summary="Run the chain over the values of one key.",
         text="""Run learn-dict, project, fit and eval for each value of one key.

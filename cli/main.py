@@ -17,11 +17,10 @@ from shapefit.errors import InputError
 
 from .command import make_command
 from .commands import COMMANDS
-from .config import config
 from .options import TRACEBACK_VARIABLE
 from .start import handle_stopping
 from .streams import occupy_closed_streams, output_fault, tell
-from .verify import verify
+from .verify import config, verify
 
 COMPLETION_VARIABLE = "_SHAPEFIT_COMPLETE"
 

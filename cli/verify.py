@@ -1,13 +1,15 @@
-"""`shapefit verify`, which has no config."""
+"""`shapefit verify` and `shapefit config`, which have no config of their own."""
 
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import click
 
 from .command import follow
+from .commands import COMMANDS
 from .options import DictionaryPath, LocationPath, reporting_options
 from .report import Report
 from .streams import tell
@@ -71,5 +73,33 @@ everything that follows from the transforms. Images with a false claim count as 
 Examples:
   shapefit verify result.h5 -d dict.h5
   shapefit verify result.h5 -d dict.h5 --landmarks views.h5 > claims.md
+""",
+)
+
+
+def _config(command: str, section: str) -> int:
+    from shapefit.config.reference import keys_text
+
+    width = min(100, shutil.get_terminal_size().columns)
+    click.echo(keys_text(command, section, width), nl=False)
+    return 0
+
+
+config = click.Command(
+    "config",
+    callback=_config,
+    params=[
+        click.Argument(["command"], type=click.Choice([spec.name for spec in COMMANDS])),
+        click.Argument(["section"], required=False, default=""),
+    ],
+    short_help="List the config keys of a command.",
+    help="""List the config keys of a command: what each expects, its default, what it means.
+
+SECTION is a section of the config, or a single key: only those are listed.""",
+    epilog="""\b
+Examples:
+  shapefit config fit
+  shapefit config fit camera
+  shapefit config learn-dict prior.components
 """,
 )

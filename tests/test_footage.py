@@ -11,8 +11,8 @@ from shapefit.config import FitConfig
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import landmark_writer, open_landmarks, read_results, read_shapes
+from shapefit.pipelines.evaluate.measurement import as_named
 from shapefit.pipelines.fit import run as fit
-from shapefit.pipelines.skeletons.as_named import as_named
 
 BAND = 0.02
 

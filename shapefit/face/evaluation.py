@@ -17,9 +17,8 @@ from shapefit.evaluation.summary import Summary, summarise
 from shapefit.face.options import config_of, default
 from shapefit.face.records import Fit, Shapes, result_set, shape_set
 from shapefit.io.kinds.given import given_source
-from shapefit.pipelines.evaluate.image_errors import find_grouping, image_errors
-from shapefit.pipelines.evaluate.judgement import judge
-from shapefit.pipelines.evaluate.result_datasets import visible_enough
+from shapefit.pipelines.evaluate.judgement import find_grouping, image_errors, judge
+from shapefit.pipelines.evaluate.measurement import visible_enough
 
 FILES = {"results": {"result": "-"}, "truth": (Path("truth"),), "output": Path("report")}
 """What stands for the files of the command in messages."""

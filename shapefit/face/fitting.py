@@ -27,16 +27,15 @@ from shapefit.face.records import (
 )
 from shapefit.io.extras import Extras
 from shapefit.io.kinds.given import check_given_dictionary, given_source
-from shapefit.io.options import Track
+from shapefit.io.options import Track, input_options
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.pipelines.fit.plan import plan_fit
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
 from shapefit.pipelines.fit.settle import plan_settling
 from shapefit.pipelines.fit.suited import are_long, choose_suited
+from shapefit.pipelines.joints import name_warnings
 from shapefit.pipelines.outcome import Counted, Note, add_up
-from shapefit.pipelines.reading import input_options
-from shapefit.pipelines.skeletons.landmark_names import name_warnings
 
 CAMERA = "camera_matrix"
 """Dataset that holds the matrices given as `camera`."""

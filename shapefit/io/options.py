@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
+    from shapefit.config.commands.input import InputConfig
     from shapefit.geometry.upright import Up
 
 Track = Literal["nearest", "none", "motion"]
@@ -75,3 +76,17 @@ class Summary:
     note: str = ""
     warnings: tuple[str, ...] = ()
     written: tuple[Path, ...] = ()
+
+
+def input_options(config: InputConfig, track: Track = "none") -> InputOptions:
+    """Return what the section says; `track` where it leaves that open."""
+    return InputOptions(
+        format=config.format,
+        keypoints=config.keypoints,
+        individual=config.individual,
+        track=config.track or track,
+        likelihood_below=config.likelihood_below,
+        rename=config.rename,
+        image_size=config.image_size,
+        y_axis=config.y_axis,
+    )

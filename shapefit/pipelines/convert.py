@@ -15,11 +15,10 @@ from shapefit.io.joined import ResultSource
 from shapefit.io.kinds.kind import Kind, find_kind
 from shapefit.io.kinds.opening import open_results
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
-from shapefit.io.options import InputOptions, OutputOptions
+from shapefit.io.options import InputOptions, OutputOptions, input_options
 from shapefit.io.sources import is_stream
 from shapefit.io.writing import record_writer
 from shapefit.pipelines.outcome import Outcome, nothing_in
-from shapefit.pipelines.reading import input_options
 
 FORMS = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
 

@@ -28,13 +28,11 @@ from shapefit.io.formats import find_format
 from shapefit.io.kinds.kind import find_kind
 from shapefit.io.kinds.opening import read_results
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.options import InputOptions
+from shapefit.io.options import InputOptions, input_options
 from shapefit.io.skeletons import PEOPLE, SKELETONS, people_joints
 from shapefit.io.sources import is_stream, source_name
 from shapefit.pipelines.outcome import Failure, Outcome
-from shapefit.pipelines.parts.manifest import Manifest, damage_of
-from shapefit.pipelines.reading import input_options
-from shapefit.pipelines.result_folder import find_folders, sum_up
+from shapefit.pipelines.parts.manifest import Manifest, damage_of, find_folders, sum_up
 
 BATCH = 16384
 """Items that are read at a time."""

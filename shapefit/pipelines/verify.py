@@ -245,7 +245,7 @@ def open_given(part: Part, results: ProofFile, terms: Terms) -> Iterator[Given |
         yield None
         return
     from shapefit.lifting.methods import METHODS
-    from shapefit.pipelines.skeletons.joints import find_joints, named_as_joints
+    from shapefit.pipelines.joints import find_joints, named_as_joints
 
     place = ", ".join(map(str, part.landmarks)) + ": landmark names"
     rows = part.entry.rows if part.entry is not None else None

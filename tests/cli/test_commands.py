@@ -17,7 +17,7 @@ from shapefit.pipelines.outcome import Failure, Outcome
         (["fit", "views.h5", "-d", "dict.h5", "-o", "-"], "fit.run", FitConfig),
         (["fit", "views.h5", "-d", "dict.h5", "-o", "parts/"], "parts.run", FitConfig),
         (["fit", "views.h5", "-d", "dict.h5", "-o", "manifest.json"], "fit.run", FitConfig),
-        (["project", "shapes.h5", "-o", "v.h5"], "project.run", ProjectConfig),
+        (["project", "shapes.h5", "-o", "v.h5"], "projection", ProjectConfig),
         (["eval", "result.h5", "--truth", "shapes.h5", "-o", "r"], "evaluate.run", EvalConfig),
     ],
 )

@@ -66,7 +66,7 @@ def test_quiet_and_verbose_exclude_each_other(shapefit):
 
 def test_progress_is_a_line_now_and_then_without_a_terminal(shapefit, fake_pipeline, monkeypatch):
     clock = count(0, 4)  # seconds: a line after every third look at the clock
-    monkeypatch.setattr("shapefit.cli.progress.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("shapefit.cli.report.time.monotonic", lambda: next(clock))
     fake_pipeline("fit.run", [Outcome(done=10, total=90, note="gap 1e-5")] * 9)
     told = shapefit("fit", "-c", "fit.yaml")
     lines = [line for line in told.err.splitlines() if " of 90 images, " in line]

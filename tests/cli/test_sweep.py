@@ -19,7 +19,7 @@ def options(project):
 
 
 def test_options_reach_the_pipeline(shapefit, fake_pipeline, folder, project):
-    configs = fake_pipeline("sweep.run", [])
+    configs = fake_pipeline("sweeps", [])
     assert shapefit("sweep", "-o", "report", *options(project)).code == 0
     (config,) = configs
     assert isinstance(config, SweepConfig)

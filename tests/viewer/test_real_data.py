@@ -7,9 +7,9 @@ import pytest
 
 from shapefit.config import FitConfig, LearnDictConfig, ProjectConfig
 from shapefit.io import read_results, read_shapes, write_shapes
+from shapefit.pipelines import projection as project
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.project import run as project
 
 pytestmark = pytest.mark.real_data
 

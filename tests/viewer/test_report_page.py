@@ -19,6 +19,7 @@ from shapefit.evaluation.tables.document import (
     Title,
     as_markdown,
 )
+from shapefit.pipelines import sweeps as sweep
 from shapefit.pipelines.evaluate import run as evaluate
 from shapefit.pipelines.evaluate.report_pages import (
     SHOWN,
@@ -26,7 +27,6 @@ from shapefit.pipelines.evaluate.report_pages import (
     contact_sheets,
     rank,
 )
-from shapefit.pipelines.sweep import run as sweep
 from shapefit.viewer.report_page import report_page
 
 BLOCKS = [

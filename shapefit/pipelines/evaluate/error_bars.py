@@ -15,7 +15,7 @@ from shapefit.evaluation.report import NORMALISED
 from shapefit.io.landmark_names import match_landmarks
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate.judgement import Judgement, common_landmarks
-from shapefit.pipelines.evaluate.result_datasets import find_dataset
+from shapefit.pipelines.evaluate.measurement import find_dataset
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
 """Coordinates of a landmark, in the order of the correlations."""

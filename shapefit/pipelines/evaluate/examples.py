@@ -1,8 +1,8 @@
-"""The picture of example images: landmarks, truth, and what every method made of them."""
+"""Example images: which are drawn, and their picture: landmarks, truth, and what methods made."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -18,17 +18,21 @@ from shapefit.evaluation.averages import slices
 from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, LANDMARKS
 from shapefit.evaluation.summary import Names
 from shapefit.geometry.procrustes import similarity_transform
-from shapefit.io.records import ResultSet, ShapeSet
+from shapefit.io import ResultSet, ShapeSet, read_results
+from shapefit.io.spilled.columns import Column
+from shapefit.io.spilled.name_index import index_of
 from shapefit.meshes.ellipses import covariances
 from shapefit.meshes.pictures import Pose, skeleton_picture
 from shapefit.meshes.views import YAxis
-from shapefit.pipelines.evaluate.judgement import Judgement
-from shapefit.pipelines.evaluate.result_datasets import find_dataset
-from shapefit.pipelines.items import matches, spread
+from shapefit.pipelines.evaluate.judgement import Judgement, judge
+from shapefit.pipelines.evaluate.measurement import as_named, find_dataset, visible_enough
+from shapefit.pipelines.evaluate.method_images import MethodImages, Picked
+from shapefit.pipelines.evaluate.plan import MeasuringOptions
+from shapefit.pipelines.evaluate.truth import Truth
+from shapefit.pipelines.items import matches, named_items, spread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
 
 KEY = "examples"
 AT_A_TIME = 1 << 14
@@ -183,3 +187,65 @@ def _laid_onto(estimate: Floats, true: Floats) -> Floats:
     """Move a true shape (3, p) onto an estimate, by the landmarks that both have."""
     known = np.isfinite(estimate).all(axis=0) & np.isfinite(true).all(axis=0)
     return similarity_transform(true[:, known], estimate[:, known]).apply(true)
+
+
+def chosen_items(
+    wanted: int | Sequence[str], methods: Sequence[MethodImages], folder: Path | None
+) -> tuple[str, ...]:
+    """Choose from the images that no method failed on; raises as `choose`."""
+    first, *others = methods
+    indices = [(each, index_of(folder, each.items.blocks())) for each in others]
+    common = Column(folder, np.int64)
+    start = 0
+    for items in first.items.blocks():
+        shown = ~first.failed[start : start + len(items)]
+        for other, index in indices:
+            rows = index.find(items, other.items)
+            shown &= rows >= 0
+            shown[shown] &= ~other.failed.take(rows[shown])
+        common.append(start + np.flatnonzero(shown))
+        start += len(items)
+    return choose(wanted, Picked(first.items, common))
+
+
+def read_lifted(
+    options: MeasuringOptions,
+    chosen: Sequence[str],
+    methods: Sequence[MethodImages],
+    truth: Truth,
+    held: Mapping[Path, ResultSet],
+) -> tuple[dict[str, list[Lifted]], ShapeSet]:
+    """Return the chosen images of each method, file by file, and their true shapes.
+
+    `held` are the results of files that cannot be read again.
+    """
+    shown = []
+    for method in methods:
+        for file, rows in _rows_of(method, frozenset(chosen)).items():
+            results = held[file] if file in held else read_results(file)
+            results = as_named(results, truth.head.landmark_names)
+            results, _ = visible_enough(file, results, options.least_visible)
+            shown.append((method.name, file, results.take(rows)))
+    keys = [
+        key
+        for _, file, results in shown
+        for key in named_items(results.items, results.extras, options.match, file, "match")
+    ]
+    true = truth.named(keys)
+    lifted: dict[str, list[Lifted]] = {}
+    for name, file, results in shown:
+        judgement = judge(file, results, true, options.match, ("similarity",))
+        lifted.setdefault(name, []).append(keep(results, judgement, true))
+    return lifted, true
+
+
+def _rows_of(method: MethodImages, chosen: Collection[str]) -> dict[Path, list[int]]:
+    """Rows of the chosen images in each file that has any."""
+    found: dict[Path, list[int]] = {}
+    start = 0
+    for items in method.items.blocks():
+        for row in (row for row, item in enumerate(items, start) if item in chosen):
+            file, own = method.place(row)
+            found.setdefault(file, []).append(own)
+        start += len(items)
+    return found

@@ -12,18 +12,16 @@ from shapefit.evaluation.report import Run, count_solved
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import ResultSet, read_results
 from shapefit.pipelines.evaluate.error_bars import find_plausibility, judge_error_bars
-from shapefit.pipelines.evaluate.example_images import chosen_items, read_lifted
-from shapefit.pipelines.evaluate.examples import examples_picture
+from shapefit.pipelines.evaluate.examples import chosen_items, examples_picture, read_lifted
 from shapefit.pipelines.evaluate.floors import Floors
 from shapefit.pipelines.evaluate.judgement import judge
+from shapefit.pipelines.evaluate.measurement import as_named, visible_enough
 from shapefit.pipelines.evaluate.method_images import MethodImages
 from shapefit.pipelines.evaluate.plan import MeasuringOptions
 from shapefit.pipelines.evaluate.report_pages import contact_sheet
-from shapefit.pipelines.evaluate.result_datasets import visible_enough
 from shapefit.pipelines.evaluate.truth import Truth
 from shapefit.pipelines.items import named_items
 from shapefit.pipelines.outcome import Failure, Outcome
-from shapefit.pipelines.skeletons.as_named import as_named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

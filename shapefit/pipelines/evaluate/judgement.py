@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, input_error
+from shapefit.evaluation.averages import labels_of
 from shapefit.evaluation.metric_table import METRICS, ROTATION, TRUE_ROTATION
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
-from shapefit.evaluation.summary import ALL
+from shapefit.evaluation.summary import ALL, ImageErrors, group_sequences
 from shapefit.geometry.normalisation import centroid
 from shapefit.geometry.procrustes import coincide
 from shapefit.io.landmark_names import match_landmarks
 from shapefit.io.records import ResultSet, ShapeSet
-from shapefit.pipelines.evaluate.measurement import Kind, datasets_of, measure
-from shapefit.pipelines.evaluate.result_datasets import find_dataset
+from shapefit.pipelines.evaluate.measurement import Kind, datasets_of, find_dataset, measure
 from shapefit.pipelines.items import named_items
 
 Frame = Literal["object", "camera", "line-of-sight"]
@@ -223,3 +223,45 @@ def common_landmarks(file: Path, own: Sequence[str], true: Sequence[str]) -> tup
         )
         raise input_error(file, found, fix)
     return common
+
+
+def image_errors(name: str, judgement: Judgement) -> list[ImageErrors]:
+    """Return what one file of a method says about each metric and unit."""
+    found = []
+    failed = judgement.failed()
+    for kind, values in judgement.errors.items():
+        rows = rows_judged(kind, values, failed)
+        items = tuple(judgement.items[row] for row in rows)
+        sequences = labels_of([judgement.sequences[row] for row in rows])
+        if items:
+            found.append(ImageErrors(name, *kind, items, sequences, values[rows]))
+    return found
+
+
+def rows_judged(kind: Kind, values: Floats, failed: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Images (n,) that count in a metric, by their errors (n,) in it.
+
+    Those that leave labels undefined are no images of theirs, unless they failed.
+    """
+    return np.flatnonzero(failed | ~np.isnan(values) | (not METRICS[kind[0]].of_labels))
+
+
+def find_grouping(
+    groups: Mapping[str, str], errors: Sequence[ImageErrors]
+) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+    """Sequences of each group (name -> glob), and warnings about what matches nothing.
+
+    Raises InputError where no sequence is in any group.
+    """
+    sequences = dict.fromkeys(s for e in errors for s in e.sequences.names if s)
+    grouping = group_sequences(groups, sequences)
+    empty = [group for group, members in grouping.items() if not members]
+    if len(empty) == len(grouping):
+        found = f"no sequence matches any group; the sequences are {abbreviate(list(sequences))}"
+        raise input_error("groups", found, "correct the globs, or leave `groups` out")
+    grouped = {member for members in grouping.values() for member in members}
+    outside = [sequence for sequence in sequences if sequence not in grouped]
+    warnings = [f"group {g}: no sequence matches {groups[g]!r}" for g in empty]
+    if outside:
+        warnings.append(f"sequences in no group, only in per_image.csv: {abbreviate(outside)}")
+    return grouping, tuple(warnings)

@@ -1,17 +1,21 @@
-"""From the arrays of a result to its errors in one metric, in its unit or two."""
+"""From the datasets of a result to its errors in one metric, in its unit or two."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
+from shapefit.errors import input_error
 from shapefit.evaluation import metrics as measures
 from shapefit.evaluation.metric_table import (
     BOX,
+    CORRELATION,
     ESTIMATE,
     IMAGE,
     LANDMARKS,
@@ -20,7 +24,105 @@ from shapefit.evaluation.metric_table import (
     TRUTH,
     Dataset,
 )
+from shapefit.evaluation.metrics import visible_in_both
 from shapefit.evaluation.report import NORMALISED
+from shapefit.io.extras import Extras
+from shapefit.io.layout import RESULTS
+from shapefit.io.records import ResultSet
+from shapefit.pipelines.joints import (
+    INPUT_CORRELATION,
+    INPUT_NAMES,
+    INPUT_SD,
+    INPUT_SHAPES,
+)
+
+LEAST_VISIBLE = "least_visible"
+
+FIELDS = {dataset.name: dataset.attribute for dataset in RESULTS.datasets}
+
+
+def find_dataset(file: Path, results: ResultSet, wanted: Dataset) -> NDArray[Any] | None:
+    """Return a dataset that a metric takes, in the paper's orientation; None if it is absent.
+
+    Raises InputError where the dataset has another shape than the metric expects.
+    """
+    if wanted.name in FIELDS:
+        known: NDArray[Any] | None = getattr(results, FIELDS[wanted.name])
+        return known
+    data = results.extras.get(wanted.name)
+    if data is None:
+        return None
+    p = len(results.landmark_names)
+    expected = (len(results), *(p if size == "p" else size for size in wanted.shape))
+    if data.shape != expected:
+        found = f"has the shape {data.shape}"
+        raise input_error(f"{file}:/{wanted.name}", found, f"its shape must be {expected}")
+    if wanted.labels:
+        return np.asarray(data, dtype=np.bool_)
+    numbers = np.asarray(data, dtype=np.float64)
+    # Carried datasets come as they stand in the file, one landmark per row.
+    return np.swapaxes(numbers, -1, -2) if wanted.points else numbers
+
+
+def visible_enough(file: Path, results: ResultSet, least: int) -> tuple[ResultSet, tuple[str, ...]]:
+    """Return the images with at least so many observed landmarks, and a warning about the others.
+
+    Raises InputError where the file has no observed landmarks, or no such image.
+    """
+    if not least:
+        return results, ()
+    observed = find_dataset(file, results, LANDMARKS)
+    if observed is None:
+        fix = f"fit to a file that ends in .h5, or leave out `{LEAST_VISIBLE}`"
+        raise input_error(
+            file, f"has no dataset 'landmarks', which `{LEAST_VISIBLE}` counts in", fix
+        )
+    count = visible_in_both(observed, observed).sum(axis=-1)
+    enough = count >= least
+    if not enough.any():
+        found = f"none of its {len(results)} images has {least} observed landmarks"
+        fix = f"set `{LEAST_VISIBLE}` to {max(count, default=0)} or less"
+        raise input_error(file, found, fix)
+    if enough.all():
+        return results, ()
+    # Without the name of the file: results of the same images have one warning together.
+    warning = (
+        f"{(~enough).sum()} of {len(results)} images left out: fewer than {least} observed "
+        "landmarks"
+    )
+    return results.take(np.flatnonzero(enough)), (warning,)
+
+
+OF_JOINTS = ("landmarks", "confidence", "outliers", "corrupted", "shape_covariance")
+"""Datasets with an axis of the joints, which the landmarks of the files have no part in."""
+
+
+def as_named(results: ResultSet, names: Sequence[str]) -> ResultSet:
+    """Return the result with the shapes of the landmarks that more of the names are of.
+
+    Where a fit lifted a detector's landmarks with a dictionary of joints, its result has both.
+    """
+    extras = Extras.of(results.extras, len(results))
+    if INPUT_NAMES not in extras or INPUT_SHAPES not in extras:
+        return results
+    own = tuple(map(str, extras[INPUT_NAMES]))
+    if len(set(own) & set(names)) <= len(set(results.landmark_names) & set(names)):
+        return results
+    per_item = {name: values for name, values in extras.per_item.items() if name not in OF_JOINTS}
+    per_item.pop(CORRELATION.name, None)
+    if INPUT_CORRELATION in extras:
+        per_item[CORRELATION.name] = extras[INPUT_CORRELATION]
+    sd = extras.per_item.get(INPUT_SD)
+    return replace(
+        results,
+        shapes=np.swapaxes(extras[INPUT_SHAPES], 1, 2),
+        shape_sd=None if sd is None else np.swapaxes(sd, 1, 2),
+        landmark_names=own,
+        landmarks_fitted=None,
+        dual=None,
+        extras=Extras(per_item, extras.whole),
+    )
+
 
 Kind = tuple[str, str]
 """A metric and its unit."""

@@ -22,8 +22,7 @@ from shapefit.evaluation.summary import ImageErrors
 from shapefit.io.spilled.columns import Column
 from shapefit.io.spilled.equal_names import find_equal_names
 from shapefit.io.spilled.texts import Texts
-from shapefit.pipelines.evaluate.image_errors import rows_judged
-from shapefit.pipelines.evaluate.judgement import Judgement
+from shapefit.pipelines.evaluate.judgement import Judgement, rows_judged
 from shapefit.pipelines.evaluate.measurement import Kind
 
 MOST_LISTED = 10_000

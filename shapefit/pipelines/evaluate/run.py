@@ -21,7 +21,7 @@ from shapefit.io.whole.atomic import digests
 from shapefit.io.whole.folder import Write, write_folder
 from shapefit.pipelines.evaluate.examples import check_examples
 from shapefit.pipelines.evaluate.found import Found
-from shapefit.pipelines.evaluate.image_errors import find_grouping
+from shapefit.pipelines.evaluate.judgement import find_grouping
 from shapefit.pipelines.evaluate.plan import WritingOptions, plan_evaluation
 from shapefit.pipelines.evaluate.report_pages import contact_sheets, report_pages
 from shapefit.pipelines.evaluate.truth import open_truth

@@ -9,15 +9,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.config import FitConfig
 from shapefit.config.commands.fit_sections import CAMERA_MATRIX
 from shapefit.io import LandmarkSet
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.pipelines.fit.camera import read_intrinsics
-
-Floats = NDArray[np.float64]
 
 FOCAL = 1.1
 """Focal length in longer sides of the image: an angle of view of 49 degrees across it. With it the

@@ -22,7 +22,7 @@ from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, LandmarkSource
 from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.formats import FORMATS, find_target_format
-from shapefit.io.options import InputOptions
+from shapefit.io.options import InputOptions, input_options
 from shapefit.lifting.lift import Lifting, Program
 from shapefit.lifting.methods import (
     METHODS,
@@ -38,8 +38,7 @@ from shapefit.pipelines.fit.chain import Chain, Lifter, Refinement, Search, View
 from shapefit.pipelines.fit.read import ReadOptions, plan_reading, warn_of_source
 from shapefit.pipelines.fit.record import RecordOptions, warn_of_names
 from shapefit.pipelines.fit.report import ReportOptions
-from shapefit.pipelines.reading import input_options
-from shapefit.pipelines.skeletons.joints import MEANS, Mapped
+from shapefit.pipelines.joints import MEANS, Mapped
 
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera

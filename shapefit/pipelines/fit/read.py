@@ -10,9 +10,8 @@ from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, LandmarkSource
 from shapefit.io.records import concatenate
 from shapefit.pipelines.fit.camera import find_doubts, straightened
+from shapefit.pipelines.joints import Joints, match_names, name_warnings, named_as_joints
 from shapefit.pipelines.outcome import nothing_in
-from shapefit.pipelines.skeletons.joints import Joints, named_as_joints
-from shapefit.pipelines.skeletons.landmark_names import match_names, name_warnings
 
 if TYPE_CHECKING:
     from shapefit.io.motion.calibration import CalibratedCamera

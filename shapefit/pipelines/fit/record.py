@@ -19,7 +19,7 @@ from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT, TRUSTED, find_doubts
-from shapefit.pipelines.skeletons.joints import INPUTS
+from shapefit.pipelines.joints import INPUTS
 
 OF_A_RESULT = RESULTS.names | {
     *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),

@@ -28,8 +28,8 @@ from shapefit.pipelines.fit.read import read_images
 from shapefit.pipelines.fit.record import as_result
 from shapefit.pipelines.fit.report import Batch, Report, said_of_y
 from shapefit.pipelines.fit.settle import plan_settling
+from shapefit.pipelines.joints import said_of_names
 from shapefit.pipelines.outcome import Outcome
-from shapefit.pipelines.skeletons.landmark_names import said_of_names
 from shapefit.stores.copies import keep_copies
 
 

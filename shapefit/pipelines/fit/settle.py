@@ -2,26 +2,78 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import LEARNED_FROM, Dictionary
 from shapefit.io import LandmarkSet, LandmarkSource
+from shapefit.io.skeletons import THETA
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.camera import find_calibrated, straightened
 from shapefit.pipelines.fit.chain import lift_images
 from shapefit.pipelines.fit.default_camera import with_camera, without_camera
 from shapefit.pipelines.fit.plan import check_needs, choose_chain
 from shapefit.pipelines.items import spread
-from shapefit.pipelines.skeletons.joints import MEANS, Joints, Mapped, find_joints, named_as_joints
-from shapefit.pipelines.skeletons.theta import FEWEST_SEEN, IMAGES, Theta, find_theta
+from shapefit.pipelines.joints import MEANS, Joints, Mapped, find_joints, named_as_joints
 
 if TYPE_CHECKING:
     from shapefit.io.motion.calibration import CalibratedCamera
+
+Theta = Mapping[str, float]
+
+STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
+"""Of the logarithm of a parameter, tried about its mean, and half of them about the best."""
+
+IMAGES = 20
+"""Images that are asked, spread over those that are looked at."""
+
+FEWEST_SEEN = 8
+"""Landmarks of an image that is asked."""
+
+
+class Found(NamedTuple):
+    """A theta, and the standard deviations of the logarithms of its parameters."""
+
+    theta: dict[str, float]
+    spread: dict[str, float]
+
+
+def find_theta(evidence: Callable[[Theta], float], names: Sequence[str], fixed: Theta) -> Found:
+    """Maximise the posterior of the named parameters, one after the other, twice.
+
+    evidence is log p(w | theta); `fixed` parameters stay. Each is taken to the top of the parabola
+    through the best value tried and its neighbours, whose curvature gives its spread.
+    """
+    theta = {name: parameter.mean for name, parameter in THETA.items()} | dict(fixed)
+    spread: dict[str, float] = {}
+    for factor in (1.0, 0.5):
+        for name in names:
+            if name in fixed:
+                continue
+            mean, wide = THETA[name].mean, THETA[name].spread
+            tried = np.log(theta[name]) + factor * np.array(STEPS)
+            values = np.array(
+                [
+                    evidence(theta | {name: float(np.exp(x))})
+                    - 0.5 * ((x - np.log(mean)) / wide) ** 2
+                    for x in tried
+                ]
+            )
+            best = min(max(int(np.argmax(values)), 1), len(tried) - 2)
+            below, at, above = values[best - 1 : best + 2]
+            step = tried[1] - tried[0]
+            curvature = (2 * at - below - above) / step**2
+            top = tried[int(np.argmax(values))]
+            if curvature > 0:
+                top = tried[best] + np.clip((above - below) / (2 * step * curvature), -step, step)
+                spread[name] = float(curvature**-0.5)
+            theta[name] = float(np.exp(top))
+    return Found(theta, spread)
+
 
 FIRST = 1024
 """Images that are looked at: the same whatever the chunks and parts."""

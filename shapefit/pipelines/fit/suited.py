@@ -14,7 +14,7 @@ from shapefit.config.paths import STANDARD_STREAM
 from shapefit.dictionary.model import SUITS
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks, read_dictionary
-from shapefit.pipelines.reading import input_options
+from shapefit.io.options import input_options
 
 ENOUGH = 10
 """Frames of a sequence whose motion says something of its shapes."""

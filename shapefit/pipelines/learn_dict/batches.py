@@ -20,7 +20,6 @@ from shapefit.geometry.procrustes import choose, rotation_onto, settle_mean
 from shapefit.geometry.symmetry import lateral_squares, mirror, symmetrise
 from shapefit.io import ShapeSet, ShapeSource
 from shapefit.io.spilled.columns import Batched, Column, nearest_folder
-from shapefit.pipelines.learn_dict.symmetry import find_partners
 from shapefit.pipelines.learn_dict.training_shapes import (
     TrainingOptions,
     align,
@@ -28,6 +27,7 @@ from shapefit.pipelines.learn_dict.training_shapes import (
     chosen_landmarks,
     dictionary_of,
     every_nth,
+    find_partners,
     separate,
     still_moving,
 )

@@ -33,12 +33,12 @@ from shapefit.io.formats import find_writer
 from shapefit.io.kinds.kind import find_kind
 from shapefit.io.layout import DICTIONARY
 from shapefit.io.memory import check_fits
+from shapefit.io.options import input_options
 from shapefit.io.sources import is_stream
 from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.batches import TrainingBatches, find_training_batches
-from shapefit.pipelines.learn_dict.from_2d import learn_from_landmarks
+from shapefit.pipelines.learn_dict.from_2d import learn_from_landmarks, relift
 from shapefit.pipelines.learn_dict.prior import learn_prior
-from shapefit.pipelines.learn_dict.relift import relift
 from shapefit.pipelines.learn_dict.training_shapes import (
     TrainingOptions,
     TrainingShapes,
@@ -46,7 +46,6 @@ from shapefit.pipelines.learn_dict.training_shapes import (
     find_training_shapes,
 )
 from shapefit.pipelines.outcome import Outcome
-from shapefit.pipelines.reading import input_options
 
 Making = Generator[Outcome, None, Dictionary]
 """Yields an outcome a round, and returns the dictionary; the last outcome sums up."""

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from shapefit import __version__
-from shapefit.config.paths import MANIFEST
-from shapefit.errors import InputError, input_error, path_text
+from shapefit.config.paths import MANIFEST, ResultFolder
+from shapefit.errors import InputError, counted, input_error, path_text
 from shapefit.io.kinds.opening import open_results
+from shapefit.io.memory import in_words
 from shapefit.io.whole.atomic import atomic_path
 from shapefit.io.whole.folder import check_folder
+from shapefit.pipelines.parts.equal_items import Span
 from shapefit.pipelines.parts.plan import Part
-from shapefit.pipelines.parts.spans import Span
 from shapefit.stores.reading import read_bytes
 from shapefit.stores.states import find_state
 from shapefit.stores.urls import UrlPath
@@ -153,3 +154,37 @@ def held_folder(folder: Path) -> Iterator[None]:
 def _busy(folder: Path, until: str = "") -> InputError:
     found = "another run is writing results to it"
     return input_error(folder, found, f"wait until it ends{until}, or choose another")
+
+
+def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
+    """Return the folders whose results, two or more, are all among the files; their manifests.
+
+    Raises InputError for a manifest that cannot be read.
+    """
+    given = set(files)
+    found: dict[Path, Manifest] = {}
+    for folder in dict.fromkeys(file.parent for file in files):
+        manifest = read_manifest(ResultFolder(folder).manifest)
+        if (
+            manifest
+            and len(manifest.parts) > 1
+            and {folder / name for name in manifest.parts} <= given
+        ):
+            found[folder] = manifest
+    return found
+
+
+def sum_up(parts: Mapping[str, Mapping[str, object]]) -> list[tuple[str, str]]:
+    """Return how many parts and images there are, how large, and the seconds that they took."""
+
+    def total(key: str) -> float:
+        values = (entry.get(key) for entry in parts.values())
+        return sum(value for value in values if isinstance(value, int | float))
+
+    images, failed, seconds = int(total("images")), int(total("failed")), total("seconds")
+    rate = f", {images / seconds:,.0f} images/s" if seconds else ""
+    return [
+        ("parts", f"{len(parts):,}, {in_words(int(total('bytes')))}"),
+        ("images", f"{images:,}" + (f", {failed:,} without a shape" if failed else "")),
+        ("time", f"{counted(round(seconds), 'second')} in all parts{rate}"),
+    ]

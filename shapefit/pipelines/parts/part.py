@@ -13,9 +13,9 @@ from shapefit.config import FitConfig
 from shapefit.errors import InputError, input_error
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.outcome import Counted, Failure, add_up
+from shapefit.pipelines.parts.equal_items import Span
 from shapefit.pipelines.parts.manifest import replace_link
 from shapefit.pipelines.parts.plan import Part
-from shapefit.pipelines.parts.spans import Span
 from shapefit.stores.opening import StoreError
 from shapefit.stores.options import masked, use_storage_options
 from shapefit.stores.shelf import State, own_shelf

@@ -19,6 +19,7 @@ from shapefit.errors import InputError, abbreviate, counted, input_error, printa
 from shapefit.io import digest, open_landmarks, read_dictionary
 from shapefit.io.formats import FORMATS, find_writer
 from shapefit.io.layout import RESULTS
+from shapefit.io.spilled.equal_names import Equal
 from shapefit.pipelines.fit.plan import read_options
 from shapefit.pipelines.fit.settle import FIRST, plan_settling
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
@@ -29,6 +30,7 @@ from shapefit.pipelines.parts.cluster import (
     on_cluster,
     wants_cluster,
 )
+from shapefit.pipelines.parts.equal_items import find_equal, overlapping
 from shapefit.pipelines.parts.manifest import (
     Manifest,
     damage_of,
@@ -36,10 +38,8 @@ from shapefit.pipelines.parts.manifest import (
     held_folder,
     read_manifest,
 )
-from shapefit.pipelines.parts.pace import tell_pace
 from shapefit.pipelines.parts.part import Done, Job, fit_part
 from shapefit.pipelines.parts.plan import Part, plan_parts
-from shapefit.pipelines.parts.spans import overlapping
 from shapefit.stores.listing import files_in
 from shapefit.stores.options import STORAGE_OPTIONS
 from shapefit.stores.writing import remove
@@ -198,9 +198,6 @@ def _run(
 
 def _warn_of_equal(folder: Path, manifest: Manifest) -> tuple[Counted, ...]:
     """Warn of items that are in two parts; read only those whose names may be in another, too."""
-    from shapefit.io.spilled.equal_names import Equal
-    from shapefit.pipelines.parts.equal_items import find_equal
-
     found = [find_equal(sorted(group)) for group in overlapping(manifest.spans(folder))]
     equal = sum(found, Equal(0, ()))
     if not equal.count:
@@ -242,3 +239,32 @@ def _remove_stale(folder: Path, parts: Sequence[Part]) -> None:
         is_part = name.startswith("part-") and PurePosixPath(name).suffix in suffixes
         if is_part and name not in own:
             remove(folder / name)
+
+
+MINUTE, HOUR = 60, 3600
+
+
+def tell_pace(reached: int, parts: int, lost: int, images: int, ended: int, seconds: float) -> str:
+    """Return one line: `12 of 40 parts done, 1 failed, 34,500 images/s, 3 min left`.
+
+    reached   parts that are done, those of earlier runs included
+    lost      parts that failed
+    images    lifted by this run, in the `ended` parts that it did, within `seconds`
+    """
+    words = [f"{reached} of {counted(parts, 'part')} done"]
+    if lost:
+        words.append(f"{lost} failed")
+    if images and seconds > 0:
+        words.append(f"{images / seconds:,.0f} images/s")
+    left = parts - reached - lost
+    if left and ended:
+        words.append(f"{_duration(left * seconds / ended)} left")
+    return ", ".join(words)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < MINUTE:
+        return f"{seconds:.0f} s"
+    if seconds < HOUR:
+        return f"{seconds / MINUTE:.0f} min"
+    return f"{seconds / HOUR:.1f} h"

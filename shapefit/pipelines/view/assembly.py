@@ -16,9 +16,9 @@ from shapefit.io import digest, read_dictionary
 from shapefit.io.agreement import agreed
 from shapefit.io.formats import find_format
 from shapefit.io.kinds.listing import Listing, list_file
-from shapefit.pipelines.reading import input_options
+from shapefit.io.options import input_options
 from shapefit.pipelines.view.frames import Frames
-from shapefit.pipelines.view.gathering import Gathered, gather
+from shapefit.pipelines.view.gathering import Gathered, Truth, gather, read_truth, renamed_edges
 from shapefit.pipelines.view.layers import (
     fit_config,
     laid_onto,
@@ -29,7 +29,6 @@ from shapefit.pipelines.view.layers import (
     with_mesh,
 )
 from shapefit.pipelines.view.pictures import embed, find_images
-from shapefit.pipelines.view.truth import Truth, read_truth, renamed_edges
 from shapefit.stores.locations import location
 from shapefit.viewer.scene import Layer, MeshSet, Picture, Scene
 

@@ -12,13 +12,12 @@ import numpy as np
 from shapefit.config import ViewConfig
 from shapefit.errors import input_error, listed
 from shapefit.io.kinds.listing import Listing
+from shapefit.io.options import input_options
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_path, check_output
 from shapefit.pipelines.outcome import Failure, Outcome
-from shapefit.pipelines.reading import input_options
 from shapefit.pipelines.view.assembly import assemble
-from shapefit.pipelines.view.files import list_files
-from shapefit.pipelines.view.frames import Frames, choose_frames, thin
+from shapefit.pipelines.view.frames import Frames, choose_frames, list_files, thin
 from shapefit.viewer.page import viewer_page
 from shapefit.viewer.scene import Scene
 

@@ -13,7 +13,7 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.io import open_landmarks, write_dictionary
 from shapefit.pipelines.fit import outlier_search
 from shapefit.pipelines.fit.outlier_search import choose_search, find_seeds
-from shapefit.pipelines.project.imperfections import corrupt
+from shapefit.pipelines.imperfections import corrupt
 
 METHODS = ("ransac", "truncated")
 

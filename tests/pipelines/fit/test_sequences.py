@@ -21,10 +21,10 @@ from shapefit.io import (
     read_shapes,
     write_dictionary,
 )
+from shapefit.pipelines import projection as projecting
 from shapefit.pipelines import verify
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learning
-from shapefit.pipelines.project import run as projecting
 
 
 @pytest.fixture(scope="module")

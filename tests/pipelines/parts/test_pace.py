@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from shapefit.pipelines.parts.pace import tell_pace
+from shapefit.pipelines.parts.run import tell_pace
 
 
 @pytest.mark.parametrize(

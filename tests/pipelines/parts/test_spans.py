@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shapefit.pipelines.parts.spans import Span, overlapping
+from shapefit.pipelines.parts.equal_items import Span, overlapping
 
 names = st.text("ab01/", min_size=1, max_size=4)
 

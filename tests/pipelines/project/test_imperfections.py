@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from shapefit.pipelines.project.imperfections import (
+from shapefit.pipelines.imperfections import (
     BATCH,
     LEAST_VISIBLE,
     Purpose,

@@ -12,8 +12,8 @@ from shapefit.errors import InputError
 from shapefit.io import open_landmarks, write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.io.stored import files as shape_files
-from shapefit.pipelines.project.imperfections import BATCH
-from shapefit.pipelines.project.run import run
+from shapefit.pipelines.imperfections import BATCH
+from shapefit.pipelines.projection import run
 
 NAMES = ("head", "left", "right", "foot", "hand")
 LENGTHS = {"walk": 5, "run": 3}

@@ -19,7 +19,7 @@ from shapefit.io import (
 )
 from shapefit.io.skeletons import PEOPLE, SKELETONS
 from shapefit.pipelines.fit import run as fit
-from shapefit.pipelines.skeletons.joints import MEANS, find_joints, named_as_joints
+from shapefit.pipelines.joints import MEANS, find_joints, named_as_joints
 
 BODY = SKELETONS["body_25b"]
 

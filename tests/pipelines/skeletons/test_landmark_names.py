@@ -6,7 +6,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io.skeletons import PEOPLE, SKELETONS
-from shapefit.pipelines.skeletons.landmark_names import (
+from shapefit.pipelines.joints import (
     check_enough,
     find_strange,
     left_out_landmarks,

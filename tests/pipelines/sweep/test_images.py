@@ -10,7 +10,7 @@ import pytest
 from shapefit.config.commands.sweep import CorruptionConfig
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, landmark_writer, open_landmarks
-from shapefit.pipelines.sweep.images import Choice, choose_images
+from shapefit.pipelines.sweeps import Choice, choose_images
 
 NAMES = tuple("abcdef")
 
@@ -50,7 +50,7 @@ def read(path):
 def test_every_nth_of_the_images_that_show_enough(
     choose, images, offset, every, block, monkeypatch
 ):
-    monkeypatch.setattr("shapefit.pipelines.sweep.images.BATCH", block)
+    monkeypatch.setattr("shapefit.pipelines.sweeps.BATCH", block)
     chosen, warm_up = choose(least_visible=4, offset=offset, every=every)
     enough = [f"image{i}" for i in range(20) if i % 7 >= 4]
     assert chosen.items == tuple(enough[offset::every])
@@ -116,7 +116,7 @@ def test_no_image_left_is_an_error_that_says_so(choose):
 
 
 def test_every_block_of_images_has_draws_of_its_own(choose, images, rng, monkeypatch):
-    monkeypatch.setattr("shapefit.pipelines.sweep.images.BATCH", 10)
+    monkeypatch.setattr("shapefit.pipelines.sweeps.BATCH", 10)
     alike = replace(images, landmarks=np.tile(rng.standard_normal((10, 2, 6)), (2, 1, 1)))
     found, _ = choose(images=alike, corruption=CorruptionConfig(share=0.5))
     first, second = found.take(slice(10)), found.take(slice(10, 20))

@@ -13,11 +13,11 @@ import pytest
 from shapefit.config import EvalConfig, FitConfig, LearnDictConfig, ProjectConfig, load_config
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks, read_dictionary, read_results
+from shapefit.pipelines import projection as project
 from shapefit.pipelines.evaluate import run as evaluate
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.project import run as project
-from shapefit.pipelines.sweep.run import run
+from shapefit.pipelines.sweeps import run
 
 PEOPLE = Path(__file__).resolve().parents[3] / "sample_data"
 TRUTH = PEOPLE / "people_test.h5"
@@ -117,7 +117,7 @@ def test_each_value_of_the_dictionary_size_learns_a_dictionary(sweep, tmp_path):
 
 
 def test_every_nth_image_is_fitted(sweep, tmp_path, monkeypatch):
-    monkeypatch.setattr("shapefit.pipelines.sweep.images.BATCH", 5)  # some chunks have none
+    monkeypatch.setattr("shapefit.pipelines.sweeps.BATCH", 5)  # some chunks have none
     _, (row,) = sweep({"fit.lambda": [0.1]}, every=7)
     items = read_results(tmp_path / "out/work/1_0.1/result.h5").items
     list(project.run(ProjectConfig(shapes=(TRUTH,), output=tmp_path / "views.h5")))

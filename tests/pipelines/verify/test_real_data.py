@@ -9,9 +9,9 @@ import pytest
 
 from shapefit.config import FitConfig, LearnDictConfig, ProjectConfig
 from shapefit.io import landmark_writer, open_landmarks, read_shapes, write_shapes
+from shapefit.pipelines import projection as projecting
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.project import run as projecting
 
 TERMS = {
     "squared": {},

@@ -8,8 +8,8 @@ import pytest
 from shapefit.config import ViewConfig
 from shapefit.errors import InputError
 from shapefit.io.options import AS_THEY_ARE
-from shapefit.pipelines.view import files as module
-from shapefit.pipelines.view.files import list_files
+from shapefit.pipelines.view import frames as module
+from shapefit.pipelines.view.frames import list_files
 from shapefit.pipelines.view.run import make_page, run
 
 

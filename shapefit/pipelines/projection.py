@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -15,22 +16,47 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.io import (
     LandmarkSet,
     ShapeSet,
+    ShapeSource,
     check_output,
     digests,
     landmark_writer,
     open_shapes,
 )
 from shapefit.io.extras import CORRUPTED, Extras
-from shapefit.pipelines.outcome import Outcome, nothing_in
-from shapefit.pipelines.project.imperfections import (
+from shapefit.io.options import input_options
+from shapefit.pipelines.imperfections import (
     BATCH,
     Purpose,
     add_noise,
     hide,
     stream,
 )
-from shapefit.pipelines.project.turntable import Turntable, sequence_lengths
-from shapefit.pipelines.reading import input_options
+from shapefit.pipelines.outcome import Outcome, nothing_in
+
+
+def sequence_lengths(source: ShapeSource) -> Counter[str]:
+    """Count the frames of each sequence."""
+    lengths: Counter[str] = Counter()
+    for names in source.sequences():
+        lengths.update(names)
+    return lengths
+
+
+class Turntable:
+    """Counts the frames of each sequence: frame t of n has made t / n of a turn."""
+
+    def __init__(self, lengths: Mapping[str, int]) -> None:
+        self._length = lengths
+        self._seen: Counter[str] = Counter()
+
+    def turns(self, sequences: Sequence[str]) -> Floats:
+        """Return the turns (n,) of the next n frames, which belong to these sequences."""
+        turns = np.empty(len(sequences))
+        for frame, name in enumerate(sequences):
+            turns[frame] = self._seen[name] / self._length[name]
+            self._seen[name] += 1
+        return turns
+
 
 TRUE_ROTATION = "true_rotation"
 OF_THE_VIEW = (TRUE_ROTATION, CORRUPTED)
