@@ -109,7 +109,7 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def _internal_error(error: Exception) -> int:
-    from shapefit.stores.options import masked
+    from shapefit.stores.opening import masked
 
     if os.environ.get(TRACEBACK_VARIABLE) == "1":
         import traceback

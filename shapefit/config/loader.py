@@ -14,7 +14,7 @@ from shapefit.config.model import CommandConfig, with_all_optional
 from shapefit.config.paths import STANDARD_STREAM
 from shapefit.config.settings import STANDARD_INPUT, ConfigFile, load_model
 from shapefit.errors import input_error
-from shapefit.stores.options import use_storage_options
+from shapefit.stores.opening import use_storage_options
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 

@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 from shapefit.config.fields import Expected
 from shapefit.config.paths import STANDARD_STREAM, Folder, ResultFolder
 from shapefit.errors import path_text
-from shapefit.stores.options import MASK, STORAGE_OPTIONS
+from shapefit.stores.opening import MASK, STORAGE_OPTIONS
 from shapefit.stores.urls import real_path
 
 

@@ -15,10 +15,9 @@ from pydantic import AfterValidator, BeforeValidator, InstanceOf, PlainSerialize
 
 from shapefit.config.fields import Expected
 from shapefit.errors import path_text
-from shapefit.stores.listing import matching
-from shapefit.stores.locations import location
+from shapefit.stores.locations import location, matching
 from shapefit.stores.reading import read_bytes
-from shapefit.stores.states import look_up
+from shapefit.stores.shelf import look_up
 from shapefit.stores.urls import UrlPath, is_url
 
 STANDARD_STREAM = Path("-")

@@ -14,7 +14,7 @@ from shapefit.config.fields import expectation, field_keys, in_words, meaning, s
 from shapefit.config.loader import CONFIGS
 from shapefit.config.paths import OfTheData
 from shapefit.errors import input_error
-from shapefit.stores.options import STORAGE_OPTIONS
+from shapefit.stores.opening import STORAGE_OPTIONS
 
 _INTRODUCTION = """\
 # Config keys

@@ -41,7 +41,7 @@ from shapefit.config.paths import (
     with_data,
 )
 from shapefit.errors import InputError, input_error
-from shapefit.stores.options import MASK, STORAGE_OPTIONS, use_storage_options
+from shapefit.stores.opening import MASK, STORAGE_OPTIONS, use_storage_options
 from shapefit.stores.urls import is_url
 
 COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error, listed
 from shapefit.io.extras import Array, Extras
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.magnitudes import Axis, check_magnitudes
 from shapefit.io.options import Direction
+from shapefit.io.problems import Axis, check_magnitudes
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
 Text = TypeVar("Text", bound=str)

@@ -13,10 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.errors import input_error, listed
-from shapefit.io.detectors import table as detectors
+from shapefit.io.foreign import table as foreign
 from shapefit.io.foreign.file_format import FileFormat
-from shapefit.io.motion import table as motion
-from shapefit.io.plain import table as plain
 from shapefit.io.sources import (
     HDF5_SIGNATURE,
     PARQUET_SIGNATURE,
@@ -24,7 +22,6 @@ from shapefit.io.sources import (
     require_file,
     source_name,
 )
-from shapefit.io.trackers import table as trackers
 from shapefit.io.written import table as written
 from shapefit.stores.reading import read_head
 
@@ -79,10 +76,7 @@ FORMATS: dict[str, FileFormat] = {
     "hdf5": HDF5,
     "parquet": PARQUET,
     "csv": CSV,
-    **trackers.FORMATS,
-    **detectors.FORMATS,
-    **motion.FORMATS,
-    **plain.FORMATS,
+    **foreign.FORMATS,
 }
 """Those of the package come first; the recognisers of others are asked before theirs."""
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from shapefit.errors import input_error
 from shapefit.io.memory import check_fits, in_words
-from shapefit.stores.states import find_state
+from shapefit.stores.shelf import find_state
 from shapefit.stores.urls import UrlPath
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"

@@ -12,7 +12,7 @@ from shapefit.errors import input_error
 from shapefit.io import LandmarkSource, ShapeSource, open_landmarks, open_shapes
 from shapefit.io.formats import find_target_format
 from shapefit.io.joined import ResultSource
-from shapefit.io.kinds.kind import Kind, find_kind
+from shapefit.io.kinds.listing import Kind, find_kind
 from shapefit.io.kinds.opening import open_results
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.options import InputOptions, OutputOptions, input_options

@@ -22,10 +22,10 @@ from shapefit.io import (
 )
 from shapefit.io.extras import Extras
 from shapefit.io.foreign.file_format import FileFormat
-from shapefit.io.foreign.names import fitting_skeletons
 from shapefit.io.foreign.opening import group_inputs, open_either
+from shapefit.io.foreign.sources import fitting_skeletons
 from shapefit.io.formats import find_format
-from shapefit.io.kinds.kind import find_kind
+from shapefit.io.kinds.listing import find_kind
 from shapefit.io.kinds.opening import read_results
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options

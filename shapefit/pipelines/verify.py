@@ -29,9 +29,9 @@ from shapefit.io.foreign.opening import group_inputs
 from shapefit.io.kinds.proofs import ProofFile, open_proofs
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.pipelines.outcome import Failure, Outcome
-from shapefit.stores.listing import files_in
+from shapefit.stores.locations import files_in
 from shapefit.stores.reading import read_bytes
-from shapefit.stores.states import find_state
+from shapefit.stores.shelf import find_state
 from shapefit.stores.urls import UrlPath
 from shapefit.verification.check import Check
 from shapefit.verification.claims import verify_images

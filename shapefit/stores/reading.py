@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import IO
 
-from shapefit.stores.copies import has_copy, local_copy
 from shapefit.stores.opening import open_store, store_errors
-from shapefit.stores.shelf import current_shelf
-from shapefit.stores.states import look_up
+from shapefit.stores.shelf import current_shelf, has_copy, local_copy, look_up
 from shapefit.stores.urls import UrlPath
 
 BLOCK_BYTES = 1 << 18

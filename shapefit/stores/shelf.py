@@ -1,15 +1,19 @@
-"""What is known of objects, and their local copies, for as long as they are needed."""
+"""What is known of objects, here or in a store, and their local copies, as long as needed."""
 
 from __future__ import annotations
 
+import errno
+import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+from shapefit.errors import input_error
+from shapefit.stores.opening import open_store, store_errors
 from shapefit.stores.urls import UrlPath
 
 State = tuple[int, int | str]
@@ -76,3 +80,87 @@ def own_shelf() -> Iterator[None]:
         _own.reset(token)
         if shelf.folder is not None:
             shelf.folder.cleanup()
+
+
+VERSIONS = ("ETag", "etag", "mtime", "LastModified", "created")
+"""Where stores say of which version an object is, the best first."""
+
+
+def look_up(path: Path) -> State | None:
+    """Return the state of a file, as it is now; None where there is none.
+
+    Raises InputError where the store does not answer.
+    """
+    if not isinstance(path, UrlPath):
+        try:
+            found = os.stat(path)
+        except OSError:
+            return None
+        return found.st_size, found.st_mtime_ns
+    system, name = open_store(path)
+    state = None
+    with store_errors(path):
+        try:
+            entry = system.info(name)
+            state = None if entry["type"] == "directory" else state_of(entry)
+        except FileNotFoundError:
+            pass
+    current_shelf().remember(path, state)
+    return state
+
+
+def find_state(path: Path) -> State | None:
+    """Return the state of a file; that of an object as it was when it was looked up."""
+    if isinstance(path, UrlPath) and path in current_shelf().states:
+        return current_shelf().states[path]
+    return look_up(path)
+
+
+def state_of(entry: Mapping[str, object]) -> State:
+    """Return the state in what a store says of an object."""
+    version = next((entry[key] for key in VERSIONS if entry.get(key)), "")
+    return int(str(entry.get("size") or 0)), str(version).strip('"')
+
+
+_NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
+
+
+def local_copy(path: UrlPath) -> Path:
+    """Return a copy of an object on this machine, downloaded the first time.
+
+    Raises InputError where that is not possible.
+    """
+    shelf = current_shelf()
+    if path not in shelf.copies:
+        find_state(path)  # by which it is known later whether the copy is still good
+        system, name = open_store(path)
+        with store_errors(path), _room_for(path):
+            copy = shelf.place_for(path)
+            system.get_file(name, str(copy))
+        shelf.copies[path] = copy
+    return shelf.copies[path]
+
+
+def keep_copies(paths: Iterable[Path]) -> None:
+    """Download objects that will be read whole, and more than once; leave out other paths."""
+    for path in paths:
+        if isinstance(path, UrlPath):
+            local_copy(path)
+
+
+def has_copy(path: UrlPath) -> bool:
+    """Whether an object was downloaded before."""
+    return path in current_shelf().copies
+
+
+@contextmanager
+def _room_for(path: UrlPath) -> Iterator[None]:
+    """Say of a full disk which one it is."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _NO_ROOM:
+            raise
+        found = f"has no room for a copy of {path} ({error.strerror})"
+        fix = "free some space, or set TMPDIR to another folder"
+        raise input_error(tempfile.gettempdir(), found, fix) from error

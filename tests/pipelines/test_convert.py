@@ -13,7 +13,7 @@ from shapefit.config import load_config
 from shapefit.errors import InputError
 from shapefit.io import landmark_writer, open_landmarks, read_results, read_shapes, write_shapes
 from shapefit.io.extras import Extras
-from shapefit.io.kinds.kind import find_kind
+from shapefit.io.kinds.listing import find_kind
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.pipelines.convert import run
 

@@ -10,8 +10,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.stores.locations import location
-from shapefit.stores.shelf import own_shelf
-from shapefit.stores.states import look_up
+from shapefit.stores.shelf import look_up, own_shelf
 
 
 @pytest.fixture

@@ -1,4 +1,7 @@
-"""Read CSV text a block at a time into columns of cells, with the line of every row."""
+"""Read CSV text a section at a time, which ends where a record ends, into columns of cells.
+
+A section is split at commas where it has no quotes, else read with care; every row has its line.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from io import StringIO
 from itertools import chain
 from pathlib import Path
 
@@ -13,10 +17,154 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import InputError, input_error
-from shapefit.io.csv.rows import bad_line, read_rows, split_columns
-from shapefit.io.csv.sections import Section, read_sections
 from shapefit.io.problems import Problems
-from shapefit.io.sources import source_name
+from shapefit.io.sources import read_text_blocks, source_name
+
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+
+MOST_BYTES = 1 << 20
+"""A section grows to this size where no record ends before; a cell cannot be so long."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """Whole records of a CSV file: `data` in UTF-8 and as text, and the line they begin on."""
+
+    data: bytes
+    text: str
+    line: int
+
+    def __bool__(self) -> bool:
+        return bool(self.data)
+
+    def without_header(self) -> Section:
+        """Return the section without its first line."""
+        header, end, _ = self.data.partition(b"\n")
+        start = len(header) + len(end)
+        return Section(self.data[start:], self.text.partition("\n")[2], self.line + len(end))
+
+
+def read_sections(path: Path) -> Iterator[Section]:
+    """Yield the text of standard input, a pipe or a file; the first section has the header.
+
+    Lines that end in CR alone, as on old Macs, get the line ends of today. Raises InputError as
+    `read_text_blocks` does, and for text that is not UTF-8.
+    """
+    name = source_name(path)
+    line, rest, old = 1, b"", False
+    for number, block in enumerate(read_text_blocks(path)):
+        if number == 0:
+            block = block.removeprefix(BYTE_ORDER_MARK)
+            old = b"\r" in block and b"\n" not in block
+        elif old and b"\n" in block:
+            found = "a line ends in CR alone, others in LF"
+            raise input_error(f"{name}:1", found, "end all lines in the same way")
+        data = rest + (block.replace(b"\r", b"\n") if old else block)
+        end = _end_of_records(data)
+        rest = data[end:]
+        if end:
+            yield _decode(data[:end], line, name)
+            line += data.count(b"\n", 0, end)
+    if rest or line == 1:
+        yield _decode(rest, line, name)
+
+
+def _end_of_records(data: bytes) -> int:
+    """Return where the last whole record ends: after a line end with an even count of quotes."""
+    end = data.rfind(b"\n") + 1
+    open_quote = data.count(b'"', 0, end) % 2 if b'"' in data else 0
+    while open_quote and end:
+        before = data.rfind(b"\n", 0, end - 1) + 1
+        open_quote ^= data.count(b'"', before, end) % 2
+        end = before
+    if end or len(data) < MOST_BYTES:
+        return end
+    return data.rfind(b"\n") + 1 or len(data)
+
+
+def _decode(data: bytes, line: int, name: str) -> Section:
+    fix = "save it as CSV in UTF-8"
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line += data.count(b"\n", 0, error.start)
+        raise input_error(f"{name}:{line}", "is not UTF-8 text", fix) from error
+    if "\0" in text:
+        line += data.count(b"\n", 0, data.index(b"\0"))
+        raise input_error(f"{name}:{line}", "is not text (a zero byte)", fix)
+    return Section(data, text, line)
+
+
+COMMA, LINE_END = b",\n"
+
+QUOTES = "put cells with commas or quotes in double quotes, and double the quotes in them"
+
+
+def split_columns(section: Section, width: int) -> list[list[str]] | None:
+    """Return the columns of a section in which every line has `width` cells, none of them quoted.
+
+    None where it is not so plain; `read_rows` takes every section, and finds the same cells.
+    """
+    data, text = section.data, section.text
+    if b"\r" in data:
+        data, text = data.replace(b"\r\n", b"\n"), text.replace("\r\n", "\n")
+    if b'"' in data or b"\r" in data or len(data) > csv.field_size_limit():
+        return None
+    letters = np.frombuffer(data.removesuffix(b"\n") + b"\n", np.uint8)
+    ends, commas = np.flatnonzero(letters == LINE_END), np.flatnonzero(letters == COMMA)
+    if len(commas) != len(ends) * (width - 1):
+        return None
+    between = commas.reshape(len(ends), width - 1)
+    if (between[:, -1] > ends).any() or (between[1:, 0] < ends[:-1]).any():
+        return None
+    cells = text.removesuffix("\n").replace("\n", ",").split(",")
+    columns = [cells[column::width] for column in range(width)]
+    return None if "" in columns[0] else columns  # there may be an empty row
+
+
+def read_rows(section: Section, name: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield line and cells of each row that is not empty.
+
+    A quote that is never closed swallows the rest of the section as one cell. Raises InputError
+    after the last row that can be read, naming the line of the next one.
+    """
+    quoted = '"' in section.text
+    reader = csv.reader(StringIO(section.text, newline="\n"), strict=True)
+    line = section.line
+    try:
+        for row in reader:
+            if any(row):
+                if quoted:
+                    _check_quotes(row, section.text, f"{name}:{line}")
+                yield line, row
+            line = section.line + reader.line_num
+    except csv.Error as error:
+        if "unexpected end" not in str(error):
+            raise bad_line(f"{name}:{line}", error) from error
+        yield line, _last_row(section, line)
+        raise input_error(f"{name}:{line}", "a quote is never closed", QUOTES) from error
+
+
+def bad_line(place: str, error: csv.Error) -> InputError:
+    """Say what the csv module found at a place."""
+    if "new-line" in str(error):
+        found, fix = "a line ends in CR alone, others in LF", "end all lines in the same way"
+    else:
+        found, fix = f"a bad cell ({error})", "check the quotes around it"
+    return input_error(place, found, fix)
+
+
+def _last_row(section: Section, line: int) -> list[str]:
+    lines = list(StringIO(section.text, newline="\n"))
+    return next(csv.reader(lines[line - section.line :]))
+
+
+def _check_quotes(row: list[str], text: str, place: str) -> None:
+    """Refuse an odd number of quotes in a cell that has none around it."""
+    for cell in row:
+        if cell.count('"') % 2 and '"{}"'.format(cell.replace('"', '""')) not in text:
+            raise input_error(place, "cannot be read as CSV (a quote inside a cell)", QUOTES)
+
 
 Columns = Sequence[Sequence[str]]
 Lines = NDArray[np.int64]

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import counted, input_error
 from shapefit.io.csv.numbers import read_numbers
-from shapefit.io.csv.rows import read_rows, split_columns
-from shapefit.io.csv.sections import Section, read_sections
+from shapefit.io.csv.text import Section, read_rows, read_sections, split_columns
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.skeletons import SKELETONS
 

@@ -1,4 +1,7 @@
-"""Recordings of other tools as files of landmarks and of shapes, as sources join them."""
+"""Recordings of other tools as files of landmarks and of shapes, as sources join them.
+
+Landmarks that a file does not name are those of a skeleton known by name (`keypoints`).
+"""
 
 from __future__ import annotations
 
@@ -11,15 +14,61 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import abbreviate, input_error
+from shapefit.arrays import Flags
+from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
-from shapefit.io.foreign.names import landmark_names
 from shapefit.io.foreign.recording import FRACTION, Instances, Recording
 from shapefit.io.foreign.selection import Chosen, choose, stacked
 from shapefit.io.joined import SourceFile
+from shapefit.io.landmark_names import nearest_names
 from shapefit.io.options import InputOptions
 from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.io.skeletons import SKELETONS
+
+KEY = "keypoints"
+NUMBERED = "numbered"
+"""In place of a skeleton: landmarks are called 0, 1 and so on."""
+
+
+def fitting_skeletons(count: int) -> list[str]:
+    """Return the known skeletons of so many landmarks."""
+    return [name for name, one in SKELETONS.items() if len(one.landmark_names) == count]
+
+
+def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ...]:
+    """Return the names of the landmarks of a recording.
+
+    They are those of the file. Where it has none, they are those of the skeleton `keypoints`, of
+    the one that its format implies, or their numbers where no known skeleton has as many, or
+    `keypoints` is `numbered`. Raises InputError for an unknown skeleton, one of another number of
+    landmarks, and where some have as many as the file and `keypoints` names none.
+    """
+    wanted = options.keypoints
+    if wanted is not None and wanted not in (*SKELETONS, NUMBERED):
+        near = nearest_names(wanted, tuple(SKELETONS))
+        fix = f"did you mean {near[0]}?" if near else f"use {listed(SKELETONS)}"
+        raise input_error(KEY, f"there is no skeleton {wanted!r}", fix)
+    if recording.landmark_names is not None:
+        return recording.landmark_names
+    count = recording.landmark_count
+    chosen = wanted or recording.default_keypoints
+    if chosen is None:
+        fitting = fitting_skeletons(count)
+        if fitting:
+            found = f"{count} landmarks without names, as {listed(fitting, 'and')} have"
+            ways = [f"`--set {KEY}={name}`" for name in (*fitting, NUMBERED)]
+            raise input_error(recording.name, found, f"say which: {listed(ways)}")
+    if chosen in (None, NUMBERED):
+        return tuple(map(str, range(count)))
+    names = SKELETONS[chosen].landmark_names
+    if len(names) != count:
+        fitting = fitting_skeletons(count)
+        known = f"; {listed(fitting)} have as many" if fitting else ""
+        found = f"{count} landmarks, and {chosen} has {len(names)}"
+        raise input_error(recording.name, found, f"set another `{KEY}`{known}")
+    return names
+
 
 HELD_BYTES = 256 << 20
 """Of a recording that is kept in memory; larger ones are read anew, sequence by sequence."""
@@ -237,3 +286,49 @@ def _notes(recording: Recording, survey: Survey) -> tuple[str, ...]:
     """Say what was left out of a recording."""
     found = tuple(f"{recording.name}: {number} {text}" for text, number in survey.counts.items())
     return tuple(f"{recording.name}: {note}" for note in recording.notes) + found
+
+
+KNOWN_SHARE = 0.9
+"""Of the shapes of a recording in which a landmark must be known to be learned from."""
+
+
+def without_gaps(
+    shapes: ShapeSet, notes: tuple[str, ...], name: str
+) -> tuple[ShapeSet, tuple[str, ...]]:
+    """Return the whole shapes of the landmarks that are mostly known, and notes of what is lost.
+
+    Raises InputError where no landmark is.
+    """
+    known = np.asarray(np.isfinite(shapes.shapes).all(axis=1))
+    if not len(shapes):
+        return shapes, notes
+    often: Flags = np.asarray(known.mean(axis=0) >= KNOWN_SHARE)
+    if not often.any():
+        found = f"no landmark is known in {KNOWN_SHARE:.0%} of its {counted(len(shapes), 'shape')}"
+        raise input_error(name, found, "give shapes with fewer gaps")
+    rows: Flags = np.asarray(known[:, often].all(axis=1))
+    lost = [name for name, stays in zip(shapes.landmark_names, often, strict=True) if not stays]
+    if lost:
+        text = f"left out, known in less than {KNOWN_SHARE:.0%} of the shapes"
+        notes += (f"{name}: {counted(len(lost), 'landmark')} {text} ({abbreviate(lost)})",)
+    if not rows.all():
+        gone = counted(int((~rows).sum()), "shape")
+        notes += (f"{name}: {gone} left out, in which a landmark is unknown",)
+    if lost:
+        shapes = _of_landmarks(shapes, np.flatnonzero(often))
+    return shapes.take(rows), notes
+
+
+def _of_landmarks(shapes: ShapeSet, columns: NDArray[np.intp]) -> ShapeSet:
+    """Return the shapes with some of their landmarks, and the edges between those."""
+    edges = shapes.edges
+    if edges is not None:
+        place = {int(old): new for new, old in enumerate(columns)}
+        pairs = [[place[a], place[b]] for a, b in edges.tolist() if a in place and b in place]
+        edges = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return replace(
+        shapes,
+        shapes=shapes.shapes[:, :, columns],
+        landmark_names=tuple(shapes.landmark_names[int(j)] for j in columns),
+        edges=edges,
+    )

@@ -10,9 +10,9 @@ from typing import Any
 import h5py
 
 from shapefit.io.hdf5.trial import try_opening
-from shapefit.stores.copies import has_copy
 from shapefit.stores.opening import store_errors
 from shapefit.stores.reading import shared_bytes
+from shapefit.stores.shelf import has_copy
 from shapefit.stores.urls import UrlPath
 
 MOST_GARBAGE = 50_000

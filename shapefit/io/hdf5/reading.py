@@ -11,17 +11,87 @@ from typing import Any
 import h5py
 import numpy as np
 
-from shapefit.errors import input_error, printable
+from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.extras import is_per_item
-from shapefit.io.hdf5.counted import CountedRows
 from shapefit.io.hdf5.opening import open_hdf5
-from shapefit.io.hdf5.pieces import read_rows
-from shapefit.io.hdf5.sizes import Stored, size_in_memory, was_written
-from shapefit.io.hdf5.strangers import stranger
-from shapefit.io.layout import FORMATS, PER_ITEM_FLAG, Dataset, Format
+from shapefit.io.hdf5.pieces import Stored, read_rows, size_in_memory, was_written
+from shapefit.io.layout import AXES, FORMATS, LANDMARKS, PER_ITEM_FLAG, SHAPES, Dataset, Format
 from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.problems import input_problems
 from shapefit.io.stored.reader import StoredReader, is_text, wanted
+
+
+class CountedRows:
+    """Adds up the counts of a file; goes on from where the last items began or ended."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, dict[int, int]] = {}
+
+    def of(self, reader: Hdf5Reader, dataset: Dataset, items: slice) -> slice:
+        """Return the rows of a counted dataset that belong to these items.
+
+        Raises InputError where the counts do not fit the dataset.
+        """
+        start, stop, _ = items.indices(reader.count)
+        known = self._known.get(dataset.name, {})
+        item, row = max((each for each in known.items() if each[0] <= start), default=(0, 0))
+        first = row + _total(reader, dataset, slice(item, start))
+        end = first + _total(reader, dataset, slice(start, stop))
+        _check_length(reader, dataset, end, last=stop == reader.count)
+        self._known[dataset.name] = {start: first, stop: end}
+        return slice(first, end)
+
+
+def _total(reader: Hdf5Reader, dataset: Dataset, items: slice) -> int:
+    if items.start >= items.stop:
+        return 0
+    counts = reader.read(dataset.counted_by, items)
+    axis = str(dataset.axes[0])
+    most = reader.size("k") if axis == "a" else None
+    most = most or reader.size(axis) or 0
+    wrong = np.flatnonzero((counts < 0) | (counts > most))
+    if len(wrong):
+        place = reader.place(dataset.counted_by, items.start + int(wrong[0]))
+        found = f"is {counts[wrong[0]]}, not a number of {AXES[axis]}"
+        raise input_error(place, found, "the file was changed: fit again")
+    return int(counts.sum())
+
+
+def _check_length(reader: Hdf5Reader, dataset: Dataset, end: int, *, last: bool) -> None:
+    axis = str(dataset.axes[0])
+    length = reader.size(axis) or 0
+    if end > length or (last and end != length):
+        found = f"holds {length} {AXES[axis]}, and {dataset.counted_by} counts {end}"
+        place = reader.place(dataset.name)
+        raise input_error(place, found, "the file was changed: fit again")
+
+
+LOOKED_FOR = (
+    "DeepLabCut (a table of pandas in the root)",
+    "SLEAP (tracks and node_names, or metadata, frames and instances)",
+    "JABS (poseest/points)",
+    "NWB (the attribute nwb_version)",
+    "movement (the attribute ds_type)",
+)
+
+KERAS = {"keras_version", "model_weights", "layer_names"}
+
+
+def stranger(file: Any, form: str = "") -> tuple[str, str]:
+    """Return what is wrong with an open HDF5 file without the attribute `format`, and the fix.
+
+    form is the layout that it should have, "" where any of ours would do.
+    """
+    entries, attributes = sorted(file), sorted(file.attrs)
+    holds = abbreviate([printable(name) for name in entries]) or "nothing"
+    found = f"has no root attribute format, and holds {holds}"
+    if KERAS & {*entries, *attributes}:
+        return found, "it is a model of Keras: give the landmarks that it found"
+    own = f"set it to {form} if the file has that layout" if form else "a file of shapefit"
+    if form and form not in (LANDMARKS.name, SHAPES.name):
+        return found, own
+    return found, f"give a file of {', '.join(LOOKED_FOR)}, or {own}"
+
 
 CACHE_BYTES = 1 << 20
 """Of chunks that are kept for each dataset; by default HDF5 keeps 8 MB, and rows are read once."""

@@ -22,8 +22,7 @@ import h5py
 import shapefit
 from shapefit.errors import input_error
 from shapefit.io.memory import in_words
-from shapefit.stores.shelf import State
-from shapefit.stores.states import find_state
+from shapefit.stores.shelf import State, find_state
 
 SECONDS = 5
 """Of the processor that the child may take, and one more for every BYTES_A_SECOND of the file."""

@@ -16,8 +16,7 @@ from shapefit.io.extras import Array
 from shapefit.io.hdf5.latched_file import Spool
 from shapefit.io.hdf5.trial import mark_written
 from shapefit.io.layout import PER_ITEM_FLAG, VERSION, Format, stored_name
-from shapefit.io.stored.arrays import as_stored, storable
-from shapefit.io.stored.writer import StoredWriter, check_alike
+from shapefit.io.stored.writer import StoredWriter, as_stored, check_alike, storable
 from shapefit.io.whole.atomic import atomic_file
 from shapefit.stores.urls import UrlPath
 

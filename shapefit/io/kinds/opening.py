@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from shapefit.io.foreign.file_format import FileFormat
-from shapefit.io.foreign.gaps import without_gaps
 from shapefit.io.foreign.opening import group_inputs, mixture, open_recording
+from shapefit.io.foreign.sources import without_gaps
 from shapefit.io.formats import find_format, find_reader
 from shapefit.io.joined import LandmarkSource, ResultSource, ShapeSource, SourceFile
 from shapefit.io.landmark_names import check_known
 from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Dataset, Format
-from shapefit.io.magnitudes import Axis, check_magnitudes, warn_of_zeros
 from shapefit.io.options import AS_THEY_ARE, InputOptions
+from shapefit.io.problems import Axis, check_magnitudes, warn_of_zeros
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import source_name
 from shapefit.io.stored.files import stored_file

@@ -10,8 +10,7 @@ from shapefit.errors import input_error
 from shapefit.io.formats import find_format
 from shapefit.io.layout import RESULTS
 from shapefit.io.records import ResultSet
-from shapefit.io.stored.files import read_rows
-from shapefit.io.stored.opening import open_stored
+from shapefit.io.stored.files import open_stored, read_rows
 from shapefit.io.stored.reader import StoredReader
 
 UNNEEDED = ("iterations", "mesh_vertices")

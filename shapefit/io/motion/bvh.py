@@ -12,8 +12,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.geometry.rotations import turns
 from shapefit.io.foreign.recording import Instances, Recording
-from shapefit.io.motion.labels import unique_names
-from shapefit.io.motion.text import read_blocks, read_plain, read_table, read_words
+from shapefit.io.motion.text import read_blocks, read_plain, read_table, read_words, unique_names
 
 TOO_FEW = "frames are announced, but not there"
 

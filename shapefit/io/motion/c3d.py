@@ -18,7 +18,7 @@ from shapefit.geometry.length_units import as_metres
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.hdf5.trial import try_opening
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.motion.labels import unique_names
+from shapefit.io.motion.text import unique_names
 
 BLOCK = 512
 """Bytes of a block, in which the format counts."""

@@ -1,7 +1,8 @@
-"""Lines and numbers of text files of motion, some thousand lines at a time."""
+"""Lines and numbers of text files of motion, some thousand lines at a time, and their labels."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.csv.numbers import read_numbers
 
 BLOCK_LINES = 4096
@@ -87,3 +88,26 @@ def read_words(words: Sequence[str], count: int, place: str) -> tuple[float, ...
         found = f"expected {count} numbers, found {' '.join(words)[:40]!r}"
         raise input_error(place, found, "correct it")
     return numbers
+
+
+def unique_names(labels: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return labels as names that occur once, and a note on those that had to change.
+
+    A point without a label is `*7`, as C3D files call the eighth; what repeats gets a number.
+    """
+    names = [label.strip() or f"*{place}" for place, label in enumerate(labels)]
+    taken, seen = set(names), Counter[str]()
+    changed = []
+    for place, name in enumerate(names):
+        seen[name] += 1
+        if seen[name] > 1:
+            number = seen[name]
+            while f"{name}_{number}" in taken:
+                number += 1
+            names[place] = f"{name}_{number}"
+            taken.add(names[place])
+            changed.append(names[place])
+    if not changed:
+        return tuple(names), ()
+    note = f"{counted(len(changed), 'label')} repeated, and numbered ({abbreviate(changed)})"
+    return tuple(names), (note,)

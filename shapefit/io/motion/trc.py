@@ -13,8 +13,7 @@ from shapefit.errors import input_error
 from shapefit.geometry.length_units import as_metres
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.motion.labels import unique_names
-from shapefit.io.motion.text import read_blocks, read_head, read_plain, read_table
+from shapefit.io.motion.text import read_blocks, read_head, read_plain, read_table, unique_names
 
 HEAD_LINES = 12
 """Within which the names of the markers stand; five as a rule, more with empty lines between."""

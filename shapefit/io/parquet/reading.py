@@ -19,8 +19,15 @@ from shapefit.io.memory import check_fits
 from shapefit.io.parquet.columns import Place, column_type, in_one, to_array, to_ragged
 from shapefit.io.parquet.library import damage, pyarrow
 from shapefit.io.parquet.metadata import NAMES, read_metadata, root_attributes, whole_datasets
-from shapefit.io.parquet.row_shapes import find_row_shapes, fits_kind
-from shapefit.io.parquet.schema import COMPLEX, NAME, SHAPE, columns_of, said_of
+from shapefit.io.parquet.schema import (
+    COMPLEX,
+    NAME,
+    SHAPE,
+    columns_of,
+    find_row_shapes,
+    fits_kind,
+    said_of,
+)
 from shapefit.io.parquet.streams import ColumnStream, row_group_starts, stored_bytes
 from shapefit.io.problems import input_problems
 from shapefit.io.stored.reader import StoredReader, is_text, wanted

@@ -6,7 +6,9 @@ Cells are parted by `,`, `;` or tabs; with the latter two the decimal point may 
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 
@@ -15,12 +17,128 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, abbreviate, input_error, printable
 from shapefit.io.csv.numbers import read_numbers
-from shapefit.io.csv.rows import bad_line
+from shapefit.io.csv.text import bad_line
 from shapefit.io.foreign.recording import Recording, video_name
 from shapefit.io.motion.recognition import is_anipose
-from shapefit.io.plain.column_names import Columns, understand
 from shapefit.io.plain.point_rows import of_bodies
 from shapefit.io.sources import read_whole
+
+DELIMITERS = (",", ";", "\t")
+
+ROLES: Mapping[str, str] = {
+    name: role
+    for role, names in {
+        "item": "item image filename file file_name image_name image_id img",
+        "frame": "frame frame_id frame_idx frame_index frame_number frame_no fnum",
+        "sequence": "sequence video clip session",
+        "landmark": "landmark joint bodypart body_part keypoint part node marker landmark_name "
+        "joint_name keypoint_name landmark_id joint_id keypoint_id landmark_index",
+        "x": "x x_px px",
+        "y": "y y_px py",
+        "z": "z",
+        "confidence": "confidence conf likelihood score visibility probability prob v c",
+    }.items()
+    for name in names.split()
+}
+"""Name of a column, in small letters and with _ for spaces -> what it holds."""
+
+OF_A_POINT = ("x", "y", "z", "confidence")
+
+_NAMED = re.compile(
+    r"(.+)[_.: -](x|y|z|likelihood|confidence|conf|score|visibility|prob|v|c)", re.I
+)
+_NUMBERED = re.compile(r"(x|y|z|visibility|v|c)_?(\d+)", re.I)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """A header as it was understood.
+
+    roles: item, frame, sequence, and in a long table landmark, x, y, z and confidence -> column;
+    landmarks: of a wide table, in order: role -> column for each name, None for a long table;
+    numbered: whether these names are numbers that follow one another; others: names left out.
+    """
+
+    delimiter: str
+    names: tuple[str, ...]
+    roles: Mapping[str, int]
+    landmarks: Mapping[str, Mapping[str, int]] | None
+    numbered: bool
+    others: tuple[str, ...]
+
+    @property
+    def deep(self) -> bool:
+        """Whether there is a column z."""
+        points = [self.roles] if self.landmarks is None else self.landmarks.values()
+        return any("z" in each for each in points)
+
+
+def understand(line: str) -> Columns | None:
+    """Return what the columns of a header hold; None where it is not that of a table of landmarks.
+
+    A long table has a row per landmark: columns landmark, x, y, and item or frame. A wide one has
+    a row per image or frame, and columns NAME_x and NAME_y of two landmarks at least.
+    """
+    for delimiter in sorted(DELIMITERS, key=line.count, reverse=True):
+        try:
+            cells = next(csv.reader([line], delimiter=delimiter), [])
+        except csv.Error:
+            return None
+        names = tuple(cell.strip() for cell in cells)
+        found = _long(delimiter, names) or _wide(delimiter, names)
+        if found is not None:
+            return found
+    return None
+
+
+def _roles(names: Sequence[str]) -> tuple[dict[str, int], list[str]]:
+    """Return the first column of each role, and the names of those without one."""
+    roles: dict[str, int] = {}
+    others = []
+    for column, name in enumerate(names):
+        role = ROLES.get(name.lower().replace(" ", "_"))
+        if role is None or role in roles:
+            others.append(name)
+        else:
+            roles[role] = column
+    return roles, others
+
+
+def _long(delimiter: str, names: tuple[str, ...]) -> Columns | None:
+    roles, others = _roles(names)
+    if not {"landmark", "x", "y"} <= roles.keys() or not {"item", "frame"} & roles.keys():
+        return None
+    return Columns(delimiter, names, roles, None, False, tuple(filter(None, others)))
+
+
+def _wide(delimiter: str, names: tuple[str, ...]) -> Columns | None:
+    landmarks: dict[str, dict[str, int]] = {}
+    rest: dict[int, str] = {}
+    for column, name in enumerate(names):
+        numbered, named = _NUMBERED.fullmatch(name), _NAMED.fullmatch(name)
+        if numbered:
+            role, landmark = numbered[1], str(int(numbered[2]))
+        elif named:
+            landmark, role = named[1], named[2]
+        else:
+            rest[column] = name
+            continue
+        role = ROLES.get(role.lower(), "confidence")
+        if role in landmarks.setdefault(landmark, {}):
+            return None
+        landmarks[landmark][role] = column
+    whole = {name: own for name, own in landmarks.items() if {"x", "y"} <= own.keys()}
+    if len(whole) < 2:
+        return None
+    roles, others = _roles(list(rest.values()))
+    places = list(rest)
+    roles = {role: places[at] for role, at in roles.items() if role not in OF_A_POINT}
+    others += [name for name in landmarks if name not in whole]
+    numbers = [int(name) if name.isdigit() else -1 for name in whole]
+    numbered_names = numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    left = tuple(name for name in others if name and not name.lower().startswith("unnamed"))
+    return Columns(delimiter, names, roles, whole, numbered_names and numbers[0] in (0, 1), left)
+
 
 ENDINGS = (".csv", ".tsv", ".txt")
 EMPTY = {"na", "n/a", "none", "null", "-", "nan"}

@@ -13,7 +13,7 @@ from shapefit.errors import input_error
 from shapefit.io.detectors.frame_files import are_series
 from shapefit.io.foreign.recording import ANYBODY, FRACTION, Instances, Recording, video_name
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.magnitudes import warn_of_zeros
+from shapefit.io.problems import warn_of_zeros
 
 BLOCK = 4096
 

@@ -21,8 +21,15 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error, printable
 from shapefit.io.csv.numbers import read_numbers
-from shapefit.io.csv.rows import COMMA, LINE_END, bad_line, read_rows, split_columns
-from shapefit.io.csv.sections import Section, read_sections
+from shapefit.io.csv.text import (
+    COMMA,
+    LINE_END,
+    Section,
+    bad_line,
+    read_rows,
+    read_sections,
+    split_columns,
+)
 from shapefit.io.foreign.recording import Instances, Recording, video_name
 from shapefit.io.problems import Problems
 from shapefit.io.sources import source_name

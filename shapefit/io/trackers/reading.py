@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error, printable
 from shapefit.io.hdf5.opening import open_hdf5
-from shapefit.io.hdf5.pieces import read_rows
-from shapefit.io.hdf5.sizes import Stored, size_in_memory, was_written
+from shapefit.io.hdf5.pieces import Stored, read_rows, size_in_memory, was_written
 from shapefit.io.memory import ALWAYS_FITS, check_fits
 
 BLOCK_FRAMES = 4096

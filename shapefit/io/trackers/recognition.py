@@ -9,8 +9,7 @@ from typing import Any
 
 from shapefit.io.sources import HDF5_SIGNATURE
 from shapefit.stores.opening import StoreError
-from shapefit.stores.shelf import State
-from shapefit.stores.states import find_state
+from shapefit.stores.shelf import State, find_state
 
 OWN_FORMAT = "shapefit-"
 """What the root attribute `format` of our own HDF5 files begins with."""

@@ -30,7 +30,7 @@ from shapefit.pipelines.fit.report import Batch, Report, said_of_y
 from shapefit.pipelines.fit.settle import plan_settling
 from shapefit.pipelines.joints import said_of_names
 from shapefit.pipelines.outcome import Outcome
-from shapefit.stores.copies import keep_copies
+from shapefit.stores.shelf import keep_copies
 
 
 def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:

@@ -30,7 +30,7 @@ from shapefit.io import (
     write_dictionary,
 )
 from shapefit.io.formats import find_writer
-from shapefit.io.kinds.kind import find_kind
+from shapefit.io.kinds.listing import find_kind
 from shapefit.io.layout import DICTIONARY
 from shapefit.io.memory import check_fits
 from shapefit.io.options import input_options

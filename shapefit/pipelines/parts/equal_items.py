@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from shapefit.io.layout import RESULTS
 from shapefit.io.spilled.columns import nearest_folder
 from shapefit.io.spilled.equal_names import Equal, find_equal_names
-from shapefit.io.stored.opening import open_stored
+from shapefit.io.stored.files import open_stored
 
 Key = TypeVar("Key")
 Order = Callable[["Span"], tuple[Any, Any]]

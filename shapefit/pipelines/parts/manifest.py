@@ -19,7 +19,7 @@ from shapefit.io.whole.folder import check_folder
 from shapefit.pipelines.parts.equal_items import Span
 from shapefit.pipelines.parts.plan import Part
 from shapefit.stores.reading import read_bytes
-from shapefit.stores.states import find_state
+from shapefit.stores.shelf import find_state
 from shapefit.stores.urls import UrlPath
 
 VERSION = 1

@@ -16,10 +16,8 @@ from shapefit.pipelines.outcome import Counted, Failure, add_up
 from shapefit.pipelines.parts.equal_items import Span
 from shapefit.pipelines.parts.manifest import replace_link
 from shapefit.pipelines.parts.plan import Part
-from shapefit.stores.opening import StoreError
-from shapefit.stores.options import masked, use_storage_options
-from shapefit.stores.shelf import State, own_shelf
-from shapefit.stores.states import find_state
+from shapefit.stores.opening import StoreError, masked, use_storage_options
+from shapefit.stores.shelf import State, find_state, own_shelf
 
 MOST_TOLD = 20
 """Failures and warnings of a part that its worker reports one by one."""

@@ -15,12 +15,11 @@ from shapefit.io.formats import FORMATS, HDF5
 from shapefit.io.layout import LANDMARKS
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import is_stream
-from shapefit.io.stored.opening import open_stored
+from shapefit.io.stored.files import open_stored
 from shapefit.io.stored.reader import StoredReader
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.plan import read_options
-from shapefit.stores.shelf import State
-from shapefit.stores.states import find_state
+from shapefit.stores.shelf import State, find_state
 
 BATCH = 4096
 """Images that are read at a time for the names of their sequences."""

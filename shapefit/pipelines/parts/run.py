@@ -40,8 +40,8 @@ from shapefit.pipelines.parts.manifest import (
 )
 from shapefit.pipelines.parts.part import Done, Job, fit_part
 from shapefit.pipelines.parts.plan import Part, plan_parts
-from shapefit.stores.listing import files_in
-from shapefit.stores.options import STORAGE_OPTIONS
+from shapefit.stores.locations import files_in
+from shapefit.stores.opening import STORAGE_OPTIONS
 from shapefit.stores.writing import remove
 
 OF_THE_RUN = (

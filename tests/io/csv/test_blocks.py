@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shapefit.io import landmark_writer, read_results, sources
-from shapefit.io.csv import sections as csv_sections
+from shapefit.io.csv import text as csv_sections
 from shapefit.io.csv import writing as csv_writing
 from shapefit.io.csv.numbers import read_numbers
-from shapefit.io.csv.rows import read_rows, split_columns
-from shapefit.io.csv.sections import Section
+from shapefit.io.csv.text import Section, read_rows, split_columns
 from shapefit.io.records import LandmarkSet
 
 VIEWS = """\

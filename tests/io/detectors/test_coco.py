@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.detectors.coco_annotations import record
+from shapefit.io.detectors.coco import record_annotations
 
 from .conftest import read
 
@@ -42,7 +42,7 @@ def test_visibility_decides_and_categories_are_joined(written):
 
 def test_edges_count_from_1_within_their_category(written):
     path = written("a.json", annotations(entry(0, 1, 1, 2, 2, 3, 4, 2), categories=(FLY, MOUSE)))
-    recording = record((path,))
+    recording = record_annotations((path,))
     assert recording.landmark_names == ("head", "nose", "tail")
     assert recording.edges == ((1, 2),)
     assert recording.frames == 2

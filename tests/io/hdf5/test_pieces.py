@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.io.hdf5 import pieces
-from shapefit.io.hdf5.pieces import read_rows
-from shapefit.io.hdf5.sizes import Stored
+from shapefit.io.hdf5.pieces import Stored, read_rows
 
 ROWS = [(), slice(None), slice(3, 9), slice(8, 100), slice(5, 5)]
 
@@ -60,7 +59,7 @@ def test_many_chunks_do_not_take_gigabytes(tmp_path, run_python):
 import re
 import h5py
 from shapefit.io.hdf5.pieces import read_rows
-from shapefit.io.hdf5.sizes import Stored
+from shapefit.io.hdf5.pieces import Stored
 with h5py.File("{tmp_path}/many.h5") as file:
     assert len(read_rows(Stored.of(file["many"]), ())) == 100_000
 # the most of this program alone: what getrusage says includes the process that started it

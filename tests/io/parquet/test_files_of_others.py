@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from shapefit.io import open_landmarks, read_results, read_shapes
-from shapefit.io.kinds.kind import find_kind
+from shapefit.io.kinds.listing import find_kind
 from shapefit.io.records import concatenate
 
 NAMES = ["nose", "tail", "paw"]

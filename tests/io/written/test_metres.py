@@ -10,8 +10,7 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT, Extras
 from shapefit.io.options import OutputOptions
-from shapefit.io.written.metres import in_metres
-from shapefit.io.written.stature import ANKLE_TO_SHOULDER, find_stature
+from shapefit.io.written.metres import ANKLE_TO_SHOULDER, find_stature, in_metres
 
 NOTHING = OutputOptions()
 STATURE = 1.34 / ANKLE_TO_SHOULDER
