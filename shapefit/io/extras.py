@@ -14,6 +14,7 @@ Array = NDArray[Any]
 OF_THE_FILE = {
     "camera_matrix": 2,
     "distortion": 1,
+    "edges": 2,
     "extrinsic_rotation": 2,
     "extrinsic_translation": 1,
     "image_size": 1,

@@ -9,7 +9,7 @@ them by one of these skeletons.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from types import MappingProxyType
@@ -34,6 +34,10 @@ PEOPLE = (
 )
 """The joints of the dictionary `people`."""
 
+PEOPLE_BONES = (
+    "pelvis-rhip-rknee-rankle pelvis-lhip-lknee-lankle pelvis-neck-head "
+    "neck-rshoulder-relbow-rwrist neck-lshoulder-lelbow-lwrist"
+)
 _LIMBS = [joint for joint in PEOPLE if joint not in ("pelvis", "neck", "head")]
 
 
@@ -277,3 +281,21 @@ def people_parts(names: Iterable[str]) -> dict[str, Part]:
     """Return the parts of the body that those of the names mark which mark one."""
     known = {name: part for preset in _PRESETS for name, part in preset.parts.items()}
     return {name: PARTS[known[name]] for name in names if name in known}
+
+
+def part_names(names: Iterable[str]) -> dict[str, str]:
+    """Return the part of the body, a name in `PARTS`, of those of the names that mark one."""
+    known = {name: part for preset in _PRESETS for name, part in preset.parts.items()}
+    known |= dict(zip(PEOPLE, PEOPLE, strict=True))
+    return {name: known[name] for name in names if name in known}
+
+
+def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
+    """Return the edges between landmarks that all have names of one skeleton; none otherwise."""
+    joints = _skeleton("people", " ".join(PEOPLE), PEOPLE_BONES, {})
+    for skeleton in (joints, *_PRESETS):
+        if set(names) <= set(skeleton.landmark_names):
+            place = {name: number for number, name in enumerate(names)}
+            pairs = ([skeleton.landmark_names[end] for end in edge] for edge in skeleton.edges)
+            return tuple((place[a], place[b]) for a, b in pairs if a in place and b in place)
+    return ()

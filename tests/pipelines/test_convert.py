@@ -159,9 +159,9 @@ def test_an_ending_that_no_writer_knows(tmp_path, capsys, command, monkeypatch):
         "view": ["people_test.h5"],
     }
     arguments = [str(SAMPLES / each) if "." in each else each for each in inputs[command]]
-    assert shapefit([command, *arguments, "-o", "walk.bvh"]) == 2
+    assert shapefit([command, *arguments, "-o", "walk.fbx"]) == 2
     said = capsys.readouterr().err
-    assert "walk.bvh: " in said and ".html" in said if command == "view" else ".c3d" in said
+    assert "walk.fbx: " in said and ".html" in said if command == "view" else ".c3d" in said
     assert not list(tmp_path.iterdir())
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -77,13 +77,15 @@ FARTHEST = 100.0
 class Placed:
     """points (n, 3, p) in metres, and where their `axes` and their `size` come from, in words.
 
-    factor (n,): metres in a unit of each shape.
+    factor (n,): metres in a unit of each shape. start (3,): where in the plane of the image, in
+    metres, the point is that files without a world have at x = z = 0.
     """
 
     points: Floats
     factor: Floats
     axes: str
     size: str
+    start: Floats = field(default_factory=lambda: np.zeros(3))
     warnings: tuple[str, ...] = ()
 
 
@@ -98,14 +100,16 @@ def in_metres(records: Solid, options: OutputOptions, place: str) -> Placed:
     upright, axes, known = _upright(records, options, place)
     factor, size = _factor(records, upright, options, place)
     warnings: tuple[str, ...] = ()
+    start = np.zeros(3)
     if known is None:
-        points, origin = _in_the_image(upright, factor), "lowest landmark at height 0"
+        points, start = _in_the_image(upright, factor)
+        origin = "lowest landmark at height 0"
     else:
         world = _world(records, options, place)
         points = _in_the_world(records, factor, known, world, place)
         origin = "position from the camera"
         warnings = _doubts(world)
-    return Placed(points, factor, f"{axes}; {origin}", size, warnings)
+    return Placed(points, factor, f"{axes}; {origin}", size, start, warnings)
 
 
 def _shapes(records: ShapeSet, options: OutputOptions, place: str) -> Placed:
@@ -203,19 +207,20 @@ def _upright(
     return turn @ records.shapes, axes, turn if has_position else None
 
 
-def _in_the_image(upright: Floats, factor: Floats) -> Floats:
+def _in_the_image(upright: Floats, factor: Floats) -> tuple[Floats, Floats]:
     """Place shapes of unknown depth: they move in the plane of the image, on one scale.
 
     Each is as large as its factor says; the first is at x = z = 0, the lowest landmark at y = 0.
+    Returns where (3,) in the plane the first was, too.
     """
     middle = upright.mean(axis=2, keepdims=True)
     placed = np.flatnonzero(np.isfinite(middle).all(axis=(1, 2)))
     if not len(placed):
-        return upright
-    way = _median(factor) * (middle - middle[placed[0]])
-    points = factor[:, None, None] * (upright - middle) + way
+        return upright, np.zeros(3)
+    size, first = _median(factor), middle[placed[0]]
+    points = factor[:, None, None] * (upright - middle) + size * (middle - first)
     points[:, 1] -= np.nanmin(points[:, 1])
-    return points
+    return points, size * first[:, 0] * np.array([1.0, 0.0, 1.0])
 
 
 def _world(records: ResultSet, options: OutputOptions, place: str) -> Floats | None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error
+from shapefit.geometry.joint_rotations import Rig
 from shapefit.io.options import OutputOptions
 from shapefit.io.records import Names
 from shapefit.io.written.metres import in_metres
@@ -29,8 +30,9 @@ class Motion:
     """Every frame of a sequence from its first to its last.
 
     points (f, 3, p) in metres, nan where there is nothing; first, the number of the first frame;
-    rate in Hz, 1 where it is not known; axes and size in words; warnings about the sequence;
-    verdicts where the records say which shapes are to be trusted.
+    rate in Hz, 1 where it is not known; edges (e, 2) between landmarks; axes and size in words;
+    warnings about the sequence; start (3,) as in `Placed`; verdicts where the records say which
+    shapes are to be trusted; rig for files that hold rotations.
     """
 
     name: str
@@ -41,7 +43,10 @@ class Motion:
     axes: str
     size: str
     warnings: tuple[str, ...]
+    edges: Integers = field(default_factory=lambda: np.empty((0, 2), np.int64))
+    start: Floats = field(default_factory=lambda: np.zeros(3))
     verdicts: Verdicts | None = None
+    rig: Rig | None = None
 
     @property
     def frames(self) -> NDArray[np.int64]:
@@ -77,9 +82,11 @@ def find_motion(track: Track, options: OutputOptions, place: str) -> Motion:
         points=points,
         first=first,
         rate=records.frame_rate or 1.0,
+        edges=track.edges,
         axes=placed.axes,
         size=placed.size,
         warnings=tuple(warnings),
+        start=placed.start,
         verdicts=find_verdicts(track, placed.factor, records.frame_rate or 1.0),
     )
 

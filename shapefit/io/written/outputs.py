@@ -23,6 +23,9 @@ from shapefit.stores.urls import UrlPath
 Write = Callable[[Path, Sequence[Motion]], None]
 """Fills a new file with motions that belong in one."""
 
+Prepare = Callable[[Sequence[Motion], str], tuple[list[Motion], str]]
+"""Makes of motions what a format holds, with a note; raises InputError at a place if it cannot."""
+
 Group = Callable[[Sequence[Motion]], dict[str, list[Motion]]]
 """Parts motions by file: what its name ends with -> those that it holds."""
 
@@ -50,7 +53,12 @@ class MotionWriter:
 
 @contextmanager
 def motion_output(
-    target: Path, options: OutputOptions, write: Write, group: Group, unit: str = "m"
+    target: Path,
+    options: OutputOptions,
+    write: Write,
+    group: Group,
+    unit: str = "m",
+    prepare: Prepare | None = None,
 ) -> Iterator[MotionWriter]:
     """Give a writer to files that appear on a clean exit: `target`, or one for each group.
 
@@ -66,7 +74,9 @@ def motion_output(
     check_output(target)
     writer = MotionWriter()
     yield writer
-    motions = writer.motions(options, str(target))
+    motions, note = writer.motions(options, str(target)), ""
+    if prepare is not None:
+        motions, note = prepare(motions, str(target))
     files = _files(target, group(motions), write)
     if len(files) == 1:
         with atomic_path(target) as path:
@@ -74,7 +84,7 @@ def motion_output(
     else:
         _write_staged(target, files)
     paths = [target] if len(files) == 1 else [target.parent / name for name in files]
-    writer.summary = _summary(motions, paths, unit)
+    writer.summary = _summary(motions, paths, unit, note)
 
 
 def by_individual(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
@@ -131,7 +141,8 @@ def _own_names(names: Sequence[str]) -> list[str]:
     return ["/".join(part[shared:]) for part in parts]
 
 
-def _summary(motions: Sequence[Motion], paths: Sequence[Path], unit: str) -> Summary:
+def _summary(motions: Sequence[Motion], paths: Sequence[Path], unit: str, note: str) -> Summary:
     said = dict.fromkeys(f"in {unit} by {each.size}, {each.axes}" for each in motions)
+    said |= {note: None} if note else {}
     warnings = dict.fromkeys(text for each in motions for text in each.warnings)
     return Summary(note="; ".join(said), warnings=tuple(warnings), written=tuple(paths))

@@ -7,6 +7,14 @@ from shapefit.io.foreign.file_format import FileFormat
 _ROOM = "shapefit.io.written"
 
 FORMATS: dict[str, FileFormat] = {
+    "bvh": FileFormat(
+        title="a BVH file",
+        suffixes=(".bvh",),
+        writer=f"{_ROOM}.bvh:bvh_output",
+        writes=("shapes", "result"),
+        in_metres=True,
+        by_sequence=True,
+    ),
     "c3d": FileFormat(
         title="a C3D file",
         suffixes=(".c3d",),
@@ -26,6 +34,14 @@ FORMATS: dict[str, FileFormat] = {
         title="a DeepLabCut 3D CSV",
         suffixes=(),
         writer=f"{_ROOM}.deeplabcut_3d:table_output",
+        writes=("shapes", "result"),
+        in_metres=True,
+        by_sequence=True,
+    ),
+    "glb": FileFormat(
+        title="a GLB file",
+        suffixes=(".glb",),
+        writer=f"{_ROOM}.glb:glb_output",
         writes=("shapes", "result"),
         in_metres=True,
         by_sequence=True,

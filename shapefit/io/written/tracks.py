@@ -11,6 +11,7 @@ from shapefit.errors import abbreviate, input_error
 from shapefit.io.extras import METRES_PER_UNIT, Extras
 from shapefit.io.foreign.sources import FRAME
 from shapefit.io.records import ResultSet, ShapeSet, concatenate
+from shapefit.io.skeletons import edges_of
 from shapefit.lifting.verdict import DOUBT, PLAUSIBILITY
 
 Solid = ShapeSet | ResultSet
@@ -19,8 +20,11 @@ CAMERA_TRANSLATION = "camera_translation"
 EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION = "extrinsic_rotation", "extrinsic_translation"
 """Datasets of the file or of each image: X_camera = R X_world + t, in metres; z away from it."""
 
+EDGES = "edges"
+"""Dataset (e, 2) of results: pairs of landmarks that a line joins."""
+
 KEPT = (
-    *(METRES_PER_UNIT, CAMERA_TRANSLATION, EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION),
+    *(EDGES, METRES_PER_UNIT, CAMERA_TRANSLATION, EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION),
     *(FRAME, DOUBT, PLAUSIBILITY),
 )
 
@@ -32,6 +36,14 @@ class Track:
     name: str
     records: Solid
     frames: Integers
+
+    @property
+    def edges(self) -> Integers:
+        """Return pairs of landmarks (e, 2): those stated, or else those of a known skeleton."""
+        names = self.records.landmark_names
+        stated = getattr(self.records, EDGES, self.records.extras.get(EDGES))
+        edges = np.asarray(edges_of(names) if stated is None else stated, np.int64).reshape(-1, 2)
+        return edges[((edges >= 0) & (edges < len(names))).all(axis=1)]
 
 
 def points_of(record: Solid) -> Solid:

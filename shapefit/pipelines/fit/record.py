@@ -177,7 +177,8 @@ def further_datasets(
     present = {name: values for name, values in own.items() if values is not None}
     carried = Extras.of(images.extras, len(images))
     carried = carried.apart_from(OF_A_RESULT) | present | inputs.per_item
-    return Extras(carried.per_item, {**carried.whole, **inputs.whole})
+    lines = {} if dictionary.edges is None else {"edges": dictionary.edges}
+    return Extras(carried.per_item, {**carried.whole, **inputs.whole, **lines})
 
 
 def verdict(

@@ -1,0 +1,155 @@
+"""Rotations of a tree of bones that carry its pose at rest through a motion.
+
+    x_child = x + G (l r),    G = P L
+
+where r is the direction of a bone at rest and l its length, G the rotation of a node in space, P
+that of its parent and L its own, which files of animation hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from shapefit.arrays import Floats, Integers
+from shapefit.geometry.bone_tree import Node, find_bones, find_tree
+from shapefit.geometry.rotations import nearest_rotation, rotation_about
+
+PRIOR = 0.02
+"""Weight of the parent's rotation beside bones, of 1 each, that may all lie in one line."""
+
+OPPOSITE = 1e-9
+"""1 + cosine of directions between which there is no shortest turn."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A tree of m nodes in motion: offsets (m, 3) from the parent at rest, the pose of one frame.
+
+    rotations L (m, f, 3, 3) in the frame of the parent; root (f, 3), where the first node is.
+    """
+
+    tree: tuple[Node, ...]
+    offsets: Floats
+    rotations: Floats
+    root: Floats
+    rest: int
+
+
+def find_rig(points: Floats, edges: Integers, root: int | None = None) -> Rig:
+    """Return the bones of points (f, 3, p), all known, and how they turn: `find_tree`."""
+    tree = find_tree(points, edges, root)
+    rest = find_rest(points, tree)
+    G = find_rotations(points, tree, rest)
+    above = [node.above for node in tree[1:]]
+    L = np.concatenate([G[:1], G[above].swapaxes(-1, -2) @ G[1:]])
+    return Rig(tree, find_offsets(points, tree, rest), L, points[:, :, tree[0].joint], rest)
+
+
+def find_places(rig: Rig) -> Floats:
+    """x = x_parent + P offset: where all nodes are (m, f, 3)."""
+    places, G = [rig.root], [rig.rotations[0]]
+    for node, offset, L in zip(rig.tree[1:], rig.offsets[1:], rig.rotations[1:], strict=True):
+        places.append(places[node.above] + G[node.above] @ offset)
+        G.append(G[node.above] @ L)
+    return np.array(places)
+
+
+def find_rest(points: Floats, tree: Sequence[Node]) -> int:
+    """Return the frame of points (f, 3, p) whose joints are bent most nearly as the median's.
+
+    How far a joint is bent is told by the distance of the landmarks on both sides of it.
+    """
+    before = find_bones(tree)
+    spans = [
+        points[:, :, end] - points[:, :, before[at]] for end, at in before.items() if at in before
+    ]
+    bends = np.linalg.norm(np.array(spans).reshape(len(spans), len(points), 3), axis=2)
+    away = np.abs(bends - np.median(bends, axis=1, keepdims=True)).sum(axis=0)
+    return int(away.argmin())
+
+
+def find_offsets(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
+    """Return where nodes are from their parents at rest (m, 3): bones have their median lengths."""
+    offsets = np.zeros((len(tree), 3))
+    for number, node in enumerate(tree[1:], 1):
+        bone = points[:, :, node.joint] - points[:, :, tree[node.above].joint]
+        if bone.any():
+            length = np.median(np.linalg.norm(bone, axis=1))
+            offsets[number] = length * _directions(bone)[rest]
+    return offsets
+
+
+def find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
+    """Return the rotation G (m, f, 3, 3) in space of every node, the identity in the frame `rest`.
+
+    A node with several bones has the least-squares rotation of their directions. One with a single
+    bone turns the shortest way from the mean direction, seen by its parent, and then about itself
+    as the bones that follow do. A node without bones turns with its parent.
+    """
+    f = len(points)
+    G = np.empty((len(tree), f, 3, 3))
+    for number, node in enumerate(tree):
+        P = G[node.above] if node.above >= 0 else np.tile(np.eye(3), (f, 1, 1))
+        bones = [_directions(points[:, :, end] - points[:, :, node.joint]) for end in node.aims]
+        if not bones:
+            G[number] = P
+        elif len(bones) > 1:
+            A = sum(bone[:, :, None] * bone[rest] for bone in bones)
+            G[number] = nearest_rotation(A + PRIOR * P)
+        else:
+            (end,) = node.aims
+            beyond = next(each.aims for each in tree if each.joint == end)
+            following = [_directions(points[:, :, j] - points[:, :, end]) for j in beyond]
+            Q = _aimed(_seen(P, bones[0]), [_seen(P, each) for each in following])
+            G[number] = P @ Q @ Q[rest].T
+    return G
+
+
+def _aimed(bone: Floats, following: Sequence[Floats]) -> Floats:
+    """Q (f, 3, 3) takes the mean direction to the directions (f, 3) of a bone.
+
+    The turn about the bone is the angle of sum_k conj(mean b_k) b_k + w for the parts b_k, complex
+    numbers, of the bones that follow across this one. w is their variance, and more where a bone
+    goes against its mean: so the turn goes with a knee, which bends one way, leaves a tail alone,
+    which bends both ways, and never jumps from one side to the other.
+    """
+    mean = _directions(bone.mean(axis=0))
+    Q = _shortest_turns(mean, bone)
+    e1, e2, _ = np.linalg.svd(np.eye(3) - np.outer(mean, mean))[0].T
+    if np.cross(e1, e2) @ mean < 0:
+        e2 = -e2
+    z, w = np.zeros(len(bone), dtype=complex), 0.0
+    for each in following:
+        seen = _seen(Q, each)
+        b = seen @ e1 + 1j * (seen @ e2)
+        z += np.conj(b.mean()) * b
+        w += b.var()
+    w += 2 * max(0.0, -z.real.min())
+    return Q @ rotation_about(mean, np.angle(z + w))
+
+
+def _shortest_turns(start: Floats, ends: Floats) -> Floats:
+    """R = I + K + K^2 / (1 + cos), K = [start x end]_x: (3,), (f, 3), unit -> (f, 3, 3)."""
+    cosine = ends @ start
+    K = np.cross(np.cross(start, ends)[:, None, :], np.eye(3)).swapaxes(-1, -2)
+    R = np.eye(3) + K + K @ K / np.maximum(1 + cosine, OPPOSITE)[:, None, None]
+    across = np.eye(3)[np.abs(start).argmin()]
+    axis = _directions(across - (across @ start) * start)
+    R[1 + cosine < OPPOSITE] = 2 * np.outer(axis, axis) - np.eye(3)
+    return R
+
+
+def _seen(R: Floats, vectors: Floats) -> Floats:
+    """R^T v for rotations (f, 3, 3) and vectors (f, 3)."""
+    turned: Floats = (R.swapaxes(-1, -2) @ vectors[..., None])[..., 0]
+    return turned
+
+
+def _directions(vectors: Floats) -> Floats:
+    """Return vectors (..., 3) of length 1; y where there is none."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    up = np.broadcast_to(np.array([0.0, 1.0, 0.0]), vectors.shape).copy()
+    return np.divide(vectors, length, out=up, where=length > 0)

@@ -1,0 +1,136 @@
+"""Bones with lengths of their own, turned so that they follow the landmarks of a motion."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Floats
+from shapefit.errors import abbreviate, counted, input_error
+from shapefit.geometry.joint_rotations import find_places, find_rig
+from shapefit.io.skeletons import part_names
+from shapefit.io.written.motion import Motion
+
+MILLIMETRES = 1000.0
+
+_SIDES = (("l", "Left"), ("r", "Right"))
+_LIMBS = (
+    *(("shoulder", "Arm"), ("elbow", "ForeArm"), ("wrist", "Hand")),
+    *(("hip", "UpLeg"), ("knee", "Leg"), ("ankle", "Foot")),
+)
+_CHEST, _SPINE, _HEAD = ("neck", "thorax", "throat"), "middle of spine", ("head", "crown")
+
+JOINTS: Mapping[str, str] = {
+    **dict.fromkeys(("pelvis", "middle of hips"), "Hips"),
+    **dict.fromkeys((_SPINE,), "Spine1"),
+    **dict.fromkeys(_CHEST, "Spine2"),
+    **dict.fromkeys(_HEAD, "Head"),
+    **{f"{s}{part}": f"{side}{joint}" for s, side in _SIDES for part, joint in _LIMBS},
+}
+"""Parts of the body -> the names by which programs that move other bodies know their joints."""
+
+BONES: Mapping[str, str] = {
+    **dict.fromkeys((*_CHEST, _SPINE), "Spine"),
+    **dict.fromkeys(_HEAD, "Neck"),
+    **{f"{s}shoulder": f"{side}Shoulder" for s, side in _SIDES},
+    **{f"{s}hip": f"{side}HipJoint" for s, side in _SIDES},
+}
+"""Parts of the body -> the same for what turns at the landmark before and leads only there."""
+
+NEEDED = frozenset(f"{s}{part}" for s, _ in _SIDES for part, _ in _LIMBS)
+"""Without all of these it is no person."""
+
+
+def rigged(motions: Sequence[Motion], place: str) -> tuple[list[Motion], str]:
+    """Return motions without gaps, with rigs, and say how far their joints are from the landmarks.
+
+    Raises InputError at `place` where there are no edges, or no shapes.
+    """
+    found = [_rigged(motion, place) for motion in motions]
+    away = [MILLIMETRES * _distances(motion) for motion in found]
+    mean, most = np.mean([each.mean() for each in away]), max(each.max() for each in away)
+    said = f"joints {_number(mean)} mm from the landmarks on average, {_number(most)} at most"
+    return found, f"bones of one length, {said}"
+
+
+def _rigged(motion: Motion, place: str) -> Motion:
+    if not len(motion.edges):
+        found = "the landmarks have no edges, so there are no bones to turn"
+        fix = "write TRC or C3D, or lift with a dictionary that has `edges`"
+        raise input_error(place, found, fix)
+    whole = _bridged(motion, place)
+    hips = [j for j, part in enumerate(_parts(whole)) if JOINTS.get(part) == "Hips"]
+    return replace(whole, rig=find_rig(whole.points, whole.edges, hips[0] if hips else None))
+
+
+def _distances(motion: Motion) -> Floats:
+    """Return how far each node (m, f) is from its landmark."""
+    assert motion.rig is not None
+    joints = motion.points[:, :, [node.joint for node in motion.rig.tree]].transpose(2, 0, 1)
+    distances: Floats = np.linalg.norm(find_places(motion.rig) - joints, axis=2)
+    return distances
+
+
+def node_names(motion: Motion) -> tuple[str, ...]:
+    """Name each node of a rig by its landmark; one that only leads to another, by both."""
+    assert motion.rig is not None
+    parts, tree, names = _parts(motion), motion.rig.tree, dict[str, None]()
+    for node in tree:
+        landmark = motion.landmark_names[node.joint]
+        name = JOINTS.get(parts[node.joint], landmark)
+        if node.above >= 0 and tree[node.above].joint == node.joint:
+            (end,) = node.aims
+            name = BONES.get(parts[end], f"{name}_{motion.landmark_names[end]}")
+        name = re.sub(r"[\s{}]+", "_", name)
+        while name in names:
+            name += "_"
+        names[name] = None
+    return tuple(names)
+
+
+def _parts(motion: Motion) -> list[str]:
+    """Return the part of the body that each landmark of a person marks; "" for all of others."""
+    known = part_names(motion.landmark_names)
+    person = set(known.values()) >= NEEDED
+    return [known.get(name, "") if person else "" for name in motion.landmark_names]
+
+
+def _number(millimetres: float) -> str:
+    return f"{millimetres:.1f}" if millimetres < 10 else f"{millimetres:.0f}"
+
+
+def _bridged(motion: Motion, place: str) -> Motion:
+    """Return a motion of what was placed at all, over gaps in a straight line."""
+    seen: NDArray[np.bool_] = np.asarray(np.isfinite(motion.points).all(axis=1))
+    ever: NDArray[np.bool_] = np.asarray(seen.any(axis=0))
+    column = np.cumsum(ever) - 1
+    edges = column[motion.edges[ever[motion.edges].all(axis=1)]]
+    if not len(edges):
+        found = "no two landmarks of an edge have a place in any frame"
+        raise input_error(place, found, "give a sequence with shapes")
+    points, frames = motion.points[:, :, ever], np.arange(len(motion.points))
+    for j, own in enumerate(seen.T[ever]):
+        for axis in range(3) if not own.all() else ():
+            points[:, axis, j] = np.interp(frames, frames[own], points[own, axis, j])
+    names = tuple(np.array(motion.landmark_names, dtype=object)[ever])
+    absent = [name for name in motion.landmark_names if name not in names]
+    gaps = int((~seen[:, ever]).any(axis=1).sum())
+    warnings = (
+        *((f"{abbreviate(absent)} never have a place: left out",) if absent else ()),
+        *(
+            (f"{counted(gaps, 'frame')} with gaps, which are bridged in straight lines",)
+            if gaps
+            else ()
+        ),
+    )
+    return replace(
+        motion,
+        points=points,
+        landmark_names=names,
+        edges=edges,
+        warnings=(*motion.warnings, *warnings),
+    )
