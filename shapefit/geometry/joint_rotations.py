@@ -60,7 +60,7 @@ def find_places(rig: Rig) -> Floats:
 def find_rest(points: Floats, tree: Sequence[Node]) -> int:
     """Return the frame of points (f, 3, p) whose joints are bent most nearly as the median's.
 
-    How far a joint is bent is told by the distance of the landmarks on both sides of it.
+    How far a joint is bent shows in the distance of the landmarks on both sides of it.
     """
     before = find_bones(tree)
     spans = [
