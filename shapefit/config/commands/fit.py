@@ -129,8 +129,8 @@ class FitConfig(CommandConfig):
     or is - (stdout), or TRC, C3D, BVH, GLB or JSON by its ending (docs/export.md). A name that ends
     in / is a folder: of one result file per part, and manifest.json."""
     height: float | None = Field(default=None, gt=0, le=1000)
-    """Height of the body or object in metres, for outputs in metres (TRC, C3D, BVH, GLB); by default
-    it is as large as the training shapes of the dictionary."""
+    """Height of the body or object in metres, for outputs in metres (TRC, C3D, BVH, GLB); by
+    default it is as large as the training shapes of the dictionary."""
     partition: int = Field(default=100_000, ge=1)
     """With a folder as output, images per part of a large HDF5 or Parquet file, rounded up to a
     multiple of 64, or to whole sequences where those are lifted; of Parquet up to twice as many, to
