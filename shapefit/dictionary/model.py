@@ -30,7 +30,8 @@ class Dictionary:
     misfit (1,) the variance of a normalised coordinate that it cannot place;
     acceleration (p,): how much the training shapes move, see `find_acceleration`, and their
     frame_rate in Hz; edge_give (e,), how far edges are from rigid, see `find_give`; edge_length
-    (e,), the mean lengths of the edges in `unit`; each where it is known;
+    (e,), the mean lengths of the edges in `unit`, and edge_covariance (e, e), how their logarithms
+    differ between bodies, see `find_edge_covariance`; each where it is known;
     objective_trace is the
     training objective after every half-step; provenance holds text (version, resolved config,
     input digests).
@@ -51,6 +52,7 @@ class Dictionary:
     acceleration: NDArray[np.float64] | None = None
     edge_give: NDArray[np.float64] | None = None
     edge_length: NDArray[np.float64] | None = None
+    edge_covariance: NDArray[np.float64] | None = None
     frame_rate: float | None = None
     objective_trace: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     provenance: Mapping[str, str] = field(default_factory=dict)

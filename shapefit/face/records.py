@@ -101,6 +101,7 @@ class Dictionary:
     acceleration: Floats | None = None
     edge_give: Floats | None = None
     edge_length: Floats | None = None
+    edge_covariance: Floats | None = None
     frame_rate: float | None = None
     objective_trace: Floats = field(default_factory=lambda: np.empty(0))
     provenance: Mapping[str, str] = field(default_factory=dict)

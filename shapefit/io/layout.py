@@ -224,6 +224,7 @@ DICTIONARY = Format(
         Dataset("acceleration", ("p",)),
         Dataset("edge_give", ("e",)),
         Dataset("edge_length", ("e",)),
+        Dataset("edge_covariance", ("e", "e")),
         Dataset("misfit", (1,)),
         Dataset("prior_weights", ("c",)),
         Dataset("prior_means", ("c", "p", 3), points=True),

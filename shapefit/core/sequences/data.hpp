@@ -27,7 +27,7 @@ struct SequenceData {
     Vector<const double> stiffness = from("stiffness", "p");  // 1/a^2
     Matrix<const int64_t> bones = from("bones", "e 2");
     Vector<const double> rigidity = from("rigidity", "e");  // 1/b^2
-    Vector<const double> hold = from("hold", "e");  // of the squares of l - known
+    Matrix<const double> hold = from("hold", "e e");  // H of (l - known)^T H (l - known)
     Vector<const double> known = from("known", "e");
     long most_rounds = from("most_rounds");
     double still = from("still");  // rounds end when the energy per frame falls by less

@@ -68,6 +68,13 @@ Place::Place(Workspace& workspace, const SequenceData& data)
       share(workspace.matrix<double>(data.points.size[0], data.log_share.size[1])),
       too_long(workspace.vector<double>(data.lengths.size[0])) {}
 
+double held_back(const SequenceData& data, const Place& at, long b) {
+    double total = 0;
+    for (long c = 0; c < data.lengths.size[0]; ++c)
+        total += data.hold[b][c] * (at.lengths[c] - data.known[c]);
+    return total;
+}
+
 double tie(long f, long apart, long frames) {
     constexpr double DIFFERENCE[3] = {1, -2, 1};
     double total = 0;
@@ -100,7 +107,7 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
             }
     }
     for (long b = 0; b < data.lengths.size[0]; ++b)
-        energy += 0.5 * data.hold[b] * square(at.lengths[b] - data.known[b]);
+        energy += 0.5 * (at.lengths[b] - data.known[b]) * held_back(data, at, b);
     at.energy = energy;
 }
 

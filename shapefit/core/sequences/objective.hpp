@@ -27,6 +27,9 @@ void measure(const SequenceData& data, Place& at, double* scratch);
 // second derivatives with the lengths, one per column.
 void derive(const SequenceData& data, const Place& at, long f, double* S, double* R, long E);
 
+// Element b of H (l - known): how lengths are held to those that are known.
+double held_back(const SequenceData& data, const Place& at, long b);
+
 // How frame f is tied to frame f + apart by D^T D of the second difference D.
 double tie(long f, long apart, long frames);
 

@@ -36,12 +36,12 @@ bool find_step(const SequenceData& data, const Place& at, const Banded& factor, 
     const double t = static_cast<double>(at.y.size[0]);
     for (long a = 0; a < n; ++a) {
         for (long b = 0; b < n; ++b)
-            step.schur[a * n + b] = a < e && b < e ? -G[(1 + a) * E + 1 + b] : 0.0;
-        step.schur[a * n + a] += a < e ? t * data.rigidity[a] + data.hold[a] + 1e-9 : 1.0;
+            step.schur[a * n + b] = a < e && b < e ? data.hold[a][b] - G[(1 + a) * E + 1 + b] : 0.0;
+        step.schur[a * n + a] += a < e ? t * data.rigidity[a] + 1e-9 : 1.0;
         step.side[a] = 0;
         if (a < e)
-            step.side[a] = data.hold[a] * (at.lengths[a] - data.known[a]) -
-                           data.rigidity[a] * at.too_long[a] - G[(1 + a) * E];
+            step.side[a] =
+                held_back(data, at, a) - data.rigidity[a] * at.too_long[a] - G[(1 + a) * E];
     }
     if (!is_finite(factorise_block(step.schur, step.inverse, n, n))) return false;
     multiply_out(step.inverse, step.schur, n, n);

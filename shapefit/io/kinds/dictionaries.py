@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
@@ -38,6 +39,7 @@ def read_hdf5(path: Path) -> Dictionary:
             if values is not None and not (np.isfinite(values).all() and (values >= 0).all()):
                 fix = "make the dictionary again"
                 raise input_error(reader.place(name), f"holds what is no {kind}", fix)
+        _check_edge_covariance(reader, fields["edge_covariance"])
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
         fields["prior"] = _read_prior(reader, fields)
@@ -45,6 +47,16 @@ def read_hdf5(path: Path) -> Dictionary:
         return Dictionary(
             **fields, unit=reader.unit, frame_rate=reader.frame_rate, provenance=provenance
         )
+
+
+def _check_edge_covariance(reader: Hdf5Reader, C: Floats | None) -> None:
+    """Raise InputError for what is no covariance (e, e); None where there is none."""
+    if C is None or C.size == 0:
+        return
+    symmetric = np.isfinite(C).all() and np.allclose(C, C.T, rtol=0, atol=1e-9)
+    if not symmetric or np.linalg.eigvalsh(C)[0] <= 0:
+        found = "is no covariance: not symmetric, or not positive definite"
+        raise input_error(reader.place("edge_covariance"), found, "make the dictionary again")
 
 
 def _read_prior(reader: Hdf5Reader, fields: dict[str, Any]) -> Mixture | None:

@@ -15,7 +15,7 @@ from shapefit.core.stretches import on_threads
 from shapefit.lifting.posterior.posterior import Modes
 from shapefit.lifting.sequences.noise import LEAST_TURN, find_haste, find_noise, find_turn
 from shapefit.lifting.sequences.observations import Observations, observe
-from shapefit.lifting.sequences.smoothing import Model, smooth
+from shapefit.lifting.sequences.smoothing import Lengths, Model, smooth
 from shapefit.lifting.sequences.steady import steady
 
 Indices = NDArray[np.integer]
@@ -43,14 +43,19 @@ class Motion:
     """How bodies move and are built, in units of the size of their landmarks.
 
     bones (e, 2) keep their lengths but for deviations of give (e,); acceleration (p,), the root of
-    the mean square of the second difference of a coordinate from frame to frame; known lengths (e,)
-    of the bones in any unit, nan where a length is not known.
+    the mean square of the second difference of a coordinate from frame to frame; known, what is
+    known of the lengths.
     """
 
     bones: Indices
     acceleration: Floats
     give: Floats
-    known: Floats | None = None
+    known: Lengths | None = None
+
+    @property
+    def measured(self) -> bool:
+        """Whether lengths were measured on the body itself."""
+        return self.known is not None and self.known.measured
 
 
 class Refined(NamedTuple):
@@ -97,9 +102,9 @@ def refine_clips(
 
     All but correlations in the unit of the landmarks. nan in all but the points where the inference
     is that of the images: one is alone or nearly so in its sequence, or its bones hardly turn
-    (`LEAST_TURN`) and no length is known, or the sequence contradicts the images (`FARTHEST`). Then
-    the points are but steadied. Sequences are refined on `threads` threads, 0 means one per core;
-    the results do not depend on them.
+    (`LEAST_TURN`) and no length was measured, or the sequence contradicts the images (`FARTHEST`).
+    Then the points are but steadied. Sequences are refined on `threads` threads, 0 means one per
+    core; the results do not depend on them.
     """
     unknown = np.full_like(clips.points, np.nan)
     noise = np.full(len(clips.points), np.nan)
@@ -113,7 +118,7 @@ def refine_clips(
         scale=np.where(known, clips.scale, np.nan),
         points=np.where(known[:, None, None], clips.points, np.nan),
     )
-    fewest = FEWEST if motion.known is None else 1
+    fewest = 1 if motion.measured else FEWEST
     there = np.concatenate([[0], np.cumsum(known)])
     long = [clip for clip in parts(sequences) if there[clip.stop] - there[clip.start] >= fewest]
 
@@ -154,7 +159,7 @@ def refine_clip(
         found.points[rows] = unit * steady(seen.start, spread, acceleration)[finite]
 
     # Unknown lengths of bones that hardly turn fit what the images have wrong alike.
-    unknown = len(motion.bones) > 0 and motion.known is None
+    unknown = len(motion.bones) > 0 and not motion.measured
     if unknown and find_turn(seen, model) < LEAST_TURN:
         steady_images()
         return

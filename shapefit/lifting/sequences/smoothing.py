@@ -10,8 +10,9 @@ minimise
 
 The posteriors of the images took their landmarks with the variance v of what the prior cannot
 place; over a sequence the landmarks themselves may be worth more, and the second term makes up for
-it. Bones are rigid but unknown; where a body was measured, its lengths k are known up to the scale
-g of the images, and sum (l - g k)^2 / (2 (s g k)^2) joins the objective. Levenberg and Marquardt's
+it. Bones are rigid but unknown; where their lengths k are known up to the scale g of the images,
+with the precision Q of their logarithms, d^T Q d / 2 of d = l / (g k) - 1 joins the objective.
+Levenberg and Marquardt's
 method over frames and lengths together: the lengths are few, and are eliminated from the banded
 system of the frames. No step raises the objective; the minimum is a local one, near the start.
 """
@@ -19,6 +20,7 @@ system of the frames. No step raises the objective; the minimum is a local one, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,19 +35,30 @@ STILL = 1e-2
 """Rounds end when one lowers the objective by a smaller share of the number of frames."""
 
 
+class Lengths(NamedTuple):
+    """What is known of the lengths of bones beforehand, but for the size of the body.
+
+    usual k (e,), in any unit, nan where a bone's is unknown; precision Q (e, e) of the logarithms,
+    0 there; whether they were measured on the body itself, or on others of its kind.
+    """
+
+    usual: Floats
+    precision: Floats
+    measured: bool
+
+
 @dataclass(frozen=True)
 class Model:
     """How frames of a sequence hang together, in units of the size of its landmarks.
 
-    bones (e, 2); stiffness 1/a^2 (p,); give b (e,), by which a bone differs from its length; known
-    lengths k (e,), in any unit, nan where a bone's is unknown, with the relative deviation s.
+    bones (e, 2); stiffness 1/a^2 (p,); give b (e,), by which a bone differs from its length; known,
+    what is known of these lengths.
     """
 
     bones: Indices
     stiffness: Floats
     give: Floats
-    known: Floats | None = None
-    spread: float = 0.01
+    known: Lengths | None = None
 
 
 @dataclass(frozen=True)
@@ -125,23 +138,26 @@ def further_weight(seen: Observations, noise: float) -> Floats:
 
 
 def held_lengths(model: Model, lengths: Floats) -> tuple[Floats, Floats]:
-    """Weights 1/(s g k)^2 (e,) and lengths g k (e,) of known bones; 0 of the others."""
-    hold, known = np.zeros(len(model.bones)), np.zeros(len(model.bones))
-    if model.known is not None:
-        there = np.isfinite(model.known)
-        known[there] = model.known[there] * scale_of(lengths, model.known)
-        hold[there] = 1 / (model.spread * known[there]) ** 2
-    return hold, known
+    """Weights H = Q / (g k)(g k)^T (e, e) and lengths g k (e,) of known bones; 0 of the others."""
+    e = len(model.bones)
+    known, shorter = np.zeros((2, e))
+    if model.known is None:
+        return np.zeros((e, e)), known
+    usual = model.known.usual
+    there = np.isfinite(usual)
+    known[there] = usual[there] * scale_of(lengths, usual)
+    shorter[there] = 1 / known[there]
+    return model.known.precision * np.outer(shorter, shorter), known
 
 
 def first_lengths(points: Floats, model: Model) -> Floats:
-    """Mean lengths (e,) of the bones of points (t, 3, p), or the known ones."""
+    """Mean lengths (e,) of the bones of points (t, 3, p), or those measured on the body."""
     i, j = model.bones.T
     mean: Floats = np.linalg.norm(points[:, :, i] - points[:, :, j], axis=1).mean(axis=0)
-    if model.known is None:
+    if model.known is None or not model.known.measured:
         return mean
-    there = np.isfinite(model.known)
-    return np.where(there, model.known * scale_of(mean, model.known), mean)
+    usual = model.known.usual
+    return np.where(np.isfinite(usual), usual * scale_of(mean, usual), mean)
 
 
 def scale_of(lengths: Floats, known: Floats) -> float:

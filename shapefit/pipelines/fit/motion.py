@@ -13,6 +13,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import match_landmarks, read_shapes
 from shapefit.lifting.sequences.clips import Motion
+from shapefit.lifting.sequences.smoothing import Lengths
 
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows none, in units
@@ -20,6 +21,9 @@ of the size of the body: that of subject 86 at 24 Hz."""
 
 RIGID = 0.005
 """Deviation of a bone from its length, in the same units, that no data are more exact than."""
+
+MEASURED = 0.01
+"""Relative deviation of lengths that were measured on the body."""
 
 HEADER = ("from", "to", "length")
 
@@ -39,7 +43,28 @@ def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | No
     give = dictionary.edge_give
     if give is None:
         give = np.full(len(edges), USUAL)
-    return Motion(edges, acceleration, np.maximum(give, RIGID), lengths)
+    known = find_known(dictionary) if lengths is None else measured(lengths)
+    return Motion(edges, acceleration, np.maximum(give, RIGID), known)
+
+
+def measured(lengths: Floats) -> Lengths:
+    """Return what lengths (e,) that were measured on the body say, nan where one was not."""
+    return Lengths(lengths, np.diag(np.isfinite(lengths) / MEASURED**2), measured=True)
+
+
+def find_known(dictionary: Dictionary) -> Lengths | None:
+    """Return what the bodies of the training shapes say of the lengths of another, if they do.
+
+    Of any size g: Q = P - P 1 1^T P / (1^T P 1) for the precision P of the logarithms.
+    """
+    usual, covariance = dictionary.edge_length, dictionary.edge_covariance
+    if usual is None or covariance is None or not (usual > 0).any():
+        return None
+    there = usual > 0
+    P: Floats = np.where(np.outer(there, there), np.linalg.inv(covariance), 0.0)
+    whole = P.sum(axis=1)
+    P -= np.outer(whole, whole) / whole.sum()
+    return Lengths(np.where(there, usual, np.nan), P, measured=False)
 
 
 def find_lengths(path: Path, dictionary: Dictionary) -> Floats:

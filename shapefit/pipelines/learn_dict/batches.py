@@ -107,6 +107,7 @@ def find_training_batches(source: ShapeSource, options: TrainingOptions) -> Trai
             acceleration=None if head.sequences is None else motion.acceleration(unit),
             give=None if head.edges is None else motion.give(unit),
             edge_length=None if head.edges is None else length / len(points),
+            bodies=None if head.sequences is None else motion.mean_lengths(),
         ),
         tuple(failures),
         tuple(warnings),

@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.dictionary.model import Dictionary
-from shapefit.dictionary.motion import find_acceleration, find_give
+from shapefit.dictionary.motion import (
+    find_acceleration,
+    find_edge_covariance,
+    find_give,
+    find_lengths,
+)
 from shapefit.dictionary.size import find_edge_length
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import SMALLEST, normalise
@@ -128,9 +133,11 @@ def find_training_shapes(given: ShapeSet, options: TrainingOptions) -> TrainingS
     """
     fine = separate(given)[0]
     acceleration = find_acceleration(fine.shapes, fine.sequences) if fine.sequences else None
-    give = None
+    give = bodies = None
     if fine.edges is not None and len(fine):
         give = find_give(fine.shapes, fine.edges, fine.sequences or ("",) * len(fine))
+        if fine.sequences:
+            bodies = find_lengths(fine.shapes, fine.edges, fine.sequences)[1]
     sequences = given.sequences or ("",) * len(given)
     kept = given.take(every_nth(sequences, options.every))
     usable, failures = separate(kept)
@@ -151,6 +158,7 @@ def find_training_shapes(given: ShapeSet, options: TrainingOptions) -> TrainingS
             acceleration=acceleration,
             give=give,
             edge_length=None if edges is None else find_edge_length(shapes.shapes, edges),
+            bodies=bodies,
         ),
         failures=failures,
         warnings=tuple(find_warnings(usable, shapes, alignment, options)),
@@ -182,8 +190,12 @@ def dictionary_of(
     acceleration: Floats | None,
     give: Floats | None,
     edge_length: Floats | None,
+    bodies: Floats | None,
 ) -> Dictionary:
-    """Return a dictionary without atoms: what is the same for all methods. mean (3, p)."""
+    """Return a dictionary without atoms: what is the same for all methods.
+
+    mean (3, p); bodies (s, e), mean lengths of the edges in each sequence, if there are any.
+    """
     return Dictionary(
         atoms=np.empty((0, *mean.shape)),
         landmark_names=shapes.landmark_names,
@@ -194,6 +206,7 @@ def dictionary_of(
         acceleration=acceleration,
         edge_give=give,
         edge_length=edge_length,
+        edge_covariance=None if bodies is None or not bodies.size else find_edge_covariance(bodies),
         frame_rate=None if acceleration is None else shapes.frame_rate,
     )
 

@@ -30,7 +30,7 @@ class Objective:
         total += 0.5 * (self.weight * (y[:, : self.w.shape[1]] - self.w) ** 2).sum()
         for f, frame in enumerate(y):
             total -= np.logaddexp.reduce(self.log_terms(f, frame))
-        total += 0.5 * (self.hold * (lengths - self.known) ** 2).sum()
+        total += 0.5 * (lengths - self.known) @ self.hold @ (lengths - self.known)
         return total + 0.5 * (((self.bones(y)[1] - lengths) / self.model.give) ** 2).sum()
 
     def log_terms(self, f, frame):

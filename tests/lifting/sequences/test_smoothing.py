@@ -12,7 +12,7 @@ from shapefit.lifting.sequences import clips as clips_of
 from shapefit.lifting.sequences import smoothing
 from shapefit.lifting.sequences.noise import find_haste, find_noise, find_turn
 from shapefit.lifting.sequences.observations import UNSEEN_VARIANCE, fill, find_precisions, observe
-from shapefit.lifting.sequences.smoothing import smooth
+from shapefit.lifting.sequences.smoothing import Lengths, smooth
 from shapefit.lifting.sequences.steady import find_jitter, steady
 from tests.lifting.sequences.objective import Objective, second_difference
 
@@ -43,7 +43,8 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
     seen = images(body[:frames], noise=0.02, depth=0.1)
     if case == "known lengths":
         longer = smoothing.first_lengths(body, model) * [1.3, 1, 0.8, np.nan]
-        model = replace(model, known=longer, spread=0.002)
+        known = np.diag([1.0, 1, 1, 0]) - 0.2 * np.outer([1, 1, 1, 0], [1, 1, 1, 0])
+        model = replace(model, known=Lengths(longer, known / 0.002**2, measured=True))
     if case == "far":
         seen = replace(seen, start=seen.start + 2)
     found = smooth(seen, model, 0.1, rounds=1)
@@ -58,8 +59,8 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
         M[:, :, i, b] = -along[:, :, b] / size[:, None, b] / model.give[b] ** 2
         M[:, :, j, b] = -M[:, :, i, b]
     M = M.reshape(-1, e)
-    own = frames / model.give**2 + judge.hold + 1e-9
-    whole = np.block([[A, M], [M.T, np.diag(own)]])
+    own = np.diag(frames / model.give**2 + 1e-9) + judge.hold
+    whole = np.block([[A, M], [M.T, own]])
     step = np.linalg.solve(whole, judge.gradient(y, lengths))
     shrink = min(1.0, 0.5 / np.abs(step[: y.size]).max())
     assert case != "far" or shrink < 0.5
@@ -97,7 +98,8 @@ def test_a_rigid_body_is_found_where_single_images_are_far_off(images, body, mod
 def test_known_lengths_up_to_scale_are_kept(images, body, model):
     true = np.linalg.norm(body[0, :, model.bones[:, 0]] - body[0, :, model.bones[:, 1]], axis=1)
     seen = images(body, noise=0.002)
-    found = smooth(seen, replace(model, known=40 * true), 0.003, rounds=50)
+    exact = Lengths(40 * true, np.eye(4) / 0.01**2, measured=True)
+    found = smooth(seen, replace(model, known=exact), 0.003, rounds=50)
     ratio = found.lengths / true
     np.testing.assert_allclose(ratio / ratio.mean(), 1, atol=0.03)
 

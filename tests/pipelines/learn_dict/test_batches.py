@@ -86,7 +86,7 @@ def test_a_dictionary_is_as_good_and_holds_the_same(learned, people, changes):
     assert batched[0].note == outcomes[0].note
     assert found.objective_trace[-1] <= 1.01 * whole.objective_trace[-1]
     assert (np.diff(found.objective_trace) <= 1e-12 * found.objective_trace[0]).all()
-    for name in ("acceleration", "edge_give", "edge_length"):
+    for name in ("acceleration", "edge_give", "edge_length", "edge_covariance"):
         np.testing.assert_allclose(getattr(found, name), getattr(whole, name), rtol=1e-10)
     np.testing.assert_allclose(found.mean_shape, whole.mean_shape, atol=1e-4)
     np.testing.assert_array_equal(found.mirror_index, whole.mirror_index)
