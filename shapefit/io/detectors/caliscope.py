@@ -85,7 +85,6 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=str(path),
         video=video,
         dimensions=2,
-        landmark_count=len(ids),
         landmark_names=tuple(names),
         blocks=blocks,
         frames=len(frames[0]),

@@ -21,7 +21,6 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import counted, input_error
 from shapefit.io.detectors.detections import (
-    NAMED_BY_COUNT,
     Detections,
     as_recording,
     image_key,
@@ -74,7 +73,6 @@ def record_results(paths: tuple[Path, ...]) -> Recording:
         frames=len(order),
         unordered=not are_series(names),
         notes=notes,
-        default_keypoints=NAMED_BY_COUNT.get(values.shape[1]),
     )
 
 
@@ -164,7 +162,6 @@ def record_annotations(paths: tuple[Path, ...]) -> Recording:
         frames=len(called),
         unordered=not are_series(labels),
         landmark_names=names or None,
-        default_keypoints=None if names else NAMED_BY_COUNT.get(values.shape[1]),
         edges=_edges(categories, columns),
         notes=notes,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error, listed
 from shapefit.io.foreign.recording import ANYBODY, Instances, Recording
-
-BLOCK = 4096
-"""Instances that are given out at a time."""
 
 NAMED_BY_COUNT: Mapping[int, str] = {17: "coco_17", 26: "halpe_26", 33: "mediapipe_33"}
 """The skeleton that detectors of people mean by a number of landmarks, where one is usual."""
@@ -42,6 +39,17 @@ class Detections:
 
     def __len__(self) -> int:
         return len(self.numbers)
+
+    def add(
+        self, numbers: Sequence[float], frame: int, label: str, who: Any, video: str | None = None
+    ) -> None:
+        """Add a detection in a frame, and whom the file calls it."""
+        self.numbers.append(numbers)
+        self.frames.append(frame)
+        self.labels.append(label)
+        self.identities.append(who)
+        if self.videos is not None and video is not None:
+            self.videos.append(video)
 
     def values(self, name: str) -> Floats:
         """Return the numbers (N, p, step), NaN where a detection has none or they are not finite.
@@ -97,7 +105,8 @@ def as_recording(
     """Return a recording of detections.
 
     values (N, p, 2 or more) are what was read, x and y first; missing (N, p). Where nobody was
-    found, the recording is empty and says so. `further` are fields of a Recording.
+    found, the recording is empty and says so. `further` are fields of a Recording; without names
+    landmarks are those of the skeleton that detectors mean by their number.
     """
     if not values.size:
         text = f"nobody was found in {counted(frames, 'frame')}"
@@ -105,7 +114,6 @@ def as_recording(
             name=name,
             video=video,
             dimensions=2,
-            landmark_count=0,
             landmark_names=(),
             blocks=list,
             frames=frames,
@@ -113,33 +121,22 @@ def as_recording(
         )
     individuals, numbers, doubts = _identities(detections)
     videos = detections.videos
-    order = _in_order(videos, detections.frames)
-    points = np.where(missing[..., None], np.nan, values[..., :2])[order]
-    if confidence is not None:
-        confidence = np.where(missing, 0.0, confidence)[order]
-    places = np.array(detections.frames, dtype=np.int64)[order]
-    numbers = numbers[order]
-    labels = [detections.labels[row] for row in order]
-    names = None if videos is None else [videos[row] for row in order]
-
-    def blocks() -> Iterator[Instances]:
-        for start in range(0, len(points), BLOCK):
-            rows = slice(start, start + BLOCK)
-            yield Instances(
-                points=points[rows],
-                confidence=None if confidence is None else confidence[rows],
-                frames=places[rows],
-                labels=labels[rows],
-                individuals=numbers[rows],
-                videos=None if names is None else names[rows],
-            )
-
+    every = Instances(
+        points=np.where(missing[..., None], np.nan, values[..., :2]),
+        confidence=None if confidence is None else np.where(missing, 0.0, confidence),
+        frames=np.array(detections.frames, dtype=np.int64),
+        labels=detections.labels,
+        individuals=numbers,
+        videos=videos,
+    ).take(_in_order(videos, detections.frames))
+    known = NAMED_BY_COUNT.get(every.points.shape[1])
+    further.setdefault("default_keypoints", None if further.get("landmark_names") else known)
     return Recording(
         name=name,
         video=video,
         dimensions=2,
-        landmark_count=points.shape[1],
-        blocks=blocks,
+        landmark_count=every.points.shape[1],
+        blocks=every.blocks,
         individuals=individuals,
         frames=frames,
         notes=notes + doubts,
@@ -198,3 +195,12 @@ def _plain(identity: Any) -> str | None:
     if isinstance(identity, str):
         return identity or None
     return None if identity < 0 or identity != identity else f"id {identity:g}"
+
+
+def edges_of(lines: Any, count: int) -> tuple[tuple[int, int], ...]:
+    """Return those of a list of lines that join two of so many landmarks."""
+    pairs = (
+        [tuple(line) for line in lines if isinstance(line, list)] if isinstance(lines, list) else []
+    )
+    whole = [pair for pair in pairs if len(pair) == 2 and all(type(end) is int for end in pair)]
+    return tuple((a, b) for a, b in whole if 0 <= a < count and 0 <= b < count)

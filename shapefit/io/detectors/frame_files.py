@@ -84,6 +84,18 @@ def frame_files(paths: Sequence[Path], folder: str) -> list[FrameFile]:
     ]
 
 
+def folder_of(paths: Sequence[Path], suffix: str, but: str = "") -> tuple[str, str, Sequence[Path]]:
+    """Return what messages call a folder or the files in it, the name of its video, and the files.
+
+    Of a folder that is given as a whole the file `but` is left out.
+    Raises InputError as `files_in`.
+    """
+    folder = paths[0] if paths[0].is_dir() else paths[0].parent
+    if paths[0].is_dir():
+        paths = [path for path in files_in(folder, suffix) if path.name != but]
+    return str(paths[0] if len(paths) == 1 else folder), folder.resolve().name, paths
+
+
 def unordered(files: Sequence[FrameFile]) -> bool:
     """Whether files are named as images, without numbers of frames."""
     return not all(file.label.isdigit() for file in files)

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording
-from shapefit.io.detectors.frame_files import files_in, frame_files, unordered
+from shapefit.io.detectors.detections import Detections, as_recording, edges_of
+from shapefit.io.detectors.frame_files import folder_of, frame_files, unordered
 from shapefit.io.detectors.json_text import (
     Outline,
     first_outline,
@@ -69,21 +69,16 @@ def record_video(paths: tuple[Path, ...]) -> Recording:
 
 def record_images(paths: tuple[Path, ...]) -> Recording:
     """Return the images of a folder, or these files, as one recording."""
-    folder = paths[0] if paths[0].is_dir() else paths[0].parent
-    if paths[0].is_dir():
-        paths = files_in(folder, ".json")
-    video = folder.resolve().name
+    name, video, own = folder_of(paths, ".json")
     detections = Detections(step=2, videos=[])
-    files = frame_files(paths, video)
-    for path, own, frame, label in files:
+    files = frame_files(own, video)
+    for path, part, frame, label in files:
         instances = read_json(path)
         if not isinstance(instances, list):
             raise input_error(path, "no list of instances, as the other files", FIX)
-        _add(detections, instances, frame, label, path)
-        detections.videos += [own] * (len(detections) - len(detections.videos or ()))  # type: ignore[operator]
+        _add(detections, instances, frame, label, path, part)
     if len({file.video for file in files}) == 1:
         detections.videos = None
-    name = str(paths[0] if len(paths) == 1 else folder)
     recording = _recorded(detections, name, video, len(files), {})
     return replace(recording, unordered=unordered(files))
 
@@ -93,7 +88,14 @@ def _is_list_of_instances(own: Outline) -> bool:
     return own.kind == "[" and (seen or own.points == "pairs")
 
 
-def _add(detections: Detections, instances: list[Any], frame: int, label: str, path: Path) -> None:
+def _add(
+    detections: Detections,
+    instances: list[Any],
+    frame: int,
+    label: str,
+    path: Path,
+    video: str | None = None,
+) -> None:
     """Add the people of a frame, as x, y and score of each landmark."""
     for number, instance in enumerate(instances):
         place = f"{path}: frame {label}, instance {number}"
@@ -111,11 +113,10 @@ def _add(detections: Detections, instances: list[Any], frame: int, label: str, p
             found = f"{len(points)} keypoints that are not x and y with a score each"
             found = "3D keypoints" if widths == {3} else found
             raise input_error(place, found, "give predictions of 2D landmarks")
-        detections.numbers.append([*chain.from_iterable(points)])
         detections.scores.append(scores)
-        detections.frames.append(frame)
-        detections.labels.append(label)
-        detections.identities.append(instance.get("track_id"))
+        detections.add(
+            [*chain.from_iterable(points)], frame, label, instance.get("track_id"), video
+        )
 
 
 def _recorded(detections: Detections, name: str, video: str, frames: int, meta: Any) -> Recording:
@@ -130,8 +131,7 @@ def _recorded(detections: Detections, name: str, video: str, frames: int, meta: 
         video=video,
         frames=frames,
         landmark_names=names,
-        default_keypoints=None if names else NAMED_BY_COUNT.get(values.shape[1]),
-        edges=_edges(meta, values.shape[1]) if names else (),
+        edges=edges_of(meta.get("skeleton_links"), values.shape[1]) if names else (),
     )
 
 
@@ -143,12 +143,3 @@ def _names(meta: Any, count: int) -> tuple[str, ...] | None:
     if not isinstance(known, list) or len(known) != count or len({*map(str, known)}) != count:
         return None
     return tuple(known) if all(isinstance(name, str) for name in known) else None
-
-
-def _edges(meta: dict[str, Any], count: int) -> tuple[tuple[int, int], ...]:
-    links = meta.get("skeleton_links")
-    pairs = (
-        [tuple(link) for link in links if isinstance(link, list)] if isinstance(links, list) else []
-    )
-    whole = [pair for pair in pairs if len(pair) == 2 and all(type(end) is int for end in pair)]
-    return tuple((a, b) for a, b in whole if 0 <= a < count and 0 <= b < count)

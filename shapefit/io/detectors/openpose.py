@@ -18,8 +18,8 @@ import numpy as np
 
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.detectors.coco import labels_of, scaled
-from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording
-from shapefit.io.detectors.frame_files import files_in, frame_files, unordered
+from shapefit.io.detectors.detections import Detections, as_recording
+from shapefit.io.detectors.frame_files import folder_of, frame_files, unordered
 from shapefit.io.detectors.json_text import (
     BYTE_ORDER_MARK,
     first_outline,
@@ -44,15 +44,12 @@ def is_openpose(path: Path, head: bytes) -> bool:
 
 def record(paths: tuple[Path, ...]) -> Recording:
     """Return the frames of a folder, or these files, as one recording."""
-    folder = paths[0] if paths[0].is_dir() else paths[0].parent
-    if paths[0].is_dir():
-        paths = files_in(folder, ".json")
-    name = str(paths[0] if len(paths) == 1 else folder)
+    name, video, own = folder_of(paths, ".json")
     detections = Detections(videos=[])
     strange: list[str] = []
     further = 0
-    files = frame_files(paths, folder.resolve().name)
-    for path, video, frame, label in files:
+    files = frame_files(own, video)
+    for path, part, frame, label in files:
         contents = read_json(path)
         people = people_of(contents)
         if people is None:
@@ -61,11 +58,8 @@ def record(paths: tuple[Path, ...]) -> Recording:
         for person in people:
             if not isinstance(person, dict):
                 raise input_error(path, "a person that is no object", "check what wrote the file")
-            detections.numbers.append(keypoints_of(person, path))
-            detections.frames.append(frame)
-            detections.labels.append(label)
-            detections.identities.append(person.get("person_id"))
-            detections.videos.append(video)  # type: ignore[union-attr]
+            numbers = keypoints_of(person, path)
+            detections.add(numbers, frame, label, person.get("person_id"), part)
             further += any(person.get(key) for key in OTHERS)
     if len({file.video for file in files}) == 1:
         detections.videos = None
@@ -83,11 +77,10 @@ def record(paths: tuple[Path, ...]) -> Recording:
         ~(values[..., 2] > 0),
         confidence=values[..., 2],
         name=name,
-        video=folder.resolve().name,
+        video=video,
         frames=len(files) - len(strange),
         unordered=unordered(files),
         notes=notes,
-        default_keypoints=NAMED_BY_COUNT.get(values.shape[1]),
     )
 
 
@@ -141,10 +134,7 @@ def record_all(paths: tuple[Path, ...]) -> Recording:
             if not isinstance(person, dict):
                 fix = "check what wrote the file"
                 raise input_error(f"{path}: {image}", "a person that is no object", fix)
-            detections.numbers.append(keypoints_of(person, path))
-            detections.frames.append(place)
-            detections.labels.append(labels[place])
-            detections.identities.append(person.get("idx"))
+            detections.add(keypoints_of(person, path), place, labels[place], person.get("idx"))
     values = detections.values(str(path))
     confidence, notes = scaled(values[..., 2], images)
     return as_recording(
@@ -156,5 +146,4 @@ def record_all(paths: tuple[Path, ...]) -> Recording:
         video=path.name.partition(".")[0],
         frames=len(images),
         notes=notes,
-        default_keypoints=NAMED_BY_COUNT.get(values.shape[1]),
     )

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.detectors.detections import Detections, as_recording
-from shapefit.io.detectors.frame_files import files_in, frame_files, unordered
+from shapefit.io.detectors.detections import Detections, as_recording, edges_of
+from shapefit.io.detectors.frame_files import folder_of, frame_files, unordered
 from shapefit.io.foreign.recording import FRACTION, Recording
 from shapefit.io.sources import read_whole
 
@@ -54,14 +54,12 @@ def is_ultralytics(path: Path, head: bytes) -> bool:
 
 def record(paths: tuple[Path, ...]) -> Recording:
     """Return the images of a folder of labels, or these files, as one recording."""
-    folder = paths[0] if paths[0].is_dir() else paths[0].parent
-    if paths[0].is_dir():
-        own = files_in(folder, ".txt")
-        paths = tuple(each for each in own if each.name != "classes.txt")
-    name = str(paths[0] if len(paths) == 1 else folder)
-    files = frame_files(paths, folder.resolve().name)
+    name, video, own = folder_of(paths, ".txt", "classes.txt")
+    files = frame_files(own, video)
     rows = [(file, row) for file in files for row in _rows(file.path)]
-    layout = _stated(folder) or _guessed([row for _, row in rows], name)
+    layout = _stated(paths[0] if paths[0].is_dir() else paths[0].parent) or _guessed(
+        [row for _, row in rows], name
+    )
     width = BOX + layout.landmarks * layout.step
     detections = Detections(step=layout.step, videos=[])
     for file, row in rows:
@@ -69,11 +67,8 @@ def record(paths: tuple[Path, ...]) -> Recording:
         if rest not in (0, 1, 2):
             found = f"a line of {len(row)} numbers, and {layout.landmarks} landmarks take {width}"
             raise input_error(file.path, found, f"check kpt_shape in {FILE}")
-        detections.numbers.append(row[BOX:width])
-        detections.frames.append(file.frame)
-        detections.labels.append(file.label)
-        detections.identities.append(row[-1] if rest == 2 else None)
-        detections.videos.append(file.video)  # type: ignore[union-attr]
+        who = row[-1] if rest == 2 else None
+        detections.add(row[BOX:width], file.frame, file.label, who, file.video)
     if len({file.video for file in files}) == 1:
         detections.videos = None
     values = detections.values(name)
@@ -86,7 +81,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         missing,
         confidence=confidence,
         name=name,
-        video=folder.resolve().name,
+        video=video,
         frames=len(files),
         unordered=unordered(files),
         unit=FRACTION,
@@ -195,7 +190,7 @@ def _layout(path: Path) -> Layout | None:
         shape[1],
         _landmark_names(found, count),
         people=classes == ["person"],
-        edges=_edges(found.get("skeleton"), count),
+        edges=edges_of(found.get("skeleton"), count),
     )
 
 
@@ -207,11 +202,3 @@ def _landmark_names(found: dict[str, Any], count: int) -> tuple[str, ...] | None
     if not isinstance(names, list) or len(names) != count or len({*map(str, names)}) != count:
         return None
     return tuple(map(str, names))
-
-
-def _edges(lines: Any, count: int) -> tuple[tuple[int, int], ...]:
-    pairs = (
-        [tuple(line) for line in lines if isinstance(line, list)] if isinstance(lines, list) else []
-    )
-    whole = [pair for pair in pairs if len(pair) == 2 and all(type(end) is int for end in pair)]
-    return tuple((a, b) for a, b in whole if 0 <= a < count and 0 <= b < count)

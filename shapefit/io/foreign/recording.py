@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self, TypeVar
 
+import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
@@ -21,7 +24,78 @@ FRACTION = "fraction of the image"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Instances:
+class Rows:
+    """What N instances have, whatever else: `take` and `stacked` know arrays, texts and extras."""
+
+    points: Floats
+    confidence: Floats | None = None
+    frames: Integers
+    extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def take(self, rows: NDArray[np.intp] | slice, counts: Mapping[str, int] | None = None) -> Self:
+        """Return these rows, those of a slice as views, with other counts, by default none."""
+        if isinstance(rows, np.ndarray) and np.array_equal(rows, np.arange(len(self))):
+            rows = slice(None)
+        taken = {name: _taken(values, rows) for name, values in self._of_rows().items()}
+        extras = {name: values[rows] for name, values in self.extras.items()}
+        return replace(self, **taken, extras=extras, counts=counts or {})
+
+    def blocks(self, size: int = 4096) -> Iterator[Self]:
+        """Give out the rows, so many at a time."""
+        return (self.take(slice(row, row + size)) for row in range(0, len(self), size))
+
+    def _of_rows(self) -> dict[str, Any]:
+        """Return the fields that have a row for each instance, but for extras, by name."""
+        return {name: v for name, v in vars(self).items() if name not in ("extras", "counts")}
+
+
+def _taken(values: Any, rows: NDArray[np.intp] | slice) -> Any:
+    if values is None or isinstance(values, np.ndarray) or isinstance(rows, slice):
+        return None if values is None else values[rows]
+    return tuple(values[row] for row in rows.tolist())
+
+
+R = TypeVar("R", bound=Rows)
+
+
+def stacked(parts: Sequence[R]) -> R:
+    """Return instances one after the other, their counts added up.
+
+    Those without a confidence among others have 1.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    if any(part.confidence is not None for part in parts):
+        parts = [
+            replace(part, confidence=np.ones(part.points.shape[:2]))
+            if part.confidence is None
+            else part
+            for part in parts
+        ]
+    joined: dict[str, Any] = {}
+    for name in parts[0]._of_rows():
+        values = [getattr(part, name) for part in parts]
+        if any(each is None for each in values):
+            joined[name] = None
+        elif isinstance(values[0], np.ndarray):
+            joined[name] = np.concatenate(values)
+        else:
+            joined[name] = tuple(chain.from_iterable(values))
+    extras = {
+        name: np.concatenate([part.extras[name] for part in parts]) for name in parts[0].extras
+    }
+    counts = Counter[str]()
+    for part in parts:
+        counts.update(part.counts)
+    return replace(parts[0], **joined, extras=extras, counts=counts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Instances(Rows):
     """N instances, each one individual in one frame, in order of the frames.
 
     points (N, p, 2) or (N, p, 3), NaN where the format says that a landmark is missing; confidence
@@ -35,17 +109,37 @@ class Instances:
     instances replaced by those that a user placed": 3}.
     """
 
-    points: Floats
-    confidence: Floats | None = None
-    frames: Integers
     labels: Sequence[str]
     individuals: Integers
     videos: Sequence[str] | None = None
-    extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    counts: Mapping[str, int] = field(default_factory=dict)
 
-    def __len__(self) -> int:
-        return len(self.points)
+    @classmethod
+    def of_one(
+        cls, points: Floats, start: int, labels: Sequence[str] | None = None, **further: Any
+    ) -> Self:
+        """Return frames `start` and on of one individual; without labels they are numbers."""
+        frames = np.arange(start, start + len(points))
+        return cls(
+            points=points,
+            frames=frames,
+            labels=list(map(str, frames.tolist())) if labels is None else labels,
+            individuals=np.zeros(len(points), np.int64),
+            **further,
+        )
+
+    @classmethod
+    def of_all(
+        cls, points: Floats, confidence: Floats | None, start: int, labels: Sequence[str]
+    ) -> Self:
+        """Return points (n, i, p, d) of frames `start` and on, i individuals in each."""
+        n, many = points.shape[:2]
+        return cls(
+            points=points.reshape(n * many, *points.shape[2:]),
+            confidence=None if confidence is None else confidence.reshape(n * many, -1),
+            frames=np.repeat(np.arange(start, start + n), many),
+            labels=[label for label in labels for _ in range(many)],
+            individuals=np.tile(np.arange(many), n),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +149,7 @@ class Recording:
     name             the path, for messages
     video            what items begin with: the name of the file without its endings
     dimensions       2 for landmarks, 3 for shapes
-    landmark_count   p
+    landmark_count   p, where there are no names to count
     landmark_names   None where the file has none: then `keypoints` names them
     blocks           reads all instances anew, some thousand frames at a time
     individuals      their names; empty where the format knows no individuals, or names none
@@ -73,7 +167,7 @@ class Recording:
     name: str
     video: str
     dimensions: Literal[2, 3]
-    landmark_count: int
+    landmark_count: int = 0
     landmark_names: tuple[str, ...] | None = None
     blocks: Callable[[], Iterable[Instances]]
     individuals: tuple[str, ...] = ()
@@ -87,6 +181,11 @@ class Recording:
     notes: tuple[str, ...] = ()
     unordered: bool = False
     default_keypoints: str | None = None
+
+    def __post_init__(self) -> None:
+        """Count the landmarks that have names."""
+        if self.landmark_names is not None:
+            object.__setattr__(self, "landmark_count", len(self.landmark_names))
 
 
 ENDINGS = (".analysis", ".predictions", ".pkg", ".pose")

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, input_error
-from shapefit.io.foreign.recording import ANYBODY, Instances, Recording
+from shapefit.io.foreign.recording import ANYBODY, Instances, Recording, Rows
 from shapefit.io.options import InputOptions
 
 NOBODY = "individuals without a landmark left out"
@@ -23,61 +22,12 @@ UNTRACKED = "untracked"
 DOUBTFUL = "landmarks hidden, whose confidence is below `likelihood_below`"
 
 
-@dataclass(frozen=True)
-class Chosen:
+@dataclass(frozen=True, kw_only=True)
+class Chosen(Rows):
     """Instances with the names of their items and sequences ("" for none), as in `Instances`."""
 
-    points: Floats
-    confidence: Floats | None
-    frames: Integers
     items: tuple[str, ...]
     sequences: tuple[str, ...]
-    extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    counts: Mapping[str, int] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def take(self, rows: NDArray[np.intp] | slice) -> Chosen:
-        """Return the instances of these rows; of a slice as views."""
-        if isinstance(rows, slice):
-            items, sequences = self.items[rows], self.sequences[rows]
-        elif len(rows) == len(self) and (rows == np.arange(len(self))).all():
-            return self
-        else:
-            numbers = rows.tolist()
-            items = tuple(self.items[number] for number in numbers)
-            sequences = tuple(self.sequences[number] for number in numbers)
-        return Chosen(
-            self.points[rows],
-            None if self.confidence is None else self.confidence[rows],
-            self.frames[rows],
-            items,
-            sequences,
-            {name: values[rows] for name, values in self.extras.items()},
-        )
-
-
-def stacked(parts: Sequence[Chosen]) -> Chosen:
-    """Return instances one after the other; those without a confidence among others have 1."""
-    if len(parts) == 1:
-        return parts[0]
-    confidence = None
-    if any(part.confidence is not None for part in parts):
-        confidence = np.concatenate(
-            [
-                np.ones(part.points.shape[:2]) if part.confidence is None else part.confidence
-                for part in parts
-            ]
-        )
-    return Chosen(
-        np.concatenate([part.points for part in parts]),
-        confidence,
-        np.concatenate([part.frames for part in parts]),
-        tuple(item for part in parts for item in part.items),
-        tuple(name for part in parts for name in part.sequences),
-        {name: np.concatenate([part.extras[name] for part in parts]) for name in parts[0].extras},
-    )
 
 
 def choose(recording: Recording, options: InputOptions) -> Callable[[], Iterator[Chosen]]:
@@ -150,8 +100,17 @@ def _chosen(
             sequence = known.setdefault((video, name), f"{video}/{name}" if name else video)
             items.append(f"{sequence}/{label}")
             sequences.append(sequence)
-    every = Chosen(points, confidence, block.frames, tuple(items), tuple(sequences), block.extras)
-    return replace(every.take(np.flatnonzero(rows)), counts={n: c for n, c in counts.items() if c})
+    every = Chosen(
+        points=points,
+        confidence=confidence,
+        frames=block.frames,
+        items=tuple(items),
+        sequences=tuple(sequences),
+        extras=block.extras,
+    )
+    return every.take(
+        np.flatnonzero(rows), {name: count for name, count in counts.items() if count}
+    )
 
 
 def _weights(confidence: Floats) -> Floats:

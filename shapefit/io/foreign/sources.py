@@ -18,8 +18,8 @@ from shapefit.arrays import Flags
 from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
-from shapefit.io.foreign.recording import FRACTION, Instances, Recording
-from shapefit.io.foreign.selection import Chosen, choose, stacked
+from shapefit.io.foreign.recording import FRACTION, Instances, Recording, stacked
+from shapefit.io.foreign.selection import Chosen, choose
 from shapefit.io.joined import SourceFile
 from shapefit.io.landmark_names import nearest_names
 from shapefit.io.options import InputOptions
@@ -244,7 +244,14 @@ def _nothing(
     """Return no instances, with the datasets of all."""
     p, d = recording.landmark_count, recording.dimensions
     confidence = np.empty((0, p)) if has_confidence else None
-    return Chosen(np.empty((0, p, d)), confidence, np.empty(0, np.int64), (), (), extras)
+    return Chosen(
+        points=np.empty((0, p, d)),
+        confidence=confidence,
+        frames=np.empty(0, np.int64),
+        items=(),
+        sequences=(),
+        extras=extras,
+    )
 
 
 def _opener(

@@ -12,14 +12,14 @@ that of their boxes (intersection over union). No learned appearance, nothing be
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, Integers
-from shapefit.io.foreign.recording import ANYBODY, Instances
+from shapefit.io.foreign.recording import ANYBODY, Instances, stacked
 
 REACH = 0.35
 """Of the size of a person (the diagonal of the box): how far landmarks go in a frame, at most, from
@@ -234,7 +234,7 @@ def _whole_frames(blocks: Iterable[Instances]) -> Iterator[Instances]:
     """Give out blocks that end where a frame ends."""
     kept: Instances | None = None
     for block in blocks:
-        whole = block if kept is None else _stacked(kept, block)
+        whole = block if kept is None else stacked([kept, block])
         last_frame = whole.frames[-1:]
         same: Flags = np.isin(whole.frames, last_frame)
         if whole.videos is not None and len(whole):
@@ -242,53 +242,7 @@ def _whole_frames(blocks: Iterable[Instances]) -> Iterator[Instances]:
             same = same & np.array([video == last for video in whole.videos])
         end = int(np.flatnonzero(~same)[-1]) + 1 if (~same).any() else 0
         if end:
-            yield _take(whole, slice(0, end), whole.counts)
-        kept = _take(whole, slice(end, None), {} if end else whole.counts)
+            yield whole.take(slice(0, end), whole.counts)
+        kept = whole.take(slice(end, None), {} if end else whole.counts)
     if kept is not None:
         yield kept
-
-
-def _take(block: Instances, rows: slice, counts: Mapping[str, int]) -> Instances:
-    return replace(
-        block,
-        points=block.points[rows],
-        confidence=None if block.confidence is None else block.confidence[rows],
-        frames=block.frames[rows],
-        labels=block.labels[rows],
-        individuals=block.individuals[rows],
-        videos=None if block.videos is None else block.videos[rows],
-        extras={name: values[rows] for name, values in block.extras.items()},
-        counts=counts,
-    )
-
-
-def _stacked(first: Instances, second: Instances) -> Instances:
-    """Return two blocks as one; confidences that one of them lacks are 1."""
-    confidence = None
-    if first.confidence is not None or second.confidence is not None:
-        confidence = np.concatenate(
-            [
-                np.ones(part.points.shape[:2]) if part.confidence is None else part.confidence
-                for part in (first, second)
-            ]
-        )
-    videos: Sequence[str] | None = None
-    if first.videos is not None and second.videos is not None:
-        videos = [*first.videos, *second.videos]
-    counts = dict(first.counts)
-    for text, number in second.counts.items():
-        counts[text] = counts.get(text, 0) + number
-    return replace(
-        second,
-        points=np.concatenate([first.points, second.points]),
-        confidence=confidence,
-        frames=np.concatenate([first.frames, second.frames]),
-        labels=[*first.labels, *second.labels],
-        individuals=np.concatenate([first.individuals, second.individuals]),
-        videos=videos,
-        extras={
-            name: np.concatenate([values, second.extras[name]])
-            for name, values in first.extras.items()
-        },
-        counts=counts,
-    )

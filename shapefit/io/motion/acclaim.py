@@ -198,7 +198,6 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=str(motions[0]) if len(motions) == 1 else str(motions[0].parent),
         video=motions[0].stem,
         dimensions=3,
-        landmark_count=len(names),
         landmark_names=names,
         blocks=blocks,
         unit=first.unit,
@@ -228,13 +227,8 @@ def read_instances(path: Path, skeleton: Skeleton) -> Iterator[Instances]:
     degrees = ":DEGREES" in settings or (":RADIANS" not in settings and skeleton.degrees)
     done = 0
     for labels, values in read_motion(path, skeleton, degrees):
-        yield Instances(
-            points=find_ends(skeleton, values),
-            frames=np.arange(done, done + len(labels)),
-            labels=labels,
-            individuals=np.zeros(len(labels), np.int64),
-            videos=[path.stem] * len(labels),
-        )
+        videos = [path.stem] * len(labels)
+        yield Instances.of_one(find_ends(skeleton, values), done, labels, videos=videos)
         done += len(labels)
 
 

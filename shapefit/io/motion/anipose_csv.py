@@ -40,12 +40,11 @@ def record(paths: tuple[Path, ...]) -> Recording:
                 numbers = read_rows(path, first, texts, wanted, len(columns))
             n = len(numbers)
             points, rest = numbers[:, kept], numbers[:, scores]
-            yield Instances(
-                points=points.reshape(n, len(names), 3),
+            yield Instances.of_one(
+                points.reshape(n, len(names), 3),
+                done,
+                _labels(numbers[:, place[FRAME]] if FRAME in place else None, done, n),
                 confidence=_confidence(rest) if scored else None,
-                frames=np.arange(done, done + n),
-                labels=_labels(numbers[:, place[FRAME]] if FRAME in place else None, done, n),
-                individuals=np.zeros(n, np.int64),
             )
             done += n
 
@@ -53,7 +52,6 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=str(path),
         video=path.stem,
         dimensions=3,
-        landmark_count=len(names),
         landmark_names=names,
         blocks=blocks,
         notes=(f"points left out: {abbreviate(left)}",) if left else (),

@@ -57,29 +57,16 @@ def record(paths: tuple[Path, ...]) -> Recording:
     def blocks() -> Iterator[Instances]:
         done = 0
         for values in read_motion(path, tree):
-            yield Instances(
-                points=find_places(tree, values)[:, order],
-                frames=np.arange(done, done + len(values)),
-                labels=[str(frame) for frame in range(done, done + len(values))],
-                individuals=np.zeros(len(values), np.int64),
-                counts={},
-            )
+            yield Instances.of_one(find_places(tree, values)[:, order], done)
             done += len(values)
         if done < tree.frames:
-            nothing = np.empty(0, np.int64)
-            yield Instances(
-                points=np.empty((0, len(names), 3)),
-                frames=nothing,
-                labels=(),
-                individuals=nothing,
-                counts={TOO_FEW: tree.frames - done},
-            )
+            missing = {TOO_FEW: tree.frames - done}
+            yield Instances.of_one(np.empty((0, len(names), 3)), done, counts=missing)
 
     return Recording(
         name=str(path),
         video=path.stem,
         dimensions=3,
-        landmark_count=len(names),
         landmark_names=names,
         blocks=blocks,
         frame_rate=_rate(tree.frame_time),

@@ -74,19 +74,12 @@ def record(paths: tuple[Path, ...]) -> Recording:
         every = np.full((n, subjects, p, 3), np.nan)
         for marker, (subject, landmark) in zip(markers, rows, strict=True):
             every[:, subject, landmark] = points[:, marker]
-        frames = np.repeat(np.arange(n), subjects)
-        yield Instances(
-            points=every.reshape(n * subjects, p, 3),
-            frames=frames,
-            labels=[str(start + frame) for frame in frames.tolist()],
-            individuals=np.tile(np.arange(subjects), n),
-        )
+        yield Instances.of_all(every, None, 0, [str(start + frame) for frame in range(n)])
 
     return Recording(
         name=str(path),
         video=path.stem,
         dimensions=3,
-        landmark_count=p,
         landmark_names=landmarks,
         blocks=blocks,
         individuals=individuals,

@@ -51,13 +51,13 @@ def record(paths: tuple[Path, ...]) -> Recording:
             done += len(block)
             yield block
         if announced > done:
-            yield _shortage(len(names), int(announced) - done)
+            missing = {TOO_FEW: int(announced) - done}
+            yield Instances.of_one(np.empty((0, len(names), 3)), done, counts=missing)
 
     return Recording(
         name=str(path),
         video=path.stem,
         dimensions=3,
-        landmark_count=len(names),
         landmark_names=names,
         blocks=blocks,
         frame_rate=rate if rate > 0 else None,
@@ -105,18 +105,12 @@ def read_instances(path: Path, header: Header, factor: float, p: int) -> Iterato
             labels, numbers = read_rows(path, header, first, texts, width)
         else:
             numbers = plain[:, 2:]
-        n = len(labels)
-        points = factor * numbers.reshape(n, p, 3)
+        points = factor * numbers.reshape(len(labels), p, 3)
         origin: NDArray[np.bool_] = (points == 0).all(axis=2)
         points[origin] = np.nan
-        yield Instances(
-            points=points,
-            frames=np.arange(done, done + n),
-            labels=[label or str(done + i) for i, label in enumerate(labels)],
-            individuals=np.zeros(n, np.int64),
-            counts={AT_ORIGIN: int(origin.sum())},
-        )
-        done += n
+        labels = [label or str(frame) for frame, label in enumerate(labels, done)]
+        yield Instances.of_one(points, done, labels, counts={AT_ORIGIN: int(origin.sum())})
+        done += len(labels)
 
 
 def read_rows(
@@ -143,17 +137,6 @@ def _fitted(row: list[str], width: int, place: str) -> list[str]:
         found = f"has {len(row)} cells for {width} columns"
         raise input_error(place, found, "write three cells per marker")
     return (row + [""] * (width - len(row)))[:width]
-
-
-def _shortage(p: int, missing: int) -> Instances:
-    nothing = np.empty(0, np.int64)
-    return Instances(
-        points=np.empty((0, p, 3)),
-        frames=nothing,
-        labels=(),
-        individuals=nothing,
-        counts={TOO_FEW: missing},
-    )
 
 
 def _number(cell: str) -> float:

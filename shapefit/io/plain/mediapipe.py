@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.detectors.detections import NAMED_BY_COUNT, Detections, as_recording
+from shapefit.io.detectors.detections import Detections, as_recording
 from shapefit.io.detectors.json_text import read_json, without_collection
 from shapefit.io.foreign.recording import FRACTION, Recording, video_name
 from shapefit.io.layout import UNKNOWN_UNIT
@@ -54,10 +54,8 @@ def record(paths: tuple[Path, ...]) -> Recording:
     names: list[Any] = []
     for number, frame in enumerate(found):
         for body in _bodies(frame):
-            detections.numbers.append([value for point in body for value in _numbers(point)])
-            detections.frames.append(number)
-            detections.labels.append(str(number))
-            detections.identities.append(None)
+            numbers = [value for point in body for value in _numbers(point)]
+            detections.add(numbers, number, str(number), None)
             names = names or [point.get("name") for point in body]
     values = detections.values(str(path))
     placed = values[np.isfinite(values).all(axis=2)]
@@ -74,7 +72,6 @@ def record(paths: tuple[Path, ...]) -> Recording:
         unit=FRACTION if fractions else UNKNOWN_UNIT,
         size_needed=fractions,
         landmark_names=tuple(names) if named and names else None,
-        default_keypoints=NAMED_BY_COUNT.get(values.shape[1]),
     )
 
 

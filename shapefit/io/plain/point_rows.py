@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,6 @@ from shapefit.io.detectors.frame_files import are_series
 from shapefit.io.foreign.recording import ANYBODY, FRACTION, Instances, Recording, video_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.problems import warn_of_zeros
-
-BLOCK = 4096
 
 LEAST, MOST = -0.5, 1.5
 """Coordinates that are all within these are fractions of an image, those outside of it too."""
@@ -53,26 +51,21 @@ def of_bodies(
             notes += warn_of_zeros(points)
     fraction = dimensions == 2 and are_fractions(points[np.isfinite(points)])
     names = labels if labels is not None else [str(row) for row in range(n)]
-    places = np.arange(n) if frames is None else np.array(frames, dtype=np.int64)
-
-    def blocks() -> Iterator[Instances]:
-        for start in range(0, n, BLOCK):
-            rows = slice(start, min(start + BLOCK, n))
-            yield Instances(
-                points=points[rows],
-                confidence=None if confidence is None else confidence[rows],
-                frames=places[rows],
-                labels=names[rows],
-                individuals=np.full(rows.stop - start, ANYBODY if images else 0, np.int64),
-                videos=None if videos is None else videos[rows],
-            )
+    every = Instances(
+        points=points,
+        confidence=confidence,
+        frames=np.arange(n) if frames is None else np.array(frames, dtype=np.int64),
+        labels=names,
+        individuals=np.full(n, ANYBODY if images else 0, np.int64),
+        videos=videos,
+    )
 
     return Recording(
         name=str(path),
         video=video_name(path),
         dimensions=3 if dimensions == 3 else 2,
         landmark_count=p,
-        blocks=blocks,
+        blocks=every.blocks,
         frames=n,
         unit=FRACTION if fraction else UNKNOWN_UNIT,
         size_needed=fraction,

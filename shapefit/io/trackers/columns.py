@@ -40,20 +40,12 @@ class Layout:
 
     def instances(self, values: Floats, start: int, labels: Sequence[str]) -> Instances:
         """Return the rows (n, columns) of frames `start` and on, each individual an instance."""
-        n, many = len(values), len(self.points)
-        padded = np.column_stack([values, np.full(n, np.nan)])
-        points = padded[:, self.points].reshape(n * many, *self.points.shape[1:])
-        confidence = None
-        if self.likelihood is not None:
-            confidence = padded[:, self.likelihood].reshape(n * many, -1)
+        padded = np.column_stack([values, np.full(len(values), np.nan)])
+        points = padded[:, self.points]
+        confidence = None if self.likelihood is None else padded[:, self.likelihood]
+        if confidence is not None:
             points[confidence < 0] = np.nan  # what newer versions write for animals not found
-        return Instances(
-            points=points,
-            confidence=confidence,
-            frames=np.repeat(np.arange(start, start + n), many),
-            labels=[label for label in labels for _ in range(many)],
-            individuals=np.tile(np.arange(many), n),
-        )
+        return Instances.of_all(points, confidence, start, labels)
 
 
 def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:

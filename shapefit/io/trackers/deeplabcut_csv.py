@@ -105,7 +105,6 @@ class _Table:
             name=self._name,
             video=video_name(self._path),
             dimensions=layout.dimensions,
-            landmark_count=len(layout.landmarks),
             landmark_names=layout.landmarks,
             blocks=self._blocks,
             individuals=layout.individuals,

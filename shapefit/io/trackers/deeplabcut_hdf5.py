@@ -123,7 +123,6 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=str(path),
         video=video_name(path),
         dimensions=layout.dimensions,
-        landmark_count=len(layout.landmarks),
         landmark_names=layout.landmarks,
         blocks=lambda: _read(path, key, blocks, layout, labels),
         individuals=layout.individuals,

@@ -54,7 +54,6 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=str(path),
         video=video_name(path),
         dimensions=2 if flat else 3,
-        landmark_count=len(names),
         landmark_names=names,
         blocks=lambda: _read(path, axes),
         individuals=individuals,
@@ -104,19 +103,10 @@ def _read(path: Path, axes: Axes) -> Iterator[Instances]:
             file.check_shape("time", (file.shape(POSITION)[axes.index("time")],))
         for rows in file.ranges(POSITION, axes.index("time")):
             points = _part(file, POSITION, axes, rows)
-            n, many, p, _ = points.shape
-            confidence = None
-            if scores is not None:
-                confidence = _part(file, CONFIDENCE, scores, rows)[..., 0].reshape(n * many, p)
-            frames = np.arange(rows.start, rows.start + n)
-            labels = number_labels(file.place("time"), frames if times is None else times[rows])
-            yield Instances(
-                points=points.reshape(n * many, p, -1),
-                confidence=confidence,
-                frames=np.repeat(frames, many),
-                labels=[label for label in labels for _ in range(many)],
-                individuals=np.tile(np.arange(many), n),
-            )
+            confidence = None if scores is None else _part(file, CONFIDENCE, scores, rows)[..., 0]
+            numbers = np.arange(rows.start, rows.stop) if times is None else times[rows]
+            labels = number_labels(file.place("time"), numbers)
+            yield Instances.of_all(points, confidence, rows.start, labels)
 
 
 def _part(file: TrackerFile, name: str, axes: Axes, rows: slice) -> Floats:

@@ -242,7 +242,6 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=str(path),
         video=video_name(path),
         dimensions=2 if flat else 3,
-        landmark_count=len(names),
         landmark_names=names,
         blocks=lambda: _read(path, videos, names, individuals),
         individuals=individuals,

@@ -45,7 +45,6 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=str(path),
         video=video_name(path),
         dimensions=2,
-        landmark_count=len(nodes),
         landmark_names=nodes,
         blocks=lambda: _read(path, axes, scores),
         individuals=individuals,
@@ -123,22 +122,14 @@ def _read(path: Path, axes: Axes, scores: Axes | None) -> Iterator[Instances]:
     with TrackerFile(path) as file:
         for rows in file.ranges(TRACKS, axes.index("frame")):
             points = _part(file, TRACKS, axes, rows).transpose(_order(axes, FRAMES_FIRST))
-            n, many, nodes, _ = points.shape
             confidence = None
             if scores is not None:
                 confidence = _part(file, SCORES, scores, rows)
                 confidence = confidence.transpose(_order(scores, ("frame", "track", "node")))
-                confidence = confidence.reshape(n * many, nodes)
-            points = points.reshape(n * many, nodes, 2)
-            present = np.ones(n, bool) if many == 1 else np.isfinite(points).any(axis=(1, 2))
-            frames = np.repeat(np.arange(rows.start, rows.start + n), many)[present]
-            yield Instances(
-                points=points[present],
-                confidence=None if confidence is None else confidence[present],
-                frames=frames,
-                labels=list(map(str, frames.tolist())),
-                individuals=np.tile(np.arange(many), n)[present],
-            )
+            labels = list(map(str, range(rows.start, rows.stop)))
+            every = Instances.of_all(points, confidence, rows.start, labels)
+            some = np.isfinite(every.points).any(axis=(1, 2))
+            yield every if points.shape[1] == 1 else every.take(np.flatnonzero(some))
 
 
 def _part(file: TrackerFile, name: str, axes: Axes, rows: slice) -> Floats:

@@ -183,7 +183,6 @@ def record(paths: tuple[Path, ...]) -> Recording:
         name=str(path),
         video=video_name(path),
         dimensions=2,
-        landmark_count=len(names),
         landmark_names=names,
         blocks=lambda: _read(path, metadata, index),
         individuals=metadata.tracks,
