@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.io.agreement import common_head, conform
-from shapefit.io.duplicates import ItemList, check_unique_items
+from shapefit.io.columns import stretches
+from shapefit.io.name_index import ItemList, check_unique_items
 from shapefit.io.options import Direction
 from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
-from shapefit.io.spilled.columns import stretches
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.io import landmark_writer, open_landmarks, read_shapes, write_shapes
-from shapefit.io.duplicates import ItemList, check_unique_items
+from shapefit.io.name_index import ItemList, check_unique_items
 
 ORDER = [2, 0, 3, 1]
 
@@ -292,8 +292,7 @@ def test_a_chunk_has_at_least_one_image(tmp_path, landmarks):
 
 
 def test_items_with_the_same_hash_are_compared(monkeypatch, problems):
-    for module in ("duplicates", "spilled.name_index"):
-        monkeypatch.setattr(f"shapefit.io.{module}.hash", len, raising=False)
+    monkeypatch.setattr("shapefit.io.name_index.hash", len, raising=False)
     blocks = [("ab", "cd"), ("e",)]
     check_unique_items([ItemList(lambda: blocks, str)])
     twice = [*blocks, ("cd",)]

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags
 from shapefit.errors import abbreviate, counted, input_error, listed
-from shapefit.io.duplicates import ItemList
 from shapefit.io.extras import Extras
 from shapefit.io.foreign.recording import FRACTION, Instances, Recording, stacked
 from shapefit.io.foreign.selection import Chosen, choose
 from shapefit.io.joined import SourceFile
 from shapefit.io.landmark_names import nearest_names
+from shapefit.io.name_index import ItemList
 from shapefit.io.options import InputOptions
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import SKELETONS

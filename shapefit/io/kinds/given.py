@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from shapefit.dictionary.model import Dictionary
-from shapefit.io.duplicates import ItemList
 from shapefit.io.joined import Source, SourceFile
 from shapefit.io.kinds.dictionaries import check_dictionary
 from shapefit.io.landmark_names import check_known
 from shapefit.io.layout import DICTIONARY, Format
+from shapefit.io.name_index import ItemList
 from shapefit.io.records import LandmarkSet, Record
 from shapefit.io.stored.checks import check_values
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.errors import input_error, listed
-from shapefit.io.duplicates import ItemList
 from shapefit.io.formats import FORMATS, find_format, load
 from shapefit.io.joined import SourceFile
 from shapefit.io.layout import Dataset, Format
+from shapefit.io.name_index import ItemList
 from shapefit.io.records import LandmarkSet, Records, ResultSet, ShapeSet
 from shapefit.io.sources import source_name
 from shapefit.io.stored.checks import check_values

@@ -19,8 +19,8 @@ from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, LANDMARKS
 from shapefit.evaluation.summary import Names
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io import ResultSet, ShapeSet, read_results
-from shapefit.io.spilled.columns import Column
-from shapefit.io.spilled.name_index import index_of
+from shapefit.io.columns import Column
+from shapefit.io.name_index import index_of
 from shapefit.meshes.ellipses import covariances
 from shapefit.meshes.pictures import Pose, skeleton_picture
 from shapefit.meshes.views import YAxis

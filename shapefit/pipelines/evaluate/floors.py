@@ -22,11 +22,10 @@ from shapefit.evaluation.floors import best_combination, nearest_atom
 from shapefit.evaluation.metrics import similarity
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import read_dictionary
+from shapefit.io.columns import Column, Texts
 from shapefit.io.landmark_names import match_landmarks
+from shapefit.io.name_index import NameIndex
 from shapefit.io.records import ResultSet, ShapeSet
-from shapefit.io.spilled.columns import Column
-from shapefit.io.spilled.name_index import NameIndex
-from shapefit.io.spilled.texts import Texts
 from shapefit.pipelines.evaluate.judgement import Judgement, common_landmarks
 from shapefit.pipelines.evaluate.measurement import in_both_units
 from shapefit.pipelines.items import named_items

@@ -19,9 +19,8 @@ from shapefit.evaluation.calibration import INSIDE
 from shapefit.evaluation.metric_table import SHARE
 from shapefit.evaluation.report import Method, Run, sum_up
 from shapefit.evaluation.summary import ImageErrors
-from shapefit.io.spilled.columns import Column
-from shapefit.io.spilled.equal_names import find_equal_names
-from shapefit.io.spilled.texts import Texts
+from shapefit.io.columns import Column, Texts
+from shapefit.io.name_index import find_equal_names
 from shapefit.pipelines.evaluate.judgement import Judgement, rows_judged
 from shapefit.pipelines.evaluate.measurement import Kind
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from shapefit.config import EvalConfig, ViewConfig
 from shapefit.config.commands.evaluate import FloorsConfig
+from shapefit.io.columns import nearest_folder
 from shapefit.io.options import InputOptions, input_options
-from shapefit.io.spilled.columns import nearest_folder
 from shapefit.io.whole.folder import check_folder
 from shapefit.pipelines.drawing import check_can_draw, draws_plots, plots_left_out
 from shapefit.pipelines.evaluate.judgement import Frame

@@ -11,9 +11,9 @@ import numpy as np
 
 from shapefit.errors import counted
 from shapefit.io import ShapeSource, open_shapes
+from shapefit.io.columns import Texts
+from shapefit.io.name_index import NameIndex
 from shapefit.io.records import ShapeSet
-from shapefit.io.spilled.name_index import NameIndex
-from shapefit.io.spilled.texts import Texts
 from shapefit.pipelines.evaluate.plan import ReadingOptions
 
 AT_A_TIME = 1 << 14

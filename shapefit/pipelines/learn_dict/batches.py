@@ -19,7 +19,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import choose, rotation_onto, settle_mean
 from shapefit.geometry.symmetry import lateral_squares, mirror, symmetrise
 from shapefit.io import ShapeSet, ShapeSource
-from shapefit.io.spilled.columns import Batched, Column, nearest_folder
+from shapefit.io.columns import Batched, Column, nearest_folder
 from shapefit.pipelines.learn_dict.training_shapes import (
     TrainingOptions,
     align,

@@ -13,9 +13,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from shapefit.io.columns import nearest_folder
 from shapefit.io.layout import RESULTS
-from shapefit.io.spilled.columns import nearest_folder
-from shapefit.io.spilled.equal_names import Equal, find_equal_names
+from shapefit.io.name_index import Equal, find_equal_names
 from shapefit.io.stored.files import open_stored
 
 Key = TypeVar("Key")

@@ -19,7 +19,7 @@ from shapefit.errors import InputError, abbreviate, counted, input_error, printa
 from shapefit.io import digest, open_landmarks, read_dictionary
 from shapefit.io.formats import FORMATS, find_writer
 from shapefit.io.layout import RESULTS
-from shapefit.io.spilled.equal_names import Equal
+from shapefit.io.name_index import Equal
 from shapefit.pipelines.fit.plan import read_options
 from shapefit.pipelines.fit.settle import FIRST, plan_settling
 from shapefit.pipelines.outcome import Counted, Failure, Outcome

@@ -15,9 +15,8 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation import calibration
 from shapefit.evaluation.tables import csv_json
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import write_dictionary, write_shapes
+from shapefit.io import columns, name_index, write_dictionary, write_shapes
 from shapefit.io.records import ResultSet, ShapeSet
-from shapefit.io.spilled import columns, name_index, texts
 from shapefit.pipelines.evaluate import examples, floors, method_images
 from shapefit.pipelines.evaluate import run as evaluate
 from shapefit.pipelines.evaluate import truth as truths
@@ -32,7 +31,7 @@ NUMBERS = ("per_image.csv", "report.csv", "calibration.csv", "trusted.csv")
 
 LIMITS = [
     *((columns, "MOST_HELD"), (columns, "GAP"), (columns, "STRETCH"), (name_index, "RUN")),
-    *((texts, "AT_A_TIME"), (calibration, "TOGETHER"), (csv_json, "IMAGES_AT_ONCE")),
+    *((columns, "AT_A_TIME"), (calibration, "TOGETHER"), (csv_json, "IMAGES_AT_ONCE")),
     *((floors, "TOGETHER"), (truths, "AT_A_TIME")),
 ]
 """How much is in memory at a time."""

@@ -14,9 +14,8 @@ import pytest
 
 from shapefit.config import LearnDictConfig
 from shapefit.errors import InputError
+from shapefit.io import columns, open_shapes, read_dictionary, read_shapes, write_shapes
 from shapefit.io import memory as free_memory
-from shapefit.io import open_shapes, read_dictionary, read_shapes, write_shapes
-from shapefit.io.spilled import columns
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict.batches import find_training_batches
 

@@ -11,9 +11,8 @@ import pytest
 
 from shapefit.config import load_config
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import landmark_writer, write_dictionary
+from shapefit.io import landmark_writer, name_index, write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit.io.spilled import equal_names, name_index
 from shapefit.pipelines.parts import equal_items
 from shapefit.pipelines.parts.equal_items import find_equal
 from shapefit.pipelines.parts.run import run
@@ -48,14 +47,13 @@ def test_all_and_no_others(parts, rng):
 def test_several_readings_find_the_same(parts, monkeypatch):
     rows = [tuple(f"i{n}" for n in range(start, start + 1000)) for start in (0, 500, 900)]
     once = find_equal(parts(*rows))
-    monkeypatch.setattr(equal_names, "MOST_COMPARED", 7)
+    monkeypatch.setattr(name_index, "MOST_COMPARED", 7)
     assert find_equal(parts(*rows)) == once
     assert once.count == 500 + 500
 
 
 def test_equal_hashes_are_not_equal_names(parts, monkeypatch):
-    for module in (equal_names, name_index):
-        monkeypatch.setattr(module, "hashed", lambda names: np.zeros(len(names), np.uint64))
+    monkeypatch.setattr(name_index, "hashed", lambda names: np.zeros(len(names), np.uint64))
     equal = find_equal(parts(("a", "b"), ("c", "b"), ("b", "d")))
     assert equal.count == 1
     assert [path.name for path in equal.examples[0][1:]] == ["part-00000.h5", "part-00001.h5"]

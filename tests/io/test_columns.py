@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.spilled import columns, name_index
-from shapefit.io.spilled.columns import Batched, Column, stretches
-from shapefit.io.spilled.name_index import NameIndex, index_of
-from shapefit.io.spilled.texts import Texts
+from shapefit.io import columns, name_index
+from shapefit.io.columns import Batched, Column, Texts, stretches
+from shapefit.io.name_index import NameIndex, index_of
 
 
 @pytest.fixture(params=[16, columns.MOST_HELD], ids=["in-the-file", "in-memory"])

@@ -6,15 +6,16 @@ one. Two names may have the same hash, so that the names themselves are compared
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.io.spilled.columns import Column
-from shapefit.io.spilled.texts import Texts
+from shapefit.io.columns import Column, Texts
+from shapefit.io.problems import LIMIT, input_problems
 
 RUN = 1 << 16
 """Names that are sorted together: some 2 MB in memory."""
@@ -22,7 +23,18 @@ RUN = 1 << 16
 SHARES = 256
 """Equal shares of all hashes, one of which is compared over all runs at a time."""
 
+MOST_COMPARED = 1_000_000
+"""Hashes whose names are compared in one reading of the lists."""
+
+MOST_NAMED = 3
+"""Names that are given as examples."""
+
 Hashes = NDArray[np.uint64]
+Blocks = Callable[[], Iterable[Sequence[str]]]
+"""Reads the names of a list anew, block by block."""
+
+Place = tuple[int, int]
+"""The number of a list, and a row of it."""
 
 
 @dataclass(frozen=True)
@@ -121,3 +133,87 @@ def index_of(folder: Path | None, blocks: Iterable[Sequence[str]]) -> NameIndex:
 def hashed(names: Sequence[str]) -> Hashes:
     """Return the hash of each name, which is another one in every run of the program."""
     return np.fromiter(map(hash, names), np.int64, len(names)).view(np.uint64)
+
+
+def repetitions(
+    lists: Sequence[Blocks], folder: Path | None
+) -> Iterator[tuple[str, Place, Place, Place]]:
+    """Yield each name that is there again: where it was first and last, and where it is.
+
+    Only names whose hash is there twice are read again and compared. Hashes that do not fit in
+    memory go to an unnamed file in the folder, as a `Column` does.
+    """
+    for hashes in _met_twice(lists, folder):
+        known: dict[str, tuple[Place, Place]] = {}
+        for number, blocks in enumerate(lists):
+            start = 0
+            for names in blocks():
+                for row in np.flatnonzero(np.isin(hashed(names), hashes)).tolist():
+                    place, name = (number, start + row), names[row]
+                    first, last = known.get(name, (place, place))
+                    if first != place:
+                        yield name, first, last, place
+                    known[name] = first, place
+                start += len(names)
+
+
+def _met_twice(lists: Sequence[Blocks], folder: Path | None) -> Iterator[Hashes]:
+    """Yield the hashes that are there twice, a limited number at a time."""
+    index = index_of(folder, chain.from_iterable(blocks() for blocks in lists))
+    held: list[Hashes] = []
+    for hashes in index.repeated():
+        held.append(hashes)
+        if sum(map(len, held)) >= MOST_COMPARED:
+            yield np.concatenate(held)
+            held = []
+    if any(map(len, held)):
+        yield np.concatenate(held)
+
+
+@dataclass(frozen=True)
+class Equal:
+    """How many names are in more than one list, and the first of them with two of their lists."""
+
+    count: int
+    examples: tuple[tuple[str, Path, Path], ...]
+
+    def __add__(self, other: Equal) -> Equal:
+        examples = sorted((*self.examples, *other.examples))[:MOST_NAMED]
+        return Equal(self.count + other.count, tuple(examples))
+
+    def __str__(self) -> str:
+        named = ", ".join(f"'{item}' in {a.name} and {b.name}" for item, a, b in self.examples)
+        more = self.count - len(self.examples)
+        return named + (f" and {more} more" if more else "")
+
+
+def find_equal_names(lists: Mapping[Path, Blocks], folder: Path | None) -> Equal:
+    """Return the names that are in two or more of these lists, each of which a file holds."""
+    files, found = list(lists), Equal(0, ())
+    if len(files) < 2:
+        return found
+    for name, (first, _), (last, _), (number, _) in repetitions(list(lists.values()), folder):
+        if first == last != number:
+            found += Equal(1, ((name, files[first], files[number]),))
+    return found
+
+
+@dataclass(frozen=True)
+class ItemList:
+    """The items of one file: `blocks` reads them anew from the start, `place` names a row."""
+
+    blocks: Blocks
+    place: Callable[[int], str]
+
+
+def check_unique_items(files: Sequence[ItemList]) -> None:
+    """Raise InputError for items that occur more than once, naming both places."""
+    told: list[str] = []
+    count = 0
+    for item, first, _, again in repetitions([file.blocks for file in files], None):
+        count += 1
+        if len(told) < LIMIT:
+            one, other = (files[number].place(row) for number, row in (first, again))
+            told.append(f"{other}: item '{item}' is also at {one}; give every item a unique name")
+    if count:
+        raise input_problems(told, count)

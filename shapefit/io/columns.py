@@ -1,9 +1,14 @@
-"""Columns of values that grow without limit: in memory while small, then in a file each."""
+"""Columns of values and of texts that grow without limit: in memory while small, then in files.
+
+A memory map would do the same with more: it is resized by mapping anew, and its pages count as
+memory of the process for as long as they are read.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from math import prod
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
@@ -13,13 +18,16 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from shapefit.io.whole.atomic import storage_errors
+from shapefit.io.whole.atomic import storage_errors, write_all
 
 MOST_HELD = 1 << 19
 """Bytes of a column that are in memory; more are in an unnamed file, which no run leaves behind."""
 
 GAP, STRETCH = 1 << 10, 1 << 14
 """Rows that are read and dropped rather than begun anew behind them; numbers read at once."""
+
+AT_A_TIME = 1 << 14
+"""Texts that are read at a time."""
 
 
 def nearest_folder(output: Path) -> Path | None:
@@ -37,8 +45,9 @@ class Column:
     def __init__(self, folder: Path | None, dtype: DTypeLike, shape: tuple[int, ...] = ()) -> None:
         self._folder = folder
         self._dtype, self._shape = np.dtype(dtype), shape
+        self._row_bytes = self._dtype.itemsize * prod(shape)
         place = None if folder is None else str(folder)
-        self._file = SpooledTemporaryFile(MOST_HELD, dir=place, buffering=0)  # noqa: SIM115
+        self._file: Any = SpooledTemporaryFile(MOST_HELD, dir=place, buffering=0)  # noqa: SIM115
         finalize(self, self._file.close)
         self._count = 0
 
@@ -72,16 +81,10 @@ class Column:
             found[part] = self[own[0] : own[-1] + 1][own - own[0]]
         return found[places.reshape(-1)]
 
-    @property
-    def _row_bytes(self) -> int:
-        return self._dtype.itemsize * prod(self._shape)
-
     def _write(self, start: int, rows: NDArray[Any]) -> None:
-        rest = _bytes_of(np.ascontiguousarray(rows, self._dtype))
         with storage_errors(self._folder or Path("TMPDIR"), None, "used for temporary files"):
             self._file.seek(start * self._row_bytes)
-            while rest:
-                rest = rest[self._file.write(rest) :]
+            write_all(self._file, _bytes_of(np.ascontiguousarray(rows, self._dtype)))
 
 
 def _bytes_of(array: NDArray[Any]) -> memoryview:
@@ -121,3 +124,51 @@ def stretches(rows: NDArray[np.intp], most: int | None = None) -> Iterator[slice
             reach = int(np.searchsorted(rows[start:end], rows[start] + most))
             yield slice(start, start + reach)
             start += reach
+
+
+class Texts:
+    """Texts that are appended, such as names of items, then read by slices like a tuple."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._letters = Column(folder, np.uint8)
+        self._ends = Column(folder, np.int64)
+
+    def __len__(self) -> int:
+        return len(self._ends)
+
+    def append(self, texts: Iterable[str]) -> None:
+        """Append texts."""
+        encoded = [text.encode("utf-8", "surrogatepass") for text in texts]
+        sizes = np.fromiter(map(len, encoded), np.int64, len(encoded))
+        before = len(self._letters)
+        self._letters.append(np.frombuffer(b"".join(encoded), np.uint8))
+        self._ends.append(before + np.cumsum(sizes))
+
+    def __getitem__(self, rows: slice) -> tuple[str, ...]:
+        start, stop, _ = rows.indices(len(self))
+        if start >= stop:
+            return ()
+        ends = self._ends[max(start - 1, 0) : stop]
+        if start == 0:
+            ends = np.concatenate([[0], ends])
+        letters = self._letters[int(ends[0]) : int(ends[-1])].tobytes()
+        places = (ends - ends[0]).tolist()
+        if letters.isascii():
+            text = letters.decode("ascii")
+            return tuple(text[a:b] for a, b in pairwise(places))
+        return tuple(letters[a:b].decode("utf-8", "surrogatepass") for a, b in pairwise(places))
+
+    def take(self, rows: NDArray[np.intp]) -> tuple[str, ...]:
+        """Return the texts of these rows, in their order."""
+        unique, places = np.unique(rows, return_inverse=True)
+        found: list[str] = []
+        for part in stretches(unique):
+            own = unique[part]
+            read = self[int(own[0]) : int(own[-1]) + 1]
+            found += [read[row] for row in (own - own[0]).tolist()]
+        return tuple(found[place] for place in places.reshape(-1).tolist())
+
+    def blocks(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[str, ...]]:
+        """Read the texts of these rows, some thousand at a time."""
+        end = len(self) if stop is None else stop
+        return (self[row : min(row + AT_A_TIME, end)] for row in range(start, end, AT_A_TIME))
