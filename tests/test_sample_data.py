@@ -16,6 +16,7 @@ MADE = {
         *("people_train.h5", "people_test.h5"),
         *("people_frames.csv", "people_views.csv", "one_person.csv"),
     ),
+    "make_animal": ("animal_train.h5", "animal_walk.csv", "animal_truth.h5"),
     "make_cars": ("cars.h5", "cars_views.h5", "cars_views.csv"),
 }
 ACTIVITIES = {"walk", "run", "jump", "box", "wave", "squat", "kick", "throw"}
@@ -96,6 +97,22 @@ def test_bones_keep_their_length_and_people_differ(folder, name):
     for first in range(len(bodies)):
         for second in range(first):
             assert np.abs(bodies[first] - bodies[second]).max() > 0.01
+
+
+@pytest.mark.parametrize("name", ["train", "truth"])
+def test_a_dog_keeps_its_bones_and_steps_on_the_ground(folder, name):
+    shapes = read_shapes([folder / f"animal_{name}.h5"])
+    start, end = shapes.edges.T
+    lengths = np.linalg.norm(shapes.shapes[..., start] - shapes.shapes[..., end], axis=1)
+    sequences = np.array(shapes.sequences)
+    for sequence in dict.fromkeys(shapes.sequences):
+        rows = sequences == sequence
+        assert np.ptp(lengths[rows], axis=0).max() < 4e-4  # coordinates have four decimals
+        joints = shapes.shapes[rows]
+        assert 0 < joints[:, 1].min() < 0.03
+        assert np.linalg.norm(np.diff(joints, 2, axis=0), axis=1).max() < 0.15
+    mirror = shapes.extras["mirror_index"]
+    np.testing.assert_array_equal(mirror[mirror], np.arange(20))
 
 
 @pytest.mark.parametrize("name", ["train", "test"])
