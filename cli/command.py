@@ -136,7 +136,7 @@ def _set_hint(command: str, option: str, given: Sequence[str]) -> str | None:
     """Return `--set key=value` for an option that is a key of the config; None for any other."""
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     from shapefit.config import CONFIGS
-    from shapefit.config.fields import dotted_keys
+    from shapefit.config.model import dotted_keys
 
     words = re.sub(r"[-_]", "_", option.lstrip("-"))
     keys = [key for key in dotted_keys(CONFIGS[command]) if "-" not in key]

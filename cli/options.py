@@ -84,7 +84,7 @@ class _Setting(click.types.StringParamType):
         from click.shell_completion import CompletionItem
 
         from shapefit.config import CONFIGS
-        from shapefit.config.fields import dotted_keys
+        from shapefit.config.model import dotted_keys
 
         keys = dotted_keys(CONFIGS[self._command])
         return [CompletionItem(f"{key}=") for key in keys if key.startswith(incomplete)]

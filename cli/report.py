@@ -53,26 +53,14 @@ class Report:
         self.unit = outcome.unit or self.unit
         self.failed += len(outcome.failures)
         self._failures += outcome.failures[: self._most_listed - len(self._failures)]
-        for warning in outcome.warnings:
-            self._add_warning(warning)
-        for doubt in outcome.doubts:
-            add_up(self._doubts, doubt if self.verbose else replace(doubt, items=()))
+        self._unlisted_warnings += add_up(self._warnings, outcome.warnings, self._most_listed)
+        add_up(self._doubts, (d if self.verbose else replace(d, items=()) for d in outcome.doubts))
         self.written += outcome.written
         self.note = outcome.note or self.note
 
     @property
     def _most_listed(self) -> int:
         return sys.maxsize if self.verbose else LISTED
-
-    def _add_warning(self, warning: str | Counted) -> None:
-        """Add a warning up with those before, or count it where too many differ."""
-        from shapefit.pipelines.outcome import add_up
-
-        before = dict(self._warnings)
-        add_up(self._warnings, warning)
-        if len(self._warnings) > self._most_listed:
-            self._warnings = before
-            self._unlisted_warnings += 1
 
     @property
     def exit_code(self) -> int:

@@ -9,8 +9,8 @@ from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 
-from shapefit.config.fields import field_keys, submodel
 from shapefit.config.loader import CONFIGS
+from shapefit.config.model import field_keys, submodel
 
 from .texts import YAML_VALUES
 

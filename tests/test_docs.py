@@ -10,7 +10,7 @@ import pytest
 from pydantic import BaseModel
 
 from shapefit.config import CONFIGS
-from shapefit.config.fields import field_keys, meaning, submodel
+from shapefit.config.model import field_keys, meaning, submodel
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from shapefit.config.model import CommandConfig, with_all_optional
 from shapefit.config.paths import STANDARD_STREAM
-from shapefit.config.settings import STANDARD_INPUT, ConfigFile, load_model
+from shapefit.config.settings import STANDARD_INPUT, ConfigFile, check, read_settings
 from shapefit.errors import input_error
 from shapefit.stores.opening import use_storage_options
 
@@ -104,11 +104,10 @@ def load_config(
     place, and where standard input would be read twice.
     """
     file = ConfigFile(file) if isinstance(file, Path) else file
+    schema = with_all_optional(CONFIGS[command]) if to_show else CONFIGS[command]
+    settings = read_settings(schema, file, overrides, arguments)
     use_storage_options({})  # those of an earlier config do not count
-    schema = CONFIGS[command]
-    config = load_model(
-        with_all_optional(schema) if to_show else schema, file, overrides, arguments
-    )
+    config = check(schema, settings)
     readers = ["the config"] if file and file.path == STANDARD_STREAM else []
     readers += [f"`{key}`" for key, file in config.inputs() if file == STANDARD_STREAM]
     if len(readers) > 1:

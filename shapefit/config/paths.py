@@ -13,7 +13,6 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, InstanceOf, PlainSerializer, PlainValidator
 
-from shapefit.config.fields import Expected
 from shapefit.errors import path_text
 from shapefit.stores.locations import location, matching
 from shapefit.stores.reading import read_bytes
@@ -43,6 +42,13 @@ _READ_AS_FILES = frozenset({stat.S_IFREG, stat.S_IFIFO, stat.S_IFCHR})
 
 PathKeys = Mapping[str, "PathKeys"]
 """Keys that hold paths -> those within them that do; none within where the value itself is one."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Annotation metadata: the words for a field whose type alone does not say them well."""
+
+    phrase: str
 
 
 class PathWords(Expected):
@@ -100,13 +106,16 @@ def anchored(value: Any, folder: Path) -> Any:
     return value if is_url(value) else Anchored.of(value, folder)
 
 
-def with_data(value: Any, data: str) -> Any:
-    """Return `value` with `{data}` at the beginning of every path in it replaced by `data`."""
+def with_data(value: Any, data: Any) -> Any:
+    """Return `value` with `{data}` at the beginning of every path in it replaced by `data`, a text.
+
+    Where `data` is something else it stays as it is.
+    """
     if isinstance(value, list):
         return [with_data(item, data) for item in value]
     if isinstance(value, dict):
         return {key: with_data(item, data) for key, item in value.items()}
-    if not isinstance(value, str) or not value.startswith(DATA):
+    if not isinstance(value, str) or not isinstance(data, str) or not value.startswith(DATA):
         return value
     return data + value.removeprefix(DATA)
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from shapefit.config.fields import expectation, field_keys, in_words, meaning, submodel
 from shapefit.config.loader import CONFIGS
+from shapefit.config.model import expectation, field_keys, in_words, meaning, submodel
 from shapefit.config.paths import OfTheData
 from shapefit.errors import input_error
 from shapefit.stores.opening import STORAGE_OPTIONS

@@ -20,7 +20,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from shapefit.config.fields import (
+from shapefit.config.model import (
+    ConfigModel,
     Location,
     Place,
     dotted_keys,
@@ -30,7 +31,6 @@ from shapefit.config.fields import (
     meaning,
     submodel,
 )
-from shapefit.config.model import ConfigModel
 from shapefit.config.paths import (
     STANDARD_STREAM,
     OfTheData,
@@ -194,13 +194,12 @@ class Settings:
             for known in [known for known in self._places if known[: len(short)] == short]:
                 self._places[whole + known[len(short) :]] = self._places.pop(known)
 
-    def with_data(self) -> dict[str, Any]:
-        """Return the values with `{data}` filled in, where the key `data` holds a path."""
+    def fill_in_data(self) -> None:
+        """Fill in `{data}`, where the key `data` holds a path."""
         data = self.values.get("data")
-        if not isinstance(data, str):
-            return self.values
-        folder = data if is_url(data) else str(Path.cwd() / os.path.expanduser(data))
-        return change_paths(self.values, self.path_keys, partial(with_data, data=folder))
+        if isinstance(data, str) and not is_url(data):
+            data = str(Path.cwd() / os.path.expanduser(data))
+        self.values = change_paths(self.values, self.path_keys, partial(with_data, data=data))
 
     def said(self, location: Location) -> bool:
         """Whether the file, an option or an argument gave a value at `location`."""
@@ -266,11 +265,23 @@ def load_model(
     overrides: Sequence[str] = (),
     arguments: Mapping[str, object] | None = None,
 ) -> Config:
-    """Return the checked config of a YAML file, with overrides and arguments over it.
+    """Return the checked config of what `read_settings` reads.
+
+    Raises InputError with every problem at once, each with its place.
+    """
+    return check(model, read_settings(model, file, overrides, arguments))
+
+
+def read_settings(
+    model: type[ConfigModel],
+    file: ConfigFile | None,
+    overrides: Sequence[str],
+    arguments: Mapping[str, object] | None,
+) -> Settings:
+    """Return the settings of a YAML file, with overrides and arguments over it.
 
     `overrides` (each `a.b=value`) override what the YAML file says, and `arguments` (key -> value;
-    None and empty ones do not count) both. Raises InputError with every problem at once, each with
-    its place.
+    None and empty ones do not count) both. Raises InputError for a file that cannot be read.
     """
     settings = Settings(marked_keys(model, PathWords))
     if file is not None:
@@ -284,7 +295,8 @@ def load_model(
             settings.set_argument(key, value)
     if file is not None and file.is_preset:
         settings.drop_idle()
-    return check(model, settings)
+    settings.fill_in_data()
+    return settings
 
 
 def check(model: type[Config], settings: Settings) -> Config:
@@ -298,7 +310,7 @@ def check(model: type[Config], settings: Settings) -> Config:
     if not settings.readable:  # what the schema misses may well be there
         raise InputError(problems)
     try:
-        config = model.model_validate(settings.with_data(), by_alias=True, by_name=False)
+        config = model.model_validate(settings.values, by_alias=True, by_name=False)
     except ValidationError as error:
         problems = problems + _schema_problems(model, error, settings)
     if problems:

@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError, YAMLWarning
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from shapefit.config.fields import Location, Place
+from shapefit.config.model import Location, Place
 
 _NUMBER_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("int", "float")}
 _SCALAR_TAGS = _NUMBER_TAGS | {f"tag:yaml.org,2002:{name}" for name in ("null", "bool")}

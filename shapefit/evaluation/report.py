@@ -7,16 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shapefit.convex.solution import Status
 from shapefit.evaluation.averages import Sliced, mean
 from shapefit.evaluation.calibration import Coverage, Kept
 from shapefit.evaluation.summary import Summary
 from shapefit.geometry.normalisation import LARGEST
-
-SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)
-"""Words of the images that the method finished within its tolerance."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +44,6 @@ class Solving:
     def images_per_second(self) -> float | None:
         """Return 1000 / milliseconds; None where that is unknown or too short to measure."""
         return 1000 / self.milliseconds if self.milliseconds else None
-
-
-def count_solved(status: NDArray[Any]) -> int:
-    """Count the images that are optimal or converged, by their words."""
-    return int(np.isin(np.asarray(status, dtype=str), SOLVED).sum())
 
 
 def sum_up(run: Run) -> Solving:

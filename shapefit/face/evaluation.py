@@ -79,7 +79,7 @@ def evaluate(
             raise input_error("truth", found, "give one for each, or name them: Shapes(..., items)")
         true = type(true)(**{**vars(true), "items": record.items})
     record, messages = visible_enough(Path("result"), record, config.least_visible)
-    judged = judge(Path("result"), record, true, config.match, config.metrics)
+    judged = judge(Path("result"), record, lambda _: true, config.match, config.metrics)
     errors = image_errors("result", judged)
     grouping, ungrouped = find_grouping(config.groups, errors)
     for message in (*messages, *judged.warnings, *ungrouped):

@@ -110,8 +110,7 @@ def fit(
             records.append(batch.record)
             seconds += batch.seconds
             failures |= {failure.item: failure.reason for failure in outcome.failures}
-            for warning in outcome.warnings:
-                add_up(messages, warning)
+            add_up(messages, outcome.warnings)
     for message in (*messages.values(), *names, *report.warnings):
         if not isinstance(message, Note):
             warnings.warn(str(message), stacklevel=2)

@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from shapefit.config import find_config
-from shapefit.config.fields import marked_keys
-from shapefit.config.model import CommandConfig
+from shapefit.config.model import CommandConfig, marked_keys
 from shapefit.config.paths import OfTheData, PathWords
 from shapefit.config.settings import Settings, check
 from shapefit.errors import InputError, input_error

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import sys
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -72,12 +73,23 @@ class Outcome:
     written: tuple[Path, ...] = ()
 
 
-def add_up(known: dict[str, str | Counted], warning: str | Counted) -> None:
-    """Add a warning to those of a run: a text once, and numbers with the same text as their sum."""
-    key = warning if isinstance(warning, str) else f"{warning.noun} {warning.text}"
-    before = known.get(key)
-    both = isinstance(before, Counted) and isinstance(warning, Counted)
-    known[key] = before + warning if both else warning  # type: ignore[operator]
+def add_up(
+    known: dict[str, str | Counted], warnings: Iterable[str | Counted], most: int = sys.maxsize
+) -> int:
+    """Add warnings to those of a run: a text once, and numbers with the same text as their sum.
+
+    No more than `most` are kept; returns how many were not.
+    """
+    left = 0
+    for warning in warnings:
+        key = warning if isinstance(warning, str) else f"{warning.noun} {warning.text}"
+        before = known.get(key)
+        if before is None and len(known) >= most:
+            left += 1
+        else:
+            both = isinstance(before, Counted) and isinstance(warning, Counted)
+            known[key] = before + warning if both else warning  # type: ignore[operator]
+    return left
 
 
 def tell_doubts(doubts: Collection[Counted], total: int) -> str:

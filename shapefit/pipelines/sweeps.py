@@ -257,7 +257,8 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         result = folder / "result.h5"
         failed = yield from fit_value(config, value, files, result)
         results = read_results(result)
-        judgement = judge(result, results, truth, config.match, _metrics(config, value, results))
+        metrics = _metrics(config, value, results)
+        judgement = judge(result, results, lambda _: truth, config.match, metrics)
         new = (Failure(i, why) for i, why in judgement.failures.items() if i not in failed)
         errors = _in_first_units(image_errors(value_text(value), judgement))
         grouping, ungrouped = find_grouping(config.groups, errors)

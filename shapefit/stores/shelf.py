@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -139,13 +139,6 @@ def local_copy(path: UrlPath) -> Path:
             system.get_file(name, str(copy))
         shelf.copies[path] = copy
     return shelf.copies[path]
-
-
-def keep_copies(paths: Iterable[Path]) -> None:
-    """Download objects that will be read whole, and more than once; leave out other paths."""
-    for path in paths:
-        if isinstance(path, UrlPath):
-            local_copy(path)
 
 
 def has_copy(path: UrlPath) -> bool:

@@ -64,10 +64,3 @@ def remove(path: Path) -> None:
     with store_errors(path, "removed"), suppress(FileNotFoundError):
         system.rm_file(name)
     current_shelf().forget(path)
-
-
-def refuse_folder(folder: Path) -> None:
-    """Raise InputError for a folder of files that appear together: a store has no such thing."""
-    if isinstance(folder, UrlPath):
-        found = "a folder of files is not written to an object store"
-        raise input_error(folder, found, "choose a folder of this machine, and copy it there")

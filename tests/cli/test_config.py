@@ -6,7 +6,7 @@ import pytest
 from shapefit.cli.commands import COMMANDS
 
 from shapefit.config import CONFIGS, load_config
-from shapefit.config.fields import dotted_keys, field_keys
+from shapefit.config.model import dotted_keys, field_keys
 
 NAMES = [spec.name for spec in COMMANDS]
 

@@ -14,8 +14,9 @@ from shapefit.evaluation.averages import (
     percentiles,
     slices,
 )
-from shapefit.evaluation.report import Run, Solving, count_solved, sum_up
+from shapefit.evaluation.report import Run, Solving, sum_up
 from shapefit.evaluation.summary import ImageErrors, group_sequences, summarise
+from shapefit.pipelines.evaluate.method_images import count_solved
 
 NAN = float("nan")
 

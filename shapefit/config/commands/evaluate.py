@@ -9,10 +9,9 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.fields import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, section
 from shapefit.config.named_files import DictionaryPath, NamedFiles
-from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath
+from shapefit.config.paths import OF_THE_DATA, Expected, InputPaths, OutputPath
 from shapefit.errors import listed
 from shapefit.evaluation.metric_table import METRICS, of_fits, of_labels
 

@@ -17,11 +17,11 @@ from shapefit.config.commands.fit_sections import (
     ViewingConfig,
 )
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.fields import Expected
 from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, section
 from shapefit.config.named_files import DictionaryPath
 from shapefit.config.paths import (
     OF_THE_DATA,
+    Expected,
     InputPaths,
     OptionalInputPath,
     OutputOrFolder,

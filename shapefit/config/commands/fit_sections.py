@@ -6,9 +6,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from shapefit.config.fields import Expected
 from shapefit.config.model import MOST_STEPS, ConfigModel, FromLists
-from shapefit.config.paths import OF_THE_DATA, Folder, OptionalInputPath
+from shapefit.config.paths import OF_THE_DATA, Expected, Folder, OptionalInputPath
 from shapefit.lifting.methods import PosteriorOptions
 from shapefit.lifting.options import PerspectiveOptions
 

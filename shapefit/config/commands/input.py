@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from shapefit.config.fields import Expected
 from shapefit.config.model import ConfigModel, FromLists, Renaming
+from shapefit.config.paths import Expected
 
 _SIZE = "a list of two numbers > 0"
 

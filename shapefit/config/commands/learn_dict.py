@@ -9,9 +9,8 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.fields import Expected
 from shapefit.config.model import MOST_STEPS, CommandConfig, ConfigModel, FromLists, section
-from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath
+from shapefit.config.paths import OF_THE_DATA, Expected, InputPaths, OutputPath
 
 _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
 

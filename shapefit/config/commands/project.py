@@ -9,9 +9,8 @@ from pydantic import Field, PlainValidator
 from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.fields import Expected
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, section
-from shapefit.config.paths import InputPaths, OutputPath
+from shapefit.config.paths import Expected, InputPaths, OutputPath
 
 Row = tuple[float, float, float]
 Rotation = tuple[Row, Row, Row]

@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 from annotated_types import Ge
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
-from shapefit.config.fields import Expected
 from shapefit.config.model import (
     MOST_STEPS,
     MOST_THREADS,
@@ -17,7 +16,7 @@ from shapefit.config.model import (
     Plots,
     section,
 )
-from shapefit.config.paths import OutputPath
+from shapefit.config.paths import Expected, OutputPath
 
 
 def _distinct(values: tuple[int, ...]) -> tuple[int, ...]:

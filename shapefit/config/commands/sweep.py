@@ -15,12 +15,20 @@ from shapefit.config.commands.evaluate import ErrorMetric
 from shapefit.config.commands.fit import FitConfig
 from shapefit.config.commands.learn_dict import LearnDictConfig
 from shapefit.config.commands.project import ProjectConfig
-from shapefit.config.fields import Expected, marked_keys
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, plain, section
+from shapefit.config.model import (
+    CommandConfig,
+    ConfigModel,
+    FromLists,
+    Plots,
+    marked_keys,
+    plain,
+    section,
+)
 from shapefit.config.named_files import DictionaryPath
 from shapefit.config.paths import (
     OF_THE_DATA,
     STANDARD_STREAM,
+    Expected,
     InputPaths,
     OutputPath,
     PathWords,

@@ -32,8 +32,8 @@ def read_hdf5(path: Path) -> Dictionary:
     from shapefit.io.hdf5.reading import Hdf5Reader
 
     with Hdf5Reader(path, DICTIONARY) as reader:
-        check_dictionary(reader)
         fields = reader.fields()
+        check_dictionary(reader)
         for name, kind in (("edge_give", "deviation"), ("edge_length", "length")):
             values = fields[name]
             if values is not None and not (np.isfinite(values).all() and (values >= 0).all()):

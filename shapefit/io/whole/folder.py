@@ -20,7 +20,7 @@ from shapefit.io.whole.atomic import (
     storage_errors,
 )
 from shapefit.io.whole.litter import lock_new, remove_litter
-from shapefit.stores.writing import refuse_folder
+from shapefit.stores.urls import UrlPath
 
 Write = Callable[[Path], object]
 
@@ -108,6 +108,13 @@ def check_replaceable(target: Path) -> None:
     if not is_writable(around):
         fix = "change its permissions, or choose another folder"
         raise input_error(around, "it is not writable, but files must go into it", fix)
+
+
+def refuse_folder(folder: Path) -> None:
+    """Raise InputError for a folder of files that appear together: a store has no such thing."""
+    if isinstance(folder, UrlPath):
+        found = "a folder of files is not written to an object store"
+        raise input_error(folder, found, "choose a folder of this machine, and copy it there")
 
 
 def check_folder(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""The error bars of a result file against the truth, and how plausible it says its images are."""
+"""The error bars of a result file against the truth."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.evaluation.calibration import ErrorBars, find_levels
-from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, PLAUSIBILITY, TRUE_ROTATION
+from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, TRUE_ROTATION
 from shapefit.evaluation.metrics import truth_scale
 from shapefit.evaluation.report import NORMALISED
 from shapefit.io.landmark_names import match_landmarks
-from shapefit.io.records import ResultSet, ShapeSet
+from shapefit.io.records import ResultSet
 from shapefit.pipelines.evaluate.judgement import Judgement, common_landmarks
 from shapefit.pipelines.evaluate.measurement import find_dataset
 
@@ -25,13 +25,13 @@ COVARIANCE = "shape_covariance"
 
 
 def judge_error_bars(
-    name: str, results: ResultSet, truth: ShapeSet, judgement: Judgement
+    name: str, results: ResultSet, judgement: Judgement
 ) -> tuple[ErrorBars | None, tuple[str, ...]]:
     """Return how the truth lies in the error bars of a method's file, None where it has none.
 
     And a warning where it has some, but no `true_rotation`.
     """
-    file = judgement.file
+    file, truth = judgement.file, judgement.truth
     deviation = find_dataset(file, results, DEVIATION)
     if deviation is None:
         return None, ()
@@ -84,8 +84,3 @@ def find_correlation(file: Path, results: ResultSet, deviation: Floats) -> Float
     sd = np.sqrt(np.einsum("naap->nap", own))
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.stack([own[:, a, b] / (sd[:, a] * sd[:, b]) for a, b in PAIRS], axis=1)
-
-
-def find_plausibility(judgement: Judgement, results: ResultSet) -> Floats | None:
-    """Plausibility (n,) of the images; None where the method knows none."""
-    return find_dataset(judgement.file, results, PLAUSIBILITY)

@@ -27,8 +27,7 @@ from shapefit.meshes.views import YAxis
 from shapefit.pipelines.evaluate.judgement import Judgement, judge
 from shapefit.pipelines.evaluate.measurement import as_named, find_dataset, visible_enough
 from shapefit.pipelines.evaluate.method_images import MethodImages, Picked
-from shapefit.pipelines.evaluate.plan import MeasuringOptions
-from shapefit.pipelines.evaluate.truth import Truth
+from shapefit.pipelines.evaluate.plan import MeasuringOptions, Truth
 from shapefit.pipelines.items import matches, named_items, spread
 
 if TYPE_CHECKING:
@@ -69,21 +68,10 @@ class Lifted:
         return covariances(self.deviation[row], correlation)
 
 
-def check_examples(wanted: int | Sequence[str], truth: ShapeSet, files: Sequence[Path]) -> None:
-    """Raise InputError where examples are wanted and the truth has no edges to draw."""
-    if wanted and truth.edges is None:
-        place = ", ".join(map(str, files))
-        fix = (
-            "add the dataset `edges` (e,2), pairs of landmarks joined by a line, counted from 0, "
-            "to the file, or leave out `examples`"
-        )
-        raise input_error(place, "has no edges to draw examples with", fix)
-
-
-def keep(results: ResultSet, judgement: Judgement, truth: ShapeSet) -> Lifted:
+def keep(results: ResultSet, judgement: Judgement) -> Lifted:
     """Take from a result file what a picture of its images needs."""
     observed = find_dataset(judgement.file, results, LANDMARKS)
-    have, want = results.landmark_names, truth.landmark_names
+    have, want = results.landmark_names, judgement.truth.landmark_names
     bars = [find_dataset(judgement.file, results, wanted) for wanted in (DEVIATION, CORRELATION)]
     deviation, correlation = (None if b is None else _arranged(b, have, want) for b in bars)
     return Lifted(
@@ -234,8 +222,8 @@ def read_lifted(
     true = truth.named(keys)
     lifted: dict[str, list[Lifted]] = {}
     for name, file, results in shown:
-        judgement = judge(file, results, true, options.match, ("similarity",))
-        lifted.setdefault(name, []).append(keep(results, judgement, true))
+        judgement = judge(file, results, lambda _: true, options.match, ("similarity",))
+        lifted.setdefault(name, []).append(keep(results, judgement))
     return lifted, true
 
 

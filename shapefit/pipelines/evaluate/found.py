@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from shapefit.evaluation.calibration import Coverages, image_shares
-from shapefit.evaluation.report import Run, count_solved
+from shapefit.evaluation.metric_table import PLAUSIBILITY
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import ResultSet, read_results
-from shapefit.pipelines.evaluate.error_bars import find_plausibility, judge_error_bars
+from shapefit.pipelines.evaluate.error_bars import judge_error_bars
 from shapefit.pipelines.evaluate.examples import chosen_items, examples_picture, read_lifted
 from shapefit.pipelines.evaluate.floors import Floors
 from shapefit.pipelines.evaluate.judgement import judge
-from shapefit.pipelines.evaluate.measurement import as_named, visible_enough
+from shapefit.pipelines.evaluate.measurement import as_named, find_dataset, visible_enough
 from shapefit.pipelines.evaluate.method_images import MethodImages
-from shapefit.pipelines.evaluate.plan import MeasuringOptions
+from shapefit.pipelines.evaluate.plan import MeasuringOptions, Truth
 from shapefit.pipelines.evaluate.report_pages import contact_sheet
-from shapefit.pipelines.evaluate.truth import Truth
-from shapefit.pipelines.items import named_items
 from shapefit.pipelines.outcome import Failure, Outcome
 
 if TYPE_CHECKING:
@@ -79,23 +76,25 @@ class Found:
         if sheet is not None:
             self.sheets.setdefault(name, {})[sheet] = None
         shown, too_few = visible_enough(file, results, options.least_visible)
-        keys = named_items(shown.items, shown.extras, options.match, file, "match")
-        truth = self.truth.named(keys)
-        run = _run_of(results)
         judgement = judge(
-            file, shown, truth, options.match, options.metrics, frame=options.truth_frame
+            file,
+            shown,
+            self.truth.named,
+            options.match,
+            options.metrics,
+            frame=options.truth_frame,
         )
         unjudged: tuple[str, ...] = ()
         plausibility, shares = None, None
         if options.calibration:
-            bars, unjudged = judge_error_bars(name, shown, truth, judgement)
-            plausibility = find_plausibility(judgement, shown)
+            bars, unjudged = judge_error_bars(name, shown, judgement)
+            plausibility = find_dataset(file, shown, PLAUSIBILITY)
             if bars is not None:
                 shares = image_shares(bars)
                 self.bars.setdefault(name, Coverages(options.groups)).add(bars)
-        images.add(judgement, run, plausibility, shares)
+        images.add(judgement, results, plausibility, shares)
         if self.floors:
-            self.floors.add(shown, judgement, truth)
+            self.floors.add(shown, judgement, judgement.truth)
         new = [w for w in (*too_few, *judgement.warnings, *unjudged) if w not in self.warnings]
         self.warnings |= dict.fromkeys(new)
         return Outcome(
@@ -104,20 +103,3 @@ class Found:
             warnings=tuple(new),
             note=name,
         )
-
-
-def _run_of(results: ResultSet) -> Run:
-    seconds = results.attributes.get("solve_seconds")
-    return Run(
-        images=len(results),
-        objective=results.objective,
-        solved=None if results.status is None else count_solved(results.status),
-        seconds=_seconds(seconds),
-    )
-
-
-def _seconds(stated: object) -> float | None:
-    """Return what a file states; None where that is no time."""
-    if isinstance(stated, int | float) and math.isfinite(stated) and stated >= 0:
-        return float(stated)
-    return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -32,7 +32,7 @@ class Judgement:
 
     items and sequences (n), a sequence that nobody knows is empty; errors maps a metric and unit
     to (n,), nan where an image failed or, in precision and recall, has nothing to judge; failures
-    maps the failed items to the reason; truth_rows (n) index the truth of each image, -1 where
+    maps the failed items to the reason; truth_rows (n) index `truth`, -1 where
     there is none; true_rotation (n, 3, 3), from its frame to that of the camera, None where nobody
     knows it.
     """
@@ -43,6 +43,7 @@ class Judgement:
     errors: Mapping[Kind, Floats]
     failures: Mapping[str, str]
     warnings: tuple[str, ...]
+    truth: ShapeSet
     truth_rows: NDArray[np.intp]
     true_rotation: Floats | None = None
 
@@ -54,7 +55,7 @@ class Judgement:
 def judge(
     file: Path,
     results: ResultSet,
-    truth: ShapeSet,
+    named: Callable[[Sequence[str]], ShapeSet],
     match: str,
     metrics: Sequence[str],
     *,
@@ -62,7 +63,8 @@ def judge(
 ) -> Judgement:
     """Measure every image of a result file in the metrics that its datasets allow.
 
-    `match` is "item", or the dataset of the results that names the true item of each image.
+    `match` is "item", or the dataset of the results that names the true item of each image; `named`
+    gives the true shapes of these names.
     Landmarks are matched by name; those that only one side has are left out. `frame` is that of the
     truth: its own, from which the dataset `true_rotation` turns it, that of the camera, or that of
     the camera turned to look straight at each shape. Raises InputError
@@ -71,6 +73,7 @@ def judge(
     if not len(results):
         raise input_error(file, "holds no images", "check the run that wrote it")
     keys = named_items(results.items, results.extras, match, file, "match")
+    truth = named(keys)
     rows = _truth_rows(file, keys, truth)
     names = common_landmarks(file, results.landmark_names, truth.landmark_names)
     warnings = _left_out(file, results, truth, names)
@@ -114,6 +117,7 @@ def judge(
         errors=errors,
         failures=_failures(results, keys, rows, judged, errors),
         warnings=tuple(warnings),
+        truth=truth,
         truth_rows=rows,
         true_rotation=rotation,
     )

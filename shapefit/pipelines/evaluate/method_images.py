@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
+from shapefit.convex.solution import Status
 from shapefit.errors import input_error, path_text
 from shapefit.evaluation.averages import Coder, Labels
 from shapefit.evaluation.calibration import INSIDE
@@ -21,8 +23,12 @@ from shapefit.evaluation.report import Method, Run, sum_up
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io.columns import Column, Texts
 from shapefit.io.name_index import find_equal_names
+from shapefit.io.records import ResultSet
 from shapefit.pipelines.evaluate.judgement import Judgement, rows_judged
 from shapefit.pipelines.evaluate.measurement import Kind
+
+SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)
+"""Words of the images that the method finished within its tolerance."""
 
 MOST_LISTED = 10_000
 """Failed images of a method that are listed with their reasons; more are counted."""
@@ -78,11 +84,12 @@ class MethodImages:
     def add(
         self,
         judgement: Judgement,
-        run: Run,
+        results: ResultSet,
         plausibility: Floats | None = None,
         shares: tuple[NDArray[np.intp], Floats] | None = None,
     ) -> None:
         """Add the images of one file; shares as `image_shares` gives them."""
+        run = _run_of(results)
         before, n = len(self), len(judgement.items)
         failed = judgement.failed()
         for kind, values in judgement.errors.items():
@@ -175,3 +182,25 @@ class MethodImages:
         own = kinds[kind]
         own.rows.append(rows)
         own.values.append(values)
+
+
+def count_solved(status: NDArray[Any]) -> int:
+    """Count the images that are optimal or converged, by their words."""
+    return int(np.isin(np.asarray(status, dtype=str), SOLVED).sum())
+
+
+def _run_of(results: ResultSet) -> Run:
+    seconds = results.attributes.get("solve_seconds")
+    return Run(
+        images=len(results),
+        objective=results.objective,
+        solved=None if results.status is None else count_solved(results.status),
+        seconds=_seconds(seconds),
+    )
+
+
+def _seconds(stated: object) -> float | None:
+    """Return what a file states; None where that is no time."""
+    if isinstance(stated, int | float) and math.isfinite(stated) and stated >= 0:
+        return float(stated)
+    return None

@@ -1,15 +1,23 @@
-"""What each step of an evaluation gets; none of them sees the config."""
+"""What each step of an evaluation gets: its options, for none sees the config, and the truth."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+
+import numpy as np
 
 from shapefit.config import EvalConfig, ViewConfig
 from shapefit.config.commands.evaluate import FloorsConfig
-from shapefit.io.columns import nearest_folder
+from shapefit.errors import counted, input_error
+from shapefit.io import ShapeSource, open_shapes
+from shapefit.io.columns import Texts, nearest_folder
+from shapefit.io.name_index import NameIndex
 from shapefit.io.options import InputOptions, input_options
+from shapefit.io.records import ShapeSet
 from shapefit.io.whole.folder import check_folder
 from shapefit.pipelines.drawing import check_can_draw, draws_plots, plots_left_out
 from shapefit.pipelines.evaluate.judgement import Frame
@@ -110,7 +118,77 @@ def plan_evaluation(config: EvalConfig) -> Plan:
     )
 
 
+def check_examples(wanted: int | Sequence[str], truth: ShapeSet, files: Sequence[Path]) -> None:
+    """Raise InputError where examples are wanted and the truth has no edges to draw."""
+    if wanted and truth.edges is None:
+        place = ", ".join(map(str, files))
+        fix = (
+            "add the dataset `edges` (e,2), pairs of landmarks joined by a line, counted from 0, "
+            "to the file, or leave out `examples`"
+        )
+        raise input_error(place, "has no edges to draw examples with", fix)
+
+
 def _view(config: EvalConfig) -> ViewConfig:
     return ViewConfig(
         files=config.results, truth=config.truth, match=config.match, input=config.input
     )
+
+
+AT_A_TIME = 1 << 14
+"""Shapes that are read at a time to count what they lack."""
+
+
+class Truth:
+    """The true shapes of an evaluation, found by their items."""
+
+    def __init__(self, source: ShapeSource, folder: Path | None) -> None:
+        self._source = source
+        self._folder = folder
+
+    @property
+    def head(self) -> ShapeSet:
+        """All of the truth but its shapes."""
+        return self._source.head
+
+    @property
+    def count(self) -> int:
+        """Number of shapes."""
+        return self._source.count
+
+    def named(self, items: Sequence[str]) -> ShapeSet:
+        """Return the shapes that are called so, each once, in the order of the truth.
+
+        Where none is, the first shape of all, so that an error can say what they are called.
+        """
+        names, index = self._index
+        rows = np.unique(index.find(items, names))
+        rows = rows[rows >= 0]
+        return self._source.take(rows if len(rows) else np.arange(min(1, self.count)))
+
+    def count_gaps(self) -> list[str]:
+        """Say how many landmarks of the truth are unknown."""
+        shapes, landmarks = 0, 0
+        for part in self._source.file_chunks(AT_A_TIME):
+            gaps = np.asarray(np.isnan(part.shapes).any(axis=1))
+            shapes += int(gaps.any(axis=1).sum())
+            landmarks += int(gaps.sum())
+        if not shapes:
+            return []
+        lacks = f"{counted(landmarks, 'landmark')} of {counted(shapes, 'shape')}"
+        return [f"the truth lacks {lacks} (NaN): left out"]
+
+    @cached_property
+    def _index(self) -> tuple[Texts, NameIndex]:
+        names, index = Texts(self._folder), NameIndex(self._folder)
+        for block in self._source.names():
+            names.append(block)
+            index.add(block)
+        return names, index
+
+
+@contextmanager
+def open_truth(options: ReadingOptions, folder: Path | None) -> Iterator[Truth]:
+    """Open the truth. Raises InputError as `open_shapes` does."""
+    with open_shapes(options.truth, options.how, gaps=True) as source:
+        yield Truth(source, folder)

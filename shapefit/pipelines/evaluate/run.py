@@ -19,12 +19,15 @@ from shapefit.evaluation.tables import csv_json as tables
 from shapefit.evaluation.tables.errors_document import document, markdown
 from shapefit.io.whole.atomic import digests
 from shapefit.io.whole.folder import Write, write_folder
-from shapefit.pipelines.evaluate.examples import check_examples
 from shapefit.pipelines.evaluate.found import Found
 from shapefit.pipelines.evaluate.judgement import find_grouping
-from shapefit.pipelines.evaluate.plan import WritingOptions, plan_evaluation
+from shapefit.pipelines.evaluate.plan import (
+    WritingOptions,
+    check_examples,
+    open_truth,
+    plan_evaluation,
+)
 from shapefit.pipelines.evaluate.report_pages import contact_sheets, report_pages
-from shapefit.pipelines.evaluate.truth import open_truth
 from shapefit.pipelines.outcome import Outcome
 
 MOST_FAILURES = 200
@@ -49,8 +52,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     with open_truth(plan.reading, plan.measuring.folder) as truth:
         check_examples(plan.writing.examples, truth.head, plan.reading.truth)
         found = Found(plan.measuring, truth)
-        if found.warnings:
-            yield Outcome(warnings=tuple(found.warnings))
+        yield Outcome(warnings=tuple(found.warnings))
         yield from found.judge_all(hold=bool(plan.writing.examples))
         yield _report(plan.writing, found)
 

@@ -17,11 +17,10 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
 from shapefit.io.sources import is_stream
-from shapefit.io.whole.folder import StagedFiles, check_folder, staged_files
+from shapefit.io.whole.folder import StagedFiles, check_folder, refuse_folder, staged_files
 from shapefit.pipelines.drawing import check_can_draw
 from shapefit.pipelines.export.carried_mesh import Pose
 from shapefit.stores.urls import real_path
-from shapefit.stores.writing import refuse_folder
 
 if TYPE_CHECKING:
     from shapefit.pipelines.export.meshes import MeshExport

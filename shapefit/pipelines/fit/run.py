@@ -30,7 +30,8 @@ from shapefit.pipelines.fit.report import Batch, Report, said_of_y
 from shapefit.pipelines.fit.settle import plan_settling
 from shapefit.pipelines.joints import said_of_names
 from shapefit.pipelines.outcome import Outcome
-from shapefit.stores.shelf import keep_copies
+from shapefit.stores.shelf import local_copy
+from shapefit.stores.urls import UrlPath
 
 
 def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
@@ -39,7 +40,9 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     assert isinstance(output, Path), "a folder is written part by part"
     # A part of a file is known by the manifest: nobody reads the whole file for each part.
     files = (*(config.landmarks if rows is None else ()), config.dictionary)
-    keep_copies(files)  # their digests take the whole of them
+    for path in files:
+        if isinstance(path, UrlPath):
+            local_copy(path)  # whose digest takes the whole of it
     dictionary = read_dictionary(config.dictionary)
     settle, wanted = plan_settling(config, dictionary), plan_exports(config, dictionary)
     seconds, done = 0.0, 0
@@ -54,12 +57,11 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
         ):
             report = Report(plan.report, dictionary)
             for batch in lift_source(source, plan):
-                outcome = report.of(batch, source.count)
+                yield report.of(batch, source.count)
                 writer.append(batch.record)
                 exports.add(batch.record, batch.lifting.estimate.transforms)
                 seconds += batch.seconds
                 done += len(batch.images)
-                yield outcome
             warnings = plan.warn_of(source) + report.warnings
             writer.attributes.update(attributes_of(config, digests(files), seconds, done))
     of_writer = writer.summary.warnings

@@ -93,7 +93,7 @@ def _fit(job: Job, began: float) -> Done:
     span: Span | None = None
     failures: list[Failure] = []
     warnings: dict[str, str | Counted] = {}
-    doubts: dict[str, Counted] = {}
+    doubts: dict[str, str | Counted] = {}
     try:
         replace_link(target)
         for outcome in run(config, rows):
@@ -103,11 +103,8 @@ def _fit(job: Job, began: float) -> Done:
                 met = Span.of(outcome.items)
                 span = span | met if span else met
             failures += outcome.failures[: MOST_TOLD - len(failures)]
-            for warning in outcome.warnings[: MOST_TOLD - len(warnings)]:
-                add_up(warnings, warning)
-            for doubt in outcome.doubts:
-                own = replace(doubt, items=())
-                doubts[own.text] = doubts[own.text] + own if own.text in doubts else own
+            add_up(warnings, outcome.warnings, MOST_TOLD)
+            add_up(doubts, (replace(doubt, items=()) for doubt in outcome.doubts))
         state = find_state(target) or (0, "")
     except InputError as error:
         cause = error.__cause__
@@ -122,7 +119,7 @@ def _fit(job: Job, began: float) -> Done:
         failed,
         tuple(failures),
         tuple(warnings.values()),
-        tuple(doubts.values()),
+        tuple(doubt for doubt in doubts.values() if isinstance(doubt, Counted)),
         time.perf_counter() - began,
         state,
         span,

@@ -18,8 +18,8 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.io import columns, name_index, write_dictionary, write_shapes
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate import examples, floors, method_images
+from shapefit.pipelines.evaluate import plan as truths
 from shapefit.pipelines.evaluate import run as evaluate
-from shapefit.pipelines.evaluate import truth as truths
 from tests.pipelines.evaluate.conftest import NAMES
 
 COUNT = 150

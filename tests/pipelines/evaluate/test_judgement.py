@@ -53,7 +53,7 @@ def fields(truth, rotations, rng):
 
 
 def judged(fields, truth, match="item", metrics=METRICS):
-    return judge(FILE, ResultSet(**fields), truth, match, metrics)
+    return judge(FILE, ResultSet(**fields), lambda _: truth, match, metrics)
 
 
 def test_every_metric_in_its_units(fields, truth, rotations):
@@ -285,12 +285,12 @@ class TestInputErrors:
 
     def test_no_images(self, fields, truth):
         with pytest.raises(InputError, match="holds no images"):
-            judge(FILE, ResultSet(**fields).take([]), truth, "item", METRICS)
+            judge(FILE, ResultSet(**fields).take([]), lambda _: truth, "item", METRICS)
 
 
 def test_a_truth_without_shapes(truth, fields):
     with pytest.raises(InputError) as caught:
-        judge(FILE, ResultSet(**fields), truth.take([]), "item", METRICS)
+        judge(FILE, ResultSet(**fields), lambda _: truth.take([]), "item", METRICS)
     assert caught.value.problems == (
         f"truth: holds no shapes; give the truth of the images of {FILE}",
     )
