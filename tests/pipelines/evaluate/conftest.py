@@ -64,7 +64,8 @@ class Desk:
         return EvalConfig(**{**self.config.model_dump(), **changes})
 
     def run(self, **changes) -> list[Outcome]:
-        return list(run(self.changed(**changes)))
+        """Return the outcomes that say something: the first tells of the truth alone."""
+        return [each for each in run(self.changed(**changes)) if each != Outcome()]
 
     def begin(self, **changes) -> Outcome:
         """Run up to the first outcome only."""
