@@ -9,10 +9,11 @@ import importlib
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from shapefit.config.model import CommandConfig, with_all_optional
-from shapefit.config.paths import STANDARD_STREAM
-from shapefit.config.settings import STANDARD_INPUT, ConfigFile, check, read_settings
+from shapefit.config.model import CommandConfig, ConfigModel, marked_keys, with_all_optional
+from shapefit.config.paths import STANDARD_STREAM, OfTheData, PathWords
+from shapefit.config.settings import STANDARD_INPUT, Config, Settings, check
 from shapefit.errors import input_error
 from shapefit.stores.opening import use_storage_options
 
@@ -20,6 +21,13 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 WHOLE_SEQUENCES = "people/sequences.yaml"
 """A second way to fit people, so a file of that name beside the one for single images."""
+
+
+class ConfigFile(NamedTuple):
+    """The YAML file of a config; of a preset only settings count, not what it says of its data."""
+
+    path: Path
+    is_preset: bool = False
 
 
 def presets_folder() -> Path:
@@ -114,6 +122,46 @@ def load_config(
         found = f"{' and '.join(readers)} would both read it"
         raise input_error(STANDARD_INPUT, found, "name a file for one of them")
     return config
+
+
+def load_model(
+    model: type[Config],
+    file: ConfigFile | None = None,
+    overrides: Sequence[str] = (),
+    arguments: Mapping[str, object] | None = None,
+) -> Config:
+    """Return the checked config of what `read_settings` reads.
+
+    Raises InputError with every problem at once, each with its place.
+    """
+    return check(model, read_settings(model, file, overrides, arguments))
+
+
+def read_settings(
+    model: type[ConfigModel],
+    file: ConfigFile | None,
+    overrides: Sequence[str],
+    arguments: Mapping[str, object] | None,
+) -> Settings:
+    """Return the settings of a YAML file, with overrides and arguments over it.
+
+    `overrides` (each `a.b=value`) override what the YAML file says, and `arguments` (key -> value;
+    None and empty ones do not count) both. Raises InputError for a file that cannot be read.
+    """
+    settings = Settings(marked_keys(model, PathWords))
+    if file is not None:
+        settings.read_file(file.path)
+        if file.is_preset:
+            settings.drop(marked_keys(model, PathWords, OfTheData))
+    for option in overrides:
+        settings.set_option(option)
+    for key, value in (arguments or {}).items():
+        if value is not None and value != ():
+            settings.set_argument(key, value)
+    if file is not None and file.is_preset:
+        settings.drop_idle()
+    settings.fill_in_data()
+    return settings
 
 
 def dump_config(config: CommandConfig) -> str:

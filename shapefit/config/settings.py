@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -27,15 +27,12 @@ from shapefit.config.model import (
     dotted_keys,
     expectation,
     field_keys,
-    marked_keys,
     meaning,
     submodel,
 )
 from shapefit.config.paths import (
     STANDARD_STREAM,
-    OfTheData,
     PathKeys,
-    PathWords,
     anchored,
     change_paths,
     with_data,
@@ -63,13 +60,6 @@ SHORT = (
 """Keys of the section that may be given beside it, in short."""
 
 Config = TypeVar("Config", bound=ConfigModel)
-
-
-class ConfigFile(NamedTuple):
-    """The YAML file of a config; of a preset only settings count, not what it says of its data."""
-
-    path: Path
-    is_preset: bool = False
 
 
 @dataclass
@@ -257,46 +247,6 @@ def _text(path: Path) -> str:
         raise input_error(name, "not UTF-8 text", "save it as UTF-8") from None
     except OSError as error:
         raise input_error(name, error.strerror or "cannot be read", "check the path") from None
-
-
-def load_model(
-    model: type[Config],
-    file: ConfigFile | None = None,
-    overrides: Sequence[str] = (),
-    arguments: Mapping[str, object] | None = None,
-) -> Config:
-    """Return the checked config of what `read_settings` reads.
-
-    Raises InputError with every problem at once, each with its place.
-    """
-    return check(model, read_settings(model, file, overrides, arguments))
-
-
-def read_settings(
-    model: type[ConfigModel],
-    file: ConfigFile | None,
-    overrides: Sequence[str],
-    arguments: Mapping[str, object] | None,
-) -> Settings:
-    """Return the settings of a YAML file, with overrides and arguments over it.
-
-    `overrides` (each `a.b=value`) override what the YAML file says, and `arguments` (key -> value;
-    None and empty ones do not count) both. Raises InputError for a file that cannot be read.
-    """
-    settings = Settings(marked_keys(model, PathWords))
-    if file is not None:
-        settings.read_file(file.path)
-        if file.is_preset:
-            settings.drop(marked_keys(model, PathWords, OfTheData))
-    for option in overrides:
-        settings.set_option(option)
-    for key, value in (arguments or {}).items():
-        if value is not None and value != ():
-            settings.set_argument(key, value)
-    if file is not None and file.is_preset:
-        settings.drop_idle()
-    settings.fill_in_data()
-    return settings
 
 
 def check(model: type[Config], settings: Settings) -> Config:

@@ -15,6 +15,7 @@ from shapefit.config.commands.evaluate import ErrorMetric
 from shapefit.config.commands.fit import FitConfig
 from shapefit.config.commands.learn_dict import LearnDictConfig
 from shapefit.config.commands.project import ProjectConfig
+from shapefit.config.loader import ConfigFile, load_model
 from shapefit.config.model import (
     CommandConfig,
     ConfigModel,
@@ -34,7 +35,7 @@ from shapefit.config.paths import (
     PathWords,
     absolute_path,
 )
-from shapefit.config.settings import ConfigFile, Settings, check, load_model
+from shapefit.config.settings import Settings, check
 from shapefit.errors import InputError
 
 Value = str | bool | int | float
