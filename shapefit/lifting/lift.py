@@ -11,9 +11,8 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Status
-from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import project
-from shapefit.lifting.degeneracy import find_degenerate
+from shapefit.lifting.degeneracy import normalise_seen
 from shapefit.lifting.estimate import Estimate, Estimator
 from shapefit.lifting.noise_level import lambda_for_noise
 from shapefit.lifting.options import BETA
@@ -97,21 +96,17 @@ def lift(
     of the program is that of every landmark. camera of the images, for a method that looks through
     it. `estimator` is a method with its settings, see choose_method.
     """
-    failures = find_degenerate(landmarks, weights)
-    fine = np.ones(len(landmarks), dtype=bool)
-    fine[list(failures)] = False
-
-    visible = weights > 0
-    norm = normalise(landmarks, visible & fine[:, None])
+    norm, failures = normalise_seen(landmarks, weights)
+    fine = np.isfinite(norm.scale)
+    size = np.where(fine, norm.scale, 1.0)
     problem = build_problem(
         norm.points,
         atoms,
-        choose_lambda(program, atoms, np.where(fine, norm.scale, 1.0), visible.mean(axis=1)),
+        choose_lambda(program, atoms, size, (weights > 0).mean(axis=1)),
         weights=np.where(fine[:, None], weights, 0.0),
         loss=program.loss,
         beta=program.beta,
     )
-    size = np.where(fine, norm.scale, 1.0)
     noise = find_noise(program, covariance, size, weights.shape)
     if camera is not None:
         middle = np.where(fine[:, None], norm.centroid, 0.0)

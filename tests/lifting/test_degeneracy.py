@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shapefit.lifting.degeneracy import find_degenerate
+from shapefit.geometry.normalisation import normalise
+from shapefit.lifting.degeneracy import find_degenerate, normalise_seen
 
 TRIANGLE = np.array([[0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 0.2]])
 
@@ -70,3 +71,32 @@ def test_a_point_is_no_line_though_its_mean_is_rounded():
     point = np.full((1, 2, 6), 0.7)
     assert (point.sum(axis=2) / 6 != 0.7).all()
     assert find_degenerate(point, np.ones((1, 6))) == {0: "all visible landmarks are at one point"}
+
+
+def test_only_images_that_can_be_lifted_are_normalised(rng):
+    landmarks = rng.standard_normal((60, 2, 9)) + 7.0
+    weights = np.where(rng.random((60, 9)) < 0.3, 0.0, rng.random((60, 9)))
+    weights[:, :3] = 1.0
+    landmarks[::7, 1] = 3 * landmarks[::7, 0] - 2
+    landmarks[1::14] *= 1e200
+    landmarks[2::14] *= 1e-200
+    weights[3, 2:] = 0.0
+    landmarks[5] = 1.7e308 * np.sign(rng.standard_normal((2, 9)))
+    with np.errstate(all="raise", under="ignore"):
+        found, failures = normalise_seen(landmarks, weights)
+        assert failures == find_degenerate(landmarks, weights)
+    bad, fine = list(failures), np.setdiff1d(np.arange(60), list(failures))
+    assert len(bad) > 15
+    assert not found.points[bad].any()
+    assert np.isnan(found.scale[bad]).all()
+    assert np.isnan(found.centroid[bad]).all()
+    expected = normalise(landmarks[fine], weights[fine] > 0)
+    for name in ("points", "centroid", "scale"):
+        np.testing.assert_array_equal(getattr(found, name)[fine], getattr(expected, name))
+
+
+def test_thin_landmarks_are_looked_at_closely():
+    thin = np.array([[0.0, 1.0, 2.0], [0.0, 1e-6, 0.0]])
+    found, failures = normalise_seen(thin[None], np.ones((1, 3)))
+    assert failures == {}
+    np.testing.assert_array_equal(found.points, normalise(thin[None]).points)
