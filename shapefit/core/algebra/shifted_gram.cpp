@@ -6,8 +6,11 @@ namespace {
 constexpr int BLOCK = 4;  // rows of the factor at a time
 // Vectors of columns at a time: 4 x 4 sums fill half of 32 registers, 4 x 2 half of 16.
 constexpr int TILE = WIDTH == 8 ? 4 : 2;
-// Vectors of columns that hold the diagonal block.
+// Vectors of columns that hold the diagonal block. Where it is narrower than one, tiles begin at the
+// vector that it is in, so that none straddles two lines of the cache; nobody reads what is left of it.
 constexpr int DIAGONAL = WIDTH >= BLOCK ? 1 : BLOCK / WIDTH;
+constexpr long GRID = WIDTH >= BLOCK ? WIDTH : BLOCK;
+constexpr long grid_at(long i) { return i / GRID * GRID; }
 // Pivots that rounding has made tiny or negative are lifted to this share of their diagonal: the
 // step stays a descent direction.
 constexpr double LEAST_PIVOT = 1e-14;
@@ -24,7 +27,7 @@ template <int count>
     }
 }
 
-// Rows i .. i + 3 and `count` vectors of columns from j: what `factor` holds there, + F^T F,
+// Rows i .. i + 3 and `count` vectors of columns from j on: what `factor` holds there, + F^T F,
 // - what the rows above have taken. Narrow tiles take turns between several sums, or each addition
 // would wait for the one before.
 template <int count>
@@ -55,16 +58,17 @@ template <int count>
 [[gnu::always_inline]] inline void factorise_diagonal(const GramSystem& s, long i,
                                                       const Lanes (&sums)[BLOCK][count],
                                                       double (&share)[BLOCK][BLOCK]) {
+    const long at = i - grid_at(i);
     double block[BLOCK][DIAGONAL * WIDTH];
     for (int r = 0; r < BLOCK; ++r)
         for (int v = 0; v < DIAGONAL; ++v) store(block[r] + v * WIDTH, sums[r][v]);
     for (int m = 0; m < BLOCK; ++m) {
-        double pivot = block[m][m];
+        double pivot = block[m][at + m];
         if (s.least) pivot = larger(pivot, s.least[i + m]);
         s.inverse[i + m] = 1 / pivot;
         for (int r = m + 1; r < BLOCK; ++r) {
-            share[m][r] = block[m][r] * s.inverse[i + m];
-            for (int c = r; c < BLOCK; ++c) block[r][c] -= share[m][r] * block[m][c];
+            share[m][r] = block[m][at + r] * s.inverse[i + m];
+            for (int c = r; c < BLOCK; ++c) block[r][at + c] -= share[m][r] * block[m][at + c];
         }
     }
 }
@@ -102,9 +106,10 @@ long finish_tiles(const GramSystem& s, long i, long j, long left, double (&share
 
 void factorise_block(const GramSystem& s, long i) {
     double share[BLOCK][BLOCK];
-    long left = (s.columns + 1 - i + WIDTH - 1) / WIDTH;  // vectors of columns, r among them
-    long taken = finish_tiles<true>(s, i, i, left, share);
-    for (long j = i; left > taken;) {
+    const long start = grid_at(i);
+    long left = (s.columns + 1 - start + WIDTH - 1) / WIDTH;  // vectors of columns, r among them
+    long taken = finish_tiles<true>(s, i, start, left, share);
+    for (long j = start; left > taken;) {
         j += taken * WIDTH;
         left -= taken;
         taken = finish_tiles<false>(s, i, j, left, share);
@@ -148,7 +153,7 @@ void begin_with_shift(const GramSystem& s, double shift, const double* r, long n
     const long width = s.columns + 1;
     for (long i = 0; i < s.columns; ++i) {
         double* row = s.factor + i * s.factor_stride;
-        for (long j = i / BLOCK * BLOCK; j < width; j += WIDTH) store(row + j, Lanes{});
+        for (long j = grid_at(i); j < width; j += WIDTH) store(row + j, Lanes{});
         row[i] = i < n ? shift : 1;
         row[s.columns] = i < n ? r[i] : 0;
     }
@@ -162,8 +167,12 @@ void begin_with_matrix(const GramSystem& s, const double* C, const double* r, lo
 
 }  // namespace
 
-// Tiles read and write up to TILE vectors beyond the last column.
-constexpr long stride_for(long columns) { return padded(columns + 1 + TILE * WIDTH); }
+// Tiles read and write up to DIAGONAL vectors beyond the last column. Rows are an odd number of lines
+// of the cache apart, or many of them would share the same few places in it.
+constexpr long stride_for(long columns) {
+    constexpr long LINE = PADDING;
+    return (padded(columns + 1 + DIAGONAL * WIDTH) / LINE | 1) * LINE;
+}
 
 ShiftedGram::ShiftedGram(Workspace& workspace, long most_rows, long most_unknowns) {
     const long columns = blocks_of(most_unknowns), stride = stride_for(columns);

@@ -1,5 +1,6 @@
 // The extension module shapefit.core._core.
 #include "bind.hpp"
+#include "deflate.hpp"
 
 NB_MODULE(_core, module) {
     using namespace shapefit;
@@ -33,6 +34,8 @@ NB_MODULE(_core, module) {
     define(module, "record_tree", kernel.record_tree);
     define(module, "add_products", kernel.add_products);
     define(module, "update_atoms", kernel.update_atoms);
+
+    define(module, "deflate", deflate);
 
     const Parts& part = level().parts;
     define(parts, "correlate", part.correlate);

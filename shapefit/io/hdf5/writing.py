@@ -12,6 +12,7 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
+from shapefit import core
 from shapefit.io.extras import Array
 from shapefit.io.hdf5.latched_file import Spool
 from shapefit.io.hdf5.trial import mark_written
@@ -26,7 +27,7 @@ CACHE_BYTES = 4 * CHUNK_BYTES
 """Of chunks that HDF5 keeps for each dataset; by default 8 MB, and rows are only appended."""
 
 COMPRESSION = {"compression": "gzip", "compression_opts": 1}
-"""Of datasets that are mostly 0: a row of 64 shrinks to a fifth in 3 microseconds."""
+"""Of datasets that are mostly 0: a row of 64 shrinks to a fifth, and `deflated` takes no time."""
 
 
 @contextmanager
@@ -48,6 +49,7 @@ class Hdf5Writer(StoredWriter):
     def __init__(self, file: FileIO, form: Format) -> None:
         super().__init__(form)
         self._datasets: dict[str, Any] = {}
+        self._unfilled: dict[str, Array] = {}
         self._begun = False
         self._spool = Spool(file)
         self._file = h5py.File(self._spool, "w", rdcc_nbytes=CACHE_BYTES)
@@ -84,8 +86,23 @@ class Hdf5Writer(StoredWriter):
                 dataset = self._datasets[name]
                 start = len(dataset)
                 dataset.resize(start + len(values), axis=0)
-                dataset[start:] = values
+                if name in self._form.sparse:
+                    self._write_chunks(name, start, values)
+                else:
+                    dataset[start:] = values
                 self._check_spool()
+
+    def _write_chunks(self, name: str, start: int, values: Array) -> None:
+        """Write the rows of a sparse dataset that fill its chunks, and keep the others."""
+        dataset = self._datasets[name]
+        left = self._unfilled.get(name, values[:0])
+        values, start = np.concatenate([left, values]), start - len(left)
+        rows = dataset.chunks[0]
+        whole = len(values) // rows * rows
+        for at in range(0, whole, rows):
+            place = (start + at,) + (0,) * (values.ndim - 1)
+            dataset.id.write_direct_chunk(place, deflated(values[at : at + rows]))
+        self._unfilled[name] = values[whole:]
 
     def _begin(self, rows: dict[str, Array]) -> None:
         self._begun = True
@@ -100,6 +117,10 @@ class Hdf5Writer(StoredWriter):
 
     def _finish(self) -> None:
         self._check_begun()
+        for name, left in self._unfilled.items():
+            if len(left):
+                dataset = self._datasets[name]
+                dataset[len(dataset) - len(left) :] = left
         root = self._file.attrs
         root["format"] = self._form.name
         root["version"] = VERSION
@@ -140,6 +161,14 @@ class Hdf5Writer(StoredWriter):
     def _check_spool(self) -> None:
         if self._spool.error:
             raise self._spool.error
+
+
+def deflated(values: Array) -> bytes:
+    """Return float64 numbers, most of them 0, as HDF5 knows them by `gzip`."""
+    numbers = np.ascontiguousarray(values, "<f8").reshape(-1).view(np.uint64)
+    stream = np.empty(len(numbers) * 9 // 8 + 5, np.uint64)
+    size = core.deflate(numbers=numbers, stream=stream)
+    return stream.view(np.uint8)[:size].tobytes()
 
 
 def _file_type(values: Array) -> Any:

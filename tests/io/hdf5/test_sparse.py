@@ -1,0 +1,53 @@
+"""Streams of numbers that are mostly 0: zlib is the judge."""
+
+from __future__ import annotations
+
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.io import read_results, result_writer
+from shapefit.io.hdf5.writing import CHUNK_BYTES, deflated
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 1.0])
+def test_zlib_gets_back_what_went_in(rng, share):
+    for count in (*range(70), 511, 513, 30_000):
+        values = rng.standard_normal(count) * (rng.random(count) < share)
+        assert zlib.decompress(deflated(values)) == values.tobytes()
+
+
+def test_every_byte_and_every_length_of_a_run():
+    words = np.arange(256, dtype=np.uint64) * 0x0101010101010101
+    runs = np.concatenate([np.append(np.zeros(n), 1.5) for n in range(1, 200)])
+    for values in (words.view(np.float64), runs, np.array([np.nan, np.inf, -0.0, 5e-324])):
+        assert zlib.decompress(deflated(values)) == values.tobytes()
+
+
+def test_mostly_zeros_take_a_few_bytes(rng):
+    values = np.where(rng.random((512, 64)) < 0.15, rng.random((512, 64)), 0.0)
+    assert len(deflated(values)) < 0.25 * values.nbytes
+    assert len(deflated(np.zeros(CHUNK_BYTES // 8))) < CHUNK_BYTES / 100
+
+
+def test_batches_of_any_length_are_read_as_they_were(tmp_path, results, rng):
+    """Rows that do not fill a chunk wait for those of the next batch, the last for the end."""
+    lengths, written = (300, 1, 5, 299, 700), []
+    with result_writer(tmp_path / "r.h5") as writer:
+        for number, length in enumerate(lengths):
+            part = results.take(np.arange(length) % len(results))
+            part.coefficients = np.where(
+                rng.random((length, 7)) < 0.2, rng.random((length, 7)), 0.0
+            )
+            part.items = tuple(f"{number}/{row}" for row in range(length))
+            written.append(part.coefficients)
+            writer.append(part)
+    expected = np.concatenate(written)
+    np.testing.assert_array_equal(read_results([tmp_path / "r.h5"]).coefficients, expected)
+    with h5py.File(tmp_path / "r.h5") as file:
+        stored = file["coefficients"]
+        assert stored.compression == "gzip"
+        assert stored.id.get_storage_size() < 0.7 * expected.nbytes
+        np.testing.assert_array_equal(stored[295:305], expected[295:305])
