@@ -54,6 +54,24 @@ class Dataset:
         return (*self.axes[:-2], self.axes[-1], self.axes[-2])
 
 
+def fit_axes(axes: tuple[str | int, ...], shape: tuple[int, ...], sizes: dict[str, int]) -> bool:
+    """Whether a shape has these axes; the sizes of those that were not known are added."""
+    fitting = [
+        (sizes.setdefault(axis, size) if isinstance(axis, str) else axis) == size
+        for axis, size in zip(axes, shape, strict=False)
+    ]
+    return len(shape) == len(axes) and all(fitting)
+
+
+NUMPY_KINDS = {"number": "biuf", "index": "iu", "text": "O", "label": "Oiu"}
+"""Types of NumPy that the kinds of datasets can have in files, O for text."""
+
+
+def fits_kind(kind: str, dataset: Dataset) -> bool:
+    """Whether values of a type of NumPy can be a dataset."""
+    return bool(kind) and kind in NUMPY_KINDS[dataset.kind]
+
+
 @dataclass(frozen=True)
 class Format:
     """A file format: the value of its root attribute `format`, and its datasets."""

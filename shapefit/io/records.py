@@ -14,7 +14,7 @@ from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error
 from shapefit.io.extras import LABELS, LANDMARK_COVARIANCE, Extras
 from shapefit.io.landmark_names import match_landmarks, renamed
-from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Format
+from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Format, fit_axes
 
 Names = tuple[str, ...]
 Attribute = str | float | int
@@ -48,15 +48,11 @@ class Records:
             value = tuple(value) if text else np.asarray(value, _TYPES.get(dataset.kind))
             object.__setattr__(self, dataset.attribute, value)
             shape = (len(value),) if text else np.shape(value)
-            expected = tuple(
-                sizes.setdefault(axis, size) if isinstance(axis, str) else axis
-                for axis, size in zip(dataset.memory_axes, shape, strict=False)
-            )
-            if shape != expected or len(shape) != len(dataset.axes):
-                raise ValueError(
-                    f"{dataset.attribute} has the shape {shape}; "
-                    f"expected {dataset.memory_axes} = {expected}"
-                )
+            axes = dataset.memory_axes
+            if not fit_axes(axes, shape, sizes):
+                expected = tuple(sizes.get(str(axis), axis) for axis in axes)
+                found = f"{dataset.attribute} has the shape {shape}"
+                raise ValueError(f"{found}; expected {axes} = {expected}")
         object.__setattr__(self, "extras", Extras.of(self.extras, len(self)))
 
     def __len__(self) -> int:

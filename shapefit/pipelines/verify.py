@@ -26,8 +26,10 @@ from shapefit.io import (
     read_dictionary,
 )
 from shapefit.io.foreign.opening import group_inputs
-from shapefit.io.kinds.proofs import ProofFile, open_proofs
+from shapefit.io.kinds.opening import open_proofs, proof_chunks
 from shapefit.io.options import AS_THEY_ARE, InputOptions
+from shapefit.io.stored.files import read_rows
+from shapefit.io.stored.reader import StoredReader
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.stores.locations import files_in
 from shapefit.stores.reading import read_bytes
@@ -183,7 +185,7 @@ def verify_file(part: Part, work: Work) -> Generator[Outcome, None, None]:
         atoms, size = arrange_atoms(results, file, work), Size.of(work.dictionary)
         wrong = false_files(part, results, terms, work)
         with open_given(part, results, terms) as given:
-            head, carried = results.head, set()
+            head, carried = read_rows(results, slice(0)), set()
             if given is not None:
                 wrong += false_heads(head, given.head, terms)
                 carried = set(carried_by(given.head))
@@ -205,7 +207,9 @@ def verify_file(part: Part, work: Work) -> Generator[Outcome, None, None]:
         yield Outcome(failures=tuple(Failure(*each) for each in false_items(part.entry, items)))
 
 
-def false_files(part: Part, results: ProofFile, terms: Terms, work: Work) -> list[tuple[str, str]]:
+def false_files(
+    part: Part, results: StoredReader, terms: Terms, work: Work
+) -> list[tuple[str, str]]:
     """Return which files, by their digests and the manifest, are not those of the fit."""
     names = (terms.dictionary, *terms.landmarks)
     paths = (work.request.dictionary, *part.landmarks)
@@ -236,7 +240,7 @@ class Given:
 
 
 @contextmanager
-def open_given(part: Part, results: ProofFile, terms: Terms) -> Iterator[Given | None]:
+def open_given(part: Part, results: StoredReader, terms: Terms) -> Iterator[Given | None]:
     """Open the landmarks of a part as its fit did; None where none are given.
 
     Raises InputError where there are not as many images as results.
@@ -269,7 +273,7 @@ def open_given(part: Part, results: ProofFile, terms: Terms) -> Iterator[Given |
 
 
 def arrange_atoms(
-    results: ProofFile, file: Path, work: Work
+    results: StoredReader, file: Path, work: Work
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     """Return the atoms (k, 3, p) with the landmarks of the result, in their order."""
     dictionary, path = work.dictionary, work.request.dictionary
@@ -282,11 +286,11 @@ def arrange_atoms(
     return np.ascontiguousarray(dictionary.atoms[:, :, columns])
 
 
-def read_chunks(results: ProofFile, atoms: np.ndarray, given: Given | None) -> Iterator[Chunk]:
+def read_chunks(results: StoredReader, atoms: np.ndarray, given: Given | None) -> Iterator[Chunk]:
     """Give out the results, with the landmarks of the same images where they are given."""
     k, _, p = atoms.shape
     size = min(max(CHUNK_BYTES // (72 * k + 96 * p), FEWEST), MOST)
-    chunks = results.chunks(size, sequences=given is not None)
+    chunks = proof_chunks(results, size, sequences=given is not None)
     if given is None:
         return ((result, None) for result in chunks)
     return zip(chunks, given.chunks(size), strict=False)

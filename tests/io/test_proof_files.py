@@ -10,7 +10,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import read_results, result_writer
-from shapefit.io.kinds.proofs import open_proofs
+from shapefit.io.kinds.opening import open_proofs, proof_chunks
 
 COUNTS = np.array([2, 0, 1, 3, 0])
 
@@ -41,7 +41,7 @@ def path(tmp_path, proved):
 @pytest.mark.parametrize("size", [1, 2, 3, 5, 9])
 def test_chunks_hold_the_transforms_of_their_images(path, proved, size):
     with open_proofs(path) as results:
-        chunks = list(results.chunks(size))
+        chunks = list(proof_chunks(results, size))
         assert results.count == 5
         assert results.landmark_names == proved.landmark_names
         assert results.attributes["method"] == "convex"
@@ -73,7 +73,7 @@ def test_results_without_a_proof_are_read(tmp_path, results):
     with result_writer(tmp_path / "old.h5") as writer:
         writer.append(results)
     with open_proofs(tmp_path / "old.h5") as found:
-        (chunk,) = found.chunks(9)
+        (chunk,) = proof_chunks(found, 9)
     assert chunk.dual is None
     assert chunk.transform_count is None
 
@@ -85,4 +85,4 @@ def test_counts_that_do_not_fit_are_refused(path, count, message):
     with h5py.File(path, "r+") as file:
         file["transform_count"][3] = count
     with open_proofs(path) as results, pytest.raises(InputError, match=message):
-        list(results.chunks(2))
+        list(proof_chunks(results, 2))

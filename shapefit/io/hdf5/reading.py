@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,17 @@ from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.extras import is_per_item
 from shapefit.io.hdf5.opening import open_hdf5
 from shapefit.io.hdf5.pieces import Stored, read_rows, size_in_memory, was_written
-from shapefit.io.layout import AXES, FORMATS, LANDMARKS, PER_ITEM_FLAG, SHAPES, Dataset, Format
+from shapefit.io.layout import (
+    AXES,
+    FORMATS,
+    LANDMARKS,
+    PER_ITEM_FLAG,
+    SHAPES,
+    Dataset,
+    Format,
+    fit_axes,
+    fits_kind,
+)
 from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.problems import input_problems
 from shapefit.io.stored.reader import StoredReader, is_text, wanted
@@ -95,6 +105,19 @@ def stranger(file: Any, form: str = "") -> tuple[str, str]:
 
 CACHE_BYTES = 1 << 20
 """Of chunks that are kept for each dataset; by default HDF5 keeps 8 MB, and rows are read once."""
+
+
+@contextmanager
+def damage(place: str | Path) -> Iterator[None]:
+    """Turn what h5py raises for a truncated or damaged file into an InputError."""
+    try:
+        yield
+    except UnicodeDecodeError:
+        raise
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
+        reason = str(error).partition("\n")[0]
+        fix = "the file may be cut off or damaged: copy or make it again"
+        raise input_error(place, f"cannot be read ({reason})", fix) from error
 
 
 class Hdf5Reader(StoredReader):
@@ -243,27 +266,13 @@ class Hdf5Reader(StoredReader):
 
     def _wrong_shape(self, node: Any, dataset: Dataset) -> str | None:
         shape = node.shape or ()
-        agrees = len(shape) == len(dataset.axes)
-        for axis, length in zip(dataset.axes, shape, strict=False):
-            size = self._sizes.setdefault(axis, length) if isinstance(axis, str) else axis
-            agrees = agrees and size == length
-        if agrees:
+        if fit_axes(dataset.axes, shape, self._sizes):
             return None
         sizes = ", ".join(str(self._sizes.get(str(axis), axis)) for axis in dataset.axes)
         return f"has the shape {shape}; {wanted(dataset)}, here ({sizes})"
 
-    @contextmanager
-    def _damage(self, name: str = "") -> Iterator[None]:
-        """Turn what h5py raises for a truncated or damaged file into an InputError."""
-        try:
-            yield
-        except UnicodeDecodeError:
-            raise
-        except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
-            place = self.place(name) if name else self.path
-            reason = str(error).partition("\n")[0]
-            fix = "the file may be cut off or damaged: copy or make it again"
-            raise input_error(place, f"cannot be read ({reason})", fix) from error
+    def _damage(self, name: str = "") -> AbstractContextManager[None]:
+        return damage(self.place(name) if name else self.path)
 
 
 def _is_text(dataset: Any) -> bool:
@@ -272,13 +281,7 @@ def _is_text(dataset: Any) -> bool:
 
 def _wrong_kind(node: Any, dataset: Dataset) -> str | None:
     text = _is_text(node)
-    fits = {
-        "number": node.dtype.kind in "biuf",
-        "index": node.dtype.kind in "iu",
-        "text": text,
-        "label": text or node.dtype.kind in "iu",
-    }
-    if fits[dataset.kind]:
+    if fits_kind("O" if text else node.dtype.kind.replace("O", ""), dataset):
         return None
     return f"holds values of type {'text' if text else node.dtype}; {wanted(dataset)}"
 
@@ -299,14 +302,9 @@ def _plain(value: Any) -> Any:
 
 def hdf5_form(path: Path) -> Format:
     """Return the layout that an HDF5 file says it has. Raises InputError where it is not ours."""
-    try:
-        with open_hdf5(path) as file:
-            stated = file.attrs.get("format")
-            wrong = stranger(file) if stated is None else None
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
-        found = f"cannot be read ({str(error).partition(chr(10))[0]})"
-        fix = "the file may be cut off or damaged: copy or make it again"
-        raise input_error(path, found, fix) from error
+    with damage(path), open_hdf5(path) as file:
+        stated = file.attrs.get("format")
+        wrong = stranger(file) if stated is None else None
     if wrong is not None:
         raise input_error(path, *wrong)
     name = stated.decode("utf-8", "replace") if isinstance(stated, bytes | np.bytes_) else stated

@@ -9,7 +9,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.io.joined import Source, SourceFile
 from shapefit.io.kinds.dictionaries import check_dictionary
 from shapefit.io.landmark_names import check_known
-from shapefit.io.layout import DICTIONARY, Format
+from shapefit.io.layout import DICTIONARY, Format, fit_axes
 from shapefit.io.name_index import ItemList
 from shapefit.io.records import LandmarkSet, Record
 from shapefit.io.stored.checks import check_values
@@ -23,16 +23,11 @@ class Given:
         self._values: Mapping[str, Any] = {
             dataset.name: getattr(record, dataset.attribute) for dataset in form.datasets
         }
-        self._sizes = {
-            axis: size
-            for dataset in form.datasets
-            if (value := self._values[dataset.name]) is not None
-            for axis, size in zip(
-                dataset.memory_axes,
-                (len(value),) if dataset.kind == "text" else value.shape,
-                strict=True,
-            )
-        }
+        self._sizes: dict[str, int] = {}
+        for dataset in form.datasets:
+            if (value := self._values[dataset.name]) is not None:
+                shape = (len(value),) if dataset.kind == "text" else value.shape
+                fit_axes(dataset.memory_axes, shape, self._sizes)
         self.landmark_names: tuple[str, ...] = record.landmark_names
 
     def has(self, name: str) -> bool:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from shapefit.errors import input_error
 from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.foreign.opening import group_inputs, mixture, open_recording
 from shapefit.io.foreign.sources import without_gaps
@@ -20,11 +22,15 @@ from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.problems import Axis, check_magnitudes, warn_of_zeros
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.sources import source_name
-from shapefit.io.stored.files import stored_file
+from shapefit.io.stored.files import open_stored, read_rows, stored_file
+from shapefit.io.stored.reader import StoredReader
 from shapefit.io.writing import record_writer
 
 PROOFS = PROOF + TREES
-"""Datasets of results that stay in the file unless they are asked for, see proofs.py."""
+"""Datasets of results that stay in the file unless they are asked for."""
+
+UNNEEDED = ("iterations", "mesh_vertices")
+"""Datasets that nothing is claimed of."""
 
 
 def open_landmarks(
@@ -91,6 +97,25 @@ def read_results(path: Path, *, proofs: bool = False) -> ResultSet:
     """
     with open_results([path], () if proofs else PROOFS) as source:
         return source.whole()
+
+
+@contextmanager
+def open_proofs(path: Path) -> Iterator[StoredReader]:
+    """Open a result for its proofs. Raises InputError where it is CSV, or not a result."""
+    if find_format(path).reader is None:
+        found = "is neither HDF5 nor Parquet, and CSV holds points only"
+        fix = "give a result that `shapefit fit` wrote to a name in .h5 or .parquet"
+        raise input_error(path, found, fix)
+    with open_stored(path, RESULTS) as reader:
+        yield reader
+
+
+def proof_chunks(reader: StoredReader, size: int, *, sequences: bool = True) -> Iterator[ResultSet]:
+    """Give out results with their proofs, `size` at a time, with or without sequences."""
+    without = UNNEEDED if sequences else (*UNNEEDED, "sequence")
+    unneeded = [dataset for dataset in RESULTS.datasets if dataset.name in without]
+    for start in range(0, reader.count, size):
+        yield read_rows(reader, slice(start, min(start + size, reader.count)), unneeded)
 
 
 def write_shapes(path: Path, shapes: ShapeSet) -> None:

@@ -14,7 +14,17 @@ import numpy as np
 
 from shapefit.errors import abbreviate, input_error
 from shapefit.io.extras import Array
-from shapefit.io.layout import DICTIONARY, FORMATS, LANDMARKS, RESULTS, SHAPES, Dataset, Format
+from shapefit.io.layout import (
+    DICTIONARY,
+    FORMATS,
+    LANDMARKS,
+    RESULTS,
+    SHAPES,
+    Dataset,
+    Format,
+    fit_axes,
+    fits_kind,
+)
 from shapefit.io.memory import check_fits
 from shapefit.io.parquet.columns import Place, column_type, in_one, to_array, to_ragged
 from shapefit.io.parquet.library import damage, pyarrow
@@ -25,7 +35,6 @@ from shapefit.io.parquet.schema import (
     SHAPE,
     columns_of,
     find_row_shapes,
-    fits_kind,
     said_of,
 )
 from shapefit.io.parquet.streams import ColumnStream, row_group_starts, stored_bytes
@@ -161,11 +170,8 @@ class ParquetReader(StoredReader):
                 continue
             self._present.add(dataset.name)
             values = self._whole[dataset.name]
-            expected = tuple(
-                axis if isinstance(axis, int) else self._sizes.setdefault(axis, size)
-                for axis, size in zip(dataset.axes, values.shape, strict=False)
-            )
-            if not fits_kind(values.dtype.kind, dataset) or values.shape != expected:
+            fits = fit_axes(dataset.axes, values.shape, self._sizes)
+            if not fits or not fits_kind(values.dtype.kind, dataset):
                 found = f"holds {values.dtype} of the shape {values.shape}"
                 raise input_error(self.place(dataset.name), found, wanted(dataset))
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from shapefit.errors import input_error
 from shapefit.io.extras import Array, names_apart
-from shapefit.io.layout import AXES, Dataset, Format
+from shapefit.io.layout import AXES, Dataset, Format, fits_kind
 from shapefit.io.parquet.columns import column_type, to_column, to_ragged_column
 from shapefit.io.parquet.library import pyarrow
 from shapefit.io.stored.writer import as_stored, storable
@@ -101,9 +101,6 @@ def said_of(field: Any, key: str) -> str | None:
     return None if said is None else said.decode("utf-8", "replace")
 
 
-KINDS = {"number": "biuf", "index": "iu", "text": "O", "label": "Oiu"}
-"""Types of NumPy that the kinds of datasets can have."""
-
 Shape = tuple[int, ...]
 
 
@@ -146,11 +143,6 @@ def find_row_shapes(
                 problems.append(f"column {name}: {found}; {_wanted(dataset, form)}")
             shapes[dataset.name] = shape if len(columns) == 1 else (*shape, len(columns))
     return shapes, problems
-
-
-def fits_kind(kind: str, dataset: Dataset) -> bool:
-    """Whether values of a type of NumPy can be a dataset."""
-    return bool(kind) and kind in KINDS[dataset.kind]
 
 
 def _shape(axes: tuple[str | int, ...], sizes: dict[str, int], row: int | None) -> Shape:

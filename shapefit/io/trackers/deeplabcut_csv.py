@@ -7,7 +7,6 @@ column is the number of the frame, or the path of an image, which may be split i
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from io import StringIO
@@ -15,15 +14,12 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-import orjson
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error, printable
 from shapefit.io.csv.numbers import read_numbers
 from shapefit.io.csv.text import (
-    COMMA,
-    LINE_END,
     Section,
     bad_line,
     read_rows,
@@ -31,6 +27,7 @@ from shapefit.io.csv.text import (
     split_columns,
 )
 from shapefit.io.foreign.recording import Instances, Recording, video_name
+from shapefit.io.motion.text import read_plain
 from shapefit.io.problems import Problems
 from shapefit.io.sources import source_name
 from shapefit.io.trackers.columns import Layout, arrange
@@ -40,11 +37,6 @@ from shapefit.io.trackers.reading import BLOCK_FRAMES
 HEADER = ("scorer", "individuals", "bodyparts", "coords")
 
 Columns = Sequence[Sequence[str]]
-
-PLAIN = b"0123456789+-.eE,\nnaN"
-"""The letters of a section that holds nothing but numbers."""
-
-MISSING = re.compile(rb"(?<=,)(?:nan|NaN|NAN)(?=[,\n])")
 
 ABSENT = {"NA", "N/A", "#N/A", "NULL", "null", "None"}
 """Cells that pandas takes for missing, besides those of nan."""
@@ -161,28 +153,14 @@ class _Table:
 
     def _fast(self, section: Section) -> _Rows | None:
         """Read a section that holds numbers alone; None for others, which `_slow` reads."""
-        data = section.data.replace(b"\r\n", b"\n") if b"\r" in section.data else section.data
-        if not self._is_numbered or self._indices != 1 or data.translate(None, PLAIN):
+        if not self._is_numbered or self._indices != 1:
             return None
-        data = data.removesuffix(b"\n") + b"\n"
-        letters = np.frombuffer(data, np.uint8)
-        ends = np.flatnonzero(letters == LINE_END)
-        borders = np.flatnonzero((letters == COMMA) | (letters == LINE_END))
-        width = self._width
-        if len(borders) != len(ends) * width or (borders[width - 1 :: width] != ends).any():
+        lines = section.text.replace("\r\n", "\n").removesuffix("\n").split("\n")
+        values = read_plain(lines, ",", self._width)
+        if values is None or not np.isfinite(values[:, 0]).all():
             return None
-        if (np.diff(borders) == 1).any() or b"n" in data or b"N" in data:
-            data = _with_nulls(data)
-        try:
-            numbers = orjson.loads(b"[" + data[:-1].replace(b"\n", b",") + b"]")
-        except orjson.JSONDecodeError:
-            return None
-        values = np.array(numbers, np.float64).reshape(len(ends), self._width)
-        places = values[:, 0]
-        if not np.isfinite(places).all():
-            return None
-        labels = [number_label(place) for place in places.tolist()]
-        return _Rows(labels, values, np.arange(section.line, section.line + len(ends)))
+        labels = [number_label(place) for place in values[:, 0].tolist()]
+        return _Rows(labels, values, np.arange(section.line, section.line + len(lines)))
 
     def _slow(self, section: Section, problems: Problems) -> _Rows:
         """Read any section, and say what is wrong with its cells."""
@@ -259,16 +237,6 @@ def _joined(held: list[_Rows]) -> _Rows:
         np.concatenate([rows.values for rows in held]),
         np.concatenate([rows.lines for rows in held]),
     )
-
-
-def _with_nulls(data: bytes) -> bytes:
-    """Return lines of numbers whose empty cells, and those with nan, are null."""
-    if b"n" in data or b"N" in data:
-        data = MISSING.sub(b"null", data)
-    if b",," in data or b",\n" in data:
-        data = data.replace(b",,", b",null,").replace(b",,", b",null,")
-        data = data.replace(b",\n", b",null\n")
-    return data
 
 
 def _split_lines(section: Section, name: str, count: int) -> Iterator[list[str]]:
