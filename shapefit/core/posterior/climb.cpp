@@ -4,12 +4,9 @@ namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
 constexpr double LONGEST = 0.5;    // step, in radians and log s
-constexpr double STILL = 1e-6;     // step that ends the climb
 constexpr double FIRST_DAMPING = 1e-3, EASE = 0.1, HARDEN = 8, MOST_DAMPING = 1e7;
-constexpr double HOPELESS = 25;    // below the best so far in log evidence
-constexpr long EARLY = 2;  // rounds at the start in which the view rests, and the belief in a
-                           // landmark comes from the others
-constexpr double DIFFERENCE = 1e-6;  // of the Hessian, to one side
+constexpr long EARLY = 3;  // values at the start, while the view rests
+constexpr double DIFFERENCE = 2e-7;  // of the Hessian, to one side
 
 Lanes select(Lanes mask, Lanes yes, Lanes no) { return mask > 0.5 ? yes : no; }
 Lanes indicate(Lanes value) { return value > 0.0 ? all(1.0) : Lanes{}; }
@@ -82,84 +79,108 @@ void take(Lanes kept, LaneView& to, const LaneView& from) {
     to.log_scale = select(kept, from.log_scale, to.log_scale);
 }
 
-}  // namespace
-
-Climb::Climb(Workspace& workspace, long p)
-    : belief(workspace.zeros<Lanes>(p)),
-      next(workspace.zeros<Lanes>(p)),
-      tried_belief(workspace.zeros<Lanes>(p)),
-      tried_next(workspace.zeros<Lanes>(p)) {}
-
-long climb(const PosteriorData& data, const Observed& seen, const Pack& pack, Lanes log_weight,
-           double& best, const LikelihoodSpace& space, Climb& at) {
-    const long m = seen.m;
-    for (long j = 0; j < m; ++j) at.belief[j] = all(1.0);
-    find_likelihood(data, seen, pack, at.view, at.belief, true, space, at.found, at.next);
-    Lanes B[VIEW * VIEW], damping = all(FIRST_DAMPING), moving = all(1.0);
-    for (int e = 0; e < VIEW * VIEW; ++e) B[e] = at.found.curvature[e];
-    long steps = 0;
-    for (long round = 0; round < data.most_rounds && largest(moving) > 0; ++round) {
-        ++steps;
-        Lanes A[VIEW * VIEW], minus[VIEW], step[VIEW];
-        for (int e = 0; e < VIEW * VIEW; ++e) A[e] = B[e];
-        for (int i = 0; i < VIEW; ++i) {
-            A[(VIEW + 1) * i] += damping * (A[(VIEW + 1) * i] + 1e-6);
-            minus[i] = -at.found.gradient[i];
-        }
-        solve_small(A, minus, step);
-        Lanes length = {}, slope = {};
-        for (int i = 0; i < VIEW; ++i) length += step[i] * step[i];
-        length = root(length);
-        const bool early = data.chance > 0 && round < EARLY;
-        const Lanes cut = (early ? Lanes{} : moving) * smaller(all(1.0), LONGEST / larger(length, all(1e-300)));
-        for (int i = 0; i < VIEW; ++i) {
-            step[i] *= cut;
-            slope -= step[i] * at.found.gradient[i];
-        }
-        move(at.view, step, at.tried);
-        for (long j = 0; j < m; ++j) at.tried_belief[j] = at.next[j];
-        find_likelihood(data, seen, pack, at.tried, at.tried_belief, early, space, at.there,
-                        at.tried_next);
-        const Lanes gain = at.there.value - at.found.value;
-        const Lanes kept = early ? moving : moving * indicate(gain + 1e-9);
-        Lanes change[VIEW], mended[VIEW * VIEW];
-        for (int i = 0; i < VIEW; ++i) change[i] = at.there.gradient[i] - at.found.gradient[i];
-        for (int e = 0; e < VIEW * VIEW; ++e) mended[e] = data.chance > 0 ? at.there.curvature[e] : B[e];
-        mend(mended, step, change);
-        for (int e = 0; e < VIEW * VIEW; ++e) B[e] = select(kept, mended[e], B[e]);
-        take(kept, at.view, at.tried);
-        Lanes* to = &at.found.value;
-        const Lanes* from = &at.there.value;
-        for (unsigned e = 0; e < sizeof(Likelihood) / sizeof(Lanes); ++e) to[e] = select(kept, from[e], to[e]);
-        for (long j = 0; j < m; ++j) {
-            at.belief[j] = select(kept, at.tried_belief[j], at.belief[j]);
-            at.next[j] = select(kept, at.tried_next[j], at.next[j]);
-        }
-        damping = select(kept, larger(damping * EASE, all(1e-9)), damping * HARDEN);
-        const Lanes value = at.found.value + log_weight;
-        best = larger(best, largest(value));
-        const Lanes still = indicate(STILL - length) * indicate(1e-6 - gain) * kept;
-        const Lanes lost = indicate(best - HOPELESS - value - 4.0 * slope) * kept;
-        moving *= (early ? all(1.0) : (1.0 - still) * (1.0 - lost)) * indicate(MOST_DAMPING - damping);
-    }
-    return steps;
+void keep(Lanes kept, Likelihood& to, const Likelihood& from) {
+    Lanes* old = &to.value;
+    const Lanes* other = &from.value;
+    for (unsigned e = 0; e < sizeof(Likelihood) / sizeof(Lanes); ++e)
+        old[e] = select(kept, other[e], old[e]);
 }
 
-void measure_hessian(const PosteriorData& data, const Observed& seen, const Pack& pack,
-                     const LikelihoodSpace& space, Climb& at) {
+// The damped step, and what it promises to gain.
+Lanes propose(const Climb& at, Lanes* step) {
+    Lanes A[VIEW * VIEW], down[VIEW], slope = {}, length = {};
+    for (int e = 0; e < VIEW * VIEW; ++e) A[e] = at.curvature[e];
     for (int i = 0; i < VIEW; ++i) {
-        Lanes step[VIEW] = {};
-        step[i] = all(DIFFERENCE);
-        move(at.view, step, at.tried);
-        find_likelihood(data, seen, pack, at.tried, at.belief, false, space, at.there,
-                        at.tried_next);
+        A[(VIEW + 1) * i] += at.damping * (A[(VIEW + 1) * i] + 1e-6);
+        down[i] = -at.found.gradient[i];
+    }
+    solve_small(A, down, step);
+    for (int i = 0; i < VIEW; ++i) length += step[i] * step[i];
+    const Lanes cut = at.moving * smaller(all(1.0), LONGEST / larger(root(length), all(1e-300)));
+    for (int i = 0; i < VIEW; ++i) slope += (step[i] *= cut) * down[i];
+    return 0.5 * slope;
+}
+
+}  // namespace
+
+ClimbSpace::ClimbSpace(Workspace& workspace, long p)
+    : likelihood(workspace, p),
+      belief(workspace.zeros<Lanes>(p)),
+      next(workspace.zeros<Lanes>(p)) {}
+
+void begin(const PosteriorData& data, const Observed& seen, const Pack& pack, ClimbSpace& space,
+           Climb& at) {
+    const long m = seen.m;
+    for (long j = 0; j < m; ++j) at.next(m)[j] = all(1.0);
+    for (long round = 0; round < (data.chance > 0 ? EARLY : 1); ++round) {
+        for (long j = 0; j < m; ++j) at.belief()[j] = at.next(m)[j];
+        find_likelihood(data, seen, pack, at.view, at.belief(), true, space.likelihood, at.found,
+                        at.next(m));
+    }
+    for (int e = 0; e < VIEW * VIEW; ++e) at.curvature[e] = at.found.curvature[e];
+    at.damping = all(FIRST_DAMPING);
+    at.moving = all(1.0);
+    Lanes step[VIEW];
+    at.hope = propose(at, step);
+}
+
+void climb(const PosteriorData& data, const Observed& seen, const Pack& pack, long rounds,
+           ClimbSpace& space, Climb& at) {
+    const long m = seen.m;
+    for (long round = 0; round < rounds && largest(at.moving) > 0; ++round) {
+        Lanes step[VIEW], change[VIEW], mended[VIEW * VIEW];
+        propose(at, step);
+        move(at.view, step, space.view);
+        for (long j = 0; j < m; ++j) space.belief[j] = at.next(m)[j];
+        find_likelihood(data, seen, pack, space.view, space.belief, false, space.likelihood,
+                        space.found, space.next);
+        const Lanes gain = space.found.value - at.found.value;
+        const Lanes kept = at.moving * indicate(gain + 1e-9);
+        for (int i = 0; i < VIEW; ++i) change[i] = space.found.gradient[i] - at.found.gradient[i];
+        for (int e = 0; e < VIEW * VIEW; ++e)
+            mended[e] = data.chance > 0 ? space.found.curvature[e] : at.curvature[e];
+        mend(mended, step, change);
+        for (int e = 0; e < VIEW * VIEW; ++e)
+            at.curvature[e] = select(kept, mended[e], at.curvature[e]);
+        take(kept, at.view, space.view);
+        keep(kept, at.found, space.found);
+        for (long j = 0; j < m; ++j) {
+            at.belief()[j] = select(kept, space.belief[j], at.belief()[j]);
+            at.next(m)[j] = select(kept, space.next[j], at.next(m)[j]);
+        }
+        at.damping = select(kept, larger(at.damping * EASE, all(1e-9)), at.damping * HARDEN);
+        at.hope = propose(at, step);
+        const Lanes still = indicate(data.still - at.hope) * indicate(data.still - gain) * kept;
+        at.moving *= (1.0 - still) * indicate(MOST_DAMPING - at.damping);
+    }
+}
+
+void finish(const PosteriorData& data, const Observed& seen, const Pack& pack, ClimbSpace& space,
+            Climb& at) {
+    Lanes *H = at.curvature, down[VIEW], step[VIEW];
+    for (int i = 0; i < VIEW; ++i) {
+        Lanes to[VIEW] = {};
+        to[i] = all(DIFFERENCE);
+        move(at.view, to, space.view);
+        find_likelihood(data, seen, pack, space.view, at.belief(), false, space.likelihood,
+                        space.found, space.next);
         for (int j = 0; j < VIEW; ++j)
-            at.hessian[VIEW * i + j] = (at.there.gradient[j] - at.found.gradient[j]) / DIFFERENCE;
+            H[VIEW * i + j] = (space.found.gradient[j] - at.found.gradient[j]) / DIFFERENCE;
+        down[i] = -at.found.gradient[i];
     }
     for (int i = 0; i < VIEW; ++i)
         for (int j = 0; j < i; ++j)
-            at.hessian[VIEW * i + j] = at.hessian[VIEW * j + i] =
-                0.5 * (at.hessian[VIEW * i + j] + at.hessian[VIEW * j + i]);
+            H[VIEW * i + j] = H[VIEW * j + i] = 0.5 * (H[VIEW * i + j] + H[VIEW * j + i]);
+    solve_small(H, down, step);
+    Lanes gain = {}, length = {};
+    for (int i = 0; i < VIEW; ++i) {
+        gain += 0.5 * step[i] * down[i];
+        length += step[i] * step[i];
+    }
+    const Lanes small = indicate(0.1 - length) * indicate(1.0 - gain);
+    for (int i = 0; i < VIEW; ++i) step[i] *= small;
+    move(at.view, step, at.view);
+    at.found.value += small * gain;
 }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

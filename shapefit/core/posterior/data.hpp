@@ -23,6 +23,7 @@ struct PosteriorData {
     double chance = from("chance");  // that a landmark is gross
     double density = from("density");  // of gross landmarks, per area in their unit
     long most_rounds = from("max_rounds");
+    double still = from("still");  // a climb ends when the log likelihood gains less
     Tensor<double> mean = from("mean", "n 3 p");  // of y = s (R x + t), mean depth 0
     Tensor<double> deviation = from("deviation", "n 3 p");  // its standard deviations
     // of x with y, x with z and y with z of a landmark

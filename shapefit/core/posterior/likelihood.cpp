@@ -1,5 +1,6 @@
 #include "likelihood.hpp"
 
+#include "../algebra/exponential.hpp"
 #include "../algebra/logarithm.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
@@ -9,7 +10,7 @@ constexpr double LOG_TWO_PI = 1.8378770664093453;
 constexpr double LEAST_PIVOT = 1e-12;
 
 Lanes exponential(Lanes x) {
-    for (int lane = 0; lane < WIDTH; ++lane) x[lane] = exp(x[lane]);
+    for (int lane = 0; lane < WIDTH; ++lane) x[lane] = power_of_e(x[lane]);
     return x;
 }
 
@@ -32,8 +33,9 @@ struct Noise {
 
 void centre(const Observed& seen, const Pack& pack, const LaneView& view, Lanes shrunk,
             const LikelihoodSpace& space) {
+    const long N = 2 * seen.m;
     for (long j = 0; j < seen.m; ++j) {
-        const Lanes* mu = pack.mean + 3 * seen.index[j];
+        const Lanes* mu = pack.mean + 3 * j;
         for (int a = 0; a < 3; ++a)
             space.mean[3 * j + a] = view.R[3 * a] * mu[0] + view.R[3 * a + 1] * mu[1] +
                                     view.R[3 * a + 2] * mu[2];
@@ -41,39 +43,41 @@ void centre(const Observed& seen, const Pack& pack, const LaneView& view, Lanes 
             const double slope = seen.slope[2 * j + a];
             for (int c = 0; c < 3; ++c)
                 space.A[6 * j + 3 * a + c] = view.R[3 * a + c] - slope * view.R[6 + c];
+            space.r[N * (1 + a) + 2 * j + a] = all(1.0);
+            space.r[N * (2 - a) + 2 * j + a] = Lanes{};
             space.y[2 * j + a] = seen.w[2 * j + a] * shrunk;
             space.r[2 * j + a] = space.y[2 * j + a] - space.mean[3 * j + a] + slope * space.mean[3 * j + 2];
         }
     }
 }
 
-[[gnu::always_inline]] inline const Lanes* block_of(const Observed& seen, const Pack& pack, long j,
-                                                    long k) {
-    return pack.covariance + 9 * (corner(seen.index[j]) + seen.index[k]);
-}
-
-// T = A_j C (2, 3)
-[[gnu::always_inline]] inline void project_rows(const Lanes* A, const Lanes* C, Lanes* T) {
-    for (int a = 0; a < 2; ++a)
-        for (int c = 0; c < 3; ++c)
-            T[3 * a + c] = A[3 * a] * C[c] + A[3 * a + 1] * C[3 + c] + A[3 * a + 2] * C[6 + c];
-}
-
-void fill_covariance(const Observed& seen, const Pack& pack, Lanes shrunk, const Lanes* belief,
-                     const LikelihoodSpace& space) {
+// S_0, and the covariances F_jk = z^T R C_jk A_k^T of the depth of j with what is seen of k.
+void fill_covariance(const Observed& seen, const Pack& pack, const LaneView& view, Lanes shrunk,
+                     const Lanes* belief, const LikelihoodSpace& space) {
+    const long N = 2 * seen.m;
+    const Lanes* z = view.R + 6;
     for (long j = 0; j < seen.m; ++j) {
-        Lanes* upper = space.L + corner(2 * j);
-        Lanes* lower = space.L + corner(2 * j + 1);
+        Lanes *upper = space.L + corner(2 * j), *lower = space.L + corner(2 * j + 1);
+        Lanes Aj[6];
+        for (int e = 0; e < 6; ++e) Aj[e] = space.A[6 * j + e];
         for (long k = 0; k <= j; ++k) {
-            Lanes T[6];
-            project_rows(space.A + 6 * j, block_of(seen, pack, j, k), T);
-            const Lanes* A = space.A + 6 * k;
-            const Lanes first = T[0] * A[0] + T[1] * A[1] + T[2] * A[2] + TAU_SQUARE;
-            const Lanes last = T[3] * A[3] + T[4] * A[4] + T[5] * A[5] + TAU_SQUARE;
-            upper[2 * k] = first;
+            const Lanes *C = pack.covariance + 9 * (corner(j) + k), *A = space.A + 6 * k;
+            Lanes T[9];  // A_j C_jk, then z^T R C_jk
+            for (int c = 0; c < 3; ++c) {
+                T[c] = Aj[0] * C[c] + Aj[1] * C[3 + c] + Aj[2] * C[6 + c];
+                T[3 + c] = Aj[3] * C[c] + Aj[4] * C[3 + c] + Aj[5] * C[6 + c];
+                T[6 + c] = z[0] * C[c] + z[1] * C[3 + c] + z[2] * C[6 + c];
+            }
+            const Lanes last = T[3] * A[3] + T[4] * A[4] + T[5] * A[5];
+            upper[2 * k] = T[0] * A[0] + T[1] * A[1] + T[2] * A[2];
             lower[2 * k] = T[3] * A[0] + T[4] * A[1] + T[5] * A[2];
             lower[2 * k + 1] = last;
             if (k < j) upper[2 * k + 1] = T[0] * A[3] + T[1] * A[4] + T[2] * A[5];
+            Lanes *Fj = space.F + j * N + 2 * k, *Fk = space.F + k * N + 2 * j;
+            Fk[0] = T[0] * z[0] + T[1] * z[1] + T[2] * z[2];
+            Fk[1] = T[3] * z[0] + T[4] * z[1] + T[5] * z[2];
+            Fj[0] = T[6] * A[0] + T[7] * A[1] + T[8] * A[2];
+            Fj[1] = T[6] * A[3] + T[7] * A[4] + T[8] * A[5];
         }
         const Noise N = noise_of(seen, j, shrunk);
         const Lanes share = 1.0 / belief[j];
@@ -83,22 +87,18 @@ void fill_covariance(const Observed& seen, const Pack& pack, Lanes shrunk, const
     }
 }
 
-// Four sums sum_k a_k b_k of two rows with two rows.
+// Four sums of products of two numbers with two numbers.
 struct FourSums {
     Lanes s00 = {}, s01 = {}, s10 = {}, s11 = {};
-    [[gnu::always_inline]] void add(const Lanes* a0, const Lanes* a1, const Lanes* b0,
-                                    const Lanes* b1, long first, long last) {
-        for (long k = first; k < last; ++k) {
-            const Lanes x0 = a0[k], x1 = a1[k], z0 = b0[k], z1 = b1[k];
-            s00 += x0 * z0;
-            s01 += x0 * z1;
-            s10 += x1 * z0;
-            s11 += x1 * z1;
-        }
+    [[gnu::always_inline]] void add(Lanes a0, Lanes a1, Lanes b0, Lanes b1) {
+        s00 += a0 * b0;
+        s01 += a0 * b1;
+        s10 += a1 * b0;
+        s11 += a1 * b1;
     }
 };
 
-// S = L L^T in place, two rows at a time; returns log det S.
+// S_0 = L L^T in place, two rows at a time; returns log det S_0.
 Lanes factorise(long N, const LikelihoodSpace& space) {
     Lanes log_det = {}, product = all(1.0);
     for (long i = 0; i < N; i += 2) {
@@ -106,14 +106,14 @@ Lanes factorise(long N, const LikelihoodSpace& space) {
         for (long j = 0; j < i; j += 2) {
             const Lanes *b0 = space.L + corner(j), *b1 = space.L + corner(j + 1);
             FourSums sums;
-            sums.add(a0, a1, b0, b1, 0, j);
+            for (long k = 0; k < j; ++k) sums.add(a0[k], a1[k], b0[k], b1[k]);
             a0[j] = (a0[j] - sums.s00) * space.reciprocal[j];
             a1[j] = (a1[j] - sums.s10) * space.reciprocal[j];
             a0[j + 1] = (a0[j + 1] - sums.s01 - a0[j] * b1[j]) * space.reciprocal[j + 1];
             a1[j + 1] = (a1[j + 1] - sums.s11 - a1[j] * b1[j]) * space.reciprocal[j + 1];
         }
         FourSums sums;
-        sums.add(a0, a1, a0, a1, 0, i);
+        for (long k = 0; k < i; ++k) sums.add(a0[k], a1[k], a0[k], a1[k]);
         const Lanes first = larger(a0[i] - sums.s00, all(LEAST_PIVOT));
         space.reciprocal[i] = 1.0 / root(first);
         a0[i] = first * space.reciprocal[i];
@@ -130,103 +130,178 @@ Lanes factorise(long N, const LikelihoodSpace& space) {
     return log_det;
 }
 
-// L^-1 by columns, two columns and two rows at a time.
+// L <- L^-1 in place, two rows and two columns at a time.
 void invert(long N, const LikelihoodSpace& space) {
-    for (long j = 0; j < N; j += 2) {
-        Lanes *c0 = space.inverse + j * N, *c1 = c0 + N;
-        c0[j] = space.reciprocal[j];
-        c0[j + 1] = -space.L[corner(j + 1) + j] * c0[j] * space.reciprocal[j + 1];
-        c1[j] = Lanes{};
-        c1[j + 1] = space.reciprocal[j + 1];
-        for (long i = j + 2; i < N; i += 2) {
-            const Lanes *a0 = space.L + corner(i), *a1 = space.L + corner(i + 1);
+    for (long i = 0; i < N; i += 2) {
+        Lanes *a0 = space.L + corner(i), *a1 = space.L + corner(i + 1);
+        const Lanes first = space.reciprocal[i], second = space.reciprocal[i + 1];
+        for (long j = 0; j < i; j += 2) {
+            const Lanes *b0 = space.L + corner(j) + j, *b1 = space.L + corner(j + 1) + j;
             FourSums sums;
-            sums.add(a0, a1, c0, c1, j, i);
-            c0[i] = -sums.s00 * space.reciprocal[i];
-            c1[i] = -sums.s01 * space.reciprocal[i];
-            c0[i + 1] = -(sums.s10 + a1[i] * c0[i]) * space.reciprocal[i + 1];
-            c1[i + 1] = -(sums.s11 + a1[i] * c1[i]) * space.reciprocal[i + 1];
-        }
-    }
-}
-
-// out = L^-1 x
-void whiten(long N, const LikelihoodSpace& space, const Lanes* x, Lanes* __restrict out) {
-    for (long i = 0; i < N; ++i) out[i] = Lanes{};
-    for (long j = 0; j < N; ++j) {
-        const Lanes* column = space.inverse + j * N;
-        const Lanes factor = x[j];
-        for (long i = j; i < N; ++i) out[i] += column[i] * factor;
-    }
-}
-
-// alpha = L^-T white; returns |white|^2.
-Lanes solve(long N, const LikelihoodSpace& space) {
-    whiten(N, space, space.r, space.white);
-    Lanes square = {};
-    for (long i = 0; i < N; ++i) {
-        const Lanes* column = space.inverse + i * N;
-        Lanes total = {};
-        for (long k = i; k < N; ++k) total += column[k] * space.white[k];
-        space.alpha[i] = total;
-        square += space.white[i] * space.white[i];
-    }
-    return square;
-}
-
-// Z += (z_0 z_1) P_j for the row c.
-[[gnu::always_inline]] inline void add_along_ray(Lanes z0, Lanes z1, const double* slope, Lanes* row) {
-    row[0] += z0;
-    row[1] += z1;
-    row[2] -= slope[0] * z0 + slope[1] * z1;
-}
-
-// X = R mu + R C A^T alpha, and Z = sum_jk C_kj A_j^T S^-1_jk P_k (3, 3), whose turned form gives
-// tr(S^-1 dS) / 2 = tr(G R Z) for a turn R <- R + G R.
-void pull_back(const Observed& seen, const Pack& pack, const LaneView& view,
-               const LikelihoodSpace& space, Lanes* Z) {
-    const long N = 2 * seen.m;
-    const Lanes* R = view.R;
-    for (int e = 0; e < 9; ++e) Z[e] = Lanes{};
-    for (long j = 0; j < seen.m; ++j) space.X[3 * j] = space.X[3 * j + 1] = space.X[3 * j + 2] = Lanes{};
-    for (long j = 0; j < seen.m; ++j) {
-        const Lanes *a0 = space.inverse + 2 * j * N, *a1 = a0 + N;
-        for (long k = 0; k <= j; ++k) {
-            const Lanes *b0 = space.inverse + 2 * k * N, *b1 = b0 + N;
-            FourSums inverse;  // S^-1_jk
-            inverse.add(a0, a1, b0, b1, 2 * j, N);
-            const Lanes* C = block_of(seen, pack, j, k);
-            Lanes T[6];
-            project_rows(space.A + 6 * j, C, T);
-            const Lanes aj0 = space.alpha[2 * j], aj1 = space.alpha[2 * j + 1];
-            for (int c = 0; c < 3; ++c) {
-                add_along_ray(T[c] * inverse.s00 + T[3 + c] * inverse.s10,
-                              T[c] * inverse.s01 + T[3 + c] * inverse.s11, seen.slope + 2 * k,
-                              Z + 3 * c);
-                space.X[3 * k + c] += T[c] * aj0 + T[3 + c] * aj1;
+            sums.s00 = a0[j] * b0[0] + a0[j + 1] * b1[0];
+            sums.s10 = a1[j] * b0[0] + a1[j + 1] * b1[0];
+            sums.s01 = a0[j + 1] * b1[1];
+            sums.s11 = a1[j + 1] * b1[1];
+            for (long k = j + 2; k < i; ++k) {
+                const Lanes* row = space.L + corner(k) + j;
+                sums.add(a0[k], a1[k], row[0], row[1]);
             }
-            if (k == j) {
+            a0[j] = -sums.s00 * first;
+            a0[j + 1] = -sums.s01 * first;
+            a1[j] = -(sums.s10 + a1[i] * a0[j]) * second;
+            a1[j + 1] = -(sums.s11 + a1[i] * a0[j + 1]) * second;
+        }
+        a0[i] = first;
+        a1[i] = -a1[i] * first * second;
+        a1[i + 1] = second;
+    }
+}
+
+// out_v = L^-1 x_v for `count` right sides.
+template <int count>
+[[gnu::always_inline]] inline void whiten(long N, const LikelihoodSpace& space, const Lanes* x,
+                                          Lanes* __restrict out) {
+    for (long i = 0; i < N; ++i) {
+        const Lanes* row = space.L + corner(i);
+        Lanes sums[count] = {};
+        for (long j = 0; j <= i; ++j)
+            for (int v = 0; v < count; ++v) sums[v] += row[j] * x[v * N + j];
+        for (int v = 0; v < count; ++v) out[v * N + i] = sums[v];
+    }
+}
+
+// out_v = L^-T x_v likewise.
+template <int count>
+[[gnu::always_inline]] inline void whiten_back(long N, const LikelihoodSpace& space, const Lanes* x,
+                                               Lanes* __restrict out) {
+    for (long i = 0; i < N; ++i) {
+        Lanes sums[count] = {};
+        for (long k = i; k < N; ++k) {
+            const Lanes entry = space.L[corner(k) + i];
+            for (int v = 0; v < count; ++v) sums[v] += entry * x[v * N + k];
+        }
+        for (int v = 0; v < count; ++v) out[v * N + i] = sums[v];
+    }
+}
+
+// The translation t ~ N(0, TAU^2 I), of which the columns of B = S_0^-1 1 tell:
+//
+//     G = (1^T B + I / TAU^2)^-1,   E[t] = G 1^T S_0^-1 r,   S^-1 = S_0^-1 - B G B^T
+struct Translation {
+    Lanes xx, xy, yy;  // G
+    Lanes x, y;        // E[t]
+    Lanes square, log_det;  // <r, S^-1 r> and log det S, less those of S_0
+};
+
+// alpha = S_0^-1 (r - 1 E[t]) = S^-1 r, B and B G.
+Translation solve(long N, const LikelihoodSpace& space) {
+    whiten<3>(N, space, space.r, space.white);
+    whiten_back<3>(N, space, space.white, space.alpha);
+    Lanes *alpha = space.alpha, *Bx = alpha + N, *By = Bx + N;
+    Lanes xx = all(1 / TAU_SQUARE), xy = {}, yy = xx, x = {}, y = {};
+    for (long e = 0; e < N; e += 2) {
+        xx += Bx[e];
+        xy += By[e];
+        yy += By[e + 1];
+        x += alpha[e];
+        y += alpha[e + 1];
+    }
+    const Lanes det = xx * yy - xy * xy, scale = 1.0 / det;
+    Translation t{yy * scale, -xy * scale, xx * scale, {}, {}, {}, logarithm(det * square(TAU_SQUARE))};
+    t.x = t.xx * x + t.xy * y;
+    t.y = t.xy * x + t.yy * y;
+    t.square = -(x * t.x + y * t.y);
+    for (long e = 0; e < N; ++e) {
+        alpha[e] -= Bx[e] * t.x + By[e] * t.y;
+        space.BG[e] = Bx[e] * t.xx + By[e] * t.xy;
+        space.BG[N + e] = Bx[e] * t.xy + By[e] * t.yy;
+    }
+    return t;
+}
+
+// X = R mu + R C A^T alpha: in depth by F, and across by P X = y - N alpha - E[t].
+void expect(const Observed& seen, Lanes shrunk, const Lanes* belief, const Translation& t,
+            const LikelihoodSpace& space) {
+    const long N = 2 * seen.m;
+    for (long j = 0; j < seen.m; ++j) {
+        const Lanes *F = space.F + j * N, *alpha = space.alpha + 2 * j, *y = space.y + 2 * j;
+        const Noise noise = noise_of(seen, j, shrunk);
+        const Lanes share = 1.0 / belief[j];
+        Lanes z = space.mean[3 * j + 2];
+        for (long e = 0; e < N; ++e) z += F[e] * space.alpha[e];
+        Lanes* X = space.X + 3 * j;
+        X[0] = y[0] - (noise.xx * alpha[0] + noise.xy * alpha[1]) * share - t.x + seen.slope[2 * j] * z;
+        X[1] = y[1] - (noise.xy * alpha[0] + noise.yy * alpha[1]) * share - t.y + seen.slope[2 * j + 1] * z;
+        X[2] = z;
+    }
+}
+
+// The blocks S^-1_jj, and D_j = sum_k F_jk S^-1_kj (m, 2).
+void pull_back(const Observed& seen, const LikelihoodSpace& space) {
+    const long N = 2 * seen.m;
+    for (long e = 0; e < N; ++e) space.D[e] = Lanes{};
+    for (long j = 0; j < seen.m; ++j) {
+        const Lanes *first = space.L + corner(2 * j), *Fj = space.F + j * N;
+        Lanes* Dj = space.D + 2 * j;
+        for (long k = 0; k <= j; ++k) {
+            const Lanes* Fk = space.F + k * N + 2 * j;
+            FourSums inverse;  // S_0^-1_jk
+            inverse.s00 = first[2 * j] * first[2 * k];
+            if (k < j) inverse.s01 = first[2 * j] * first[2 * k + 1];
+            for (long i = 2 * j + 1; i < N; ++i) {
+                const Lanes* row = space.L + corner(i);
+                inverse.add(row[2 * j], row[2 * j + 1], row[2 * k], row[2 * k + 1]);
+            }
+            Dj[0] += inverse.s00 * Fj[2 * k] + inverse.s01 * Fj[2 * k + 1];
+            Dj[1] += inverse.s10 * Fj[2 * k] + inverse.s11 * Fj[2 * k + 1];
+            if (k < j) {
+                space.D[2 * k] += inverse.s00 * Fk[0] + inverse.s10 * Fk[1];
+                space.D[2 * k + 1] += inverse.s01 * Fk[0] + inverse.s11 * Fk[1];
+            } else {
                 space.diagonal[3 * j] = inverse.s00;
                 space.diagonal[3 * j + 1] = inverse.s10;
                 space.diagonal[3 * j + 2] = inverse.s11;
-                continue;
-            }
-            const Lanes ak0 = space.alpha[2 * k], ak1 = space.alpha[2 * k + 1];
-            const Lanes* A = space.A + 6 * k;
-            for (int c = 0; c < 3; ++c) {
-                const Lanes p0 = C[3 * c] * A[0] + C[3 * c + 1] * A[1] + C[3 * c + 2] * A[2];
-                const Lanes p1 = C[3 * c] * A[3] + C[3 * c + 1] * A[4] + C[3 * c + 2] * A[5];
-                add_along_ray(p0 * inverse.s00 + p1 * inverse.s01,
-                              p0 * inverse.s10 + p1 * inverse.s11, seen.slope + 2 * j, Z + 3 * c);
-                space.X[3 * j + c] += p0 * ak0 + p1 * ak1;
             }
         }
     }
+    const Lanes *Bx = space.alpha + N, *By = Bx + N, *Gx = space.BG, *Gy = Gx + N;
     for (long j = 0; j < seen.m; ++j) {
-        Lanes* X = space.X + 3 * j;
-        const Lanes x = X[0], y = X[1], z = X[2];
-        for (int a = 0; a < 3; ++a)
-            X[a] = space.mean[3 * j + a] + R[3 * a] * x + R[3 * a + 1] * y + R[3 * a + 2] * z;
+        const Lanes* F = space.F + j * N;
+        Lanes x = {}, y = {};
+        for (long e = 0; e < N; ++e) {
+            x += F[e] * Bx[e];
+            y += F[e] * By[e];
+        }
+        const long e = 2 * j;
+        space.D[e] -= x * Gx[e] + y * Gy[e];
+        space.D[e + 1] -= x * Gx[e + 1] + y * Gy[e + 1];
+        space.diagonal[3 * j] -= Bx[e] * Gx[e] + By[e] * Gy[e];
+        space.diagonal[3 * j + 1] -= Bx[e] * Gx[e + 1] + By[e] * Gy[e + 1];
+        space.diagonal[3 * j + 2] -= Bx[e + 1] * Gx[e + 1] + By[e + 1] * Gy[e + 1];
+    }
+}
+
+// Half the change of log det S with a turn G, sum_j tr(P_j G V_j), where V_j (3, 2), the rows of
+// sum_k R C_jk A_k^T S^-1_kj, is D_j in depth, and P_j V_j = I - N_j S^-1_jj - (B G)_j.
+void turn_determinant(const Observed& seen, Lanes shrunk, const Lanes* belief,
+                      const LikelihoodSpace& space, Lanes* gradient) {
+    const Lanes* BG = space.BG;
+    const long N = 2 * seen.m;
+    for (long j = 0; j < seen.m; ++j) {
+        const Lanes *I = space.diagonal + 3 * j, *D = space.D + 2 * j;
+        const double *u = seen.slope + 2 * j;
+        const Noise noise = noise_of(seen, j, shrunk);
+        const Lanes share = 1.0 / belief[j];
+        Lanes V[2][2];
+        for (int b = 0; b < 2; ++b) {
+            const Lanes column[2] = {I[b], I[1 + b]};
+            V[0][b] = u[0] * D[b] - BG[2 * j + b] - (noise.xx * column[0] + noise.xy * column[1]) * share;
+            V[1][b] = u[1] * D[b] - BG[N + 2 * j + b] - (noise.xy * column[0] + noise.yy * column[1]) * share;
+            V[b][b] += 1.0;
+        }
+        gradient[0] -= D[1] + u[0] * V[1][0] + u[1] * V[1][1];
+        gradient[1] += D[0] + u[0] * V[0][0] + u[1] * V[0][1];
+        gradient[2] += V[0][1] - V[1][0];
     }
 }
 
@@ -248,8 +323,8 @@ void linearise(const Observed& seen, const LikelihoodSpace& space) {
     }
 }
 
-void differentiate(const Observed& seen, const LaneView& view, Lanes shrunk, const Lanes* belief,
-                   const Lanes* Z, const LikelihoodSpace& space, Likelihood& found) {
+void differentiate(const Observed& seen, Lanes shrunk, const Lanes* belief, const Translation& t,
+                   const LikelihoodSpace& space, Likelihood& found) {
     const long N = 2 * seen.m;
     linearise(seen, space);
     for (int i = 0; i < VIEW; ++i) {
@@ -257,13 +332,7 @@ void differentiate(const Observed& seen, const LaneView& view, Lanes shrunk, con
         for (long e = 0; e < N; ++e) total += space.J[i * N + e] * space.alpha[e];
         found.gradient[i] = total;
     }
-    Lanes H[9];  // R Z
-    for (int a = 0; a < 3; ++a)
-        for (int b = 0; b < 3; ++b)
-            H[3 * a + b] = view.R[3 * a] * Z[b] + view.R[3 * a + 1] * Z[3 + b] + view.R[3 * a + 2] * Z[6 + b];
-    found.gradient[0] += H[5] - H[7];
-    found.gradient[1] += H[6] - H[2];
-    found.gradient[2] += H[1] - H[3];
+    turn_determinant(seen, shrunk, belief, space, found.gradient);
     found.gradient[3] += static_cast<double>(N - 2);
     if (seen.noisy)
         for (long j = 0; j < seen.m; ++j) {
@@ -278,12 +347,16 @@ void differentiate(const Observed& seen, const LaneView& view, Lanes shrunk, con
                           (1.0 - belief[j]) *
                               (V[0] * noise.yy + V[2] * noise.xx - 2.0 * V[1] * noise.xy) / det);
         }
-    Lanes* white = space.L;  // no longer needed
-    for (int i = 0; i < VIEW; ++i) whiten(N, space, space.J + i * N, white + i * N);
+    whiten<VIEW>(N, space, space.J, space.white);
+    Lanes along[VIEW][2] = {};  // J B
+    for (int i = 0; i < VIEW; ++i)
+        for (long e = 0; e < N; ++e)
+            for (int a = 0; a < 2; ++a) along[i][a] += space.J[i * N + e] * space.alpha[(1 + a) * N + e];
     for (int i = 0; i < VIEW; ++i)
         for (int j = 0; j <= i; ++j) {
-            Lanes total = {};
-            for (long e = 0; e < N; ++e) total += white[i * N + e] * white[j * N + e];
+            Lanes total = -along[i][0] * (t.xx * along[j][0] + t.xy * along[j][1]) -
+                          along[i][1] * (t.xy * along[j][0] + t.yy * along[j][1]);
+            for (long e = 0; e < N; ++e) total += space.white[i * N + e] * space.white[j * N + e];
             found.curvature[VIEW * i + j] = found.curvature[VIEW * j + i] = total;
         }
 }
@@ -333,16 +406,18 @@ void believe(const PosteriorData& data, const Observed& seen, const LaneView& vi
 }  // namespace
 
 LikelihoodSpace::LikelihoodSpace(Workspace& workspace, long p)
-    : L(workspace.zeros<Lanes>(corner(2 * p) + VIEW * 2 * p)),
-      inverse(workspace.zeros<Lanes>(4 * p * p)),
+    : L(workspace.zeros<Lanes>(corner(2 * p))),
       reciprocal(workspace.zeros<Lanes>(2 * p)),
       y(workspace.zeros<Lanes>(2 * p)),
-      r(workspace.zeros<Lanes>(2 * p)),
-      white(workspace.zeros<Lanes>(2 * p)),
-      alpha(workspace.zeros<Lanes>(2 * p)),
+      r(workspace.zeros<Lanes>(6 * p)),
+      white(workspace.zeros<Lanes>(VIEW * 2 * p)),
+      alpha(workspace.zeros<Lanes>(6 * p)),
+      BG(workspace.zeros<Lanes>(4 * p)),
       mean(workspace.zeros<Lanes>(3 * p)),
       X(workspace.zeros<Lanes>(3 * p)),
       A(workspace.zeros<Lanes>(6 * p)),
+      F(workspace.zeros<Lanes>(2 * p * p)),
+      D(workspace.zeros<Lanes>(2 * p)),
       J(workspace.zeros<Lanes>(VIEW * 2 * p)),
       diagonal(workspace.zeros<Lanes>(3 * p)) {}
 
@@ -383,15 +458,17 @@ void find_likelihood(const PosteriorData& data, const Observed& seen, const Pack
     const long N = 2 * seen.m;
     const Lanes shrink = exponential(-view.log_scale);
     centre(seen, pack, view, shrink, space);
-    fill_covariance(seen, pack, shrink * shrink, belief, space);
+    fill_covariance(seen, pack, view, shrink * shrink, belief, space);
     const Lanes log_det = factorise(N, space);
     invert(N, space);
-    found.surprise = solve(N, space);
-    found.value = -0.5 * (found.surprise + log_det + static_cast<double>(N) * LOG_TWO_PI) -
+    const Translation t = solve(N, space);
+    found.surprise = t.square;
+    for (long e = 0; e < N; ++e) found.surprise += space.white[e] * space.white[e];
+    found.value = -0.5 * (found.surprise + log_det + t.log_det + static_cast<double>(N) * LOG_TWO_PI) -
                   static_cast<double>(N - 2) * view.log_scale;
-    Lanes Z[9];
-    pull_back(seen, pack, view, space, Z);
-    differentiate(seen, view, shrink * shrink, belief, Z, space, found);
+    expect(seen, shrink * shrink, belief, t, space);
+    pull_back(seen, space);
+    differentiate(seen, shrink * shrink, belief, t, space, found);
     believe(data, seen, view, shrink * shrink, belief, by_others, space, found, next);
 }
 

@@ -2,7 +2,7 @@
 //
 // In the unit of shapes the landmarks y = w / s are jointly Gaussian,
 //
-//     y ~ N(A mu, S),   S = A C A^T + TAU^2 1 1^T + N / q,   N_j = v_j + V_j / s^2,
+//     y ~ N(A mu, S),   S = S_0 + TAU^2 1 1^T,   S_0 = A C A^T + N / q,   N_j = v_j + V_j / s^2,
 //
 // where A_j = P_j R projects landmark j along its own ray, P_j = [I | -slope_j] (weak perspective:
 // A_j = R_2), and the translation is integrated out under a wide prior. With alpha = S^-1 (y - A mu)
@@ -44,9 +44,9 @@ struct Observed {
     bool noisy = false;  // whether a V is not 0
 };
 
-// The components that the lanes of a block stand for.
+// The components that the lanes of a block stand for, as far as they are seen.
 struct Pack {
-    Lanes* mean;        // mu (p, 3)
+    Lanes* mean;        // mu (m, 3)
     Lanes* covariance;  // C_jk (3, 3) for k <= j, at 9 (corner(j) + k)
 };
 
@@ -65,12 +65,16 @@ struct Likelihood {
 struct LikelihoodSpace {
     LikelihoodSpace(Workspace& workspace, long p);
 
-    Lanes* L;            // lower triangle of S, then of its Cholesky factor (2 m rows)
-    Lanes* inverse;      // L^-1 by columns (2 m, 2 m), 0 above the diagonal within blocks
+    Lanes* L;            // lower triangle of S_0, of its Cholesky factor L, then of L^-1 (2 m rows)
     Lanes* reciprocal;   // 1 / L_ii (2 m,)
-    Lanes *y, *r, *white, *alpha;  // (2 m,); white = L^-1 r
+    Lanes* y;                    // (2 m,)
+    Lanes *r, *alpha;            // r and S^-1 r, then 1 along x and y and S_0^-1 of it (3, 2 m)
+    Lanes* white;                // L^-1 of r or of J (4, 2 m)
+    Lanes* BG;                   // (2, 2 m), see Translation
     Lanes *mean, *X;     // R mu and X (m, 3)
     Lanes* A;            // (m, 2, 3)
+    Lanes* F;            // z^T R C A^T, of depths with what is seen (m, 2 m)
+    Lanes* D;            // sum_k F_jk S^-1_kj (m, 2)
     Lanes* J;            // (VIEW, 2 m) of r, then L^-1 of them
     Lanes* diagonal;     // S^-1_jj (m, 3)
 };

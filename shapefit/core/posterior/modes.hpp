@@ -18,16 +18,21 @@ struct Mode {
 struct ModeSpace {
     ModeSpace(Workspace& workspace, long p);
 
-    Matrix<double> C;  // C turned into the frame of the camera (3p, 3p)
-    Matrix<double> U;  // K with the translation, white (2m, 3p)
-    Matrix<double> K;  // what is seen of its columns, C P^T as rows (2m, 3p)
-    Matrix<double> L;  // Cholesky factor of S (2m, 2m)
-    Vector<double> alpha, mean, X, pull, turned;
+    long p;
+
+    // C turned into the frame of the camera; then the covariance of y (3p, 3p). Rows are padded.
+    Matrix<double> C;
+    Matrix<double> K;  // P C and the translation, as rows (2m, 3p)
+    Matrix<double> U;  // s S^-1/2 K (2m, 3p)
     Matrix<double> J;  // derivatives of y over theta (4, 3p)
+    double *S, *V;     // S and its Cholesky factor, and the inverse of that (2m, 2m)
+    Vector<double> y, alpha, white, change;  // (2m,)
+    Vector<double> mean, X, turned;          // (3p,), twice that
 };
 
-// Mean y (3p,) with mean depth 0, and its covariance (3p, 3p), the uncertainty of the view included.
+// Mean y (3p,) with mean depth 0; its covariance, the uncertainty of the view included, in `space.C`:
+// the `whole`, or of each landmark x with y and z, and y with z.
 void describe(const PosteriorData& data, const Observed& seen, const Mode& mode, ModeSpace& space,
-              double* mean, double* covariance);
+              bool whole, double* mean);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -1,179 +1,62 @@
 #include "posterior.hpp"
 
-#include "climb.hpp"
 #include "modes.hpp"
+#include "side_by_side.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
 constexpr double SAME_VIEW = 1e-2;    // rotations as close are one mode (Frobenius norm)
 constexpr double SADDLE = 50;         // in log evidence
-constexpr double NEGLIGIBLE = 9.2;    // a mode so far below the best in log evidence is left out
+constexpr double NEGLIGIBLE = 6;      // a mode so far below the best in log evidence is left out
+constexpr double LAPLACE = 2.5;       // by which the view integrated out may lift one over another
 constexpr double LOG_TWO_PI = 1.8378770664093453;
 constexpr int MIXED[3][2] = {{0, 1}, {0, 2}, {1, 2}};  // coordinates of a landmark
 
-long greatest_divisor(long a, long b) { return b ? greatest_divisor(b, a % b) : a; }
-
-// Components in the order of the lanes: lane l of pack i stands for component (WIDTH i + l) mod K.
-struct Packs {
-    long count;
-    Pack* packs;
-};
-
-Packs arrange(Workspace& workspace, const PosteriorData& data) {
-    const long K = data.means.size[0], p = data.means.size[2], d = 3 * p;
-    Packs all{K / greatest_divisor(K, WIDTH), nullptr};
-    all.packs = workspace.zeros<Pack>(all.count);
-    for (long i = 0; i < all.count; ++i) {
-        Pack& pack = all.packs[i];
-        pack.mean = workspace.zeros<Lanes>(3 * p);
-        pack.covariance = workspace.zeros<Lanes>(9 * corner(p));
-        for (int lane = 0; lane < WIDTH; ++lane) {
-            const long k = (WIDTH * i + lane) % K;
-            const double *mean = data.means[k].data, *C = data.covariances[k].data;
-            for (long j = 0; j < p; ++j)
-                for (int a = 0; a < 3; ++a) {
-                    pack.mean[3 * j + a][lane] = mean[a * p + j];
-                    for (long l = 0; l <= j; ++l)
-                        for (int b = 0; b < 3; ++b)
-                            pack.covariance[9 * (corner(j) + l) + 3 * a + b][lane] =
-                                C[(a * p + j) * d + b * p + l];
-                }
-        }
-    }
-    return all;
-}
-
-struct Search {
-    Search(Workspace& workspace, const PosteriorData& data)
-        : pairs(data.starts.size[1] * data.means.size[0]),
-          blocks((pairs + WIDTH - 1) / WIDTH),
-          packs(arrange(workspace, data)),
-          seen(room_for_observed(workspace, data.landmarks.size[2])),
-          space(workspace, data.landmarks.size[2]),
-          mode_space(workspace, data.landmarks.size[2]),
-          climbs(workspace.zeros<Climb>(blocks)),
-          start_of(workspace.zeros<long>(data.starts.size[1])),
-          modes(workspace.zeros<Mode>(blocks * WIDTH)),
-          order(workspace.zeros<long>(blocks * WIDTH)),
-          means(workspace.zeros<double>(3 * data.landmarks.size[2])),
-          covariance(workspace.zeros<double>(9 * data.landmarks.size[2] * data.landmarks.size[2])) {
-        const long p = data.landmarks.size[2];
-        for (long b = 0; b < blocks; ++b) new (climbs + b) Climb(workspace, p);
-        for (long i = 0; i < blocks * WIDTH; ++i) modes[i].belief = workspace.zeros<double>(p);
+struct Combination {
+    Combination(Workspace& workspace, const PosteriorData& data)
+        : space(workspace, data.landmarks.size[2]),
+          modes(workspace.zeros<Mode>(data.starts.size[1] * data.means.size[0])),
+          order(workspace.zeros<long>(data.starts.size[1] * data.means.size[0])),
+          mean(workspace.zeros<double>(3 * data.landmarks.size[2])) {
+        for (long i = 0; i < data.starts.size[1] * data.means.size[0]; ++i)
+            modes[i].belief = workspace.zeros<double>(data.landmarks.size[2]);
     }
 
-    long pairs, blocks;
-    Packs packs;
-    Observed seen;
-    LikelihoodSpace space;
-    ModeSpace mode_space;
-    Climb* climbs;
-    long* start_of;
+    ModeSpace space;
     Mode* modes;
     long* order;
-    double *means, *covariance;
+    double* mean;
 };
 
-// The s that fits s A mu + t to the landmarks best.
-double first_scale(const PosteriorData& data, const Observed& seen, const double* R, long k) {
-    const long p = data.means.size[2];
-    const double* mu = data.means[k].data;
-    double middle[2] = {}, origin[2] = {}, overlap = 0, square = 0, size = 0;
-    for (int pass = 0; pass < 2; ++pass)
-        for (long j = 0; j < seen.m; ++j)
-            for (int a = 0; a < 2; ++a) {
-                const long e = seen.index[j];
-                double A[3];
-                for (int c = 0; c < 3; ++c) A[c] = R[3 * a + c] - seen.slope[2 * j + a] * R[6 + c];
-                const double x = A[0] * mu[e] + A[1] * mu[p + e] + A[2] * mu[2 * p + e];
-                const double w = seen.w[2 * j + a];
-                if (pass == 0) {
-                    middle[a] += x / static_cast<double>(seen.m);
-                    origin[a] += w / static_cast<double>(seen.m);
-                } else {
-                    overlap += (x - middle[a]) * (w - origin[a]);
-                    square += (x - middle[a]) * (x - middle[a]);
-                    size += (w - origin[a]) * (w - origin[a]);
-                }
-            }
-    const double least = 0.1 * root(size / larger(square, TINY));
-    return larger(overlap / larger(square, TINY), larger(least, TINY));
-}
-
-// Climb from all starts; how many starts there are.
-long climb_all(const PosteriorData& data, long image, Search& search, int64_t& steps) {
-    const long K = data.means.size[0];
-    long starts = 0;
-    for (long i = 0; i < data.starts.size[1]; ++i)
-        if (is_finite(data.starts[image][i].data[0])) search.start_of[starts++] = i;
-    const long pairs = starts * K;
-    double best = -INFINITE;
-    for (long b = 0; b * WIDTH < pairs; ++b) {
-        Climb& at = search.climbs[b];
-        Lanes log_weight;
-        for (int lane = 0; lane < WIDTH; ++lane) {
-            const long pair = smaller(static_cast<double>(b * WIDTH + lane), static_cast<double>(pairs - 1));
-            const long k = (b * WIDTH + lane) % K;
-            const double* R = data.starts[image][search.start_of[pair / K]].data;
-            for (int e = 0; e < 9; ++e) at.view.R[e][lane] = R[e];
-            at.view.log_scale[lane] = log(first_scale(data, search.seen, R, k));
-            log_weight[lane] = data.log_weights[k];
+// The maximum on which climb i ended, with its evidence.
+void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) {
+    Climb& at = search.arrived[i];
+    const long lane = i % WIDTH;
+    double L[VIEW][VIEW], log_det = 0;
+    bool definite = true;
+    for (int e = 0; e < VIEW * VIEW; ++e) mode.hessian[e] = at.curvature[e][lane];
+    for (int a = 0; a < VIEW; ++a)
+        for (int b = 0; b <= a; ++b) {
+            double rest = mode.hessian[VIEW * a + b];
+            for (int c = 0; c < b; ++c) rest -= L[a][c] * L[b][c];
+            definite = definite && (a != b || rest > 1e-6);
+            L[a][b] = a == b ? root(larger(rest, LEAST_CURVATURE)) : rest / L[b][b];
+            if (a == b) log_det += 2 * log(L[a][a]);
         }
-        steps += climb(data, search.seen, search.packs.packs[b % search.packs.count], log_weight, best,
-                       search.space, at);
-    }
-    return pairs;
-}
-
-// Gather the maxima that may count, with their evidence.
-long gather(const PosteriorData& data, long pairs, Search& search) {
-    const long K = data.means.size[0];
-    double best = -INFINITE;
-    for (long i = 0; i < pairs; ++i)
-        best = larger(best, search.climbs[i / WIDTH].found.value[i % WIDTH] + data.log_weights[i % K]);
-    long count = 0;
-    for (long b = 0; b * WIDTH < pairs; ++b) {
-        Climb& at = search.climbs[b];
-        bool alive[WIDTH] = {}, any = false;
-        for (int lane = 0; lane < WIDTH && b * WIDTH + lane < pairs; ++lane) {
-            const double value = at.found.value[lane] + data.log_weights[(b * WIDTH + lane) % K];
-            alive[lane] = value > best - NEGLIGIBLE - 5;  // Laplace's term may yet lift it
-            any = any || alive[lane];
-        }
-        if (!any) continue;
-        measure_hessian(data, search.seen, search.packs.packs[b % search.packs.count], search.space, at);
-        for (int lane = 0; lane < WIDTH; ++lane) {
-            if (!alive[lane]) continue;
-            Mode& mode = search.modes[count];
-            double L[VIEW][VIEW], log_det = 0;
-            bool definite = true;
-            for (int i = 0; i < VIEW; ++i)
-                for (int j = 0; j <= i; ++j) {
-                    double rest = at.hessian[VIEW * i + j][lane];
-                    for (int k = 0; k < j; ++k) rest -= L[i][k] * L[j][k];
-                    definite = definite && (i != j || rest > 1e-6);
-                    L[i][j] = i == j ? root(larger(rest, LEAST_CURVATURE)) : rest / L[j][j];
-                    if (i == j) log_det += 2 * log(L[i][i]);
-                }
-            mode.component = (b * WIDTH + lane) % K;
-            for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
-            mode.log_scale = at.view.log_scale[lane];
-            for (int e = 0; e < VIEW * VIEW; ++e) mode.hessian[e] = at.hessian[e][lane];
-            for (long j = 0; j < search.seen.m; ++j) mode.belief[j] = at.belief[j][lane];
-            mode.surprise = at.found.surprise[lane];
-            mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
-                                0.5 * (VIEW * LOG_TWO_PI - log_det);
-            // A saddle counts only where no climb ends on a maximum.
-            if (!definite) mode.log_evidence -= SADDLE;
-            ++count;
-        }
-    }
-    return count;
+    mode.component = search.arrived.pair[i] % data.means.size[0];
+    for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
+    mode.log_scale = at.view.log_scale[lane];
+    for (long j = 0; j < search.seen.m; ++j) mode.belief[j] = at.belief()[j][lane];
+    mode.surprise = at.found.surprise[lane];
+    mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
+                        0.5 * (VIEW * LOG_TWO_PI - log_det);
+    // A saddle counts only where no climb ends on a maximum.
+    if (!definite) mode.log_evidence -= SADDLE;
 }
 
 // Sort by evidence and leave out what was found before and what is negligible.
-long rank(Search& search, long count) {
+long rank(Combination& search, long count) {
     for (long i = 0; i < count; ++i) {
         long place = i;
         for (; place > 0 && search.modes[search.order[place - 1]].log_evidence <
@@ -210,22 +93,24 @@ void fail(const PosteriorData& data, long image) {
     data.scale[image] = data.log_evidence[image] = data.surprise[image] = NOT_A_NUMBER;
 }
 
-void store(const PosteriorData& data, long image, long rank, const Search& search, const Mode& mode,
-           const double* mean, const double* covariance) {
+void store(const PosteriorData& data, long image, long rank, const Observed& seen, const Mode& mode,
+           const double* mean, Matrix<const double> covariance) {
     const long p = data.landmarks.size[2], d = 3 * p;
     data.mode_component[image][rank] = mode.component;
     data.mode_scale[image][rank] = exp(mode.log_scale);
     data.mode_log_evidence[image][rank] = mode.log_evidence;
     for (int e = 0; e < 9; ++e) data.mode_rotation[image][rank].data[e] = mode.R[e];
     for (long e = 0; e < d; ++e) data.mode_mean[image][rank].data[e] = mean[e];
-    for (long e = 0; e < d * d; ++e) data.mode_covariance[image][rank].data[e] = covariance[e];
+    for (long e = 0; e < d; ++e)
+        for (long f = 0; f < d; ++f) data.mode_covariance[image][rank][e][f] = covariance[e][f];
     for (long j = 0; j < p; ++j) data.mode_belief[image][rank][j] = NOT_A_NUMBER;
-    for (long j = 0; j < search.seen.m; ++j)
-        data.mode_belief[image][rank][search.seen.index[j]] = mode.belief[j];
+    for (long j = 0; j < seen.m; ++j)
+        data.mode_belief[image][rank][seen.index[j]] = mode.belief[j];
 }
 
 // Mean and covariance of the mixture of the first `kept` modes.
-void combine(const PosteriorData& data, long image, Search& search, long kept) {
+void combine(const PosteriorData& data, long image, const Observed& seen, Combination& search,
+             long kept) {
     const long p = data.landmarks.size[2], d = 3 * p;
     const double best = search.modes[search.order[0]].log_evidence;
     double total = 0, surprise = 0;
@@ -237,34 +122,36 @@ void combine(const PosteriorData& data, long image, Search& search, long kept) {
     for (long e = 0; e < d; ++e) mean[e] = square_of[e] = mixed[e] = 0;
     for (long e = 0; full && e < d * d; ++e) full[e] = 0;
     for (long j = 0; j < p; ++j) data.belief[image][j] = NOT_A_NUMBER;
-    for (long j = 0; j < search.seen.m; ++j) data.belief[image][search.seen.index[j]] = 0;
+    for (long j = 0; j < seen.m; ++j) data.belief[image][seen.index[j]] = 0;
+    const Matrix<double> C = search.space.C;
     double before = 0;  // the share of the modes so far
     for (long i = 0; i < kept; ++i) {
         const Mode& mode = search.modes[search.order[i]];
         const double share = exp(mode.log_evidence - best) / total;
-        describe(data, search.seen, mode, search.mode_space, search.means, search.covariance);
+        const bool kept_alone = i < data.mode_component.size[1];
+        describe(data, seen, mode, search.space, full || kept_alone, search.mean);
         const double step = share / (before + share), apart = before * step;
         // the mean moves by its share; what lies between joins the covariance
         for (long e = 0; e < d; ++e) {
-            const double difference = search.means[e] - mean[e];
-            square_of[e] += share * search.covariance[e * d + e] + apart * square(difference);
+            const double difference = search.mean[e] - mean[e];
+            square_of[e] += share * C[e][e] + apart * square(difference);
             if (full)
                 for (long f = 0; f < d; ++f)
-                    full[e * d + f] += share * search.covariance[e * d + f] +
-                                       apart * difference * (search.means[f] - mean[f]);
+                    full[e * d + f] += share * C[e][f] +
+                                       apart * difference * (search.mean[f] - mean[f]);
         }
         for (long e = 0; e < d; ++e) {
             const long first = MIXED[e / p][0] * p + e % p, second = MIXED[e / p][1] * p + e % p;
-            mixed[e] += share * search.covariance[first * d + second] +
-                        apart * (search.means[first] - mean[first]) * (search.means[second] - mean[second]);
+            mixed[e] += share * C[first][second] +
+                        apart * (search.mean[first] - mean[first]) * (search.mean[second] - mean[second]);
         }
-        for (long e = 0; e < d; ++e) mean[e] += step * (search.means[e] - mean[e]);
+        for (long e = 0; e < d; ++e) mean[e] += step * (search.mean[e] - mean[e]);
         before += share;
         surprise += share * mode.surprise;
-        for (long j = 0; j < search.seen.m; ++j)
-            data.belief[image][search.seen.index[j]] += share * mode.belief[j];
-        if (i < data.mode_component.size[1])
-            store(data, image, i, search, mode, search.means, search.covariance);
+        for (long j = 0; j < seen.m; ++j)
+            data.belief[image][seen.index[j]] += share * mode.belief[j];
+        if (kept_alone)
+            store(data, image, i, seen, mode, search.mean, C);
     }
     for (long e = 0; e < d; ++e) square_of[e] = root(larger(square_of[e], 0.0));
     for (long e = 0; e < d; ++e)
@@ -281,6 +168,7 @@ void combine(const PosteriorData& data, long image, Search& search, long kept) {
 void find_posterior(const PosteriorData& data, Range range) {
     Workspace workspace;
     Search search(workspace, data);
+    Combination combination(workspace, data);
     for (long image = range.first; image < range.last; ++image) {
         data.rounds[image] = 0;
         for (long i = 0; i < data.mode_component.size[1]; ++i) {
@@ -288,10 +176,13 @@ void find_posterior(const PosteriorData& data, Range range) {
             data.mode_log_evidence[image][i] = -INFINITE;
         }
         observe(data, image, search.seen);
-        const long pairs = search.seen.m < 3 ? 0 : climb_all(data, image, search, data.rounds[image]);
-        const long kept = pairs ? rank(search, gather(data, pairs, search)) : 0;
+        search.arrived.count = 0;
+        if (search.seen.m >= 3) data.rounds[image] = climb_all(data, image, NEGLIGIBLE + LAPLACE, search);
+        for (long i = 0; i < search.arrived.count; ++i)
+            weigh(data, search, i, combination.modes[i]);
+        const long kept = rank(combination, search.arrived.count);
         if (kept)
-            combine(data, image, search, kept);
+            combine(data, image, search.seen, combination, kept);
         else
             fail(data, image);
     }

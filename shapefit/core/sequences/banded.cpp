@@ -1,7 +1,7 @@
 #include "banded.hpp"
 
-#include "products.hpp"
-#include "triangles.hpp"
+#include "../algebra/products.hpp"
+#include "../algebra/triangles.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {

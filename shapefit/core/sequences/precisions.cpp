@@ -2,7 +2,7 @@
 
 #include "../algebra/vectors.hpp"
 #include "../algebra/workspace.hpp"
-#include "triangles.hpp"
+#include "../algebra/triangles.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
 

@@ -1,7 +1,7 @@
 #include "smoothing.hpp"
 
 #include "banded.hpp"
-#include "triangles.hpp"
+#include "../algebra/triangles.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {

@@ -21,8 +21,11 @@ from shapefit.lifting.posterior.starts import find_starts
 CORRELATION = "shape_correlation"
 """Dataset (n, p, 3) of the correlations of x with y, x with z and y with z of each landmark."""
 
+NEARLY_EXACT = 3e-3
+"""Misfit below which landmarks look gross from any view but the right one."""
+
 COARSE = 1e-2
-"""Misfit below which views are first sought with this one."""
+"""Misfit with which their views are first sought."""
 
 FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
@@ -54,8 +57,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         max_rounds=options.max_rounds,
         threads=settings.threads,
     )
-    if options.misfit < COARSE:
-        # Landmarks that are nearly exact look gross from any view but the right one.
+    if options.misfit < NEARLY_EXACT:
         coarse = find(find_misfit(problem, COARSE), starts=starts)
         starts = coarse.rotation[:, None]
     found = find(

@@ -19,6 +19,10 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import centroid
 
 
+STILL = 1e-4
+"""A climb ends when a step gains less log likelihood, and the next one promises no more."""
+
+
 @dataclass(frozen=True)
 class Gross:
     """A landmark is gross with the chance `chance`; then it falls with the density `density`.
@@ -149,6 +153,7 @@ def find_posterior(
         chance=gross.chance,
         density=gross.density,
         max_rounds=max_rounds,
+        still=STILL,
         mean=found.mean,
         deviation=found.deviation,
         correlation=found.correlation,

@@ -7,6 +7,7 @@ import pytest
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations
+from shapefit.lifting.posterior import posterior
 from tests.lifting.posterior.dense import Scene
 
 
@@ -63,3 +64,9 @@ def draw_mixture():
         return Mixture(weights / weights.sum(), means, np.stack([C for _, C in parts]))
 
     return draw
+
+
+@pytest.fixture
+def to_the_end(monkeypatch):
+    """Climb until nothing more is gained, as far as numbers can tell."""
+    monkeypatch.setattr(posterior, "STILL", 1e-12)

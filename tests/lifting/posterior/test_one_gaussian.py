@@ -30,6 +30,7 @@ def solve(scene, R, gross=(0.0, 0.05)):
 @pytest.mark.parametrize("hidden", [(), (2,), (0, 5)])
 @pytest.mark.parametrize("chance", [0.0, 0.05])
 @pytest.mark.parametrize("steep", [0.0, 0.4])
+@pytest.mark.usefixtures("to_the_end")
 def test_a_mode_is_that_of_the_dense_computation(draw_scene, noisy, hidden, chance, steep):
     scene, R = draw_scene(3, noisy=noisy, hidden=hidden, steep=steep)
     gross = (chance, 0.05 / 37**2)

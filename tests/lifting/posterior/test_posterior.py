@@ -85,6 +85,7 @@ def rotation_vector(R):
     return axis / max(2 * np.sin(angle), 1e-12) * angle
 
 
+@pytest.mark.usefixtures("to_the_end")
 def test_moving_growing_and_turning_the_image_moves_the_posterior_along(draw_mixture):
     prior, misfit = draw_mixture(3), 0.01
     _, w, R = draw_images(prior, 20, 5, misfit)
@@ -158,3 +159,33 @@ def test_surprise_is_never_negative(draw_mixture):
     w[:, :, 4] += np.array([2.0, -1.5])
     found = solve(prior, w, R[:, None], misfit, gross=Gross(0.9, 1e4))
     assert (found.surprise >= 0).all()
+
+
+def test_components_together_are_those_alone(draw_mixture):
+    """Climbs side by side, that leave as they arrive or lose hope, change nothing that counts."""
+    prior, misfit = draw_mixture(8, k=13, p=9, size=0.1), 0.01
+    _, w, R = draw_images(prior, 12, 9, misfit)
+    w[2:, :, 3], w[5, :, [0, 7]] = np.nan, np.nan
+    gross = Gross(0.02)
+    together = solve(prior, w, R[:, None], misfit, gross=gross)
+    alone = [
+        solve(Mixture(np.ones(1), mean[None], C[None]), w, R[:, None], misfit, gross=gross)
+        for mean, C in zip(prior.means, prior.covariances, strict=True)
+    ]
+    logs = np.log(prior.weights)[:, None] + np.stack([one.log_evidence for one in alone])
+    evidence = np.logaddexp.reduce(logs)
+    assert together.log_evidence == pytest.approx(evidence, abs=0.02)
+    share = np.exp(logs - evidence)
+    mean = np.einsum("kn,knap->nap", share, np.stack([one.mean for one in alone]))
+    assert np.abs(together.mean - mean).max() < 0.02
+
+
+def test_climbs_end_where_nothing_more_is_to_be_gained(draw_mixture, request):
+    prior, misfit = draw_mixture(3), 0.01
+    _, w, R = draw_images(prior, 20, 5, misfit)
+    options = {"gross": Gross(0.02), "max_rounds": 200}
+    early = solve(prior, w, R[:, None], misfit, **options)
+    request.getfixturevalue("to_the_end")
+    late = solve(prior, w, R[:, None], misfit, **options)
+    assert (early.rounds < late.rounds).mean() > 0.5
+    assert early.log_evidence == pytest.approx(late.log_evidence, abs=2e-3)

@@ -6,7 +6,7 @@
 // in either order. A tile is 4 rows and up to 3 vectors wide.
 #pragma once
 
-#include "../algebra/lanes.hpp"
+#include "lanes.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
 

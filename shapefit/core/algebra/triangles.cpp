@@ -1,6 +1,6 @@
 #include "triangles.hpp"
 
-#include "../algebra/vectors.hpp"
+#include "vectors.hpp"
 #include "products.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
