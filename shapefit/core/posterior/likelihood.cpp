@@ -184,7 +184,7 @@ template <int count>
     }
 }
 
-// The translation t ~ N(0, TAU^2 I), of which the columns of B = S_0^-1 1 tell:
+// The translation t ~ N(0, TAU^2 I); with B = S_0^-1 1
 //
 //     G = (1^T B + I / TAU^2)^-1,   E[t] = G 1^T S_0^-1 r,   S^-1 = S_0^-1 - B G B^T
 struct Translation {
