@@ -18,7 +18,6 @@ from shapefit.arrays import Floats
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import centroid
 
-
 STILL = 1e-4
 """A climb ends when a step gains less log likelihood, and the next one promises no more."""
 
