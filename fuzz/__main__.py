@@ -6,7 +6,6 @@ import argparse
 import gc
 import importlib
 import os
-import pkgutil
 import subprocess
 import sys
 import tempfile
@@ -76,9 +75,12 @@ def run(cases: list[Case]) -> int:
 
 def import_all() -> None:
     """Import the whole package, which the cases, being forks, then need not do."""
-    for module in pkgutil.walk_packages(shapefit.__path__, "shapefit."):
+    package = Path(shapefit.__file__).parent
+    for file in package.rglob("[!_]*.py"):
         with suppress(ImportError):  # of libraries that are optional
-            importlib.import_module(module.name)
+            importlib.import_module(
+                ".".join(file.relative_to(package.parent).with_suffix("").parts)
+            )
     gc.collect()
     gc.freeze()
 
