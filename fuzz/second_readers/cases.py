@@ -25,7 +25,7 @@ from fuzz.hdf5_cases import spoil_bytes
 from fuzz.motion_cases import ANIPOSE, BVH, TRC, spoiled_text
 from fuzz.tracker_cases import spoil_groups, write_tracker_files
 from shapefit.arrays import Floats
-from shapefit.errors import InputError
+from shapefit.errors import InputError, printable
 from shapefit.io.foreign.opening import group_inputs, open_either
 from shapefit.io.options import AS_THEY_ARE
 
@@ -173,6 +173,7 @@ def ours(path: Path) -> Reading:
 def difference(own: Reading, other: Reading) -> str:
     """Return in what two readings differ, nothing where they agree."""
     if own[0] is not None and other[0] is not None:
+        other = tuple(map(printable, other[0])), other[1]
         if set(own[0]) != set(other[0]):
             return f"landmarks {own[0]} and {other[0]}"
         order = [other[0].index(name) for name in own[0]]

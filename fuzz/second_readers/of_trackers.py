@@ -33,7 +33,7 @@ def deeplabcut_csv(path: Path) -> Reading:
     head = [row for row in rows[:4] if row[0].strip() in HEADER]
     if len(rows[len(head)]) < len(head[-1]) and len(rows[-1]) != len(rows[len(head)]):
         raise ValueError("pandas loses cells where the first row is shorter than others")
-    index = next(number for number, cell in enumerate(head[-1]) if cell in ("x", "y", "z"))
+    index = next(number for number, cell in enumerate(head[-1]) if cell.strip() in AXES[:3])
     given = {"header": list(range(len(head))), "index_col": list(range(index))}
     return _table(pandas.read_csv(path, **given))
 
