@@ -66,10 +66,7 @@ def run(cases: list[Case]) -> int:
             make_base_files(base)
             import_all()
         tally = run_cases(cases, base, work)
-    seconds = time.monotonic() - began
-    counts = ", ".join(f"{code}: {number}" for code, number in sorted(tally.codes.items()))
-    found = len(tally.findings)
-    print(f"{tally.cases} cases in {seconds:.0f} s; exit codes {counts}; {found} findings")
+    print(f"{tally}; {time.monotonic() - began:.0f} s")
     return 1 if tally.findings else 0
 
 

@@ -29,6 +29,9 @@ SECONDS = 20
 BYTES = 4 << 30
 """Of memory, for one case."""
 
+TOLD = 5000
+"""Cases after which it is said how many there were."""
+
 ALLOWED = (0, 1, 2)
 """Exit codes: all went well, some items failed, the input is wrong."""
 
@@ -61,6 +64,10 @@ class Tally:
         """How many were run."""
         return sum(self.codes.values())
 
+    def __str__(self) -> str:
+        counts = ", ".join(f"{code}: {number}" for code, number in sorted(self.codes.items()))
+        return f"{self.cases} cases; exit codes {counts}; {len(self.findings)} findings"
+
 
 def run_cases(cases: Iterable[Case], base: Path, work: Path) -> Tally:
     """Run the cases one after the other, in copies of the folder of good files; print findings."""
@@ -72,6 +79,8 @@ def run_cases(cases: Iterable[Case], base: Path, work: Path) -> Tally:
         for finding in run_case(case, folder, tally):
             print(finding, flush=True)
             tally.findings.append(finding)
+        if tally.cases % TOLD == 0:
+            print(tally, flush=True)
     return tally
 
 

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from shapefit.config.paths import MANIFEST
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, counted, input_error
 from shapefit.io import (
@@ -39,6 +38,7 @@ from shapefit.verification.check import Check
 from shapefit.verification.claims import verify_images
 from shapefit.verification.coverage import Coverage
 from shapefit.verification.folder import (
+    MANIFEST,
     Entry,
     Folder,
     PartItems,
@@ -200,7 +200,8 @@ def verify_file(part: Part, work: Work) -> Generator[Outcome, None, None]:
             chunks = read_chunks(results, atoms, given)
             for result, checks in side_by_side(verify, require_proof(chunks, terms, file)):
                 coverage.add(result, checks)
-                items.add(result.items, count_failed(result, terms))
+                if part.entry is not None:
+                    items.add(result.items, count_failed(result, terms))
                 failures = find_failures(result, checks)
                 yield Outcome(done=len(result), total=results.count, failures=failures)
     if part.entry is not None:
@@ -248,9 +249,6 @@ def open_given(part: Part, results: StoredReader, terms: Terms) -> Iterator[Give
     if not part.landmarks:
         yield None
         return
-    from shapefit.lifting.methods import METHODS
-    from shapefit.pipelines.joints import find_joints, named_as_joints
-
     place = ", ".join(map(str, part.landmarks)) + ": landmark names"
     rows = part.entry.rows if part.entry is not None else None
     options = InputOptions(**terms.input)
@@ -261,15 +259,25 @@ def open_given(part: Part, results: StoredReader, terms: Terms) -> Iterator[Give
         if source.count != results.count:
             found = f"{counted(source.count, 'image')} for {counted(results.count, 'result')}"
             raise input_error(part.landmarks[0], found, f"give the landmarks of {part.file}")
-        in_place = METHODS[terms.method].has_prior
-        own = source.head.landmark_names
-        joints = find_joints(own, results.landmark_names, in_place=in_place)
+        named = namer(source.head.landmark_names, results.landmark_names, terms, place)
 
         def arranged(images: LandmarkSet) -> LandmarkSet:
-            named = named_as_joints(images, joints, place)
-            return named.arrange(results.landmark_names, place, leave_out=True)
+            return named(images).arrange(results.landmark_names, place, leave_out=True)
 
         yield Given(arranged(source.head), lambda size: map(arranged, source.chunks(size)))
+
+
+def namer(
+    own: tuple[str, ...], known: tuple[str, ...], terms: Terms, place: str
+) -> Callable[[LandmarkSet], LandmarkSet]:
+    """Return what gives landmarks the names of the joints that they stand for, if some do."""
+    if set(known) <= set(own):
+        return lambda images: images
+    from shapefit.lifting.methods import METHODS
+    from shapefit.pipelines.joints import find_joints, named_as_joints
+
+    joints = find_joints(own, known, in_place=METHODS[terms.method].has_prior)
+    return lambda images: named_as_joints(images, joints, place)
 
 
 def arrange_atoms(

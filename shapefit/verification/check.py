@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ class Check:
     allowed: Floats
     made: Flags
 
-    @property
+    @cached_property
     def missed(self) -> Flags:
         """The images (n,) that the claim is made of and does not hold for."""
         holds = (self.off <= self.allowed) & np.isfinite(self.allowed)
@@ -56,7 +57,9 @@ def check(claim: str, off: Floats, allowed: Floats | float, made: Flags | None =
     n, shape = len(off), off.shape
     off = off.reshape(n, math.prod(shape[1:]))
     allowed = np.asarray(allowed, dtype=float)
-    if allowed.size <= max(n, 1) and off.shape[1] > 1:
+    if off.shape[1] == 1:
+        off, allowed = off[:, 0], allowed.reshape(-1)
+    elif allowed.size <= max(n, 1):
         off, allowed = off.max(axis=1), allowed.reshape(-1)  # nan where one is
     else:
         allowed = np.broadcast_to(allowed, (n, *shape[1:])).reshape(off.shape)

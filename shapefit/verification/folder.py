@@ -16,6 +16,7 @@ from shapefit.verification.terms import Terms
 False_ = tuple[str, str]
 """What is stated falsely, and how it is."""
 
+MANIFEST = "manifest.json"
 VERSION = 1
 PART = re.compile(r"part-(\d{5,})\.\w+")
 

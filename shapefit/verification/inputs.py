@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from shapefit.verification.terms import Terms
 DISTORTION = "distortion"
 CALIBRATED = ("camera_matrix", "image_size", "extrinsic_rotation", "extrinsic_translation")
 """Datasets that a calibration may have stated in place of the landmarks."""
+
+AS_IN_FILE = "{}: as in the file of landmarks"
 
 Given = tuple[Path, str, str]
 """A file that is given, the name of the input of the fit that it stands for, its digest."""
@@ -49,15 +52,13 @@ def check_landmarks(result: ResultSet, images: LandmarkSet) -> list[Check]:
     with np.errstate(invalid="ignore", over="ignore"):
         off = np.where(np.isnan(stated) & np.isnan(expected), 0.0, np.abs(stated - expected))
     checks = [
-        _same("items", np.array(result.items), np.array(images.items)),
+        _same_texts("items", result.items, images.items),
         check("landmarks are those of the file", off, bound),
     ]
     n = len(result)
     if result.sequences is not None or images.sequences is not None:
-        stated, expected = (
-            np.array(names or ("",) * n) for names in (result.sequences, images.sequences)
-        )
-        checks.append(_same("sequences", stated, expected))
+        both = (names or ("",) * n for names in (result.sequences, images.sequences))
+        checks.append(_same_texts("sequences", *both))
     if images.confidence is not None or "confidence" in result.extras:
         of_file = np.ones(given.shape[:2]) if images.confidence is None else images.confidence
         checks.append(_same("confidence", result.extras.get("confidence", np.nan), of_file))
@@ -67,9 +68,15 @@ def check_landmarks(result: ResultSet, images: LandmarkSet) -> list[Check]:
     return checks
 
 
+def _same_texts(name: str, stated: Sequence[str], expected: Sequence[str]) -> Check:
+    """Check that each image has the same text in both."""
+    same = np.fromiter(map(operator.eq, stated, expected), bool, len(expected))
+    return flagged(AS_IN_FILE.format(name), same)
+
+
 def _same(name: str, stated: Any, expected: NDArray[Any]) -> Check:
     """Check that each image has the same (n, ...) in both, nan where it is nan."""
-    claim, n = f"{name}: as in the file of landmarks", len(expected)
+    claim, n = AS_IN_FILE.format(name), len(expected)
     if np.shape(stated) not in (expected.shape, ()) or stated is None:
         return flagged(claim, np.zeros(n, dtype=bool))
     stated = np.broadcast_to(stated, expected.shape)

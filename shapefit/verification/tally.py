@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -29,9 +30,12 @@ class Tally:
         """Take in the checks of some more images; several can be of one claim."""
         for claim, same in _by_claim(checks).items():
             count = self.counts.setdefault(claim, Count())
-            made = np.any([one.made for one in same], axis=0)
-            count.made += int(made.sum())
-            count.missed += int(np.any([one.missed for one in same], axis=0).sum())
+            made, missed = (
+                reduce(np.logical_or, each)
+                for each in ((one.made for one in same), (one.missed for one in same))
+            )
+            count.made += int(np.count_nonzero(made))
+            count.missed += int(np.count_nonzero(missed))
             for one in same:
                 allowed = one.allowed[one.made & np.isfinite(one.allowed)]
                 count.allowed = max(count.allowed, float(allowed.max(initial=0.0)))

@@ -59,6 +59,8 @@ def find_dataset(file: Path, results: ResultSet, wanted: Dataset) -> NDArray[Any
         raise input_error(f"{file}:/{wanted.name}", found, f"its shape must be {expected}")
     if wanted.labels:
         return np.asarray(data, dtype=np.bool_)
+    if data.dtype.kind not in "biuf":
+        raise input_error(f"{file}:/{wanted.name}", f"holds {data.dtype}", "it must hold numbers")
     numbers = np.asarray(data, dtype=np.float64)
     # Carried datasets come as they stand in the file, one landmark per row.
     return np.swapaxes(numbers, -1, -2) if wanted.points else numbers

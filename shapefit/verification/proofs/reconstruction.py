@@ -18,7 +18,8 @@ def check_active(subject: Subject) -> Check:
     size, stated = np.abs(subject.stated("coefficients")), subject.stated_extra("active_atoms")
     limit, slack = ACTIVE * size.max(axis=1), 1 + subject.images.factor
     surely = (size > (limit * slack)[:, None]).sum(axis=1)
-    perhaps = (size > (limit / slack)[:, None]).sum(axis=1)
+    perhaps, more = surely.copy(), stated > surely
+    perhaps[more] = (size[more] > (limit / slack)[more, None]).sum(axis=1)
     off = np.maximum(surely - stated, stated - perhaps)
     return check("active_atoms follow from the coefficients", off, 0.0)
 

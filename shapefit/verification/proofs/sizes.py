@@ -60,8 +60,11 @@ def check_metres(result: ResultSet, size: Size) -> list[Check]:
     stated, X = _stated(result, "metres_per_unit"), result.shapes
     i, j = size.edges.T
     with np.errstate(all="ignore"):
-        limbs = np.linalg.norm(X[:, :, i] - X[:, :, j], axis=1).sum(axis=1)
-        extent = limbs if size.by == EDGES else spread(X)
+        if size.by == EDGES:
+            limbs = X[:, :, i] - X[:, :, j]
+            extent = np.sqrt(np.einsum("nae,nae->ne", limbs, limbs)).sum(axis=1)
+        else:
+            extent = spread(X)
         found = np.where(extent > 0, size.metres / extent, np.nan)
         far = 1 + np.abs(X).max(axis=(1, 2)) / extent
         allowed = rounding_factor(X.shape[2], np.full(len(X), len(size.edges))) * far * found
