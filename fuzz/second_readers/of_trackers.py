@@ -46,7 +46,11 @@ def deeplabcut_hdf5(path: Path) -> Reading:
 def _table(table: Any) -> Reading:
     """Arrange columns (scorer, [individual,] landmark, coordinate)."""
     columns = [tuple(str(name).strip() for name in column) for column in table.columns]
-    kept = [number for number, column in enumerate(columns) if "Unnamed" not in column[-1]]
+    kept = [
+        number
+        for number, column in enumerate(columns)
+        if "Unnamed" not in column[-1] and "nan" not in column[-2:]
+    ]
     columns = [columns[number] for number in kept]
     if table.columns.nlevels == 3:
         columns = [("", *column[1:]) for column in columns]
