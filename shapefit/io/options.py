@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from shapefit.arrays import Floats, Integers
 
 if TYPE_CHECKING:
     from shapefit.config.commands.input import InputConfig
@@ -44,6 +46,13 @@ class InputOptions:
 AS_THEY_ARE = InputOptions()
 
 
+class AtomMeshes(NamedTuple):
+    """One mesh per atom: vertices (k, 3, q), faces (f, 3)."""
+
+    vertices: Floats
+    faces: Integers
+
+
 @dataclass(frozen=True, kw_only=True)
 class OutputOptions:
     """How shapes get into files in metres.
@@ -53,17 +62,20 @@ class OutputOptions:
     unit        of shapes whose files do not say it
     up          axis of the shapes, or of the world that the extrinsics know, that points up
     world_unit  of the translation of the extrinsics; metres by default
+    meshes      of the atoms that the results mix, for files that hold meshes
     """
 
     height: float | None = None
     unit: str | None = None
     up: Up | None = None
     world_unit: str | None = None
+    meshes: AtomMeshes | None = None
 
     @property
     def given(self) -> tuple[str, ...]:
-        """Return the names of the options that are set."""
-        return tuple(name for name, value in vars(self).items() if value is not None)
+        """Return the names of the keys of a config that are set."""
+        said = vars(self) | {"meshes": None}
+        return tuple(name for name, value in said.items() if value is not None)
 
 
 AS_KNOWN = OutputOptions()

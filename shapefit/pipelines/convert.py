@@ -15,9 +15,13 @@ from shapefit.io.joined import ResultSource
 from shapefit.io.kinds.listing import Kind, find_kind
 from shapefit.io.kinds.opening import open_results
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
-from shapefit.io.options import InputOptions, OutputOptions, input_options
+from shapefit.io.options import AtomMeshes, InputOptions, OutputOptions, input_options
+from shapefit.io.records import ResultSet
 from shapefit.io.sources import is_stream
 from shapefit.io.writing import record_writer
+from shapefit.lifting.methods import METHODS
+from shapefit.pipelines.export.carried_mesh import Pose, meshes_that_follow
+from shapefit.pipelines.export.origin import fit_dictionary
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
 FORMS = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
@@ -37,8 +41,13 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
         height=config.height, unit=config.unit, up=config.up, world_unit=config.world_unit
     )
     with (
-        record_writer(config.output, FORMS[kind], config.to, sized) as writer,
         _open(kind, config.files, options) as source,
+        record_writer(
+            config.output,
+            FORMS[kind],
+            config.to,
+            replace(sized, meshes=_meshes(source.head) if target.atom_meshes else None),
+        ) as writer,
     ):
         for chunk in source.chunks(config.chunk):
             writer.append(_with_rate(chunk, config))
@@ -68,6 +77,16 @@ def _open(kind: Kind, files: Sequence[Path], options: InputOptions) -> Source:
     if kind == "shapes":
         return open_shapes(files, options, gaps=True)
     return open_results(files, without=())
+
+
+def _meshes(head: Any) -> AtomMeshes | None:
+    """Return the meshes of the dictionary of a fit, where they can follow its result."""
+    method = head.attributes.get("method") if isinstance(head, ResultSet) else None
+    if method not in METHODS:
+        return None
+    _, dictionary = fit_dictionary(head.attributes)
+    pose = Pose(str(method), perspective="camera_translation" in head.extras)
+    return None if isinstance(dictionary, str) else meshes_that_follow(pose, dictionary)
 
 
 def _with_rate(records: Any, config: ConvertConfig) -> Any:

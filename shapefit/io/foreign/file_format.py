@@ -30,6 +30,7 @@ class FileFormat:
     writer       takes a path and the layout of the records, gives a RecordWriter in a `with`
     writes       the kinds that it can write
     in_metres    what it writes is in metres and upright; its writer takes OutputOptions, too
+    atom_meshes  that writer has a place for the meshes that results mix
     by_sequence  its files hold one sequence each, or nothing but sequences
     points_only  it has no place for what is not a point: attributes, further datasets
     states_y_axis  its files say, or it is known of all of them, whether y points up or down
@@ -48,6 +49,7 @@ class FileFormat:
     writer: str | None = None
     writes: tuple[str, ...] = ()
     in_metres: bool = False
+    atom_meshes: bool = False
     by_sequence: bool = False
     points_only: bool = True
     states_y_axis: bool = True

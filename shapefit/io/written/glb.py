@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from shapefit.arrays import Floats
 from shapefit.geometry.bone_tree import find_bones
@@ -17,6 +16,7 @@ from shapefit.io.layout import Format
 from shapefit.io.options import OutputOptions
 from shapefit.io.written.deeplabcut_3d import by_video
 from shapefit.io.written.gltf import Scene
+from shapefit.io.written.morphs import add_morph, quaternions
 from shapefit.io.written.motion import Motion
 from shapefit.io.written.outputs import MotionWriter, motion_output
 from shapefit.io.written.rig import node_names, rigged
@@ -33,7 +33,16 @@ def glb_output(
     target: Path, form: Format, options: OutputOptions
 ) -> AbstractContextManager[MotionWriter]:
     """Give a writer to GLB files, one per video, that appear on a clean exit."""
-    return motion_output(target, options, write_glb, by_video, prepare=rigged)
+    return motion_output(target, options, write_glb, by_video, prepare=prepared)
+
+
+def prepared(motions: Sequence[Motion], place: str) -> tuple[list[Motion], str]:
+    """Return motions with rigs, but for those of meshes; see `rigged`."""
+    bones, note = [motion for motion in motions if motion.morph is None], ""
+    if bones:
+        bones, note = rigged(bones, place)
+    found = iter(bones)
+    return [next(found) if each.morph is None else each for each in motions], note
 
 
 def write_glb(path: Path, motions: Sequence[Motion]) -> None:
@@ -44,31 +53,34 @@ def write_glb(path: Path, motions: Sequence[Motion]) -> None:
     scene, roots = Scene(), []
     first = min(motion.first for motion in motions)
     for number, motion in enumerate(motions):
-        assert motion.rig is not None
-        rig = replace(motion.rig, root=motion.rig.root + motion.start - motions[0].start)
-        times = scene.store((motion.frames - first) / motion.rate)
-        here = len(scene.parts.get("nodes", ()))
-        for node, name in enumerate(node_names(motion)):
-            offset = rig.offsets[node] if node else rig.root[rig.rest]
-            children = [here + below for below, each in enumerate(rig.tree) if each.above == node]
-            scene.add("nodes", name=name, translation=offset.tolist(), children=children or None)
-            if rig.tree[node].aims:
-                scene.animate(here + node, "rotation", times, quaternions(rig.rotations[node]))
-        scene.animate(here, "translation", times, rig.root)
+        beside = motion.start - motions[0].start
+        times = (motion.frames - first) / motion.rate
         name = motion.name or "motion"
         look = {"baseColorFactor": [*COLOURS[number % len(COLOURS)], 1.0], "metallicFactor": 0.0}
         material = scene.add("materials", name=name, pbrMetallicRoughness=look)
+        if motion.morph is not None:
+            morph = replace(motion.morph, translation=motion.morph.translation + beside)
+            roots.append(add_morph(scene, morph, times[morph.frames], name, material))
+            continue
+        assert motion.rig is not None
+        rig = replace(motion.rig, root=motion.rig.root + beside)
+        here = _add_nodes(scene, rig, node_names(motion), times)
         mesh, skin = _skin(scene, rig, here, name, material)
         roots += [here, scene.add("nodes", name=name, mesh=mesh, skin=skin)]
     scene.write(path, roots)
 
 
-def quaternions(rotations: Floats) -> Floats:
-    """Unit quaternions (f, 4), x y z w, of rotations (f, 3, 3): of q and -q the nearer one."""
-    q = Rotation.from_matrix(rotations).as_quat()
-    turned = (q[1:] * q[:-1]).sum(axis=1) < 0
-    q[1:] *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
-    return q
+def _add_nodes(scene: Scene, rig: Rig, names: Sequence[str], times: Floats) -> int:
+    """Add the nodes of a rig, and how they turn; returns the number of the first."""
+    here, at = len(scene.parts.get("nodes", ())), scene.store(times)
+    for node, name in enumerate(names):
+        offset = rig.offsets[node] if node else rig.root[rig.rest]
+        children = [here + below for below, each in enumerate(rig.tree) if each.above == node]
+        scene.add("nodes", name=name, translation=offset.tolist(), children=children or None)
+        if rig.tree[node].aims:
+            scene.animate(here + node, "rotation", at, quaternions(rig.rotations[node]))
+    scene.animate(here, "translation", at, rig.root)
+    return here
 
 
 def _skin(scene: Scene, rig: Rig, here: int, name: str, material: int) -> tuple[int, int]:

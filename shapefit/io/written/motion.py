@@ -13,6 +13,7 @@ from shapefit.geometry.joint_rotations import Rig
 from shapefit.io.options import OutputOptions
 from shapefit.io.records import Names
 from shapefit.io.written.metres import in_metres
+from shapefit.io.written.morphs import Morph, find_morph
 from shapefit.io.written.tracks import Track
 from shapefit.io.written.verdicts import Verdicts, find_verdicts
 
@@ -32,7 +33,7 @@ class Motion:
     points (f, 3, p) in metres, nan where there is nothing; first, the number of the first frame;
     rate in Hz, 1 where it is not known; edges (e, 2) between landmarks; axes and size in words;
     warnings about the sequence; start (3,) as in `Placed`; verdicts where the records say which
-    shapes are to be trusted; rig for files that hold rotations.
+    shapes are to be trusted; for files that hold more than points rig and morph.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Motion:
     start: Floats = field(default_factory=lambda: np.zeros(3))
     verdicts: Verdicts | None = None
     rig: Rig | None = None
+    morph: Morph | None = None
 
     @property
     def frames(self) -> NDArray[np.int64]:
@@ -87,6 +89,7 @@ def find_motion(track: Track, options: OutputOptions, place: str) -> Motion:
         size=placed.size,
         warnings=tuple(warnings),
         start=placed.start,
+        morph=find_morph(records, placed.points, frames - first, options.meshes),
         verdicts=find_verdicts(track, placed.factor, records.frame_rate or 1.0),
     )
 

@@ -33,22 +33,23 @@ Group = Callable[[Sequence[Motion]], dict[str, list[Motion]]]
 class MotionWriter:
     """Takes shapes or results; keeps their points, as the scale of a sequence takes all of it."""
 
-    def __init__(self) -> None:
+    def __init__(self, options: OutputOptions) -> None:
         self.attributes: dict[str, str | float | int] = {}
         self.summary = Summary()
         self._parts: list[Solid] = []
+        self._options = options
 
     def append(self, record: Solid) -> None:
         """Take the items of a record after those that are there."""
-        self._parts.append(points_of(record))
+        self._parts.append(points_of(record, self._options.meshes is not None))
 
-    def motions(self, options: OutputOptions, place: str) -> list[Motion]:
+    def motions(self, place: str) -> list[Motion]:
         """Return all sequences in metres. Raises ValueError where nothing was appended."""
         if not self._parts:
             raise ValueError(NOTHING_APPENDED)
         tracks = find_tracks(self._parts, place)
         self._parts.clear()
-        return [find_motion(track, options, place) for track in tracks]
+        return [find_motion(track, self._options, place) for track in tracks]
 
 
 @contextmanager
@@ -72,9 +73,9 @@ def motion_output(
         found = "motion can be several files, which do not appear together in an object store"
         raise input_error(target, found, "write it to this machine, and copy it there")
     check_output(target)
-    writer = MotionWriter()
+    writer = MotionWriter(options)
     yield writer
-    motions, note = writer.motions(options, str(target)), ""
+    motions, note = writer.motions(str(target)), ""
     if prepare is not None:
         motions, note = prepare(motions, str(target))
     files = _files(target, group(motions), write)

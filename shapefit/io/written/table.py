@@ -44,6 +44,7 @@ FORMATS: dict[str, FileFormat] = {
         writer=f"{_ROOM}.glb:glb_output",
         writes=("shapes", "result"),
         in_metres=True,
+        atom_meshes=True,
         by_sequence=True,
     ),
     "trc": FileFormat(

@@ -46,8 +46,8 @@ class Track:
         return edges[((edges >= 0) & (edges < len(names))).all(axis=1)]
 
 
-def points_of(record: Solid) -> Solid:
-    """Return a record with nothing but what files of points are made of."""
+def points_of(record: Solid, meshes: bool = False) -> Solid:
+    """Return a record with nothing but what files of points, or of meshes too, are made of."""
     extras = Extras.of(record.extras, len(record))
     kept = Extras(
         {name: values for name, values in extras.per_item.items() if name in KEPT},
@@ -57,6 +57,8 @@ def points_of(record: Solid) -> Solid:
         return replace(record, mesh_vertices=None, mesh_faces=None, extras=kept)
     return ResultSet(
         shapes=record.shapes,
+        coefficients=record.coefficients if meshes else None,
+        rotation=record.rotation if meshes else None,
         translation=record.translation,
         scale=record.scale,
         landmark_names=record.landmark_names,

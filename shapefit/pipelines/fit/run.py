@@ -20,7 +20,9 @@ from shapefit.io import (
     read_dictionary,
     result_writer,
 )
+from shapefit.io.formats import find_target_format
 from shapefit.io.options import OutputOptions
+from shapefit.pipelines.export.carried_mesh import meshes_that_follow
 from shapefit.pipelines.export.run import open_exports, plan_exports
 from shapefit.pipelines.fit.chain import fit_images
 from shapefit.pipelines.fit.plan import Plan, plan_fit, read_options
@@ -51,9 +53,11 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
         said = (said_of_y(source), *said)
         wanted = wanted.seen_through(config.camera)
         plan = plan_fit(config, dictionary, source.head.landmark_names)
+        has_place = find_target_format(output).atom_meshes
+        meshes = meshes_that_follow(wanted.pose, dictionary) if has_place else None
         with (
             open_exports(wanted, dictionary, source.count) as exports,
-            result_writer(output, OutputOptions(height=config.height)) as writer,
+            result_writer(output, OutputOptions(height=config.height, meshes=meshes)) as writer,
         ):
             report = Report(plan.report, dictionary)
             for batch in lift_source(source, plan):

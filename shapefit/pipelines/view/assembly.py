@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import InputError, counted
-from shapefit.io import digest, read_dictionary
+from shapefit.errors import counted
+from shapefit.io import read_dictionary
 from shapefit.io.agreement import agreed
 from shapefit.io.formats import find_format
 from shapefit.io.kinds.listing import Listing, list_file
 from shapefit.io.options import input_options
+from shapefit.pipelines.export.origin import fit_dictionary
 from shapefit.pipelines.view.frames import Frames
 from shapefit.pipelines.view.gathering import Gathered, Truth, gather, read_truth, renamed_edges
 from shapefit.pipelines.view.layers import (
-    fit_config,
     laid_onto,
     mesh_obstacle,
     result_layer,
@@ -29,7 +29,6 @@ from shapefit.pipelines.view.layers import (
     with_mesh,
 )
 from shapefit.pipelines.view.pictures import embed, find_images
-from shapefit.stores.locations import location
 from shapefit.viewer.scene import Layer, MeshSet, Picture, Scene
 
 MOST_MESHES = 200
@@ -150,18 +149,13 @@ def _dictionary(
     """Return the dictionary of a result: that of the config, else that of the fit."""
     if config.dictionary is not None:
         return config.dictionary, read_dictionary(config.dictionary)
-    stated = fit_config(result).get("dictionary")
-    if not isinstance(stated, str):
-        return None, None
-    path = location(stated)
-    inputs = str(result.attributes.get("inputs", ""))
-    try:
-        if digest(path) in inputs:
-            return path, read_dictionary(path)
-        why = "has changed since the fit"
-    except (InputError, OSError):
-        why = "no longer exists"
-    notes.append(f"{result.name}: its dictionary {path.name} {why}; -d DICT.h5 names another.")
+    path, found = fit_dictionary(result.attributes)
+    if isinstance(found, Dictionary):
+        return path, found
+    if path is not None:
+        notes.append(
+            f"{result.name}: its dictionary {path.name} {found}; -d DICT.h5 names another."
+        )
     return None, None
 
 

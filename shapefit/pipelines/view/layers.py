@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -16,6 +15,7 @@ from shapefit.evaluation import metrics
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT
+from shapefit.pipelines.export.origin import fit_config
 from shapefit.pipelines.view.gathering import CAMERA, JUDGEMENTS, Gathered
 from shapefit.viewer.scene import Blend, Layer, Measure
 
@@ -78,15 +78,6 @@ def mesh_obstacle(gathered: Gathered, dictionary: Dictionary) -> str | None:
     return None
 
 
-def fit_config(gathered: Gathered) -> dict[str, object]:
-    """Return the config that a result was fitted with, as far as its file says."""
-    try:
-        config = json.loads(str(gathered.attributes.get("config", "{}")))
-    except ValueError:
-        return {}
-    return config if isinstance(config, dict) else {}
-
-
 def shape_layer(
     name: str, role: str, points: Floats, mesh: tuple[int, NDArray[np.intp]] | None = None
 ) -> Layer:
@@ -144,7 +135,7 @@ def with_error(layer: Layer, truth: Floats, unit: str) -> Layer:
 def _measures(gathered: Gathered, seen: Floats | None) -> Iterator[Measure]:
     """Yield what is known of each frame, what says most about it first."""
     found = gathered.of_frames
-    posterior = fit_config(gathered).get("posterior")
+    posterior = fit_config(gathered.attributes).get("posterior")
     limit = posterior.get("implausible") if isinstance(posterior, dict) else None
     limits = {"plausibility": limit if isinstance(limit, float) else None}
     for name in JUDGEMENTS:
