@@ -15,15 +15,13 @@ import pytest
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import (
-    landmark_writer,
-    open_landmarks,
     read_shapes,
-    result_writer,
     write_dictionary,
     write_shapes,
 )
 from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from tests.io.files import load, save
 
 NAMES = ("head", "left hand", "right hand", "foot")
 
@@ -159,16 +157,14 @@ def shape_file(tmp_path, shapes) -> Path:
 @pytest.fixture
 def landmark_file(tmp_path, landmarks) -> Path:
     path = tmp_path / "views.h5"
-    with landmark_writer(path) as writer:
-        writer.append(landmarks)
+    save(path, landmarks)
     return path
 
 
 @pytest.fixture
 def result_file(tmp_path, results) -> Path:
     path = tmp_path / "result.h5"
-    with result_writer(path) as writer:
-        writer.append(results)
+    save(path, results)
     return path
 
 
@@ -221,12 +217,7 @@ def standard_input(monkeypatch) -> Callable[[str], None]:
 def read_views():
     """Return what reads the few images of landmark files."""
 
-    def read(*paths):
-        with open_landmarks(paths) as source:
-            (chunk,) = source.chunks(100)
-            return chunk
-
-    return read
+    return load
 
 
 @pytest.fixture

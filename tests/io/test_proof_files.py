@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io import read_results, result_writer
+from shapefit.io import read_results
 from shapefit.io.kinds.opening import open_proofs, proof_chunks
+from tests.io.files import save
 
 COUNTS = np.array([2, 0, 1, 3, 0])
 
@@ -31,10 +32,7 @@ def proved(results, rng):
 @pytest.fixture
 def path(tmp_path, proved):
     path = tmp_path / "result.h5"
-    with result_writer(path) as writer:
-        writer.append(proved.take([0, 1]))
-        writer.append(proved.take([2]))
-        writer.append(proved.take([3, 4]))
+    save(path, proved.take([0, 1]), proved.take([2]), proved.take([3, 4]))
     return path
 
 
@@ -70,8 +68,7 @@ def test_results_are_read_without_their_proofs(path, proved):
 
 
 def test_results_without_a_proof_are_read(tmp_path, results):
-    with result_writer(tmp_path / "old.h5") as writer:
-        writer.append(results)
+    save(tmp_path / "old.h5", results)
     with open_proofs(tmp_path / "old.h5") as found:
         (chunk,) = proof_chunks(found, 9)
     assert chunk.dual is None

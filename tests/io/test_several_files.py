@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.io import landmark_writer, open_landmarks, read_shapes, write_shapes
+from shapefit.io import open_landmarks, read_shapes, write_shapes
 from shapefit.io.name_index import ItemList, check_unique_items
+from tests.io.files import save
 
 ORDER = [2, 0, 3, 1]
 
@@ -26,8 +27,7 @@ def permuted_shapes(shapes, order):
 
 
 def views_file(path, landmarks):
-    with landmark_writer(path) as writer:
-        writer.append(landmarks)
+    save(path, landmarks)
     return path
 
 

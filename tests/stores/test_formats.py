@@ -8,8 +8,9 @@ import pytest
 from shapefit.config import load_config
 from shapefit.errors import InputError
 from shapefit.face import files
-from shapefit.io import landmark_writer, open_landmarks
+from shapefit.io import open_landmarks
 from shapefit.stores.locations import location
+from tests.io.files import save
 
 
 @pytest.fixture
@@ -75,12 +76,10 @@ def test_messages_name_the_url(bucket, text, message):
 def test_rows_of_parquet(samples, project, tmp_path):
     pytest.importorskip("pyarrow")
     local = read([project / "sample_data" / "cars_views.h5"])
-    with landmark_writer(tmp_path / "views.parquet") as writer:
-        writer.append(local)
+    save(tmp_path / "views.parquet", local)
     samples.files.put_file(str(tmp_path / "views.parquet"), f"{samples.name}/views.parquet")
     with open_landmarks([location(f"{samples.url}/views.parquet")], rows=slice(2, 5)) as source:
         there = source.whole()
     np.testing.assert_array_equal(there.landmarks, local.landmarks[2:5])
-    with landmark_writer(location(f"{samples.url}/written.parquet")) as writer:
-        writer.append(there)
+    save(location(f"{samples.url}/written.parquet"), there)
     assert read([location(f"{samples.url}/written.parquet")]).items == local.items[2:5]

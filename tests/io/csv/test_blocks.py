@@ -13,6 +13,7 @@ from shapefit.io.csv import writing as csv_writing
 from shapefit.io.csv.numbers import read_numbers
 from shapefit.io.csv.text import Section, read_rows, split_columns
 from shapefit.io.records import LandmarkSet
+from tests.io.files import save
 
 VIEWS = """\
 item,landmark,x,y,confidence,sequence
@@ -152,11 +153,9 @@ def test_numbers_come_back_to_the_last_bit(values):
 
 @pytest.mark.parametrize("rows", [1, 5, 12, 13, 1000])
 def test_records_are_written_in_blocks_of_whole_items(tmp_path, monkeypatch, landmarks, rows):
-    with landmark_writer(tmp_path / "whole.csv") as writer:
-        writer.append(landmarks)
+    save(tmp_path / "whole.csv", landmarks)
     monkeypatch.setattr(csv_writing, "BLOCK_ROWS", rows)
-    with landmark_writer(tmp_path / "parts.csv") as writer:
-        writer.append(landmarks)
+    save(tmp_path / "parts.csv", landmarks)
     assert (tmp_path / "parts.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
 
 

@@ -16,6 +16,7 @@ from shapefit.io import (
     result_writer,
     write_shapes,
 )
+from tests.io.files import save
 
 VIEWS = """\
 item,landmark,x,y,confidence,sequence
@@ -141,8 +142,7 @@ def test_results_as_csv(tmp_path, results):
 
 
 def test_standard_output(landmarks, capfdbinary):
-    with landmark_writer(Path("-")) as writer:
-        writer.append(landmarks.take([0]))
+    save(Path("-"), landmarks.take([0]))
     lines = capfdbinary.readouterr().out.decode().splitlines()
     assert lines[0] == "item,landmark,x,y,confidence,sequence"
     assert lines[1].startswith("image 0,head,")
@@ -161,19 +161,9 @@ def test_names_with_commas_quotes_and_line_ends(tmp_path, shapes, same, read_one
     np.testing.assert_array_equal(found.shapes, odd.shapes)
 
 
-def test_zero_results(tmp_path, results):
-    path = tmp_path / "result.csv"
-    with result_writer(path) as writer:
-        writer.append(results.take([]))
-    assert path.read_text() == "item,landmark,x,y,z,sequence\n"
-    assert len(read_results(path)) == 0
-
-
 def test_columns_of_chunks_must_agree(tmp_path, landmarks):
     def write():
-        with landmark_writer(tmp_path / "views.csv") as writer:
-            writer.append(landmarks)
-            writer.append(replace(landmarks, confidence=None))
+        save(tmp_path / "views.csv", landmarks, replace(landmarks, confidence=None))
 
     with pytest.raises(ValueError, match="not those of the first"):
         write()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shapefit.io import read_results, result_writer
+from shapefit.io import read_results
 from shapefit.io.records import ResultSet
+from tests.io.files import save
 
 
 @pytest.mark.parametrize("sequences", [None, ("one", "two")])
@@ -18,8 +19,7 @@ def test_the_number_of_readings_is_a_column(tmp_path, rng, sequences):
         sequences=sequences,
         modes=np.array([1, 3]),
     )
-    with result_writer(tmp_path / "result.csv") as writer:
-        writer.append(record)
+    save(tmp_path / "result.csv", record)
     header, *rows = (tmp_path / "result.csv").read_text(encoding="utf-8").splitlines()
     assert header.endswith(",modes")
     assert [row.rpartition(",")[2] for row in rows] == ["1", "1", "3", "3"]

@@ -18,8 +18,8 @@ from shapefit.io import (
     read_shapes,
     result_writer,
     write_dictionary,
-    write_shapes,
 )
+from tests.io.files import save
 
 
 def read_landmarks(*paths):
@@ -72,8 +72,7 @@ def test_results_keep_attributes_and_carried_datasets(result_file, results):
 def test_a_carried_dataset_never_hides_one_of_the_format(tmp_path, results):
     path = tmp_path / "result.h5"
     extras = {"scale": np.arange(5), "item": np.array(list("abcde"))}
-    with result_writer(path) as writer:
-        writer.append(replace(results, extras=extras))
+    save(path, replace(results, extras=extras))
     found = read_results(path)
     np.testing.assert_array_equal(found.scale, results.scale)
     np.testing.assert_array_equal(found.extras["input_scale"], np.arange(5))
@@ -110,8 +109,7 @@ def test_three_images_do_not_make_rows_of_the_camera_matrix(landmark_file, tmp_p
     np.testing.assert_array_equal(chunk.take([1]).extras["camera_matrix"], np.eye(3))
     for other in ("camera_matrix", "palette"):
         three = replace(chunk, extras=type(chunk.extras)({}, {other: np.eye(3)}))
-        with landmark_writer(tmp_path / "three.h5") as writer:
-            writer.append(three)
+        save(tmp_path / "three.h5", three)
         (again,) = read_landmarks(tmp_path / "three.h5")
         np.testing.assert_array_equal(again.take([1]).extras[other], np.eye(3))
 
@@ -131,8 +129,7 @@ def test_nested_datasets_are_carried(landmark_file, tmp_path, edit):
     first, _ = read_landmarks(landmark_file)
     assert first.extras["camera/focal"].tolist() == [0, 1, 2]
     assert first.extras["camera/model"].item() == "pinhole"
-    with landmark_writer(tmp_path / "again.h5") as writer:
-        writer.append(first)
+    save(tmp_path / "again.h5", first)
     with h5py.File(tmp_path / "again.h5") as file:
         assert file["camera/model"].asstr()[()] == "pinhole"
 
@@ -187,19 +184,6 @@ def test_a_landmark_with_half_a_position_is_unseen(landmark_file, landmarks, edi
     points[0, 0] = (1.0, np.nan)
     first, _ = read_landmarks(edit(landmark_file, landmarks=points))
     assert np.isnan(first.landmarks[0, :, 0]).all()
-
-
-def test_zero_images(tmp_path, landmarks, results, shapes):
-    with landmark_writer(tmp_path / "views.h5") as writer:
-        writer.append(landmarks.take([]))
-    (none,) = read_landmarks(tmp_path / "views.h5")
-    assert len(none) == 0
-    assert none.landmark_names == landmarks.landmark_names
-    with result_writer(tmp_path / "result.h5") as writer:
-        writer.append(results.take([]))
-    assert len(read_results(tmp_path / "result.h5")) == 0
-    write_shapes(tmp_path / "shapes.h5", shapes.take([]))
-    assert len(read_shapes([tmp_path / "shapes.h5"])) == 0
 
 
 def test_a_dictionary_is_not_written_as_csv(tmp_path, dictionary, problems):

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from shapefit.io import (
-    landmark_writer,
     open_landmarks,
     read_dictionary,
     read_results,
     read_shapes,
 )
+from tests.io.files import save
 
 
 def read_landmarks(*paths):
@@ -277,8 +277,7 @@ def test_faults_far_into_the_file_are_named_by_their_row(
     bad[4, 0, 3] = np.inf
     items = (*landmarks.items[:3], "", "image 1")
     path = tmp_path / "views.h5"
-    with landmark_writer(path) as writer:
-        writer.append(replace(landmarks, landmarks=bad, items=items))
+    save(path, replace(landmarks, landmarks=bad, items=items))
     (line,) = problems(open_landmarks, [path])
     assert line == f"{path}:/item[3]: is empty; name every item"
     edit(path, item=[*items[:3], "x", "image 1"])

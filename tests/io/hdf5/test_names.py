@@ -5,8 +5,9 @@ from __future__ import annotations
 import h5py
 import numpy as np
 
-from shapefit.io import landmark_writer, open_landmarks, read_shapes
+from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.records import LandmarkSet
+from tests.io.files import save
 
 
 def test_a_zero_byte_in_a_text_is_refused(shape_file, landmark_file, problems, edit):
@@ -29,7 +30,6 @@ def test_many_landmark_names_are_compared_at_once(tmp_path):
     """Each with each would be 2e10 comparisons: the test would not end."""
     names = tuple(f"landmark {number}" for number in range(200_000))
     few = LandmarkSet(landmarks=np.zeros((1, 2, len(names))), landmark_names=names, items=("one",))
-    with landmark_writer(tmp_path / "many.h5") as writer:
-        writer.append(few)
+    save(tmp_path / "many.h5", few)
     with open_landmarks([tmp_path / "many.h5"]) as source:
         assert source.head.landmark_names == names

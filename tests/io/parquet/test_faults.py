@@ -15,8 +15,9 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import landmark_writer, memory, open_landmarks, read_results
-from shapefit.io.layout import RESULTS, SHAPES
+from shapefit.io.layout import SHAPES
 from shapefit.io.writing import record_writer
+from tests.io.files import load, save
 
 GOOD = {
     "item": ["a", "b"],
@@ -37,11 +38,6 @@ def write(tmp_path):
         return path
 
     return written
-
-
-def read(path: Path):
-    with open_landmarks([path]) as source:
-        return source.whole()
 
 
 COLUMNS = {
@@ -126,7 +122,7 @@ METADATA = {
 def test_a_column_that_is_wrong(write, problems, fault):
     columns, message = COLUMNS[fault]
     path = write(**columns)
-    (line,) = problems(read, path)
+    (line,) = problems(load, path)
     assert line.startswith(f"{path}: {message.format(path=path)}")
 
 
@@ -134,7 +130,7 @@ def test_a_column_that_is_wrong(write, problems, fault):
 def test_metadata_that_are_wrong(write, problems, fault):
     metadata, message = METADATA[fault]
     path = write(metadata)
-    (line,) = problems(read, path)
+    (line,) = problems(load, path)
     assert line.startswith(f"{path}: {message}")
 
 
@@ -142,7 +138,7 @@ def test_metadata_that_are_wrong(write, problems, fault):
 def test_a_file_that_is_cut_off(write, problems, length):
     path = write()
     path.write_bytes(path.read_bytes()[:length])
-    (line,) = problems(read, path)
+    (line,) = problems(load, path)
     assert line.startswith(f"{path}: cannot be read (")
     assert line.endswith("the file may be cut off or damaged: copy or make it again")
 
@@ -154,7 +150,7 @@ def test_bytes_that_are_damaged_are_an_input_error_or_other_values(write):
     for place in range(4, len(sound) - 8, 5):
         path.write_bytes(sound[:place] + bytes([sound[place] ^ 0x55]) + sound[place + 1 :])
         try:
-            read(path)
+            load(path)
             outcomes.add("read")
         except InputError:
             outcomes.add("refused")
@@ -165,7 +161,7 @@ def test_more_than_memory_is_refused(write, problems, monkeypatch):
     path = write(item=[f"i{n}" for n in range(2000)], x=[[1.0, 2.0]] * 2000, y=[[1.0, 2.0]] * 2000)
     monkeypatch.setattr(memory, "ALWAYS_FITS", 0)
     monkeypatch.setattr(memory, "free_memory", lambda: 1000)
-    (line,) = problems(read, path)
+    (line,) = problems(load, path)
     assert "of memory, and 1 kB are free; divide the file" in line
 
 
@@ -177,8 +173,7 @@ def test_counts_that_do_not_fit_their_lists(tmp_path, results, rng):
         active_transforms=rng.normal(size=(3, 2, 3)),
     )
     path = tmp_path / "r.parquet"
-    with record_writer(path, RESULTS) as writer:
-        writer.append(proved)
+    save(path, proved)
     table = pq.read_table(path)
     assert table.column("transform_atom").to_pylist() == [[1], [], [2, 3], [], []]
     place = table.schema.get_field_index("transform_count")
@@ -210,7 +205,7 @@ def test_a_pipe_is_refused(write):
 def test_without_pyarrow_the_fix_is_named(write, problems, without_pyarrow):
     path = write()
     fix = "these files need the library pyarrow, which is not installed; run `pip install "
-    (line,) = problems(read, path)
+    (line,) = problems(load, path)
     assert line.startswith(f"Parquet: {fix}")
     (line,) = problems(lambda: landmark_writer(path).__enter__())
     assert line.startswith(f"Parquet: {fix}")
@@ -222,9 +217,7 @@ def test_a_writing_that_fails_leaves_the_old_file(tmp_path, landmarks):
     other = replace(landmarks, confidence=None)
 
     def write():
-        with landmark_writer(path) as writer:
-            writer.append(landmarks)
-            writer.append(other)
+        save(path, landmarks, other)
 
     with pytest.raises(ValueError, match="not those of the first"):
         write()

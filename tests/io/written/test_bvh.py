@@ -9,11 +9,9 @@ import pytest
 
 from shapefit.geometry.rotations import random_rotations, turns
 from shapefit.io import read_shapes
-from shapefit.io.layout import RESULTS, SHAPES
-from shapefit.io.options import OutputOptions
 from shapefit.io.skeletons import PEOPLE, edges_of
-from shapefit.io.writing import record_writer
 from shapefit.io.written.bvh import find_angles
+from tests.io.files import save
 
 MILLIMETRE = 1e-3
 
@@ -36,13 +34,6 @@ NAMES = {
 }
 
 
-def write(path, record, **options):
-    form = SHAPES if hasattr(record, "edges") else RESULTS
-    with record_writer(path, form, options=OutputOptions(**options)) as writer:
-        writer.append(record)
-    return writer.summary
-
-
 def places(path, names):
     """Return the joints (f, 3, p) of these names in a file, and its frame rate."""
     back = read_shapes([path])
@@ -52,7 +43,7 @@ def places(path, names):
 
 def test_rigid_bones_come_back_to_a_millimetre(tmp_path, project):
     shapes = read_shapes([project / "sample_data/people_test.h5"])
-    summary = write(tmp_path / "man.bvh", shapes)
+    summary = save(tmp_path / "man.bvh", shapes)
     assert "bones of one length, joints 0.0 mm from the landmarks on average" in summary.note
     sequences = np.array(shapes.sequences)
     assert len(summary.written) == 8
@@ -64,7 +55,7 @@ def test_rigid_bones_come_back_to_a_millimetre(tmp_path, project):
 
 
 def test_a_result_is_in_metres_with_joints_that_are_known(tmp_path, scene):
-    summary = write(tmp_path / "man.bvh", scene.result)
+    summary = save(tmp_path / "man.bvh", scene.result)
     found, rate = places(tmp_path / "man.bvh", [NAMES[joint] for joint in PEOPLE])
     assert rate == 25
     np.testing.assert_allclose(found, scene.y_up, atol=0.02 * MILLIMETRE)
@@ -77,7 +68,7 @@ def test_a_result_is_in_metres_with_joints_that_are_known(tmp_path, scene):
 def test_bones_that_stretch_are_told(tmp_path, shapes):
     stretched = shapes.shapes.copy()
     stretched[2, :, PEOPLE.index("lwrist")] += [0, 0, 10]  # cm
-    summary = write(tmp_path / "man.bvh", replace(shapes, shapes=stretched), up="z")
+    summary = save(tmp_path / "man.bvh", replace(shapes, shapes=stretched), up="z")
     found, _ = places(tmp_path / "man.bvh", ["LeftHand"])
     truth = np.stack([stretched[:, 0], stretched[:, 2], -stretched[:, 1]], axis=1) / 100
     away = np.linalg.norm(found[..., 0] - truth[..., PEOPLE.index("lwrist")], axis=1)
@@ -89,7 +80,7 @@ def test_gaps_are_bridged_and_told(tmp_path, shapes):
     points = shapes.shapes.copy()
     points[1, :, 3] = np.nan
     points[:, :, 8] = np.nan
-    summary = write(tmp_path / "man.bvh", replace(shapes, shapes=points))
+    summary = save(tmp_path / "man.bvh", replace(shapes, shapes=points))
     assert summary.warnings == (
         "head never have a place: left out",
         "1 frame with gaps, which are bridged in straight lines",
@@ -101,7 +92,7 @@ def test_gaps_are_bridged_and_told(tmp_path, shapes):
 
 def test_names_of_any_class_have_no_spaces(tmp_path, rng):
     shapes = read_animal(rng)
-    write(tmp_path / "rat.bvh", shapes)
+    save(tmp_path / "rat.bvh", shapes)
     found, _ = places(tmp_path / "rat.bvh", ["the_back", "tail", "left_ear_", "nose_"])
     np.testing.assert_allclose(found, shapes.shapes, atol=0.02 * MILLIMETRE)
 
@@ -118,11 +109,11 @@ def read_animal(rng):
 
 def test_without_edges_or_shapes_it_is_refused(tmp_path, rng, problems):
     shapes = read_animal(rng)
-    (line,) = problems(write, tmp_path / "rat.bvh", replace(shapes, edges=None))
+    (line,) = problems(save, tmp_path / "rat.bvh", replace(shapes, edges=None))
     assert line.startswith(f"{tmp_path / 'rat.bvh'}: the landmarks have no edges, so there are no")
     assert "write TRC or C3D" in line
     nowhere = replace(shapes, shapes=np.full_like(shapes.shapes, np.nan))
-    (line,) = problems(write, tmp_path / "rat.bvh", nowhere)
+    (line,) = problems(save, tmp_path / "rat.bvh", nowhere)
     assert "no two landmarks of an edge have a place in any frame" in line
     assert not list(tmp_path.iterdir())
 

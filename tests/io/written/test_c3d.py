@@ -8,24 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.io.layout import RESULTS, SHAPES
-from shapefit.io.writing import record_writer
 from shapefit.io.written.c3d import write_c3d
 from shapefit.io.written.motion import Motion
+from tests.io.files import save
 
 ezc3d = pytest.importorskip("ezc3d")
-
-
-def write(path, record):
-    with record_writer(path, SHAPES if hasattr(record, "edges") else RESULTS) as writer:
-        writer.append(record)
 
 
 def test_points_come_back_in_millimetres(tmp_path, scene):
     target = tmp_path / "man.c3d"
     shapes = scene.result.shapes.copy()
     shapes[2] = np.nan
-    write(target, replace(scene.result, shapes=shapes))
+    save(target, replace(scene.result, shapes=shapes))
     file = ezc3d.c3d(str(target))
     point = file["parameters"]["POINT"]
     assert point["UNITS"]["value"] == ["mm"]
@@ -41,7 +35,7 @@ def test_points_come_back_in_millimetres(tmp_path, scene):
 
 
 def test_shapes_keep_their_axes_and_promise_none(tmp_path, scene, shapes):
-    write(tmp_path / "walk.c3d", shapes)
+    save(tmp_path / "walk.c3d", shapes)
     file = ezc3d.c3d(str(tmp_path / "walk.c3d"))
     points = file["data"]["points"][:3].transpose(2, 0, 1)
     np.testing.assert_allclose(points, 1000 * scene.world, atol=1e-3)
@@ -51,9 +45,9 @@ def test_shapes_keep_their_axes_and_promise_none(tmp_path, scene, shapes):
 
 def test_more_frames_than_a_file_can_number(tmp_path, scene, problems):
     late = replace(scene.result, extras=scene.result.extras | {"frame": 65530 + np.arange(4)})
-    write(tmp_path / "late.c3d", late.take(slice(0, 3)))
+    save(tmp_path / "late.c3d", late.take(slice(0, 3)))
     later = replace(scene.result, extras=scene.result.extras | {"frame": 65533 + np.arange(4)})
-    (line,) = problems(write, tmp_path / "later.c3d", later)
+    (line,) = problems(save, tmp_path / "later.c3d", later)
     assert (
         line == "film/anna: the frames run to 65,537, and C3D numbers 65,535 at most; write "
         "TRC, or shorter sequences"
@@ -63,7 +57,7 @@ def test_more_frames_than_a_file_can_number(tmp_path, scene, problems):
 
 def test_without_the_library_the_error_says_how_to_get_it(tmp_path, scene, problems, monkeypatch):
     monkeypatch.setitem(sys.modules, "ezc3d", None)
-    (line,) = problems(write, tmp_path / "man.c3d", scene.result)
+    (line,) = problems(save, tmp_path / "man.c3d", scene.result)
     assert line.endswith("need the library ezc3d; run `pip install ezc3d`")
 
 
@@ -78,7 +72,7 @@ def test_a_disk_that_fills_up_unseen(tmp_path, scene, problems, monkeypatch):
             file.truncate(600)
 
     monkeypatch.setattr(ezc3d.c3d, "write", cut)
-    (line,) = problems(write, target, scene.result)
+    (line,) = problems(save, target, scene.result)
     assert "cannot be written: No space left" in line
     assert target.read_bytes() == b"old"
     assert [path.name for path in tmp_path.iterdir()] == ["man.c3d"]

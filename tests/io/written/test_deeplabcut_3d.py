@@ -8,14 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from shapefit.io import read_shapes
-from shapefit.io.layout import RESULTS
-from shapefit.io.writing import record_writer
-
-
-def write(path, record):
-    with record_writer(path, RESULTS, "deeplabcut-3d") as writer:
-        writer.append(record)
-    return writer.summary.written
+from tests.io.files import save
 
 
 def table(path):
@@ -30,7 +23,8 @@ def table(path):
 def test_one_individual(tmp_path, scene):
     target = tmp_path / "man.csv"
     names = ("a,b", 'c"d', *scene.result.landmark_names[2:])
-    assert write(target, replace(scene.result, landmark_names=names)) == (target,)
+    summary = save(target, replace(scene.result, landmark_names=names), to="deeplabcut-3d")
+    assert summary.written == (target,)
     header, numbers = table(target)
     assert list(header) == ["scorer", "bodyparts", "coords"]
     assert header["bodyparts"] == [name for name in names for _ in "xyz"]
@@ -48,7 +42,7 @@ def test_several_individuals_share_a_file_and_videos_do_not(tmp_path, scene):
         sequences=("film/anna", "film/bob", "film/anna", "other/bob"),
         extras=scene.result.extras | {"frame": np.array([0, 2, 2, 0])},
     )
-    film, other = write(tmp_path / "man.csv", result)
+    film, other = save(tmp_path / "man.csv", result, to="deeplabcut-3d").written
     assert (film.name, other.name) == ("man_film.csv", "man_other.csv")
     header, numbers = table(film)
     assert header["individuals"] == ["anna"] * 45 + ["bob"] * 45
@@ -64,7 +58,7 @@ def test_several_individuals_share_a_file_and_videos_do_not(tmp_path, scene):
 
 def test_our_reader_takes_it(tmp_path, scene):
     target = tmp_path / "man.csv"
-    write(target, scene.result)
+    save(target, scene.result, to="deeplabcut-3d")
     shapes = read_shapes([target])
     assert shapes.landmark_names == scene.result.landmark_names
     assert shapes.items == tuple(f"man/{frame}" for frame in range(7, 11))

@@ -11,10 +11,9 @@ import pytest
 import trimesh
 
 from shapefit.io import read_shapes
-from shapefit.io.layout import RESULTS
 from shapefit.io.skeletons import PEOPLE
-from shapefit.io.writing import record_writer
-from tests.io.written.test_bvh import MILLIMETRE, NAMES, write
+from tests.io.files import save
+from tests.io.written.test_bvh import MILLIMETRE, NAMES
 
 DTYPES = {5126: "<f4", 5125: "<u4", 5123: "<u2"}
 WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -62,7 +61,7 @@ def throw(project):
 
 
 def test_joints_are_where_the_landmarks_were(tmp_path, throw):
-    write(tmp_path / "man.glb", throw)
+    save(tmp_path / "man.glb", throw)
     file = File(tmp_path / "man.glb")
     (sampler, *_) = file.parts["animations"][0]["samplers"]
     np.testing.assert_allclose(file.array(sampler["input"])[:, 0], np.arange(80) / 24, atol=1e-6)
@@ -75,7 +74,7 @@ def test_joints_are_where_the_landmarks_were(tmp_path, throw):
 
 
 def test_between_frames_rotations_take_the_short_way(tmp_path, throw):
-    write(tmp_path / "man.glb", throw)
+    save(tmp_path / "man.glb", throw)
     file = File(tmp_path / "man.glb")
     (animation,) = file.parts["animations"]
     for channel in animation["channels"]:
@@ -86,7 +85,7 @@ def test_between_frames_rotations_take_the_short_way(tmp_path, throw):
 
 def test_the_skin_follows_its_bones(tmp_path, throw):
     """The middle of each solid is that of its bone, once its vertices have moved with the nodes."""
-    write(tmp_path / "man.glb", throw)
+    save(tmp_path / "man.glb", throw)
     file = File(tmp_path / "man.glb")
     (skin,), (mesh,) = file.parts["skins"], file.parts["meshes"]
     (solid,) = mesh["primitives"]
@@ -114,10 +113,8 @@ def test_several_people_are_several_skins_as_far_apart_as_in_the_image(tmp_path,
         shapes=flat.shapes + np.array([300.0, 40, 0])[:, None],
         translation=flat.translation + np.array([300.0, 40]),
     )
-    with record_writer(tmp_path / "film.glb", RESULTS) as writer:
-        writer.append(flat)
-        writer.append(beside)
-    assert writer.summary.written == (tmp_path / "film.glb",)
+    summary = save(tmp_path / "film.glb", flat, beside)
+    assert summary.written == (tmp_path / "film.glb",)
     file = File(tmp_path / "film.glb")
     assert [skin["name"] for skin in file.parts["skins"]] == ["film/anna", "film/ben"]
     colours = [m["pbrMetallicRoughness"]["baseColorFactor"] for m in file.parts["materials"]]
@@ -130,7 +127,7 @@ def test_several_people_are_several_skins_as_far_apart_as_in_the_image(tmp_path,
 
 
 def test_trimesh_shows_the_pose_at_rest(tmp_path, scene):
-    write(tmp_path / "man.glb", scene.result)
+    save(tmp_path / "man.glb", scene.result)
     loaded = trimesh.load(tmp_path / "man.glb")
     extent = np.ptp(loaded.bounds, axis=0)
     assert extent[1] == pytest.approx(np.ptp(scene.y_up[0][1]), abs=0.06)

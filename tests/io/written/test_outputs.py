@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from shapefit.io.layout import LANDMARKS, RESULTS
 from shapefit.io.options import OutputOptions
 from shapefit.io.writing import record_writer
 from shapefit.io.written import outputs, trc
+from tests.io.files import save
 
 
 @pytest.fixture
@@ -26,12 +28,6 @@ def several(scene):
         sequences=("a", "a", "b", "b"),
         extras=scene.result.extras | {"frame": np.array([0, 1, 0, 1])},
     )
-
-
-def write(path, record, to="auto", **options):
-    with record_writer(path, RESULTS, to, OutputOptions(**options)) as writer:
-        writer.append(record)
-    return writer.summary
 
 
 def test_nothing_appears_before_all_is_written(tmp_path, several):
@@ -72,7 +68,7 @@ def test_a_full_disk(tmp_path, several, one, monkeypatch, problems):
             raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(trc, "write_trc", fill)
-    (line,) = problems(write, tmp_path / "man.trc", record)
+    (line,) = problems(save, tmp_path / "man.trc", record)
     assert "cannot be written: No space left on device; free some space" in line
     assert sorted(os.listdir(tmp_path)) == ["man.trc", "man_a.trc"]
     assert (tmp_path / "man_a.trc").read_text() == "old"
@@ -80,7 +76,7 @@ def test_a_full_disk(tmp_path, several, one, monkeypatch, problems):
 
 def test_standard_output(scene, problems):
     for to in ("trc", "c3d", "deeplabcut-3d", "coco"):
-        (line,) = problems(write, Path("-"), scene.result, to)
+        (line,) = problems(partial(save, to=to), Path("-"), scene.result)
         assert line.startswith("output: ")
         assert line.endswith("cannot go to standard output; name a file")
 
@@ -88,20 +84,20 @@ def test_standard_output(scene, problems):
 @pytest.mark.skipif(os.geteuid() == 0, reason="root can write everywhere")
 def test_an_unwritable_folder(tmp_path, several, problems):
     tmp_path.chmod(0o500)
-    (line,) = problems(write, tmp_path / "man.trc", several)
+    (line,) = problems(save, tmp_path / "man.trc", several)
     assert "is not writable" in line
 
 
 def test_a_folder_in_the_way(tmp_path, several, problems):
     (tmp_path / "man_b.trc").mkdir()
-    (line,) = problems(write, tmp_path / "man.trc", several)
+    (line,) = problems(save, tmp_path / "man.trc", several)
     assert line.startswith(f"{tmp_path / 'man_b.trc'}: it is a folder")
     assert os.listdir(tmp_path) == ["man_b.trc"]
 
 
 def test_names_that_no_file_can_have(tmp_path, several):
     odd = replace(several, sequences=("a:b", "a:b", "../c", "../c"))
-    written = write(tmp_path / "man.trc", odd).written
+    written = save(tmp_path / "man.trc", odd).written
     assert [path.name for path in written] == ["man_a%3Ab.trc", "man_.._c.trc"]
     assert all(path.is_file() for path in written)
 
@@ -125,11 +121,11 @@ def test_names_without_what_all_begin_with():
 
 def test_names_of_files_have_no_spaces(tmp_path, several):
     record = replace(several, sequences=("a b", "a b", "a_b", "a_b"))
-    written = [path.name for path in write(tmp_path / "man.trc", record).written]
+    written = [path.name for path in save(tmp_path / "man.trc", record).written]
     assert written == ["man_a_b.trc", "man_a_b_2.trc"]
     assert sorted(os.listdir(tmp_path)) == sorted(written)
 
 
 def test_items_of_no_sequence_are_no_motion(tmp_path, several, problems):
-    (line,) = problems(write, tmp_path / "man.trc", replace(several, sequences=None))
+    (line,) = problems(save, tmp_path / "man.trc", replace(several, sequences=None))
     assert "a/0, a/1, b/0, b/1 belong to no sequence: they are no motion; read them with" in line

@@ -7,14 +7,12 @@ import pytest
 
 from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.extras import Extras
-from shapefit.io.layout import LANDMARKS, RESULTS
 from shapefit.io.records import LandmarkSet
-from shapefit.io.writing import record_writer
+from tests.io.files import save
 
 
 def test_trc(tmp_path, scene):
-    with record_writer(tmp_path / "man.trc", RESULTS) as writer:
-        writer.append(scene.result)
+    save(tmp_path / "man.trc", scene.result)
     back = read_shapes([tmp_path / "man.trc"])
     assert back.landmark_names == scene.result.landmark_names
     assert (back.unit, back.frame_rate) == ("m", 25)
@@ -24,8 +22,7 @@ def test_trc(tmp_path, scene):
 
 def test_c3d(tmp_path, scene):
     pytest.importorskip("ezc3d")
-    with record_writer(tmp_path / "man.c3d", RESULTS) as writer:
-        writer.append(scene.result)
+    save(tmp_path / "man.c3d", scene.result)
     back = read_shapes([tmp_path / "man.c3d"])
     assert back.landmark_names == scene.result.landmark_names
     assert back.frame_rate == 25
@@ -44,8 +41,7 @@ def test_coco(tmp_path, rng):
         y_axis="down",
         extras=Extras({"frame": np.array([0, 0, 1, 2])}),
     )
-    with record_writer(tmp_path / "film.json", LANDMARKS) as writer:
-        writer.append(given)
+    save(tmp_path / "film.json", given)
     with open_landmarks([tmp_path / "film.json"]) as source:
         (back,) = source.chunks(source.count)
     assert back.landmark_names == given.landmark_names

@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.io.layout import RESULTS, SHAPES
-from shapefit.io.options import OutputOptions
-from shapefit.io.writing import record_writer
+from tests.io.files import save
 
 
 def parse(path):
@@ -26,17 +24,9 @@ def parse(path):
     return lines[0].split("\t"), header, names, np.array(rows)
 
 
-def write(path, *records, **options):
-    form = SHAPES if hasattr(records[0], "edges") else RESULTS
-    with record_writer(path, form, options=OutputOptions(**options)) as writer:
-        for record in records:
-            writer.append(record)
-    return writer.summary
-
-
 def test_points_and_times_come_back(tmp_path, scene):
     target = tmp_path / "man.trc"
-    summary = write(target, scene.result.take(slice(0, 3)), scene.result.take([3]))
+    summary = save(target, scene.result.take(slice(0, 3)), scene.result.take([3]))
     first, header, names, rows = parse(target)
     assert first[:3] == ["PathFileType", "4", "(X/Y/Z)"]
     assert first[4].startswith("y up, the axis z of the extrinsics; position from the camera")
@@ -59,7 +49,7 @@ def test_frames_are_sorted_and_those_missing_are_gaps(tmp_path, scene):
     shapes[2] = np.nan  # frame 9 failed
     result = replace(result, shapes=shapes, frame_rate=None)
     target = tmp_path / "man.trc"
-    summary = write(target, result)
+    summary = save(target, result)
     _, header, _, rows = parse(target)
     np.testing.assert_array_equal(rows[:, 0], [7, 8, 9, 10])
     np.testing.assert_array_equal(rows[:, 1], [7, 8, 9, 10])
@@ -76,7 +66,7 @@ def test_an_unknown_landmark_is_an_empty_cell(tmp_path, shapes, scene):
     points = shapes.shapes.copy()
     points[1, :, 4] = np.nan
     target = tmp_path / "walk.trc"
-    write(target, replace(shapes, shapes=points), up="z")
+    save(target, replace(shapes, shapes=points), up="z")
     rows = parse(target)[3]
     found = rows[:, 2:].reshape(4, 15, 3).swapaxes(1, 2)
     assert np.isnan(found[1, :, 4]).all()
@@ -91,7 +81,7 @@ def test_each_individual_has_a_file(tmp_path, scene, rng):
         sequences=("film/anna",) * 2 + ("film/person 2",) * 2,
         extras=scene.result.extras | {"frame": np.array([0, 1, 0, 1])},
     )
-    summary = write(tmp_path / "man.trc", several)
+    summary = save(tmp_path / "man.trc", several)
     names = [path.name for path in summary.written]
     assert names == ["man_anna.trc", "man_person_2.trc"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
@@ -100,13 +90,13 @@ def test_each_individual_has_a_file(tmp_path, scene, rng):
 
 def test_names_with_tabs_do_not_shift_columns(tmp_path, shapes):
     odd = replace(shapes, landmark_names=("a\tb", "c\nd", *shapes.landmark_names[2:]))
-    write(tmp_path / "odd.trc", odd)
+    save(tmp_path / "odd.trc", odd)
     assert parse(tmp_path / "odd.trc")[2][:2] == ["a\\tb", "c\\nd"]
 
 
 def test_two_items_of_one_frame(tmp_path, scene, problems):
     twice = replace(scene.result, extras=scene.result.extras | {"frame": np.array([0, 0, 1, 2])})
-    (line,) = problems(write, tmp_path / "man.trc", twice)
+    (line,) = problems(save, tmp_path / "man.trc", twice)
     assert "'film/anna/0' and 'film/anna/1' are of one frame" in line
     assert "track: nearest" in line
     assert not list(tmp_path.iterdir())
@@ -114,7 +104,7 @@ def test_two_items_of_one_frame(tmp_path, scene, problems):
 
 def test_frames_too_far_apart(tmp_path, scene, problems):
     far = replace(scene.result, extras=scene.result.extras | {"frame": np.array([0, 1, 2, 10**9])})
-    (line,) = problems(write, tmp_path / "man.trc", far)
+    (line,) = problems(save, tmp_path / "man.trc", far)
     assert "4 items in 1,000,000,001 frames of film/anna" in line
 
 
@@ -122,7 +112,7 @@ def test_frames_too_far_apart(tmp_path, scene, problems):
 def test_any_number_of_frames(tmp_path, shapes, n):
     rows = np.arange(n) % len(shapes)
     many = replace(shapes.take(rows), items=tuple(map(str, range(n))), sequences=None, unit="m")
-    write(tmp_path / "many.trc", many)
+    save(tmp_path / "many.trc", many)
     if n:
         found = parse(tmp_path / "many.trc")[3]
         np.testing.assert_array_equal(found[:, 2::3], many.shapes[:, 0])

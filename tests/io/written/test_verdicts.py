@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.io import result_writer
 from shapefit.io.extras import METRES_PER_UNIT, Extras
-from shapefit.io.options import OutputOptions
 from shapefit.io.records import ResultSet
+from tests.io.files import save
 
 DOUBTS = np.array(["", "implausible landmarks", "", ""], dtype=object)
 
@@ -42,9 +41,7 @@ def record(rng):
 @pytest.fixture
 def written(tmp_path):
     def write(record, name):
-        with result_writer(tmp_path / name, OutputOptions()) as writer:
-            writer.append(record)
-        return [path.name for path in writer.summary.written]
+        return [path.name for path in save(tmp_path / name, record).written]
 
     return write
 

@@ -1,0 +1,25 @@
+"""Files written and read as a whole, as most tests do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from shapefit.io import LandmarkSet, open_landmarks
+from shapefit.io.options import OutputOptions, Summary
+from shapefit.io.records import Records
+from shapefit.io.writing import record_writer
+
+
+def save(path: Path, *records: Records, to: str = "auto", **options: Any) -> Summary:
+    """Write records of one kind one after the other; options are those of files in metres."""
+    with record_writer(path, records[0].FORM, to, OutputOptions(**options)) as writer:
+        for record in records:
+            writer.append(record)
+    return writer.summary
+
+
+def load(*paths: Path) -> LandmarkSet:
+    """Return the landmarks in files."""
+    with open_landmarks(paths) as source:
+        return source.whole()
