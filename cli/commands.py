@@ -80,8 +80,18 @@ any format that can be read; docs/formats.md lists them. Globs work.""",
   shapefit learn-dict -c learn-dict.yaml 'train/*.h5' -o dict.h5 --set k=128
   shapefit learn-dict -c cars models.h5 -o cars.h5
   shapefit learn-dict tracked.csv -o animal.h5
+  shapefit learn-dict man.csv --start people -o man.h5
   shapefit learn-dict train.csv -o dict.h5 --set beta=0.05 --print-config""",
-        parameters=(_files("shapes"), _output("DICT.h5", "Dictionary file to write (HDF5).")),
+        parameters=(
+            _files("shapes"),
+            _output("DICT.h5", "Dictionary file to write (HDF5)."),
+            click.Option(
+                ["--start"],
+                metavar="DICT",
+                type=DictionaryPath(),
+                help="Dictionary that 2D landmarks adapt, or the name of an installed one.",
+            ),
+        ),
     ),
     Spec(
         "project",

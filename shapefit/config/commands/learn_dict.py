@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.model import MOST_STEPS, CommandConfig, ConfigModel, FromLists, section
+from shapefit.config.named_files import OptionalDictionaryPath
 from shapefit.config.paths import OF_THE_DATA, Expected, InputPaths, OutputPath
 
 _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
@@ -133,6 +134,11 @@ class LearnDictConfig(CommandConfig):
     """Bases of each sequence: their number, or, below 1, the share of the variation within the
     sequence that they explain (pca-bases only)."""
 
+    start: OptionalDictionaryPath = None
+    """A dictionary with a prior, or the name of an installed one, which 2D landmarks adapt. All but
+    its prior stays as it is, and keys of learning do not count."""
+    start_weight: float | None = Field(default=None, gt=0)
+    """Images that `start` counts as; by default as many as there are."""
     flip: bool = False
     """Shapes learned from 2D landmarks: exchange near and far, which landmarks alone do not tell
     apart."""

@@ -40,7 +40,7 @@ TURNS = np.array(
 
 @dataclass(frozen=True)
 class Expected:
-    """Of n images: log_density (n,), shapes E x (n, 3, p) and translation (n, 2).
+    """Of n images: log_density (n,), shapes E x (n, 3, p), E z (n, q) and translation (n, 2).
 
     inverse M^-1 (n, q + 2, q + 2) and gain (n, p) = s^2 rho / v, from which covariances follow;
     gradient (n, 4) and information (n, 4, 4) of the log density by the view; misfit (n,), the sum
@@ -49,6 +49,7 @@ class Expected:
 
     log_density: Floats
     shapes: Floats
+    deformation: Floats
     translation: Floats
     inverse: Floats
     gain: Floats
@@ -125,7 +126,9 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     misfit = (
         omega**2 * share**2 * ((left**2).sum(axis=2) + of_view) + 2 * omega**2 * share * rest
     ).sum(axis=1)
-    return Expected(log_density, shapes, z[:, q:], inverse, gain, gradient, information, misfit)
+    return Expected(
+        log_density, shapes, z[:, :q], z[:, q:], inverse, gain, gradient, information, misfit
+    )
 
 
 def scatter(found: Expected, views: Views, model: Gaussian) -> Floats:

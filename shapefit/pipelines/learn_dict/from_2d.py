@@ -4,26 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.config import FitConfig
 from shapefit.dictionary.from_2d.judgement import Judgement, judge
 from shapefit.dictionary.from_2d.learning import State, learn
-from shapefit.dictionary.from_2d.model import Images, evenly, hide
+from shapefit.dictionary.from_2d.model import Images
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import LEARNED_FROM, Dictionary
-from shapefit.errors import counted, input_error
+from shapefit.errors import InputError, counted, input_error
 from shapefit.geometry.normalisation import normalise, spread
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet
 from shapefit.io.records import concatenate
-from shapefit.pipelines.fit.chain import fit_images
-from shapefit.pipelines.fit.plan import plan_fit
+from shapefit.pipelines.learn_dict.hidden import lift_by, predict_hidden
 from shapefit.pipelines.outcome import Outcome
 
 FEWEST_SEEN = 4
@@ -60,10 +57,9 @@ def learn_from_landmarks(
     given = concatenate(list(source.chunks(4096))) if source.count else None
     some = None if given is None else given.take(says_something(given))
     if some is None or len(some) < FEWEST_IMAGES:
-        enough = 0 if some is None else len(some)
-        found = f"too few images: {enough} of {source.count} show {FEWEST_SEEN} landmarks or more"
-        raise input_error(place, found, f"give {FEWEST_IMAGES} at least, of different views")
-    images = images_of(some, place)
+        raise too_few(0 if some is None else len(some), source.count, place)
+    check_all_seen(some, place)
+    images = images_of(some)
     state = None
     for state in learn(images):
         per = state.objective / (2 * int((images.weights > 0).sum()))
@@ -100,17 +96,23 @@ def says_something(given: LandmarkSet) -> NDArray[np.bool_]:
     return apart & (seen.sum(axis=1) >= FEWEST_SEEN)
 
 
-def images_of(given: LandmarkSet, place: str) -> Images:
-    """Bring the landmarks of each sequence, or of each image without one, to the size 1.
+def too_few(usable: int, given: int, place: str) -> InputError:
+    """Return the error that says that these images are not enough."""
+    found = f"too few images: {usable} of {given} show {FEWEST_SEEN} landmarks or more"
+    return input_error(place, found, f"give {FEWEST_IMAGES} at least, of different views")
 
-    Raises InputError for landmarks that no image shows.
-    """
-    seen = given.seen()
-    never = [given.landmark_names[j] for j in np.flatnonzero(seen.sum(axis=0) == 0)]
+
+def check_all_seen(given: LandmarkSet, place: str) -> None:
+    """Raise InputError for landmarks that no image shows."""
+    never = [given.landmark_names[j] for j in np.flatnonzero(~given.seen().any(axis=0))]
     if never:
         found = f"no image shows {', '.join(never[:3])}"
         raise input_error(place, found, "leave out landmarks that are never seen")
-    normalised = normalise(given.landmarks, seen)
+
+
+def images_of(given: LandmarkSet) -> Images:
+    """Bring the landmarks of each sequence, or of each image without one, to the size 1."""
+    normalised = normalise(given.landmarks, given.seen())
     size = normalised.scale
     sequence = np.zeros(len(given), np.intp)
     if given.sequences is not None:
@@ -156,10 +158,6 @@ def report(found: Judgement) -> str:
     )
 
 
-SAMPLE = 500
-"""Images by which priors are compared."""
-
-
 MIXTURES = 4
 """Rounds of learning a mixture at most."""
 
@@ -196,11 +194,11 @@ def relift(
     number = components or int(np.clip(len(images) // IMAGES_PER_COMPONENT, 1, MOST_COMPONENTS))
     made = yield from make(shapes, 0, QUICK)
     best = replace(made, **gaussian_prior(learned, made.mean_shape))
-    error = hidden_error(images, best)
+    error = predict_hidden(images, best).error
     of_best = shapes
     for _ in range(MIXTURES):
         mixed = yield from make(shapes, number, QUICK)
-        found = hidden_error(images, mixed)
+        found = predict_hidden(images, mixed).error
         gaussian = best.misfit is not None
         kept = found < (CLOSE * error if gaussian and number > 1 else error)
         yield Outcome(
@@ -211,37 +209,10 @@ def relift(
             break
         if kept:
             best, error, of_best = mixed, found, shapes
-        lifted = lift_again(images, mixed, method)
+        lifted = lift_by(images, mixed, method).shapes
         grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(shapes.shapes, axis=(1, 2))
         fine = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
         shapes = replace(shapes, shapes=np.where(fine[:, None, None], lifted, shapes.shapes))
     made = yield from make(of_best, 0, iterations)
     provenance = {**made.provenance, LEARNED_FROM: "landmarks"}
     return replace(made, prior=best.prior, misfit=best.misfit, provenance=provenance)
-
-
-def lift_again(images: LandmarkSet, dictionary: Dictionary, method: str) -> Floats:
-    """Return the shapes (n, 3, p) that `fit` with its defaults has; nan where it has none."""
-    config = FitConfig.model_construct(
-        landmarks=(Path("landmarks"),),
-        dictionary=Path("dictionary"),
-        output=Path("result.h5"),
-        method=method,
-    )
-    return fit_images(
-        images, dictionary, plan_fit(config, dictionary, dictionary.landmark_names).lift
-    ).shapes
-
-
-def hidden_error(images: LandmarkSet, dictionary: Dictionary) -> float:
-    """Median distance of landmarks that are hidden from `fit`, in the size of their image.
-
-    In a sample of the images, each by itself.
-    """
-    some = images.take(evenly(len(images), SAMPLE))
-    seen = some.seen()
-    hidden = hide(seen)
-    known = replace(some, landmarks=np.where(hidden[:, None], np.nan, some.landmarks))
-    placed = lift_again(known, dictionary, "posterior")[:, :2]
-    apart = np.linalg.norm(placed - some.landmarks, axis=1) / spread(some.landmarks, seen)[:, None]
-    return float(np.nanmedian(apart[hidden]))

@@ -47,7 +47,10 @@ def learn_prior(
     if options.folds > 1:
         likelihood = cross_validate(
             shapes,
-            np.tile(find_groups(training, options.folds), options.copies),
+            np.tile(
+                find_groups(training.original.sequences, len(training), options.folds),
+                options.copies,
+            ),
             options.components,
             shrinkage=options.shrinkage,
             floor=options.floor,
@@ -103,10 +106,8 @@ def vary_shapes(training: TrainingShapes, options: PriorConfig, aligned: Trainin
     return turned
 
 
-def find_groups(training: TrainingShapes, folds: int) -> NDArray[np.intp]:
-    """Return the group (n,) that each shape is left out with: whole sequences, or blocks."""
-    n = len(training)
-    sequences = training.original.sequences
+def find_groups(sequences: tuple[str, ...] | None, n: int, folds: int) -> NDArray[np.intp]:
+    """Return the group (n,) that each item is left out with: whole sequences, or blocks."""
     if sequences is None or len(set(sequences)) < 2:
         return np.arange(n) * folds // n
     number = {name: i % folds for i, name in enumerate(dict.fromkeys(sequences))}

@@ -11,7 +11,7 @@ import numpy as np
 
 from shapefit import __version__
 from shapefit.arrays import Floats
-from shapefit.config import LearnDictConfig
+from shapefit.config import FitConfig, LearnDictConfig
 from shapefit.dictionary.batches import improve
 from shapefit.dictionary.coding import sparse_code
 from shapefit.dictionary.learning import evenly, learn
@@ -27,6 +27,7 @@ from shapefit.io import (
     digests,
     open_landmarks,
     open_shapes,
+    read_dictionary,
     write_dictionary,
 )
 from shapefit.io.formats import find_writer
@@ -39,6 +40,7 @@ from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.batches import TrainingBatches, find_training_batches
 from shapefit.pipelines.learn_dict.from_2d import learn_from_landmarks, relift
 from shapefit.pipelines.learn_dict.prior import learn_prior
+from shapefit.pipelines.learn_dict.start import adapt_to_landmarks
 from shapefit.pipelines.learn_dict.training_shapes import (
     TrainingOptions,
     TrainingShapes,
@@ -63,8 +65,13 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     if hold_landmarks(config):
         with open_landmarks(config.shapes, input_options(config.input)) as images:
             notes = images.notes
-            making = make_from_landmarks(images, config, options)
+            adapted = config.start is not None
+            make = adapt_start if adapted else make_from_landmarks
+            making = make(images, config, options)
             outcome = next(making)
+    elif config.start is not None:
+        found = "2D landmarks adapt a dictionary, and the files hold 3D shapes"
+        raise input_error("start", found, "leave it out, or give landmarks")
     else:
         with open_shapes(config.shapes, input_options(config.input)) as source:
             notes = source.notes
@@ -104,6 +111,25 @@ def make_from_landmarks(
         return make_dictionary(find_training_shapes(shapes, options), asked, options, inputs)
 
     return (yield from relift(learned, make, config.prior.components, config.iterations))
+
+
+def adapt_start(
+    source: LandmarkSource, config: LearnDictConfig, options: TrainingOptions
+) -> Making:
+    """Adapt the dictionary that the config starts from to 2D landmarks."""
+    assert config.start is not None
+    fit = FitConfig.model_construct(
+        landmarks=config.shapes, dictionary=config.start, output=config.output, method="posterior"
+    )
+    start = read_dictionary(config.start)
+    made = yield from adapt_to_landmarks(source, start, fit, config.start_weight)
+    provenance = {
+        **start.provenance,
+        "version": __version__,
+        "config": config.as_json(),
+        "inputs": json.dumps(digests((*config.shapes, config.start))),
+    }
+    return replace(made, provenance=provenance)
 
 
 def plan_training(config: LearnDictConfig) -> TrainingOptions:

@@ -10,7 +10,14 @@ import pytest
 from shapefit.config import FitConfig, LearnDictConfig
 from shapefit.errors import InputError
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import LandmarkSet, landmark_writer, read_dictionary, read_results
+from shapefit.io import (
+    LandmarkSet,
+    ShapeSet,
+    landmark_writer,
+    read_dictionary,
+    read_results,
+    write_shapes,
+)
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
 
@@ -142,3 +149,40 @@ def test_missing_landmarks_and_confidences_and_sequences_are_taken(
     }
     learn(landmarks, further)
     assert min(error(lift(tmp_path), class_of_shapes, sign) for sign in (1, -1)) < 0.2
+
+
+@pytest.fixture
+def start(tmp_path, class_of_shapes, rng):
+    """A dictionary learned from 3D shapes that differ from those of the images."""
+    shapes = class_of_shapes[0] + 0.3 * rng.standard_normal((N, 3, P))
+    names = tuple(f"p{j}" for j in range(P))
+    write_shapes(tmp_path / "shapes.h5", ShapeSet(shapes, names, tuple(map(str, range(N)))))
+    given = {"shapes": tmp_path / "shapes.h5", "output": tmp_path / "start.h5", "k": 5}
+    list(learn_dict.run(LearnDictConfig(**given, prior={"components": 2})))
+    return tmp_path / "start.h5"
+
+
+def test_a_start_is_adapted_to_the_landmarks(learn, tmp_path, class_of_shapes, start):
+    outcomes = learn(class_of_shapes[:, :2], start=start)
+    assert any("adapted; hidden landmarks of 12 images" in each.line for each in outcomes)
+    after = error(lift(tmp_path), class_of_shapes, 1)
+    (tmp_path / "dict.h5").write_bytes(start.read_bytes())
+    before = error(lift(tmp_path), class_of_shapes, 1)
+    assert after < 0.8 * before
+
+
+def test_a_start_that_landmarks_do_not_better_stays(learn, tmp_path, class_of_shapes, start):
+    with pytest.raises(InputError, match="the start is as good"):
+        learn(class_of_shapes[:, :2], start=start, start_weight=1e12)
+    assert not (tmp_path / "dict.h5").exists()
+
+
+def test_too_few_images_adapt_nothing(learn, tmp_path, class_of_shapes, start):
+    with pytest.raises(InputError, match="too few images: 2 of 2"):
+        learn(class_of_shapes[:2, :2], start=start)
+
+
+def test_shapes_adapt_no_start(tmp_path, start):
+    given = {"shapes": tmp_path / "shapes.h5", "output": tmp_path / "dict.h5", "start": start}
+    with pytest.raises(InputError, match="start: 2D landmarks adapt a dictionary"):
+        list(learn_dict.run(LearnDictConfig(**given)))
