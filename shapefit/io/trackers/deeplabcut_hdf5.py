@@ -191,6 +191,10 @@ def _fixed_blocks(file: TrackerFile, key: str) -> list[_Block]:
         blocks.append(_Block(dataset, "", columns, transposed))
     if not blocks:
         raise input_error(file.place(key), "has no numbers", FIX)
+    axis = f"{key}/axis0"
+    named = sorted(each for block in blocks for each in block.columns)
+    if file.is_dataset(f"{axis}_level0") and sorted(_levels(file, axis)) != named:
+        raise input_error(file.place(axis), "names other columns than its blocks", DAMAGED)
     return blocks
 
 
