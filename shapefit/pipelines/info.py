@@ -31,7 +31,7 @@ from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.skeletons import PEOPLE, SKELETONS, people_joints
 from shapefit.io.sources import is_stream, source_name
-from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.pipelines.parts.manifest import Manifest, damage_of, find_folders, sum_up
 
 BATCH = 16384
@@ -66,7 +66,7 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
 
     def fail(path: Path, error: InputError) -> None:
         problems.extend(error.problems)
-        failures.append(Failure(source_name(path), "; ".join(error.problems)))
+        failures.append(unread(path, error))
 
     known: list[Path] = []
     folders = find_folders(config.files)

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from shapefit.errors import counted
+from shapefit.errors import InputError, counted
 
 
 @dataclass(frozen=True)
@@ -16,6 +16,11 @@ class Failure:
 
     item: str
     reason: str
+
+
+def unread(path: Path, error: InputError) -> Failure:
+    """Return that a file cannot be read, and why."""
+    return Failure(str(path), "; ".join(each.removeprefix(f"{path}: ") for each in error.problems))
 
 
 @dataclass(frozen=True)

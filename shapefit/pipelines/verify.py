@@ -29,7 +29,7 @@ from shapefit.io.kinds.opening import open_proofs, proof_chunks
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.stored.files import read_rows
 from shapefit.io.stored.reader import StoredReader
-from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.stores.locations import files_in
 from shapefit.stores.reading import read_bytes
 from shapefit.stores.shelf import find_state
@@ -105,15 +105,15 @@ def run(request: Request) -> Generator[Outcome, None, None]:
     coverage = Coverage(in_folder=folder is not None, landmarks=bool(request.landmarks))
     work = Work(request, read_dictionary(request.dictionary), coverage)
     yield Outcome(failures=wrong)
-    unread: list[InputError] = []
+    errors: list[InputError] = []
     for part in parts:
         try:
             yield from verify_file(part, work)
         except InputError as error:
-            unread.append(error)
-            if len(unread) == len(parts):
-                raise InputError(each for one in unread for each in one.problems) from None
-            yield Outcome(failures=(Failure(part.file.name, "; ".join(error.problems)),))
+            errors.append(error)
+            if len(errors) == len(parts):
+                raise InputError(each for one in errors for each in one.problems) from None
+            yield Outcome(failures=(unread(part.file, error),))
     if folder is not None:  # images of parts that are not there, or were not read, are not proved
         stated = sum(entry.images for entry in folder.entries)
         coverage.images = max(coverage.images, stated)

@@ -12,9 +12,8 @@ from shapefit.config import ViewConfig
 from shapefit.errors import InputError, input_error
 from shapefit.io.kinds.listing import Listing, list_file
 from shapefit.io.options import InputOptions
-from shapefit.io.sources import source_name
 from shapefit.pipelines.items import ChosenItems
-from shapefit.pipelines.outcome import Failure
+from shapefit.pipelines.outcome import Failure, unread
 
 EVERY = ("*",)
 """Patterns that choose all items."""
@@ -70,7 +69,7 @@ def list_files(config: ViewConfig, options: InputOptions, kept: Collection[str] 
     chosen = ChosenItems("items", config.items)
     held: dict[str, list[_Part]] = {name: [] for name in config.files}
     found, counted, step = 0, 0, 1
-    unread: list[Failure] = []
+    failures: list[Failure] = []
     for name, files in config.files.items():
         own = 0
         lost: list[str] = []
@@ -79,7 +78,7 @@ def list_files(config: ViewConfig, options: InputOptions, kept: Collection[str] 
                 listing = list_file(file, options)
             except InputError as error:
                 lost += error.problems
-                unread.append(Failure(source_name(file), "; ".join(error.problems)))
+                failures.append(unread(file, error))
                 continue
             found += len(listing.items)
             part = _Part(listing, np.arange(len(listing.items)))
@@ -99,7 +98,7 @@ def list_files(config: ViewConfig, options: InputOptions, kept: Collection[str] 
             raise input_error("items", f"no item of {places} fits", "correct the names or globs")
         raise input_error(places, "holds no images", "check the run that wrote it")
     listings = {n: tuple(each.listing for each in parts) for n, parts in held.items()}
-    return Listed(listings, counted, step, tuple(unread))
+    return Listed(listings, counted, step, tuple(failures))
 
 
 @dataclass(frozen=True)
