@@ -9,7 +9,8 @@
 #   make sanitize     the solvers' tests under the address and undefined-behaviour sanitizers (GCC)
 #   make arm64        compile the kernels for arm64 (needs g++-aarch64-linux-gnu)
 #   make fuzz         50,000 damaged files, configs and options, each in a separate process
-#   make faults       every writing call fails with every error, and 200 kills; outputs stay whole
+#   make faults       every writing call fails with every error, 200 kills, and 200 of a cluster's
+#                     workers; outputs stay whole
 #   make docs         write the generated pages of docs/
 #   make site         the pages as a site with search, in build/site/html; every link is checked
 #   make recovery     the paper's figure of exact recovery on planted instances
@@ -182,9 +183,10 @@ fuzz: $(READY)
 	$(BIN)/python -m fuzz --past
 	$(BIN)/python -m fuzz --cases 50000
 
-faults: $(READY)
+faults: $(ALL_READY)
 	$(BIN)/python -m fuzz.faults
 	$(BIN)/python -m fuzz.faults --kill 200
+	SHAPEFIT_KILLS=200 $(BIN)/python -m pytest -q tests/pipelines/parts/test_cluster_kills.py
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py
