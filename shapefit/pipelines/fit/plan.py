@@ -35,7 +35,7 @@ from shapefit.lifting.methods import (
 from shapefit.lifting.options import BETA, PerspectiveOptions
 from shapefit.pipelines.fit.camera import find_calibrated
 from shapefit.pipelines.fit.chain import Chain, Lifter, Refinement, Search, View, weigh_seen
-from shapefit.pipelines.fit.read import ReadOptions, plan_reading, warn_of_source
+from shapefit.pipelines.fit.read import BATCH, ReadOptions, plan_reading, warn_of_source
 from shapefit.pipelines.fit.record import RecordOptions, warn_of_names
 from shapefit.pipelines.fit.report import ReportOptions
 from shapefit.pipelines.joints import MEANS, Mapped
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 class Plan:
     """What each step of a fit is given; no step sees the config, nor another step's options.
 
+    threads        1: nothing is done beside something else
     stores_names   the output holds further datasets of the landmarks
     needs_rate     the frame rate of the files counts
     warnings       of the dictionary
@@ -61,9 +62,14 @@ class Plan:
     lift: Chain
     record: RecordOptions
     report: ReportOptions
+    threads: int
     stores_names: bool
     needs_rate: bool
     warnings: tuple[str, ...]
+
+    def overlaps(self, source: LandmarkSource) -> bool:
+        """Whether batches are read and written on threads of their own, as several are worth it."""
+        return self.threads != 1 and source.count > (self.read.batch or BATCH)
 
     def warn_of(self, source: LandmarkSource) -> tuple[str, ...]:
         """Say what is doubtful of the files and of the dictionary together."""
@@ -116,6 +122,7 @@ def plan_fit(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence
             within=config.search.modes,
             leave_out=config.leave_out,
         ),
+        threads=config.threads,
         stores_names=not target.points_only,
         needs_rate=method.sequences and not config.sequences.frame_rate,
         warnings=mismatch(config, dictionary),

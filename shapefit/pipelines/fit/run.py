@@ -8,7 +8,8 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
 
 from shapefit import __version__
@@ -25,6 +26,7 @@ from shapefit.io.options import OutputOptions
 from shapefit.pipelines.export.carried_mesh import meshes_that_follow
 from shapefit.pipelines.export.run import open_exports, plan_exports
 from shapefit.pipelines.fit.chain import fit_images
+from shapefit.pipelines.fit.overlap import read_ahead, written_behind
 from shapefit.pipelines.fit.plan import Plan, plan_fit, read_options
 from shapefit.pipelines.fit.read import read_images
 from shapefit.pipelines.fit.record import as_result
@@ -58,11 +60,13 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
         with (
             open_exports(wanted, dictionary, source.count) as exports,
             result_writer(output, OutputOptions(height=config.height, meshes=meshes)) as writer,
+            closing(lift_source(source, plan)) as batches,
+            written_behind(writer.append, plan.overlaps(source)) as write,
         ):
             report = Report(plan.report, dictionary)
-            for batch in lift_source(source, plan):
+            for batch in batches:
                 yield report.of(batch, source.count)
-                writer.append(batch.record)
+                write(batch.record)
                 exports.add(batch.record, batch.lifting.estimate.transforms)
                 seconds += batch.seconds
                 done += len(batch.images)
@@ -80,10 +84,10 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     )
 
 
-def lift_source(source: LandmarkSource, plan: Plan) -> Iterator[Batch]:
+def lift_source(source: LandmarkSource, plan: Plan) -> Generator[Batch, None, None]:
     """From landmarks to the records of a result, batch by batch."""
     seen = plan.mapped.see(plan.dictionary)
-    for images in read_images(source, plan.read):
+    for images in read_ahead(read_images(source, plan.read), plan.overlaps(source)):
         began = time.perf_counter()
         lifting, inputs = plan.mapped.back(fit_images(images, seen, plan.lift))
         seconds = time.perf_counter() - began
