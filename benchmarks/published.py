@@ -113,7 +113,7 @@ def beside_shares(folder: Path) -> str:
 def _heat_maps(panels: dict[str, dict[Place, float]]) -> dict[str, Write]:
     if find_spec("matplotlib") is None:
         return {}
-    from shapefit.evaluation.plots.heat_maps import heat_maps
+    from shapefit.evaluation.plots.experiment_plots import heat_maps
     from shapefit.evaluation.plots.style import writers
 
     return {**writers("recovery", heat_maps(panels, "landmarks p", "atoms in use z"))}

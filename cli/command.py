@@ -71,7 +71,7 @@ def make_command(spec: Spec) -> click.Command:
 def run_command(
     spec: Spec,
     *,
-    config_path: Path | None,
+    config_path: str | None,
     overrides: Sequence[str],
     print_config: bool,
     quiet: bool,
@@ -89,12 +89,10 @@ def run_command(
     from shapefit.config import dump_config, find_config, load_config
     from shapefit.config.paths import ResultFolder
 
-    file = find_config(spec.name, config_path)
+    file = find_config(spec.name, Path(config_path) if config_path else None)
     config = load_config(spec.name, file, overrides, arguments, to_show=print_config)
-    if file is None and spec.name == "fit":
-        from shapefit.pipelines.fit.suited import find_suited
-
-        name = find_suited(config)  # type: ignore[arg-type]
+    if file is None and spec.chooser:
+        name = importlib.import_module(f"shapefit.pipelines.{spec.chooser}").find_suited(config)
         if name is not None:
             file = find_config(spec.name, Path(name))
             config = load_config(spec.name, file, overrides, arguments, to_show=print_config)

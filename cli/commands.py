@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import DictionaryPath
+from .options import DICTIONARY
 from .streams import tell
 
 if TYPE_CHECKING:
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 class Spec:
     """A command: its texts, its pipeline, and the arguments that are keys of its config.
 
-    `in_parts` is the pipeline where the output is a folder of results. `unit` is what the progress
+    `in_parts` is the pipeline where the output is a folder of results; `chooser` names the installed
+    config that suits the inputs, where none is given. `unit` is what the progress
     bar counts. Where `prints_note` the last note of the pipeline is the result of the command, for
     stdout. Each of `actions` is a flag, and what is done with the report when it is given.
     """
@@ -32,6 +33,7 @@ class Spec:
     examples: str
     parameters: tuple[click.Parameter, ...]
     in_parts: str = ""
+    chooser: str = ""
     prints_note: bool = False
     actions: dict[str, tuple[click.Option, Callable[[Report], None]]] = field(default_factory=dict)
 
@@ -45,7 +47,7 @@ def _output(metavar: str, text: str) -> click.Option:
 
 
 def _dictionary(text: str) -> click.Option:
-    return click.Option(["-d", "--dictionary"], metavar="DICT.h5", type=DictionaryPath(), help=text)
+    return click.Option(["-d", "--dictionary"], metavar="DICT.h5", type=DICTIONARY, help=text)
 
 
 def _truth() -> click.Option:
@@ -115,6 +117,7 @@ work, - is stdin (CSV).""",
         "fit",
         pipeline="fit.run",
         in_parts="parts.run",
+        chooser="fit.suited",
         unit="image",
         summary="Lift 2D landmarks to 3D shapes.",
         text="""Lift 2D landmarks in single images to 3D shapes.

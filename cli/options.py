@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,26 +27,6 @@ def _not_both(context: click.Context, _option: click.Parameter, verbose: bool) -
     return verbose
 
 
-class _ConfigPath(click.Path):
-    """A file, or the name of a folder of installed configs."""
-
-    def __init__(self, command: str) -> None:
-        super().__init__(path_type=Path)
-        self._command = command
-
-    def shell_complete(
-        self, ctx: click.Context, param: click.Parameter, incomplete: str
-    ) -> list[CompletionItem]:
-        """Offer the names of installed configs, and files."""
-        from click.shell_completion import CompletionItem
-
-        from shapefit.config.loader import find_presets
-
-        names = [name for name in find_presets(self._command) if name.startswith(incomplete)]
-        files = super().shell_complete(ctx, param, incomplete)
-        return [CompletionItem(name, help="installed config") for name in names] or files
-
-
 class LocationPath(click.Path):
     """A file, or a URL of an object store."""
 
@@ -55,39 +37,45 @@ class LocationPath(click.Path):
         return location(value)
 
 
-class DictionaryPath(click.types.StringParamType):
-    """A file, or the name of an installed dictionary."""
+class Named(click.types.StringParamType):
+    """A text that the shell completes: with one of these names, or else with a file."""
+
+    def __init__(self, names: Callable[[], Iterable[str]], help: str = "") -> None:
+        self._names, self._help = names, help
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Offer the names of installed dictionaries, and files."""
+        """Offer the names that begin so; where none does, and they are of files, files."""
         from click.shell_completion import CompletionItem
 
-        from shapefit.config.named_files import find_dictionaries
+        fitting = [name for name in self._names() if name.startswith(incomplete)]
+        found = [CompletionItem(name, help=self._help or None) for name in fitting]
+        files = click.Path().shell_complete(ctx, param, incomplete) if self._help else []
+        return found or files
 
-        names = [name for name in find_dictionaries() if name.startswith(incomplete)]
-        files = click.Path().shell_complete(ctx, param, incomplete)
-        return [CompletionItem(name, help="installed dictionary") for name in names] or files
+
+def _dictionaries() -> Iterable[str]:
+    from shapefit.config.named_files import find_dictionaries
+
+    return find_dictionaries()
 
 
-class _Setting(click.types.StringParamType):
-    """`key=value` for a key of the config of a command."""
+DICTIONARY = Named(_dictionaries, "installed dictionary")
+"""A file, or the name of an installed dictionary."""
 
-    def __init__(self, command: str) -> None:
-        self._command = command
 
-    def shell_complete(
-        self, ctx: click.Context, param: click.Parameter, incomplete: str
-    ) -> list[CompletionItem]:
-        """Offer the keys of the config."""
-        from click.shell_completion import CompletionItem
+def _configs(command: str) -> Iterable[str]:
+    from shapefit.config.loader import find_presets
 
-        from shapefit.config import CONFIGS
-        from shapefit.config.model import dotted_keys
+    return find_presets(command)
 
-        keys = dotted_keys(CONFIGS[self._command])
-        return [CompletionItem(f"{key}=") for key in keys if key.startswith(incomplete)]
+
+def _settings(command: str) -> Iterable[str]:
+    from shapefit.config import CONFIGS
+    from shapefit.config.model import dotted_keys
+
+    return (f"{key}=" for key in dotted_keys(CONFIGS[command]))
 
 
 def config_options(command: str) -> list[click.Parameter]:
@@ -96,7 +84,7 @@ def config_options(command: str) -> list[click.Parameter]:
         click.Option(
             ["-c", "--config", "config_path"],
             metavar="CONFIG",
-            type=_ConfigPath(command),
+            type=Named(partial(_configs, command), "installed config"),
             help="YAML config, or the name of an installed one, such as cars; - is stdin. The keys "
             f"are listed by `shapefit config {command}`.",
         ),
@@ -104,7 +92,7 @@ def config_options(command: str) -> list[click.Parameter]:
             ["--set", "overrides"],
             metavar="KEY=VALUE",
             multiple=True,
-            type=_Setting(command),
+            type=Named(partial(_settings, command)),
             help="Set a key of the config, or a key inside one: --set a.b=c. Repeatable.",
         ),
         click.Option(

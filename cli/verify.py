@@ -10,7 +10,7 @@ import click
 
 from .command import follow
 from .commands import COMMANDS
-from .options import DictionaryPath, LocationPath, reporting_options
+from .options import DICTIONARY, LocationPath, reporting_options
 from .report import Report
 from .streams import tell
 
@@ -51,7 +51,7 @@ verify = click.Command(
             ["-d", "--dictionary"],
             metavar="DICT.h5",
             required=True,
-            type=DictionaryPath(),
+            type=DICTIONARY,
             help="Dictionary of the fit, or the name of an installed one.",
         ),
         click.Option(

@@ -3,31 +3,34 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from shapefit.config import FitConfig
 from shapefit.errors import input_error
 from shapefit.face.files import read_dictionary
-from shapefit.face.keypoints import detected, is_array_of_a_detector, is_crowd
 from shapefit.face.options import config_of, plain
 from shapefit.face.records import (
     Dictionary,
     Fit,
     Landmarks,
+    Names,
     dictionary_model,
     fit_of,
     landmark_set,
 )
 from shapefit.io.extras import Extras
+from shapefit.io.foreign.sources import landmark_file
+from shapefit.io.joined import Source
 from shapefit.io.kinds.given import check_given_dictionary, given_source
-from shapefit.io.options import Track, input_options
+from shapefit.io.options import InputOptions, Track, input_options
+from shapefit.io.plain.arrays import of_array
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.pipelines.fit.plan import plan_fit
 from shapefit.pipelines.fit.report import Report
@@ -36,6 +39,9 @@ from shapefit.pipelines.fit.settle import plan_settling
 from shapefit.pipelines.fit.suited import are_long, choose_suited
 from shapefit.pipelines.joints import name_warnings
 from shapefit.pipelines.outcome import Counted, Note, add_up
+
+PLACE = Path("landmarks")
+WANTED = "give (n, p, 2) or (n, p, 3) with a confidence of 0 to 1, or a list of (people, p, 2 or 3)"
 
 CAMERA = "camera_matrix"
 """Dataset that holds the matrices given as `camera`."""
@@ -81,15 +87,11 @@ def fit(
     section, matrices = _camera(camera)
     given = {"lambda": lam, "method": method, "camera": section, "keypoints": keypoints}
     given = {key: value for key, value in given.items() if value is not None}
-    if not isinstance(landmarks, Landmarks) and is_array_of_a_detector(landmarks, keypoints):
-        read = config_of(FitConfig, "fit", given, options, FILES)
-        track: Track = "nearest" if is_crowd(landmarks) else "none"
-        reading = input_options(read.input, track)
-        with detected(landmarks, atoms.landmark_names, reading) as source:
-            images = source.whole()
-    else:
-        images = landmark_set(landmarks, atoms.landmark_names)  # type: ignore[arg-type]
-    images = _with_weights(images, weights)
+
+    def reading(track: Track) -> InputOptions:
+        return input_options(config_of(FitConfig, "fit", given, options, FILES).input, track)
+
+    images = _with_weights(_images(landmarks, keypoints, atoms.landmark_names, reading), weights)
     if config is None:
         config = choose_suited(atoms.provenance, method, lambda: are_long(images.sequences))
     wanted = config_of(FitConfig, "fit", given, options, FILES, config)
@@ -117,6 +119,53 @@ def fit(
     whole = concatenate(records)
     attributes = attributes_of(wanted, {}, seconds, len(whole))
     return fit_of(replace(whole, attributes=attributes), failures)
+
+
+def _images(
+    landmarks: Any, keypoints: str | None, names: Names, reading: Callable[[Track], InputOptions]
+) -> LandmarkSet:
+    """Return landmarks as the package has them, with these names (p) where they have none.
+
+    Arrays with confidences, of a skeleton, of one image or of several people are read as files of a
+    detector are. Raises InputError for arrays of other shapes.
+    """
+    if isinstance(landmarks, Landmarks):
+        return landmark_set(landmarks, names)
+    crowd = isinstance(landmarks, list) and any(np.ndim(frame) == 3 for frame in landmarks)
+    points, further = in_one_array(landmarks) if crowd else (_array(landmarks), {})
+    with_confidence = points.ndim == 3 and points.shape[2] == 3
+    if not (crowd or keypoints is not None or points.ndim == 2 or with_confidence):
+        return landmark_set(points, names)
+    options = reading("nearest" if crowd else "none")
+    if options.keypoints is None:
+        if points.shape[-2] != len(names):
+            found = f"has {points.shape[-2]} landmarks without names, not {len(names)}"
+            raise input_error("landmarks", found, 'name them, as in `keypoints="coco_17"`')
+        further |= {"landmark_names": tuple(names)}
+    with Source([landmark_file(of_array(PLACE, points, **further), options)]) as source:
+        return source.whole()
+
+
+def in_one_array(frames: Sequence[ArrayLike]) -> tuple[NDArray[Any], dict[str, Any]]:
+    """Return frames (people, p, 2 or 3), with any number of people each, as one array.
+
+    Beside it stands of which frame each is. Raises InputError where they differ in their landmarks.
+    """
+    arrays = [_array(frame) for frame in frames]
+    whole = [array for array in arrays if array.size]
+    if len({array.shape[1:] for array in whole}) != 1 or whole[0].ndim != 3:
+        raise input_error("landmarks", "frames that differ in their landmarks", WANTED)
+    people = [len(array) if array.size else 0 for array in arrays]
+    frame = np.repeat(np.arange(len(arrays)), people)
+    labels = [str(number) for number in frame]
+    return np.concatenate(whole), {"frames": frame.tolist(), "labels": labels, "images": True}
+
+
+def _array(landmarks: ArrayLike) -> NDArray[Any]:
+    try:
+        return np.asarray(landmarks, np.float64)
+    except (TypeError, ValueError):
+        raise input_error("landmarks", "is no array of numbers", WANTED) from None
 
 
 def _camera(

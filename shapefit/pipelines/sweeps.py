@@ -17,8 +17,8 @@ from shapefit.config.commands.fit_sections import ExportConfig, PicturesConfig
 from shapefit.config.commands.sweep import CorruptionConfig, Value
 from shapefit.errors import input_error
 from shapefit.evaluation.metric_table import of_labels
+from shapefit.evaluation.plots.experiment_plots import sweep_plot
 from shapefit.evaluation.plots.style import writers as drawings
-from shapefit.evaluation.plots.sweep_plots import sweep_plot
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.sweep import (
     Point,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.evaluation.plots.sweep_plots import sweep_plot
+from shapefit.evaluation.plots.experiment_plots import sweep_plot
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.sweep import Sweep, markdown, points, sweep_json, write_csv
 

@@ -59,6 +59,20 @@ def _check_edge_covariance(reader: Hdf5Reader, C: Floats | None) -> None:
         raise input_error(reader.place("edge_covariance"), found, "make the dictionary again")
 
 
+def read_provenance(path: Path) -> dict[str, str]:
+    """Return what a dictionary says of how it was made; nothing for what is no HDF5.
+
+    Only the attributes are read, and nothing is checked. Raises InputError as `open_hdf5` does.
+    """
+    from shapefit.io.hdf5.opening import open_hdf5
+
+    try:
+        with open_hdf5(path) as file:
+            return {name: str(value) for name, value in file.attrs.items()}
+    except OSError:
+        return {}
+
+
 def _read_prior(reader: Hdf5Reader, fields: dict[str, Any]) -> Mixture | None:
     """Take the parts of the prior out of the fields; None without one."""
     names = ("prior_weights", "prior_means", "prior_covariances")

@@ -13,7 +13,8 @@ from shapefit.config.loader import find_presets
 from shapefit.config.paths import STANDARD_STREAM
 from shapefit.dictionary.model import SUITS
 from shapefit.errors import InputError
-from shapefit.io import open_landmarks, read_dictionary
+from shapefit.io import open_landmarks
+from shapefit.io.kinds.dictionaries import read_provenance
 from shapefit.io.options import input_options
 
 ENOUGH = 10
@@ -30,7 +31,7 @@ def find_suited(config: FitConfig) -> str | None:
     the method is set, the one that has it is meant. `config` may lack its inputs.
     """
     try:
-        known = {} if config.dictionary is None else read_dictionary(config.dictionary).provenance
+        known = {} if config.dictionary is None else read_provenance(config.dictionary)
     except InputError:  # the fit says what is wrong with it
         return None
     method = config.method if "method" in config.model_fields_set else None

@@ -3,7 +3,7 @@
 import numpy as np
 
 from shapefit.evaluation.plots import style
-from shapefit.evaluation.plots.heat_maps import heat_maps
+from shapefit.evaluation.plots.experiment_plots import heat_maps
 
 NAN = float("nan")
 OURS = {(5, 1): 0.1, (5, 2): 0.0, (10, 1): 1.0, (10, 2): 0.55}
