@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 class Spec:
     """A command: its texts, its pipeline, and the arguments that are keys of its config.
 
-    `in_parts` is the pipeline where the output is a folder of results; `chooser` names the installed
-    config that suits the inputs, where none is given. `unit` is what the progress
+    `in_parts` is the pipeline where the output is a folder of results; `chooser` names the
+    installed config that suits the inputs, where none is given. `unit` is what the progress
     bar counts. Where `prints_note` the last note of the pipeline is the result of the command, for
     stdout. Each of `actions` is a flag, and what is done with the report when it is given.
     """

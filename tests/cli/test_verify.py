@@ -1,11 +1,13 @@
-"""What `shapefit verify` hands on, prints and exits with."""
+"""What `shapefit verify` and `shapefit view` hand on, print, open and exit with."""
 
 from __future__ import annotations
 
+import webbrowser
 from pathlib import Path
 
 import pytest
 
+from shapefit.config import ViewConfig
 from shapefit.errors import InputError
 from shapefit.pipelines import verify
 from shapefit.pipelines.outcome import Failure, Outcome
@@ -60,3 +62,45 @@ def test_files_that_are_not_there_are_named(shapefit):
     result = shapefit("verify", "nowhere.h5", "-d", "dict.h5")
     assert result.code == 2
     assert "Error: dict.h5: is empty" in result.err
+
+
+@pytest.fixture
+def pages(fake_pipeline, folder):
+    return fake_pipeline("view.run", [Outcome(done=3, written=(folder / "page.html",))])
+
+
+def test_arguments_reach_the_pipeline(shapefit, pages, folder):
+    told = shapefit(
+        "view", "result.h5", "views.h5", "--truth", "shapes.h5", "-d", "dict.h5", "-o", "page.html",
+        "--set", "images=frames/{item}.png",
+    )  # fmt: skip
+    assert told.code == 0, told.err
+    (config,) = pages
+    assert isinstance(config, ViewConfig)
+    assert config.files == {"result": (folder / "result.h5",), "views": (folder / "views.h5",)}
+    assert config.truth == (folder / "shapes.h5",)
+    assert (config.dictionary, config.output) == (folder / "dict.h5", folder / "page.html")
+    assert config.images == folder / "frames/{item}.png"
+    assert told.err.endswith("view: 3 frames in 0.0 s; wrote page.html\n")
+
+
+def test_a_page_is_opened_where_that_is_wished(shapefit, pages, folder, monkeypatch):
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", lambda url: not opened.append(url))
+    shapefit("view", "result.h5")
+    assert opened == []
+    shapefit("view", "result.h5", "--open")
+    assert opened == [(folder / "page.html").as_uri()]
+
+
+def test_without_a_browser_the_page_is_named(shapefit, pages, monkeypatch):
+    monkeypatch.setattr(webbrowser, "open", lambda url: False)
+    told = shapefit("view", "result.h5", "--open")
+    assert told.code == 0
+    assert "No browser was found; open" in told.err
+
+
+def test_no_files_are_bad_usage(shapefit):
+    told = shapefit("view")
+    assert told.code == 2
+    assert "missing key 'files'" in told.err

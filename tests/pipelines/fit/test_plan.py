@@ -1,8 +1,9 @@
-"""Every option of the config of `fit` arrives where it counts; none stands for another."""
+"""The plan of a fit: the options of each step, and chunks that divide no sequence."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from shapefit.config import FitConfig
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
 from shapefit.dictionary.model import Dictionary
+from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Program
 from shapefit.lifting.methods import AlternationOptions
 from shapefit.lifting.options import PerspectiveOptions
@@ -21,6 +23,7 @@ from shapefit.pipelines.fit.plan import (
     choose_solver,
     find_misfit,
 )
+from shapefit.pipelines.fit.read import whole_sequences
 
 
 @pytest.fixture
@@ -82,3 +85,35 @@ def test_options_of_the_perspective_camera(config):
     told = {"ridge": 0.7, "softness": 0.3}
     camera = {"model": "perspective", "focal": 500.0, **told}
     assert choose_options(config(camera=camera)) == PerspectiveOptions(**told, threads=3)
+
+
+def images(names):
+    n = len(names)
+    return LandmarkSet(
+        landmarks=np.arange(6.0 * n).reshape(n, 2, 3),
+        landmark_names=("a", "b", "c"),
+        items=tuple(f"image{i}" for i in range(n)),
+        sequences=tuple(names),
+    )
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 5, 100])
+@pytest.mark.parametrize("names", ["aaabbbbcd", "a", "aaaaaaa", "abcdefgh", "aabbcc", ""])
+def test_no_run_is_divided_and_nothing_lost(names, size):
+    whole = images(names)
+    chunks = [whole.take(slice(at, at + size)) for at in range(0, max(len(names), 1), size)]
+    parts = list(whole_sequences(chunks))
+    assert [item for part in parts for item in part.items] == list(whole.items)
+    np.testing.assert_array_equal(np.concatenate([p.landmarks for p in parts]), whole.landmarks)
+    for before, after in pairwise(parts):
+        assert before.sequences[-1] != after.sequences[0]
+    assert all(len(part) < size + 8 for part in parts)
+
+
+def test_ended_sequences_are_given_out_before_the_stream_ends():
+    def stream():
+        yield images("aab")
+        yield images("bbc")
+        raise AssertionError("read too far")
+
+    assert next(whole_sequences(stream())).sequences == ("a", "a")

@@ -1,8 +1,20 @@
-"""A page says what its files lack, and shows the rest."""
+"""A page says what its files lack, and shows the rest; what cannot be shown is refused."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import h5py
 import numpy as np
+import pytest
+
+from shapefit.config import ViewConfig
+from shapefit.errors import InputError
+from shapefit.io import write_dictionary
+from shapefit.io.options import AS_THEY_ARE
+from shapefit.pipelines.view import frames as module
+from shapefit.pipelines.view.frames import list_files
+from shapefit.pipelines.view.run import make_page, run
 
 
 def test_a_result_with_all_it_needs_says_nothing(desk):
@@ -99,3 +111,156 @@ def test_landmarks_are_matched_by_name(desk):
     assert made.data["landmarks"] == list("abcde")
     first, second = (layer["points"] for layer in made.data["layers"])
     assert first["shape"] == second["shape"] == [2, 5, 3]
+
+
+@pytest.fixture
+def parts(desk, monkeypatch):
+    """Results of 1,000 images in ten parts, of which 100 are listed."""
+    monkeypatch.setattr(module, "MOST_LISTED", 100)
+    return tuple(
+        desk.result(
+            f"part-{part}.h5",
+            n=100,
+            items=tuple(f"i{n}" for n in range(100 * part, 100 * part + 100)),
+            frame_rate=60.0,
+        )
+        for part in range(10)
+    )
+
+
+def listed(config: ViewConfig, *kept: str) -> tuple[module.Listed, list[str]]:
+    found = list_files(config, AS_THEY_ARE, kept)
+    return found, [item for one in found.listings["fit"] for item in one.items]
+
+
+def test_every_part_keeps_the_same_rows(parts):
+    found, items = listed(ViewConfig(files={"fit": parts}))
+    assert (found.count, found.step) == (1000, 16)
+    assert items == [f"i{100 * part + row}" for part in range(10) for row in range(0, 100, 16)]
+
+
+def test_some_are_kept_in_any_case(parts):
+    _, items = listed(ViewConfig(files={"fit": parts}), "i7", "i999")
+    assert {"i7", "i999", "i0", "i16"} <= set(items)
+    assert len(items) == 72
+
+
+def test_the_chosen_ones_are_counted(parts):
+    found, items = listed(ViewConfig(files={"fit": parts}, items=("i1?",)))
+    assert (found.count, found.step) == (10, 1)
+    assert items == [f"i{n}" for n in range(10, 20)]
+    with pytest.raises(InputError, match="no item of"):
+        listed(ViewConfig(files={"fit": parts}, items=("none",)))
+
+
+def test_a_page_of_some_frames_says_so(parts):
+    page = make_page(ViewConfig(files={"fit": parts, "two": parts[::-1]}))
+    assert "Every 16th of 1,000 frames is shown" in page.scene.notes[0]
+    assert page.scene.frame_rate == 60 / 16
+    assert len(page.scene.items) == 70
+    for layer in page.scene.layers:
+        assert np.isfinite(layer.points).all()
+
+
+def test_files_that_cannot_be_read_are_named_and_the_others_shown(parts, tmp_path):
+    for part in parts[1:3]:
+        part.write_bytes(part.read_bytes()[:1000])
+    (outcome,) = run(ViewConfig(files={"fit": parts}, output=tmp_path / "page.html"))
+    assert [failure.item for failure in outcome.failures] == [str(part) for part in parts[1:3]]
+    assert outcome.done == 8 * 7  # every 16th
+    with pytest.raises(InputError, match="part-1") as found:
+        make_page(ViewConfig(files={"fit": parts, "two": parts[1:3]}))
+    assert len(found.value.problems) == 2
+
+
+def refused(desk, *files, **settings):
+    with pytest.raises(InputError) as error:
+        desk.view(*files, **settings)
+    assert not (desk.folder / "page.html").exists()
+    return str(error.value)
+
+
+def test_no_images(desk):
+    assert "holds no images" in refused(desk, desk.result(n=0))
+
+
+def test_no_item_fits(desk):
+    assert "items: no item of" in refused(desk, desk.result(), items=("x*",))
+
+
+def test_a_truth_of_other_items(desk):
+    truth = desk.truth(items=tuple("uvwxyz"))
+    assert "truth: has none of the 6 items, such as 'i0'" in refused(
+        desk, desk.result(), truth=(truth,)
+    )
+
+
+def test_a_match_that_no_result_has(desk):
+    found = refused(desk, desk.result(), truth=(desk.truth(),), match="true_model")
+    assert "match: no result has the dataset 'true_model'" in found
+
+
+def test_y_axes_that_differ(desk):
+    up = desk.result("up.h5", y_axis="up")
+    assert "y_axis is 'up'" in refused(desk, desk.result(), up)
+
+
+def test_a_dictionary_is_not_shown(desk, made_dictionary):
+    path = desk.folder / "dict.h5"
+    write_dictionary(path, made_dictionary)
+    assert "is a shapefit-dictionary file; give results, shapes or landmarks" in refused(desk, path)
+
+
+def test_two_files_of_one_name_with_the_same_item(desk):
+    files = (desk.result("one.h5"), desk.result("two.h5"))
+    with pytest.raises(InputError, match=r"has the item 'i0', which .*one.h5 has too"):
+        list(run(ViewConfig(files={"both": files}, output=desk.folder / "page.html")))
+
+
+def test_a_page_that_would_replace_its_input(desk):
+    result = desk.result()
+    with pytest.raises(ValueError, match="would replace an input"):
+        ViewConfig(files={"result": (result,)}, output=result)
+
+
+def test_a_terminal_and_a_folder_are_no_place_for_a_page(desk):
+    result = desk.result()
+    for output, found in (("-", "not written to a terminal"), (desk.folder, "it is a folder")):
+        with pytest.raises(InputError, match=found):
+            list(run(ViewConfig(files={"result": (result,)}, output=output)))
+
+
+def test_damaged_files_are_named(desk):
+    path = desk.result()
+    path.write_bytes(path.read_bytes()[:2000])
+    assert "result.h5: cannot be read" in refused(desk, path)
+
+
+@pytest.mark.parametrize("form", [h5py.Empty("f8"), np.zeros((2, 2)), [1, 2], 3.0])
+def test_a_format_that_is_no_text(desk, form):
+    path = desk.result()
+    with h5py.File(path, "r+") as file:
+        file.attrs["format"] = form
+    assert "result.h5: has a format that is no text; give one of" in refused(desk, path)
+
+
+def test_a_table_without_end(desk):
+    assert "/dev/zero:1: is not text (a zero byte)" in refused(desk, Path("/dev/zero"))
+
+
+def test_images_that_are_not_there_or_no_images(desk, rng):
+    result = desk.result()
+    assert "there is no folder" in refused(desk, result, images=desk.folder / "none")
+    images = desk.folder / "images"
+    images.mkdir()
+    assert "no item has an image, such as" in refused(desk, result, images=images)
+    (images / "i0.png").write_bytes(rng.bytes(100))
+    assert "i0.png: cannot be read as an image" in refused(desk, result, images=images)
+
+
+def test_an_old_page_survives_a_refusal(desk):
+    desk.view(desk.result())
+    before = (desk.folder / "page.html").read_bytes()
+    with pytest.raises(InputError):
+        desk.view(desk.result(n=0))
+    assert (desk.folder / "page.html").read_bytes() == before

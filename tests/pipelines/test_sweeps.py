@@ -19,7 +19,7 @@ from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.sweeps import run
 
-PEOPLE = Path(__file__).resolve().parents[3] / "sample_data"
+PEOPLE = Path(__file__).resolve().parents[2] / "sample_data"
 TRUTH = PEOPLE / "people_test.h5"
 LEARNING = {"shapes": str(PEOPLE / "people_train.h5"), "k": 8, "iterations": 1, "every": 10}
 REPORT = {

@@ -1,4 +1,4 @@
-"""Landmarks as detectors name them, and a dictionary with joints of people."""
+"""Landmarks of detectors in the place of joints: which stand for which, and what is said."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 from shapefit.config import FitConfig
 from shapefit.config.named_files import find_dictionary
 from shapefit.dictionary.mapped import mapped
+from shapefit.errors import InputError
 from shapefit.io import (
     LandmarkSet,
     landmark_writer,
@@ -19,7 +20,15 @@ from shapefit.io import (
 )
 from shapefit.io.skeletons import PEOPLE, SKELETONS
 from shapefit.pipelines.fit import run as fit
-from shapefit.pipelines.joints import MEANS, find_joints, named_as_joints
+from shapefit.pipelines.joints import (
+    MEANS,
+    check_enough,
+    find_joints,
+    find_strange,
+    left_out_landmarks,
+    name_warnings,
+    named_as_joints,
+)
 
 BODY = SKELETONS["body_25b"]
 
@@ -173,3 +182,54 @@ def test_two_names_of_one_joint_stand_for_none():
 
 def test_other_dictionaries_are_left_alone():
     assert find_joints(("LHip", "Head"), ("snout", "tail")).names == {}
+
+
+def test_three_names_that_match_are_enough():
+    own = ("rhip", "lhip", "head", "LKnee")
+    check_enough(own, PEOPLE, "here")
+    assert find_strange(own, PEOPLE) == ["LKnee"]
+    check_enough(("rhip",), PEOPLE, "here")
+    check_enough((), PEOPLE, "here")
+
+
+def test_names_that_do_not_match_are_told_with_both_lists():
+    with pytest.raises(InputError) as caught:
+        check_enough(("lft_hip", "ankle_l", "2", "rhip"), PEOPLE, "here")
+    (line,) = caught.value.problems
+    assert line.startswith("here: 1 of the 4 landmarks of the files are in the dictionary, and 3")
+    assert "the files have lft_hip, ankle_l, 2, rhip; the dictionary has pelvis, rhip" in line
+    assert line.endswith("name them alike: `rename: {lft_hip: lhip, ankle_l: lankle}`")
+
+
+def test_names_of_another_object_are_not_paired():
+    with pytest.raises(InputError, match="give a dictionary of such objects, or name") as caught:
+        check_enough(("snout", "leftear", "rightear", "tailbase"), PEOPLE, "here")
+    assert "leftear: " not in str(caught.value)
+
+
+def test_no_hint_at_a_name_that_the_file_has_itself():
+    own = ("a1", "b", "c", "finger1", "finger3")
+    (warning,) = name_warnings(own, ("a1", "b", "c", "finger1"))
+    assert "finger3" in warning
+    assert "rename" not in warning
+
+
+def test_two_skeletons_are_told():
+    own = (*SKELETONS["body_25"].landmark_names, *SKELETONS["coco_17"].landmark_names)
+    with pytest.raises(InputError, match=r"RShoulder and right_shoulder are one joint.*separate"):
+        check_enough(own, PEOPLE, "here")
+
+
+def test_spaces_are_told():
+    with pytest.raises(InputError, match="in spaces"):
+        check_enough((" rhip", "lhip ", "head "), PEOPLE, "here")
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [("left_hip", "lhip"), ("RKnees", "rknee"), ("wrist.R", "rwrist"), ("Rumpf", None)],
+)
+def test_hints_keep_to_one_side(name, meant):
+    (warning,) = left_out_landmarks([name], PEOPLE)
+    assert (f"{name}: {meant}" if meant else "(Rumpf)") in warning
+    assert ("rename" in warning) == (meant is not None)
