@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from shapefit.config import load_config
 from tests.cli.conftest import run_in
 
 SMALL = ("--set", "k=16", "--set", "iterations=2")
@@ -124,18 +123,3 @@ def test_motion_capture(project, real_data, tmp_path):
     )  # fmt: skip
     assert "Subject 13" in shown.stdout
     assert 0 < similarity_errors(tmp_path / "report/report.csv")["Subject 13"] < 0.5
-
-
-@pytest.mark.parametrize("chain", ["demo", "mocap"])
-@pytest.mark.parametrize("command", ["learn-dict", "project", "fit", "eval"])
-def test_the_configs_are_right_but_for_files(project, tmp_path, chain, command):
-    present = tmp_path / "present.h5"
-    present.touch()
-    inputs = {
-        "learn-dict": {"shapes": present},
-        "project": {"shapes": present},
-        "fit": {"landmarks": present, "dictionary": present},
-        "eval": {"results": present, "truth": present},
-    }[command]
-    config = load_config(command, project / f"configs/{chain}/{command}.yaml", (), inputs)
-    assert project / "results" / chain in config.output.parents

@@ -37,17 +37,6 @@ def test_people_are_lifted_without_a_file_of_theirs(views, tmp_path, capsys):
     assert "False" not in capsys.readouterr().out
 
 
-def test_a_folder_may_hold_a_file_of_that_name(views, tmp_path, capsys):
-    (tmp_path / "people").write_text("no dictionary")
-    assert run(["fit", views, "-d", "people", "-o", "result.h5"]) == 2
-    assert f"{tmp_path / 'people'}: " in capsys.readouterr().err
-
-
-def test_an_unknown_name_lists_those_that_there_are(views, capsys):
-    assert run(["fit", "-c", "people", views, "-d", "persons", "-o", "result.h5"]) == 2
-    assert "no installed dictionary 'persons'; installed: people" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("y_axis", ["down", "up"])
 def test_people_stand_on_their_feet_where_y_is_what_it_was_said_to_be(
     views, tmp_path, capsys, y_axis

@@ -1,17 +1,6 @@
 """`shapefit simulate` from the command line."""
 
-from shapefit.config import SimulateConfig
-
 SMALL = ("--set", "landmarks=[10]", "--set", "active_atoms=[1]", "--set", "trials=2")
-
-
-def test_options_reach_the_pipeline(shapefit, fake_pipeline, folder):
-    configs = fake_pipeline("simulate", [])
-    assert shapefit("simulate", "-o", "report", *SMALL).code == 0
-    (config,) = configs
-    assert isinstance(config, SimulateConfig)
-    assert config.output == folder / "report"
-    assert (config.landmarks, config.active_atoms, config.trials) == ((10,), (1,), 2)
 
 
 def test_the_table_goes_to_stdout_and_the_rest_to_stderr(shapefit, folder):

@@ -2,8 +2,6 @@
 
 import csv
 
-from shapefit.config import SweepConfig
-
 
 def options(project):
     people = project / "sample_data"
@@ -18,15 +16,6 @@ def options(project):
     )  # fmt: skip
 
 
-def test_options_reach_the_pipeline(shapefit, fake_pipeline, folder, project):
-    configs = fake_pipeline("sweeps", [])
-    assert shapefit("sweep", "-o", "report", *options(project)).code == 0
-    (config,) = configs
-    assert isinstance(config, SweepConfig)
-    assert config.output == folder / "report"
-    assert config.values == (0.1, 0.5)
-
-
 def test_the_table_goes_to_stdout_and_the_rest_to_stderr(shapefit, folder, project):
     result = shapefit("sweep", "-o", "report", *options(project))
     assert result.code == 0, result.err
@@ -34,11 +23,3 @@ def test_the_table_goes_to_stdout_and_the_rest_to_stderr(shapefit, folder, proje
     assert result.err.splitlines()[-1].startswith("sweep: ")
     with (folder / "report/sweep.csv").open(newline="", encoding="utf-8") as file:
         assert [row["value"] for row in csv.DictReader(file)] == ["0.1", "0.5"]
-
-
-def test_a_wrong_value_is_bad_usage(shapefit, project):
-    result = shapefit(
-        "sweep", "-o", "report", *options(project), "--set", "vary={fit.lambda: [-1]}"
-    )
-    assert result.code == 2
-    assert "fit.lambda=-1: expected a number > 0 or auto, found -1" in result.err

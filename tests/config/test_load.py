@@ -16,7 +16,6 @@ from shapefit.config import (
     CONFIGS,
     EvalConfig,
     FitConfig,
-    LearnDictConfig,
     dump_config,
     load_config,
 )
@@ -229,34 +228,27 @@ def test_a_printed_eval_config_loads_again(folder, groups, match):
     assert load_config("eval", write(folder, dump_config(config))) == config
 
 
-@pytest.mark.parametrize("examples", [0, 20, ("walk/00", "no", "13_*")])
-def test_a_printed_eval_config_with_examples_loads_again(folder, examples):
-    config = EvalConfig(results="a.h5", truth="a.h5", output="r", examples=examples)
-    assert config.examples == examples
-    assert load_config("eval", write(folder, dump_config(config))) == config
-
-
-@pytest.mark.parametrize("leave_out", [None, "true_model"])
-def test_a_printed_eval_config_with_floors_loads_again(folder, leave_out):
-    floors = {"dictionary": "b.h5", "leave_out": leave_out}
-    config = EvalConfig(results="a.h5", truth="a.h5", output="r", floors=floors, least_visible=20)
-    assert config.floors.dictionary == folder / "b.h5"
-    assert load_config("eval", write(folder, dump_config(config))) == config
-
-
-def test_a_printed_config_with_landmark_names_loads_again(folder):
-    config = LearnDictConfig(
-        shapes="a.h5", output="d.h5", data="far", align=["no", "1e-3", "hip: left"]
-    )
-    assert load_config("learn-dict", write(folder, dump_config(config))) == config
+EVAL = {"results": "a.h5", "truth": "a.h5", "output": "r"}
+LEARN = {"shapes": "a.h5", "output": "d.h5"}
 
 
 @pytest.mark.parametrize(
-    "keys", [{"method": "pca-bases"}, {"method": "pca-bases", "bases": 3}, {"k": 3}]
+    ("command", "keys"),
+    [
+        *(("eval", EVAL | {"examples": n}) for n in (0, 20, ("walk/00", "no", "13_*"))),
+        ("eval", EVAL | {"floors": {"dictionary": "b.h5", "leave_out": None}}),
+        ("eval", EVAL | {"floors": {"dictionary": "b.h5", "leave_out": "true_model"}}),
+        ("learn-dict", LEARN | {"data": "far", "align": ["no", "1e-3", "hip: left"]}),
+        ("learn-dict", LEARN | {"method": "pca-bases"}),
+        ("learn-dict", LEARN | {"method": "pca-bases", "bases": 3}),
+        ("learn-dict", LEARN | {"k": 3}),
+    ],
 )
-def test_a_printed_config_of_either_method_loads_again(folder, keys):
-    config = LearnDictConfig(shapes="a.h5", output="d.h5", **keys)
-    assert load_config("learn-dict", write(folder, dump_config(config))) == config
+def test_a_printed_config_loads_again(folder, command, keys):
+    config = CONFIGS[command](**keys)
+    assert load_config(command, write(folder, dump_config(config))) == config
+    for key in keys.keys() & {"examples", "bases", "k"}:
+        assert getattr(config, key) == keys[key]
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,8 @@ WORDS = {
     "auto": "expected a number > 0 or auto",
     "chunk": "expected a whole number >= 1 and <= 10000000",
     "examples": "expected a whole number from 0 to 20 or a list of item names or globs",
-    "every": "expected a whole number >= 1, or a mapping of globs on sequence names to such numbers",
+    "every": "expected a whole number >= 1, or a mapping of globs on sequence names to such "
+    "numbers",
     "bases": "expected a whole number >= 1, or a share > 0 and < 1",
     "align": "expected `all`, `none`, or a list of at least three different landmark names",
     "view": "expected turntable, random, or a rotation as three rows of three numbers",

@@ -63,21 +63,6 @@ def exactly(found, expected):
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
 
-@pytest.mark.parametrize("loss", list(TERMS))
-def test_csv_and_hdf5_have_the_same_bits(bench, loss):
-    _, fit = bench
-    exactly(fit(suffix=".csv", **TERMS[loss]), fit(**TERMS[loss]))
-
-
-@pytest.mark.parametrize("loss", list(TERMS))
-def test_threads_and_chunks_have_no_part_in_the_result(bench, loss):
-    images, fit = bench
-    many = images.take(np.arange(200) % N)
-    many = replace(many, items=tuple(map(str, range(200))))
-    expected = fit(many, **TERMS[loss], threads=1)
-    exactly(fit(many, **TERMS[loss], threads=3, chunk=1), expected)
-
-
 @settings(
     deadline=None, max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

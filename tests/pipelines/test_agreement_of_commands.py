@@ -18,12 +18,6 @@ from shapefit.io import read_dictionary, read_results, read_shapes, write_shapes
 LOSSES = ("squared", "exact", "l1", "sparse-error")
 COMMAND = Path(sys.executable).with_name("shapefit")
 FINE = "--set=solver.tolerance=1e-9"
-METHODS = {
-    "convex+refine": ("--set=method=convex+refine",),
-    "convex+refine, signed": ("--set=method=convex+refine", "--set=alternation.signed=true"),
-    "alternate": ("--set=method=alternate",),
-    "mean-shape": ("--set=method=mean-shape",),
-}
 
 
 def term(loss: str) -> str:
@@ -93,21 +87,6 @@ def test_a_dictionary_has_the_same_bits_from_both_formats(files, tmp_path, setti
     np.testing.assert_array_equal(one.atoms, other.atoms)
     np.testing.assert_array_equal(one.mean_shape, other.mean_shape)
     assert one.landmark_names == other.landmark_names
-
-
-@pytest.mark.parametrize("loss", LOSSES)
-def test_shapes_have_the_same_bits_in_both_outputs(files, tmp_path, loss):
-    table = fit(files, tmp_path / "r.csv", term(loss))
-    whole = fit(files, tmp_path / "r.h5", term(loss))
-    assert table.items == whole.items
-    np.testing.assert_array_equal(table.shapes, whole.shapes)
-
-
-@pytest.mark.parametrize("choose", METHODS.values(), ids=METHODS)
-def test_threads_and_chunks_change_no_bit_of_a_file(files, tmp_path, choose):
-    fit(files, tmp_path / "one.h5", *choose, "--set=threads=1")
-    fit(files, tmp_path / "many.h5", *choose, "--set=threads=3", "--set=chunk=64")
-    same(tmp_path / "many.h5", tmp_path / "one.h5")
 
 
 @pytest.mark.parametrize("loss", LOSSES)

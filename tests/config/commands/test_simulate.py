@@ -25,12 +25,6 @@ def test_defaults_are_the_grid_of_the_paper(folder):
     assert config.output == folder / "report"
 
 
-def test_the_config_of_the_figure_has_the_whole_grid(project):
-    config = load_config("simulate", project / "configs/recovery.yaml")
-    assert config.output == project / "results/recovery"
-    assert len(config.landmarks) == len(config.active_atoms) == 10
-
-
 def test_the_printed_config_loads_again(project, folder):
     config = load_config("simulate", project / "configs/recovery.yaml")
     (folder / "printed.yaml").write_text(dump_config(config), encoding="utf-8")
