@@ -90,7 +90,7 @@ any format that can be read; docs/formats.md lists them. Globs work.""",
             click.Option(
                 ["--start"],
                 metavar="DICT",
-                type=DictionaryPath(),
+                type=DICTIONARY,
                 help="Dictionary that 2D landmarks adapt, or the name of an installed one.",
             ),
         ),
