@@ -5,7 +5,7 @@ namespace {
 
 constexpr double LONGEST = 0.5;    // step, in radians and log s
 constexpr double FIRST_DAMPING = 1e-3, EASE = 0.1, HARDEN = 8, MOST_DAMPING = 1e7;
-constexpr long EARLY = 3;  // values at the start, while the view rests
+constexpr long EARLY = 3;  // times that beliefs come from the other landmarks, at the start
 constexpr double DIFFERENCE = 2e-7;  // of the Hessian, to one side
 
 Lanes select(Lanes mask, Lanes yes, Lanes no) { return mask > 0.5 ? yes : no; }
@@ -104,7 +104,7 @@ Lanes propose(const Climb& at, Lanes* step) {
 }  // namespace
 
 ClimbSpace::ClimbSpace(Workspace& workspace, long p)
-    : likelihood(workspace, p),
+    : likelihood(workspace, tiled(2 * p)),
       belief(workspace.zeros<Lanes>(p)),
       next(workspace.zeros<Lanes>(p)) {}
 
@@ -112,9 +112,9 @@ void begin(const PosteriorData& data, const Observed& seen, const Pack& pack, Cl
            Climb& at) {
     const long m = seen.m;
     for (long j = 0; j < m; ++j) at.next(m)[j] = all(1.0);
-    for (long round = 0; round < (data.chance > 0 ? EARLY : 1); ++round) {
+    for (long left = data.chance > 0 ? EARLY : 1; left--;) {
         for (long j = 0; j < m; ++j) at.belief()[j] = at.next(m)[j];
-        find_likelihood(data, seen, pack, at.view, at.belief(), true, space.likelihood, at.found,
+        find_likelihood(data, seen, pack, at.view, at.belief(), true, left == 0, space.likelihood, at.found,
                         at.next(m));
     }
     for (int e = 0; e < VIEW * VIEW; ++e) at.curvature[e] = at.found.curvature[e];
@@ -132,7 +132,7 @@ void climb(const PosteriorData& data, const Observed& seen, const Pack& pack, lo
         propose(at, step);
         move(at.view, step, space.view);
         for (long j = 0; j < m; ++j) space.belief[j] = at.next(m)[j];
-        find_likelihood(data, seen, pack, space.view, space.belief, false, space.likelihood,
+        find_likelihood(data, seen, pack, space.view, space.belief, false, true, space.likelihood,
                         space.found, space.next);
         const Lanes gain = space.found.value - at.found.value;
         const Lanes kept = at.moving * indicate(gain + 1e-9);
@@ -162,7 +162,7 @@ void finish(const PosteriorData& data, const Observed& seen, const Pack& pack, C
         Lanes to[VIEW] = {};
         to[i] = all(DIFFERENCE);
         move(at.view, to, space.view);
-        find_likelihood(data, seen, pack, space.view, at.belief(), false, space.likelihood,
+        find_likelihood(data, seen, pack, space.view, at.belief(), false, true, space.likelihood,
                         space.found, space.next);
         for (int j = 0; j < VIEW; ++j)
             H[VIEW * i + j] = (space.found.gradient[j] - at.found.gradient[j]) / DIFFERENCE;

@@ -1,25 +1,11 @@
 #include "likelihood.hpp"
 
-#include "../algebra/exponential.hpp"
-#include "../algebra/logarithm.hpp"
+#include "logarithm_of_lanes.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
 constexpr double LOG_TWO_PI = 1.8378770664093453;
-constexpr double LEAST_PIVOT = 1e-12;
-
-Lanes exponential(Lanes x) {
-    for (int lane = 0; lane < WIDTH; ++lane) x[lane] = power_of_e(x[lane]);
-    return x;
-}
-
-Lanes logarithm(Lanes x) {
-    constexpr double GROWN = 0x1p60, LOG_GROWN = 60 * 0x1.62e42fefa39efp-1;
-    for (int lane = 0; lane < WIDTH; ++lane)
-        x[lane] = log_of_one_plus(x[lane] * GROWN - 1.0) - LOG_GROWN;
-    return x;
-}
 
 // N_j = v + V / s^2 as xx, xy, yy.
 struct Noise {
@@ -33,7 +19,7 @@ struct Noise {
 
 void centre(const Observed& seen, const Pack& pack, const LaneView& view, Lanes shrunk,
             const LikelihoodSpace& space) {
-    const long N = 2 * seen.m;
+    const long n = tiled(2 * seen.m);
     for (long j = 0; j < seen.m; ++j) {
         const Lanes* mu = pack.mean + 3 * j;
         for (int a = 0; a < 3; ++a)
@@ -43,8 +29,8 @@ void centre(const Observed& seen, const Pack& pack, const LaneView& view, Lanes 
             const double slope = seen.slope[2 * j + a];
             for (int c = 0; c < 3; ++c)
                 space.A[6 * j + 3 * a + c] = view.R[3 * a + c] - slope * view.R[6 + c];
-            space.r[N * (1 + a) + 2 * j + a] = all(1.0);
-            space.r[N * (2 - a) + 2 * j + a] = Lanes{};
+            space.r[n * (1 + a) + 2 * j + a] = all(1.0);
+            space.r[n * (2 - a) + 2 * j + a] = Lanes{};
             space.y[2 * j + a] = seen.w[2 * j + a] * shrunk;
             space.r[2 * j + a] = space.y[2 * j + a] - space.mean[3 * j + a] + slope * space.mean[3 * j + 2];
         }
@@ -54,10 +40,10 @@ void centre(const Observed& seen, const Pack& pack, const LaneView& view, Lanes 
 // S_0, and the covariances F_jk = z^T R C_jk A_k^T of the depth of j with what is seen of k.
 void fill_covariance(const Observed& seen, const Pack& pack, const LaneView& view, Lanes shrunk,
                      const Lanes* belief, const LikelihoodSpace& space) {
-    const long N = 2 * seen.m;
+    const long n = tiled(2 * seen.m);
     const Lanes* z = view.R + 6;
     for (long j = 0; j < seen.m; ++j) {
-        Lanes *upper = space.L + corner(2 * j), *lower = space.L + corner(2 * j + 1);
+        Lanes *upper = space.L[2 * j], *lower = space.L[2 * j + 1];
         Lanes Aj[6];
         for (int e = 0; e < 6; ++e) Aj[e] = space.A[6 * j + e];
         for (long k = 0; k <= j; ++k) {
@@ -73,7 +59,7 @@ void fill_covariance(const Observed& seen, const Pack& pack, const LaneView& vie
             lower[2 * k] = T[3] * A[0] + T[4] * A[1] + T[5] * A[2];
             lower[2 * k + 1] = last;
             if (k < j) upper[2 * k + 1] = T[0] * A[3] + T[1] * A[4] + T[2] * A[5];
-            Lanes *Fj = space.F + j * N + 2 * k, *Fk = space.F + k * N + 2 * j;
+            Lanes *Fj = space.F + j * n + 2 * k, *Fk = space.F + k * n + 2 * j;
             Fk[0] = T[0] * z[0] + T[1] * z[1] + T[2] * z[2];
             Fk[1] = T[3] * z[0] + T[4] * z[1] + T[5] * z[2];
             Fj[0] = T[6] * A[0] + T[7] * A[1] + T[8] * A[2];
@@ -85,102 +71,12 @@ void fill_covariance(const Observed& seen, const Pack& pack, const LaneView& vie
         lower[2 * j] += N.xy * share;
         lower[2 * j + 1] += N.yy * share;
     }
-}
-
-// Four sums of products of two numbers with two numbers.
-struct FourSums {
-    Lanes s00 = {}, s01 = {}, s10 = {}, s11 = {};
-    [[gnu::always_inline]] void add(Lanes a0, Lanes a1, Lanes b0, Lanes b1) {
-        s00 += a0 * b0;
-        s01 += a0 * b1;
-        s10 += a1 * b0;
-        s11 += a1 * b1;
-    }
-};
-
-// S_0 = L L^T in place, two rows at a time; returns log det S_0.
-Lanes factorise(long N, const LikelihoodSpace& space) {
-    Lanes log_det = {}, product = all(1.0);
-    for (long i = 0; i < N; i += 2) {
-        Lanes *a0 = space.L + corner(i), *a1 = space.L + corner(i + 1);
-        for (long j = 0; j < i; j += 2) {
-            const Lanes *b0 = space.L + corner(j), *b1 = space.L + corner(j + 1);
-            FourSums sums;
-            for (long k = 0; k < j; ++k) sums.add(a0[k], a1[k], b0[k], b1[k]);
-            a0[j] = (a0[j] - sums.s00) * space.reciprocal[j];
-            a1[j] = (a1[j] - sums.s10) * space.reciprocal[j];
-            a0[j + 1] = (a0[j + 1] - sums.s01 - a0[j] * b1[j]) * space.reciprocal[j + 1];
-            a1[j + 1] = (a1[j + 1] - sums.s11 - a1[j] * b1[j]) * space.reciprocal[j + 1];
-        }
-        FourSums sums;
-        for (long k = 0; k < i; ++k) sums.add(a0[k], a1[k], a0[k], a1[k]);
-        const Lanes first = larger(a0[i] - sums.s00, all(LEAST_PIVOT));
-        space.reciprocal[i] = 1.0 / root(first);
-        a0[i] = first * space.reciprocal[i];
-        a1[i] = (a1[i] - sums.s10) * space.reciprocal[i];
-        const Lanes second = larger(a1[i + 1] - sums.s11 - a1[i] * a1[i], all(LEAST_PIVOT));
-        space.reciprocal[i + 1] = 1.0 / root(second);
-        a1[i + 1] = second * space.reciprocal[i + 1];
-        product *= first * second;
-        if (i % 8 == 6 || i + 2 >= N) {
-            log_det += logarithm(product);
-            product = all(1.0);
-        }
-    }
-    return log_det;
-}
-
-// L <- L^-1 in place, two rows and two columns at a time.
-void invert(long N, const LikelihoodSpace& space) {
-    for (long i = 0; i < N; i += 2) {
-        Lanes *a0 = space.L + corner(i), *a1 = space.L + corner(i + 1);
-        const Lanes first = space.reciprocal[i], second = space.reciprocal[i + 1];
-        for (long j = 0; j < i; j += 2) {
-            const Lanes *b0 = space.L + corner(j) + j, *b1 = space.L + corner(j + 1) + j;
-            FourSums sums;
-            sums.s00 = a0[j] * b0[0] + a0[j + 1] * b1[0];
-            sums.s10 = a1[j] * b0[0] + a1[j + 1] * b1[0];
-            sums.s01 = a0[j + 1] * b1[1];
-            sums.s11 = a1[j + 1] * b1[1];
-            for (long k = j + 2; k < i; ++k) {
-                const Lanes* row = space.L + corner(k) + j;
-                sums.add(a0[k], a1[k], row[0], row[1]);
-            }
-            a0[j] = -sums.s00 * first;
-            a0[j + 1] = -sums.s01 * first;
-            a1[j] = -(sums.s10 + a1[i] * a0[j]) * second;
-            a1[j + 1] = -(sums.s11 + a1[i] * a0[j + 1]) * second;
-        }
-        a0[i] = first;
-        a1[i] = -a1[i] * first * second;
-        a1[i + 1] = second;
-    }
-}
-
-// out_v = L^-1 x_v for `count` right sides.
-template <int count>
-[[gnu::always_inline]] inline void whiten(long N, const LikelihoodSpace& space, const Lanes* x,
-                                          Lanes* __restrict out) {
-    for (long i = 0; i < N; ++i) {
-        const Lanes* row = space.L + corner(i);
-        Lanes sums[count] = {};
-        for (long j = 0; j <= i; ++j)
-            for (int v = 0; v < count; ++v) sums[v] += row[j] * x[v * N + j];
-        for (int v = 0; v < count; ++v) out[v * N + i] = sums[v];
-    }
-}
-
-// out_v = L^-T x_v likewise.
-template <int count>
-[[gnu::always_inline]] inline void whiten_back(long N, const LikelihoodSpace& space, const Lanes* x,
-                                               Lanes* __restrict out) {
-    for (long i = 0; i < N; ++i) {
-        Lanes sums[count] = {};
-        for (long k = i; k < N; ++k) {
-            const Lanes entry = space.L[corner(k) + i];
-            for (int v = 0; v < count; ++v) sums[v] += entry * x[v * N + k];
-        }
-        for (int v = 0; v < count; ++v) out[v * N + i] = sums[v];
+    // beyond what is seen: the identity, and nothing that goes with it
+    for (long e = 2 * seen.m; e < n; ++e) {
+        for (long k = 0; k <= e; ++k) space.L[e][k] = all(k == e ? 1.0 : 0.0);
+        for (long j = 0; j < n / 2; ++j) space.F[j * n + e] = space.F[e / 2 * n + j] = space.F[e / 2 * n + n / 2 + j] = Lanes{};
+        for (int a = 0; a < 3; ++a) space.r[a * n + e] = Lanes{};
+        for (int i = 0; i < VIEW; ++i) space.J[i * n + e] = Lanes{};
     }
 }
 
@@ -194,12 +90,12 @@ struct Translation {
 };
 
 // alpha = S_0^-1 (r - 1 E[t]) = S^-1 r, B and B G.
-Translation solve(long N, const LikelihoodSpace& space) {
-    whiten<3>(N, space, space.r, space.white);
-    whiten_back<3>(N, space, space.white, space.alpha);
-    Lanes *alpha = space.alpha, *Bx = alpha + N, *By = Bx + N;
+Translation solve(long n, const LikelihoodSpace& space) {
+    multiply<3>(n, space.L, space.r, space.white);
+    multiply_transposed<3>(n, space.L, space.white, space.alpha);
+    Lanes *alpha = space.alpha, *Bx = alpha + n, *By = Bx + n;
     Lanes xx = all(1 / TAU_SQUARE), xy = {}, yy = xx, x = {}, y = {};
-    for (long e = 0; e < N; e += 2) {
+    for (long e = 0; e < n; e += 2) {
         xx += Bx[e];
         xy += By[e];
         yy += By[e + 1];
@@ -211,10 +107,10 @@ Translation solve(long N, const LikelihoodSpace& space) {
     t.x = t.xx * x + t.xy * y;
     t.y = t.xy * x + t.yy * y;
     t.square = -(x * t.x + y * t.y);
-    for (long e = 0; e < N; ++e) {
+    for (long e = 0; e < n; ++e) {
         alpha[e] -= Bx[e] * t.x + By[e] * t.y;
         space.BG[e] = Bx[e] * t.xx + By[e] * t.xy;
-        space.BG[N + e] = Bx[e] * t.xy + By[e] * t.yy;
+        space.BG[n + e] = Bx[e] * t.xy + By[e] * t.yy;
     }
     return t;
 }
@@ -222,9 +118,9 @@ Translation solve(long N, const LikelihoodSpace& space) {
 // X = R mu + R C A^T alpha: in depth by F, and across by P X = y - N alpha - E[t].
 void expect(const Observed& seen, Lanes shrunk, const Lanes* belief, const Translation& t,
             const LikelihoodSpace& space) {
-    const long N = 2 * seen.m;
+    const long N = 2 * seen.m, n = tiled(N);
     for (long j = 0; j < seen.m; ++j) {
-        const Lanes *F = space.F + j * N, *alpha = space.alpha + 2 * j, *y = space.y + 2 * j;
+        const Lanes *F = space.F + j * n, *alpha = space.alpha + 2 * j, *y = space.y + 2 * j;
         const Noise noise = noise_of(seen, j, shrunk);
         const Lanes share = 1.0 / belief[j];
         Lanes z = space.mean[3 * j + 2];
@@ -236,37 +132,30 @@ void expect(const Observed& seen, Lanes shrunk, const Lanes* belief, const Trans
     }
 }
 
-// The blocks S^-1_jj, and D_j = sum_k F_jk S^-1_kj (m, 2).
-void pull_back(const Observed& seen, const LikelihoodSpace& space) {
-    const long N = 2 * seen.m;
-    for (long e = 0; e < N; ++e) space.D[e] = Lanes{};
-    for (long j = 0; j < seen.m; ++j) {
-        const Lanes *first = space.L + corner(2 * j), *Fj = space.F + j * N;
-        Lanes* Dj = space.D + 2 * j;
-        for (long k = 0; k <= j; ++k) {
-            const Lanes* Fk = space.F + k * N + 2 * j;
-            FourSums inverse;  // S_0^-1_jk
-            inverse.s00 = first[2 * j] * first[2 * k];
-            if (k < j) inverse.s01 = first[2 * j] * first[2 * k + 1];
-            for (long i = 2 * j + 1; i < N; ++i) {
-                const Lanes* row = space.L + corner(i);
-                inverse.add(row[2 * j], row[2 * j + 1], row[2 * k], row[2 * k + 1]);
-            }
-            Dj[0] += inverse.s00 * Fj[2 * k] + inverse.s01 * Fj[2 * k + 1];
-            Dj[1] += inverse.s10 * Fj[2 * k] + inverse.s11 * Fj[2 * k + 1];
-            if (k < j) {
-                space.D[2 * k] += inverse.s00 * Fk[0] + inverse.s10 * Fk[1];
-                space.D[2 * k + 1] += inverse.s01 * Fk[0] + inverse.s11 * Fk[1];
-            } else {
-                space.diagonal[3 * j] = inverse.s00;
-                space.diagonal[3 * j + 1] = inverse.s10;
-                space.diagonal[3 * j + 2] = inverse.s11;
+// The blocks S^-1_jj, and, unless they are `alone`, D_j = sum_k F_jk S^-1_kj (m, 2).
+void pull_back(const Observed& seen, bool alone, const LikelihoodSpace& space) {
+    const long N = 2 * seen.m, n = tiled(N);
+    for (long e = 0; e < n; ++e) space.D[e] = Lanes{};
+    for (long j = 0; j < n; j += TILE)
+        for (long k = alone ? j : 0; k <= j; k += TILE) {
+            Lanes inverse[TILE][TILE] = {};  // a tile of S_0^-1
+            add_products(inverse, j, n, [&](long i, int r) { return space.L[i][j + r]; },
+                         [&](long i, int c) { return space.L[i][k + c]; });
+            for (int r = 0; r < TILE; ++r)
+                for (int c = 0; c < TILE; ++c) {
+                    space.D[j + r] += inverse[r][c] * space.F[(j + r) / 2 * n + k + c];
+                    if (k < j) space.D[k + c] += inverse[r][c] * space.F[(k + c) / 2 * n + j + r];
+                }
+            for (int r = 0; j == k && r < TILE; r += 2) {
+                Lanes* diagonal = space.diagonal + 3 * ((j + r) / 2);
+                diagonal[0] = inverse[r][r];
+                diagonal[1] = inverse[r + 1][r];
+                diagonal[2] = inverse[r + 1][r + 1];
             }
         }
-    }
-    const Lanes *Bx = space.alpha + N, *By = Bx + N, *Gx = space.BG, *Gy = Gx + N;
+    const Lanes *Bx = space.alpha + n, *By = Bx + n, *Gx = space.BG, *Gy = Gx + n;
     for (long j = 0; j < seen.m; ++j) {
-        const Lanes* F = space.F + j * N;
+        const Lanes* F = space.F + j * n;
         Lanes x = {}, y = {};
         for (long e = 0; e < N; ++e) {
             x += F[e] * Bx[e];
@@ -286,7 +175,7 @@ void pull_back(const Observed& seen, const LikelihoodSpace& space) {
 void turn_determinant(const Observed& seen, Lanes shrunk, const Lanes* belief,
                       const LikelihoodSpace& space, Lanes* gradient) {
     const Lanes* BG = space.BG;
-    const long N = 2 * seen.m;
+    const long n = tiled(2 * seen.m);
     for (long j = 0; j < seen.m; ++j) {
         const Lanes *I = space.diagonal + 3 * j, *D = space.D + 2 * j;
         const double *u = seen.slope + 2 * j;
@@ -296,7 +185,7 @@ void turn_determinant(const Observed& seen, Lanes shrunk, const Lanes* belief,
         for (int b = 0; b < 2; ++b) {
             const Lanes column[2] = {I[b], I[1 + b]};
             V[0][b] = u[0] * D[b] - BG[2 * j + b] - (noise.xx * column[0] + noise.xy * column[1]) * share;
-            V[1][b] = u[1] * D[b] - BG[N + 2 * j + b] - (noise.xy * column[0] + noise.yy * column[1]) * share;
+            V[1][b] = u[1] * D[b] - BG[n + 2 * j + b] - (noise.xy * column[0] + noise.yy * column[1]) * share;
             V[b][b] += 1.0;
         }
         gradient[0] -= D[1] + u[0] * V[1][0] + u[1] * V[1][1];
@@ -307,29 +196,29 @@ void turn_determinant(const Observed& seen, Lanes shrunk, const Lanes* belief,
 
 // The derivatives of r: -P_j G_i X for the turns, -y for log s.
 void linearise(const Observed& seen, const LikelihoodSpace& space) {
-    const long N = 2 * seen.m;
+    const long n = tiled(2 * seen.m);
     for (long j = 0; j < seen.m; ++j) {
         const Lanes* X = space.X + 3 * j;
         Lanes* J = space.J + 2 * j;
         const double *slope = seen.slope + 2 * j;
         J[0] = slope[0] * X[1];
         J[1] = X[2] + slope[1] * X[1];
-        J[N] = -X[2] - slope[0] * X[0];
-        J[N + 1] = -slope[1] * X[0];
-        J[2 * N] = X[1];
-        J[2 * N + 1] = -X[0];
-        J[3 * N] = -space.y[2 * j];
-        J[3 * N + 1] = -space.y[2 * j + 1];
+        J[n] = -X[2] - slope[0] * X[0];
+        J[n + 1] = -slope[1] * X[0];
+        J[2 * n] = X[1];
+        J[2 * n + 1] = -X[0];
+        J[3 * n] = -space.y[2 * j];
+        J[3 * n + 1] = -space.y[2 * j + 1];
     }
 }
 
 void differentiate(const Observed& seen, Lanes shrunk, const Lanes* belief, const Translation& t,
                    const LikelihoodSpace& space, Likelihood& found) {
-    const long N = 2 * seen.m;
+    const long N = 2 * seen.m, n = tiled(N);
     linearise(seen, space);
     for (int i = 0; i < VIEW; ++i) {
         Lanes total = {};
-        for (long e = 0; e < N; ++e) total += space.J[i * N + e] * space.alpha[e];
+        for (long e = 0; e < N; ++e) total += space.J[i * n + e] * space.alpha[e];
         found.gradient[i] = total;
     }
     turn_determinant(seen, shrunk, belief, space, found.gradient);
@@ -347,16 +236,16 @@ void differentiate(const Observed& seen, Lanes shrunk, const Lanes* belief, cons
                           (1.0 - belief[j]) *
                               (V[0] * noise.yy + V[2] * noise.xx - 2.0 * V[1] * noise.xy) / det);
         }
-    whiten<VIEW>(N, space, space.J, space.white);
+    multiply<VIEW>(n, space.L, space.J, space.white);
     Lanes along[VIEW][2] = {};  // J B
     for (int i = 0; i < VIEW; ++i)
         for (long e = 0; e < N; ++e)
-            for (int a = 0; a < 2; ++a) along[i][a] += space.J[i * N + e] * space.alpha[(1 + a) * N + e];
+            for (int a = 0; a < 2; ++a) along[i][a] += space.J[i * n + e] * space.alpha[(1 + a) * n + e];
     for (int i = 0; i < VIEW; ++i)
         for (int j = 0; j <= i; ++j) {
             Lanes total = -along[i][0] * (t.xx * along[j][0] + t.xy * along[j][1]) -
                           along[i][1] * (t.xy * along[j][0] + t.yy * along[j][1]);
-            for (long e = 0; e < N; ++e) total += space.white[i * N + e] * space.white[j * N + e];
+            for (long e = 0; e < n; ++e) total += space.white[i * n + e] * space.white[j * n + e];
             found.curvature[VIEW * i + j] = found.curvature[VIEW * j + i] = total;
         }
 }
@@ -405,21 +294,21 @@ void believe(const PosteriorData& data, const Observed& seen, const LaneView& vi
 
 }  // namespace
 
-LikelihoodSpace::LikelihoodSpace(Workspace& workspace, long p)
-    : L(workspace.zeros<Lanes>(corner(2 * p))),
-      reciprocal(workspace.zeros<Lanes>(2 * p)),
-      y(workspace.zeros<Lanes>(2 * p)),
-      r(workspace.zeros<Lanes>(6 * p)),
-      white(workspace.zeros<Lanes>(VIEW * 2 * p)),
-      alpha(workspace.zeros<Lanes>(6 * p)),
-      BG(workspace.zeros<Lanes>(4 * p)),
-      mean(workspace.zeros<Lanes>(3 * p)),
-      X(workspace.zeros<Lanes>(3 * p)),
-      A(workspace.zeros<Lanes>(6 * p)),
-      F(workspace.zeros<Lanes>(2 * p * p)),
-      D(workspace.zeros<Lanes>(2 * p)),
-      J(workspace.zeros<Lanes>(VIEW * 2 * p)),
-      diagonal(workspace.zeros<Lanes>(3 * p)) {}
+LikelihoodSpace::LikelihoodSpace(Workspace& workspace, long n)
+    : L{workspace.zeros<Lanes>(Triangle::size(n))},
+      reciprocal(workspace.zeros<Lanes>(n)),
+      y(workspace.zeros<Lanes>(n)),
+      r(workspace.zeros<Lanes>(3 * n)),
+      white(workspace.zeros<Lanes>(VIEW * n)),
+      alpha(workspace.zeros<Lanes>(3 * n)),
+      BG(workspace.zeros<Lanes>(2 * n)),
+      mean(workspace.zeros<Lanes>(3 * n / 2)),
+      X(workspace.zeros<Lanes>(3 * n / 2)),
+      A(workspace.zeros<Lanes>(3 * n)),
+      F(workspace.zeros<Lanes>(n * n / 2)),
+      D(workspace.zeros<Lanes>(n)),
+      J(workspace.zeros<Lanes>(VIEW * n)),
+      diagonal(workspace.zeros<Lanes>(3 * n / 2)) {}
 
 Observed room_for_observed(Workspace& workspace, long p) {
     Observed seen{};
@@ -453,22 +342,24 @@ void observe(const PosteriorData& data, long image, Observed& seen) {
 }
 
 void find_likelihood(const PosteriorData& data, const Observed& seen, const Pack& pack,
-                     const LaneView& view, const Lanes* belief, bool by_others,
+                     const LaneView& view, const Lanes* belief, bool by_others, bool derived,
                      const LikelihoodSpace& space, Likelihood& found, Lanes* next) {
-    const long N = 2 * seen.m;
+    const long N = 2 * seen.m, n = tiled(N);
     const Lanes shrink = exponential(-view.log_scale);
     centre(seen, pack, view, shrink, space);
     fill_covariance(seen, pack, view, shrink * shrink, belief, space);
-    const Lanes log_det = factorise(N, space);
-    invert(N, space);
-    const Translation t = solve(N, space);
+    const Lanes log_det = factorise(n, space.L, space.reciprocal);
+    invert(n, space.L, space.reciprocal);
+    const Translation t = solve(n, space);
     found.surprise = t.square;
-    for (long e = 0; e < N; ++e) found.surprise += space.white[e] * space.white[e];
+    for (long e = 0; e < n; ++e) found.surprise += space.white[e] * space.white[e];
     found.value = -0.5 * (found.surprise + log_det + t.log_det + static_cast<double>(N) * LOG_TWO_PI) -
                   static_cast<double>(N - 2) * view.log_scale;
-    expect(seen, shrink * shrink, belief, t, space);
-    pull_back(seen, space);
-    differentiate(seen, shrink * shrink, belief, t, space, found);
+    pull_back(seen, !derived, space);
+    if (derived) {
+        expect(seen, shrink * shrink, belief, t, space);
+        differentiate(seen, shrink * shrink, belief, t, space, found);
+    }
     believe(data, seen, view, shrink * shrink, belief, by_others, space, found, next);
 }
 

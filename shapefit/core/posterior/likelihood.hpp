@@ -22,6 +22,7 @@
 #include "../algebra/lanes.hpp"
 #include "../algebra/workspace.hpp"
 #include "data.hpp"
+#include "triangle.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
@@ -62,10 +63,11 @@ struct Likelihood {
     Lanes surprise;                // twice the fall below the value at y = A mu
 };
 
+// Rows of 2 m numbers are padded to n, a multiple of TILE.
 struct LikelihoodSpace {
-    LikelihoodSpace(Workspace& workspace, long p);
+    LikelihoodSpace(Workspace& workspace, long n);
 
-    Lanes* L;            // lower triangle of S_0, of its Cholesky factor L, then of L^-1 (2 m rows)
+    Triangle L;          // S_0, its Cholesky factor L, then L^-1 (2 m, 2 m)
     Lanes* reciprocal;   // 1 / L_ii (2 m,)
     Lanes* y;                    // (2 m,)
     Lanes *r, *alpha;            // r and S^-1 r, then 1 along x and y and S_0^-1 of it (3, 2 m)
@@ -83,9 +85,9 @@ Observed room_for_observed(Workspace& workspace, long p);
 void observe(const PosteriorData& data, long image, Observed& seen);
 
 // `belief` q (m,) in, `next` (m,) its next fixed point; or, `by_others`, what the other landmarks
-// alone say of each, which a gross landmark cannot sway.
+// alone say of each, which a gross landmark cannot sway. Derivatives only where they are wanted.
 void find_likelihood(const PosteriorData& data, const Observed& seen, const Pack& pack,
-                     const LaneView& view, const Lanes* belief, bool by_others,
+                     const LaneView& view, const Lanes* belief, bool by_others, bool derived,
                      const LikelihoodSpace& space, Likelihood& found, Lanes* next);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

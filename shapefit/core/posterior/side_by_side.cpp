@@ -4,7 +4,7 @@ namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
 constexpr long ROUNDS = 2;  // after which ranks are closed
-constexpr double HOPE = 4;  // how many times what a step promises a climb may still gain
+constexpr double HOPE = 2;  // how many times what a step promises a climb may still gain
 
 // The components of one block of lanes.
 void fetch(const Components& components, const Observed& seen, const long* pair, Pack& pack) {
