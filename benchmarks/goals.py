@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.cases import cars_case, made_case, mocap_case
 from benchmarks.environments import Environment
-from benchmarks.inputs import Arrays, cars, cars_in_perspective, program, training
+from benchmarks.inputs import Arrays, bodies, cars, cars_in_perspective, program, training
 from benchmarks.pairs import compare_workers
 from benchmarks.table import NOISE, Row, compared
 
@@ -53,6 +53,10 @@ def mocap_goals(folder: Path) -> Iterator[Goal]:
     yield newton("subject 13, gap 1e-6", seen, 1e-6)
     yield newton("subject 13, 30% hidden", partial(program, frames, 0.3))
     yield Goal("two threads over one", "newton", seen, options(threads=2), options())
+    for p, n in ((15, 500), (41, 60), (75, 20)):
+        how: Options = {"misfit": 0.006, "threads": 1}
+        build = partial(bodies, folder, p, n)
+        yield Goal(f"posterior, 32 components, p={p}", "posterior", build, how, repeats=5)
     yield Goal("learn-dict, k=128", "learn", partial(training, folder), {"k": 128}, repeats=3)
 
 

@@ -12,6 +12,8 @@ import numpy as np
 from benchmarks.cases import LAMBDA, Case, cars_case, hide, normalise_seen, read_cars
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
+from shapefit.dictionary.mixture_learning import learn_mixture
+from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.geometry.procrustes import generalised_procrustes
@@ -54,6 +56,34 @@ def cars_in_perspective(folder: Path) -> Arrays:
         "focal": camera.focal,
         "centre": camera.centre,
         "sign": np.array(camera.sign),
+    }
+
+
+def bodies(folder: Path, p: int, n: int) -> Arrays:
+    """Frames of subject 86 with p landmarks, and a prior of 32 components from the other frames.
+
+    Landmarks beyond the joints lie between two of them, where a third one pulls, with an error.
+    """
+    shapes = read_shapes([folder / "subject86_24fps.h5"])
+    rng = np.random.default_rng(p)
+    joints = shapes.shapes.shape[2]
+    mixing = np.eye(joints, p)
+    for column in range(joints, p):
+        mixing[rng.permutation(joints)[:3], column] = rng.dirichlet([2.0, 2.0, 0.5])
+    points = shapes.shapes @ mixing
+    points[:, :, joints:] += 0.003 * rng.standard_normal((len(points), 3, p - joints))
+    prior_shapes = generalised_procrustes(normalise(points[::3]).points).shapes
+    prior = learn_mixture(prior_shapes, 32, shrinkage=0.3, floor=0.01, max_rounds=5).mixture
+    seen = points[1 :: len(points) // n][:n]
+    atoms = prior.means / np.linalg.norm(prior.means, axis=(1, 2))[:, None, None]
+    return {
+        "landmarks": normalise(project(seen, turntable(np.arange(n) / n, "y"))).points,
+        "atoms": atoms,
+        "lam": np.array(LAMBDA),
+        "mean_shape": prior_shapes.mean(axis=0),
+        "weights": prior.weights,
+        "means": prior.means,
+        "covariances": prior.covariances,
     }
 
 

@@ -29,6 +29,8 @@ def fit_cases(
     if mocap:
         case = "shapefit fit, subject 13, HDF5"
         yield case, partial(compare_many, case, old, new, mocap, folder, repeats)
+        case = "sequences end to end"
+        yield case, partial(compare_sequences, case, old, new, mocap, folder, min(repeats, 3))
     case = "one image, CSV to CSV"
     yield case, partial(compare_one, case, old, new, folder, 3 * repeats)
     case = "import numpy over one image, CSV to CSV"
@@ -51,6 +53,23 @@ def compare_many(
     ]
     before, now = (partial(fit, one, command, folder / "out.h5") for one in (old, new))
     return compared(case, compare(before, now, repeats), certified=True)
+
+
+def compare_sequences(
+    case: str, old: Environment, new: Environment, mocap: Path, folder: Path, repeats: int
+) -> Row:
+    """A sequence of 4,592 frames by `method: sequences`, with the prior of subject 86."""
+    landmarks, dictionary = folder / "sequence.h5", folder / "prior.h5"
+    configs = old.source / "configs"
+    sequence = mocap / "subject13_29_120fps_exact.h5"
+    views: list[str | Path] = ["project", "-c", configs / "mocap/project.yaml", sequence]
+    run([old.command, *views, "-o", landmarks], folder)
+    learn: list[str | Path] = ["learn-dict", "-c", configs / "people/learn-dict.yaml"]
+    run([old.command, *learn, mocap / "subject86_24fps.h5", "-o", dictionary], folder)
+    config = configs / "people/sequences.yaml"
+    command: list[str | Path] = ["fit", landmarks, "-d", dictionary, "-c", config, "-o"]
+    before, now = (partial(fit, one, command, folder / "out.h5") for one in (old, new))
+    return compared(case, compare(before, now, repeats))
 
 
 def compare_one(case: str, old: Environment, new: Environment, folder: Path, repeats: int) -> Row:

@@ -50,6 +50,29 @@ def lift(data: Arrays, method: str, threads: float) -> Run:
     return run
 
 
+def posterior(data: Arrays, misfit: float, threads: float) -> Run:
+    """Find the posterior of each image under a prior of many components."""
+    from shapefit.convex.newton import solve_newton
+    from shapefit.dictionary.mixture import Mixture
+    from shapefit.lifting.methods import PosteriorOptions, Settings, choose_method
+
+    solve = partial(solve_newton, tolerance=1e-3, threads=int(threads))
+    settings = Settings(
+        solve=solve,
+        mean_shape=data["mean_shape"],
+        needs={"prior": Mixture(data["weights"], data["means"], data["covariances"])},
+        options=PosteriorOptions(misfit=misfit),
+        threads=int(threads),
+    )
+    estimate, problem = choose_method("posterior", settings), build(data)
+
+    def run() -> Verdict:
+        found = estimate(problem)
+        return verdict(found.status, found.objective)
+
+    return run
+
+
 def perspective(data: Arrays, threads: float) -> Run:
     """Refine under the full projection of known cameras."""
     from shapefit.geometry.pinhole import Camera
@@ -116,6 +139,7 @@ def verdict(status: Sequence[Any], objective: Any) -> Verdict:
 JOBS: dict[str, Callable[..., Run]] = {
     "newton": newton,
     "lift": lift,
+    "posterior": posterior,
     "perspective": perspective,
     "ransac": ransac,
     "learn": learn,
