@@ -27,7 +27,16 @@ from shapefit.face.shown import (
     open_page,
 )
 from shapefit.io.extras import Extras
-from shapefit.io.layout import DICTIONARY, LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Format
+from shapefit.io.layout import (
+    DICTIONARY,
+    LANDMARKS,
+    PROOF,
+    RESULTS,
+    SHAPES,
+    UNKNOWN_UNIT,
+    Format,
+    fit_axes,
+)
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
 if TYPE_CHECKING:
@@ -181,8 +190,8 @@ class Fit:
         return as_dataset(self)
 
 
-KNOWN_BY_SOME = ("shape_sd", "plausibility", "trusted", "doubt", "modes")
-"""Fields of a Fit that are datasets of its file with these names."""
+OF_EXTRAS = ("plausibility", "trusted", "doubt")
+"""Fields of a Fit that are further datasets of its file."""
 
 
 def shape_set(given: Shapes | ArrayLike, names: Names | None = None) -> ShapeSet:
@@ -215,26 +224,17 @@ def result_set(given: Fit | Shapes | ArrayLike, names: Names | None = None) -> R
     """Return a fit, or shapes that come from elsewhere, as the package has results."""
     if not isinstance(given, Fit):
         shapes = shape_set(given, names)
-        return ResultSet(
-            shapes=shapes.shapes,
-            landmark_names=shapes.landmark_names,
-            items=shapes.items,
-            sequences=shapes.sequences,
-            unit=shapes.unit,
-            frame_rate=shapes.frame_rate,
-            extras=shapes.extras,
-        )
+        own = ("shapes", "landmark_names", "items", "sequences", "unit", "frame_rate", "extras")
+        return ResultSet(**{name: getattr(shapes, name) for name in own})
     values = _columns(given, RESULTS, "result")
-    proof = {dataset.name: values["proof"].get(dataset.name) for dataset in PROOF}
-    for dataset in PROOF:
-        if dataset.points and proof[dataset.name] is not None:
-            proof[dataset.name] = _turned(proof[dataset.name])
-    del values["proof"], values["failures"]
-    stored = {entry.name for entry in fields(ResultSet)}
-    apart = {name: values.pop(name) for name in KNOWN_BY_SOME if name not in stored}
-    extras = Extras.of(values.pop("extras"), len(given))
+    proof, extras = values.pop("proof"), Extras.of(values.pop("extras"), len(given))
+    del values["failures"]
+    apart = {name: values.pop(name) for name in OF_EXTRAS}
     extras |= {name: value for name, value in apart.items() if value is not None}
-    return ResultSet(**values, **proof, extras=extras)
+    for dataset in PROOF:
+        if (value := proof.get(dataset.name)) is not None:
+            values[dataset.attribute] = _turned(value) if dataset.points else value
+    return ResultSet(**values, extras=extras)
 
 
 def rows_of(
@@ -254,15 +254,14 @@ def rows_of(
 
 def fit_of(record: ResultSet, failures: Mapping[str, str]) -> Fit:
     """Return a result as the caller gets it."""
-    stored = {entry.name for entry in fields(ResultSet)}
     extras = Extras.of(record.extras, len(record))
-    apart = {name: extras.per_item.get(name) for name in KNOWN_BY_SOME if name not in stored}
+    apart = {name: extras.per_item.get(name) for name in OF_EXTRAS}
     kept = Extras({k: v for k, v in extras.per_item.items() if k not in apart}, extras.whole)
-    proof = {}
-    for dataset in PROOF:
-        value = getattr(record, dataset.attribute)
-        if value is not None:
-            proof[dataset.name] = _turned(value) if dataset.points else value
+    proof = {
+        dataset.name: _turned(value) if dataset.points else value
+        for dataset in PROOF
+        if (value := getattr(record, dataset.attribute)) is not None
+    }
     return rows_of(record, Fit, RESULTS, **apart, extras=kept, failures=dict(failures), proof=proof)
 
 
@@ -292,14 +291,10 @@ def _columns(given: Any, form: Format, place: str) -> dict[str, Any]:
             value = _numbers(value, dataset.kind, where)
             shape = value.shape
         expected = tuple(sizes.get(str(axis), axis) for axis in dataset.axes)
-        fits = len(shape) == len(expected) and all(
-            isinstance(size, str) or size == own for size, own in zip(expected, shape, strict=True)
-        )
-        if not fits:
+        if not fit_axes(dataset.axes, shape, sizes):
             axes = f"({', '.join(map(str, expected))}{',' * (len(expected) == 1)})"
             row = ", one landmark per row" if dataset.points else ""
             raise input_error(where, f"has the shape {shape}", f"it must be {axes}{row}")
-        sizes |= {str(axis): size for axis, size in zip(dataset.axes, shape, strict=True)}
         values[name] = _turned(np.asarray(value)) if dataset.points else value
     return values
 
