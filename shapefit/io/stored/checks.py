@@ -53,48 +53,33 @@ def check_values(
     """
     check_named(reader, reader.read_blocks("item", part))
     if form is LANDMARKS:
-        check_not_infinite(reader, "landmarks", reader.read_blocks("landmarks", part))
+        fix = "write NaN where the landmark is unseen"
+        _check(reader, "landmarks", reader.read_blocks("landmarks", part), np.isinf, fix)
         if reader.has("confidence"):
-            check_confidence(reader, reader.read_blocks("confidence", part))
+            weights = (block[:, None] for block in reader.read_blocks("confidence", part))
+            fix = "write 0 (hidden) or a positive number"
+            _check(reader, "confidence", weights, lambda w: ~(np.isfinite(w) & (w >= 0)), fix)
     if form is SHAPES:
-        check_points = check_finite_or_gap if gaps else check_finite
-        check_points(reader, "shapes", reader.read_blocks("shapes", part))
+        check_finite(reader, "shapes", reader.read_blocks("shapes", part), gaps=gaps)
         if reader.has("mesh_vertices"):
             check_finite(reader, "mesh_vertices", reader.read_blocks("mesh_vertices", part))
         check_indices(reader, "edges", "p")
         check_indices(reader, "mesh_faces", "q")
 
 
-def check_finite(reader: Datasets, name: str, blocks: Blocks) -> None:
+def check_finite(reader: Datasets, name: str, blocks: Blocks, *, gaps: bool = False) -> None:
     """Raise InputError where a coordinate of the points (n, d, p) is no number to compute with.
 
-    That is NaN, infinite, or so large that its square is.
+    That is NaN, infinite, or so large that its square is. With `gaps` NaN is an unknown landmark.
     """
     fix = f"write a finite number, at most {LARGEST:g}, or leave the item out"
-    _check(reader, name, blocks, lambda values: ~(np.abs(values) <= LARGEST), fix)
+    if gaps:
+        fix = f"write a number of at most {LARGEST:g}, or NaN where the landmark is unknown"
 
+    def bad(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return ~(np.abs(values) <= LARGEST) & ~(gaps & np.isnan(values))
 
-def check_finite_or_gap(reader: Datasets, name: str, blocks: Blocks) -> None:
-    """Raise InputError as `check_finite`, but for NaN, which stands for an unknown landmark."""
-    fix = f"write a number of at most {LARGEST:g}, or NaN where the landmark is unknown"
-    _check(reader, name, blocks, lambda values: np.abs(values) > LARGEST, fix)
-
-
-def check_not_infinite(reader: Datasets, name: str, blocks: Blocks) -> None:
-    """Raise InputError where a coordinate of the points (n, d, p) is infinite."""
-    _check(reader, name, blocks, np.isinf, "write NaN where the landmark is unseen")
-
-
-def check_confidence(reader: Datasets, blocks: Blocks) -> None:
-    """Raise InputError where a confidence (n, p) is negative, NaN or infinite."""
-    fix = "write 0 (hidden) or a positive number"
-    _check(
-        reader,
-        "confidence",
-        (block[:, None] for block in blocks),
-        lambda values: ~(np.isfinite(values) & (values >= 0)),
-        fix,
-    )
+    _check(reader, name, blocks, bad, fix)
 
 
 def check_positive(reader: Datasets, name: str) -> None:

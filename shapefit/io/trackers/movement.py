@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import Instances, Recording, video_name
 from shapefit.io.trackers.frame_names import number_labels
@@ -102,16 +101,10 @@ def _read(path: Path, axes: Axes) -> Iterator[Instances]:
         if times is not None:
             file.check_shape("time", (file.shape(POSITION)[axes.index("time")],))
         for rows in file.ranges(POSITION, axes.index("time")):
-            points = _part(file, POSITION, axes, rows)
-            confidence = None if scores is None else _part(file, CONFIDENCE, scores, rows)[..., 0]
+            points = file.arranged(POSITION, axes, WANTED, rows)
+            confidence = None
+            if scores is not None:
+                confidence = file.arranged(CONFIDENCE, scores, WANTED, rows)[..., 0]
             numbers = np.arange(rows.start, rows.stop) if times is None else times[rows]
             labels = number_labels(file.place("time"), numbers)
             yield Instances.of_all(points, confidence, rows.start, labels)
-
-
-def _part(file: TrackerFile, name: str, axes: Axes, rows: slice) -> Floats:
-    """Read some frames of a dataset, (time, individual, keypoint, space)."""
-    part = file.numbers(name, tuple(rows if axis == "time" else slice(None) for axis in axes))
-    present = [axis for axis in WANTED if axis in axes]
-    part = part.transpose([axes.index(axis) for axis in present])
-    return part.reshape([part.shape[present.index(axis)] if axis in axes else 1 for axis in WANTED])

@@ -141,6 +141,15 @@ class TrackerFile:
         with self.damage(name):
             return np.asarray(values, np.float64)
 
+    def arranged(
+        self, name: str, axes: Sequence[str], wanted: Sequence[str], rows: slice
+    ) -> NDArray[np.float64]:
+        """Return rows along the first of the wanted axes, these in order; 1 for one not there."""
+        part = self.numbers(name, tuple(rows if a == wanted[0] else slice(None) for a in axes))
+        present = [axis for axis in wanted if axis in axes]
+        part = part.transpose([axes.index(axis) for axis in present])
+        return part.reshape([part.shape[present.index(a)] if a in axes else 1 for a in wanted])
+
     def is_text(self, name: str) -> bool:
         """Whether a dataset holds text."""
         with self.damage(name):

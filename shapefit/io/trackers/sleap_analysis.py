@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import Instances, Recording, video_name
 from shapefit.io.trackers.frame_names import apart
@@ -121,21 +120,11 @@ def _read(path: Path, axes: Axes, scores: Axes | None) -> Iterator[Instances]:
     """Read the tracks, some thousand frames at a time; of several, those that are in a frame."""
     with TrackerFile(path) as file:
         for rows in file.ranges(TRACKS, axes.index("frame")):
-            points = _part(file, TRACKS, axes, rows).transpose(_order(axes, FRAMES_FIRST))
+            points = file.arranged(TRACKS, axes, FRAMES_FIRST, rows)
             confidence = None
             if scores is not None:
-                confidence = _part(file, SCORES, scores, rows)
-                confidence = confidence.transpose(_order(scores, ("frame", "track", "node")))
+                confidence = file.arranged(SCORES, scores, FRAMES_FIRST, rows)[..., 0]
             labels = list(map(str, range(rows.start, rows.stop)))
             every = Instances.of_all(points, confidence, rows.start, labels)
             some = np.isfinite(every.points).any(axis=(1, 2))
             yield every if points.shape[1] == 1 else every.take(np.flatnonzero(some))
-
-
-def _part(file: TrackerFile, name: str, axes: Axes, rows: slice) -> Floats:
-    """Read some frames of a dataset."""
-    return file.numbers(name, tuple(rows if axis == "frame" else slice(None) for axis in axes))
-
-
-def _order(axes: Axes, wanted: Axes) -> list[int]:
-    return [axes.index(axis) for axis in wanted]
