@@ -209,7 +209,7 @@ class Writer:
 '''
 
 POINTS_ENTRY = """
-from shapefit.io.foreign.file_format import FileFormat
+from shapefit.io.foreign.table import FileFormat
 from shapefit.io.formats import FORMATS
 FORMATS["points"] = FileFormat(
     title="a points file", suffixes=(".points",), recogniser="toy:is_points",

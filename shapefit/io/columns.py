@@ -1,7 +1,7 @@
 """Columns of values and of texts that grow without limit: in memory while small, then in files.
 
-A memory map would do the same with more: it is resized by mapping anew, and its pages count as
-memory of the process for as long as they are read.
+The pages of a memory map would count as memory of the process: 128 MB of numbers take 128 MB there,
+1 MB here. And a full disk would kill it.
 """
 
 from __future__ import annotations

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.errors import input_error, listed
-from shapefit.io.foreign import table as foreign
-from shapefit.io.foreign.file_format import FileFormat
+from shapefit.io.foreign.table import FORMATS as OF_OTHERS
+from shapefit.io.foreign.table import FileFormat
 from shapefit.io.sources import (
     HDF5_SIGNATURE,
     PARQUET_SIGNATURE,
@@ -76,7 +76,7 @@ FORMATS: dict[str, FileFormat] = {
     "hdf5": HDF5,
     "parquet": PARQUET,
     "csv": CSV,
-    **foreign.FORMATS,
+    **OF_OTHERS,
 }
 """Those of the package come first; the recognisers of others are asked before theirs."""
 

@@ -21,9 +21,9 @@ from shapefit.io import (
     read_dictionary,
 )
 from shapefit.io.extras import Extras
-from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.foreign.opening import group_inputs, open_either
 from shapefit.io.foreign.sources import fitting_skeletons
+from shapefit.io.foreign.table import FileFormat
 from shapefit.io.formats import find_format
 from shapefit.io.kinds.listing import find_kind
 from shapefit.io.kinds.opening import read_results

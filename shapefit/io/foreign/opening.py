@@ -8,8 +8,8 @@ from importlib import import_module
 from pathlib import Path
 
 from shapefit.errors import input_error, listed
-from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.foreign.recording import Recording
+from shapefit.io.foreign.table import FileFormat
 from shapefit.io.formats import FORMATS, find_format
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import source_name

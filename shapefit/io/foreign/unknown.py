@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from shapefit.errors import InputError, input_error, listed
-from shapefit.io.foreign.file_format import FileFormat
+from shapefit.io.foreign.table import FileFormat
 
 UNPACK = "unpack it first"
 LANDMARKS = "give the file of landmarks that a detector made of it"

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.foreign.file_format import FileFormat
 from shapefit.io.foreign.opening import group_inputs, mixture, open_recording
 from shapefit.io.foreign.sources import without_gaps
+from shapefit.io.foreign.table import FileFormat
 from shapefit.io.formats import find_format, find_reader
 from shapefit.io.joined import LandmarkSource, ResultSource, ShapeSource, SourceFile
 from shapefit.io.landmark_names import check_known

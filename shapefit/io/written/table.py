@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shapefit.io.foreign.file_format import FileFormat
+from shapefit.io.foreign.table import FileFormat
 
 _ROOM = "shapefit.io.written"
 
