@@ -15,9 +15,8 @@ from shapefit.io.whole.atomic import atomic_path, check_output
 from shapefit.io.whole.folder import staged_files, write_and_sync
 from shapefit.io.whole.item_files import file_stem
 from shapefit.io.writing import NOTHING_APPENDED
-from shapefit.io.written.motion import Motion, find_motion
+from shapefit.io.written.motion import Motion, find_motion, write_verdicts
 from shapefit.io.written.tracks import Solid, find_tracks, points_of
-from shapefit.io.written.verdicts import write_verdicts
 from shapefit.stores.urls import UrlPath
 
 Write = Callable[[Path, Sequence[Motion]], None]
