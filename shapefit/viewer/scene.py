@@ -92,7 +92,9 @@ class Scene:
     """n frames of p landmarks, those of a sequence one after the other.
 
     sequences maps names to the first frame of each, in order; seen (n, 2, p) are the observed
-    landmarks, nan where hidden, or None; outliers (n, p). notes say what the page lacks.
+    landmarks, nan where hidden, or None; outliers (n, p). sides says of each landmark whether it is
+    in the middle (0), on the left (1) or on the right (2). moments (n,) are equal for frames of
+    different individuals that were seen at once, and 0 for others. notes say what the page lacks.
     """
 
     title: str
@@ -106,6 +108,8 @@ class Scene:
     frame_rate: float | None = None
     seen: Floats | None = None
     outliers: NDArray[np.bool_] | None = None
+    sides: Sequence[int] = ()
+    moments: Integers | None = None
     meshes: Sequence[MeshSet] = ()
     pictures: Mapping[int, Picture] = field(default_factory=dict)
     notes: Sequence[str] = ()
@@ -127,6 +131,8 @@ def as_json(scene: Scene) -> dict[str, Any]:
         "flat": has_images,
         "landmarks": list(scene.landmarks),
         "edges": scene.edges.tolist(),
+        "sides": list(scene.sides) if any(scene.sides) else None,
+        "moments": None if scene.moments is None else block_of_integers(scene.moments, "u4"),
         "items": list(scene.items),
         "sequences": [{"name": name, "start": start} for name, start in scene.sequences],
         "seen": None if scene.seen is None else _points(scene.seen),

@@ -23,6 +23,7 @@ FLAGS = (
     "--disable-sync",
     "--window-size=1400,900",
     "--force-device-scale-factor=1",
+    "--force-prefers-reduced-motion",
 )
 """As root and without a display; nothing of the browser's own goes to the network."""
 

@@ -10,6 +10,7 @@ const { blocks, geometry } = globalThis;
 const strip = load("../../shapefit/viewer/scripts/strip.js");
 const scene = load("../../shapefit/viewer/scripts/scene.js");
 const framing = load("../../shapefit/viewer/scripts/framing.js");
+const list = load("../../shapefit/viewer/scripts/list.js");
 const imagePlane = load("../../shapefit/viewer/scripts/image_plane.js");
 
 function near(actual, expected, tolerance = 1e-12) {
@@ -128,4 +129,23 @@ test("frames of like size share a scale, others do not", () => {
   assert.equal(framing.typical([1, 1.1, 1.2]), 1.2);
   assert.equal(framing.typical([1, 3]), null);
   assert.equal(framing.typical([]), null);
+});
+
+test("a body reaches as far as it does whichever way it turns", () => {
+  const body = [3, 0, 4, 0, 2, 0, NaN, 9, 9, 0, -1, 1];
+  assert.deepEqual(geometry.reach(body), { low: -1, high: 2, wide: 5 });
+  assert.equal(geometry.reach([NaN, NaN, NaN]), null);
+  near(geometry.halves({ low: -1, high: 2, wide: 5 }, 0), [5, 1.5]);
+  near(geometry.halves({ low: -1, high: 2, wide: 5 }, -90), [5, 5]);
+});
+
+test("a ball is round", () => {
+  const { vertices, faces } = geometry.ball();
+  assert.equal(faces.length, 3 * 8 * 4);
+  for (let i = 0; i < vertices.length; i += 3) near([Math.hypot(...vertices.slice(i, i + 3))], [1]);
+});
+
+test("long names lose their middle", () => {
+  assert.equal(list.shortened("recording_of_monday/person 1/000123", 20), "recordi…son 1/000123");
+  assert.equal(list.shortened("short", 20), "short");
 });

@@ -94,4 +94,15 @@ def test_the_car_stands_upright_in_its_own_frame(made, open_page):
     seen = np.array(page.state("projected.weak"))
     page.keys("3")
     above = np.array(page.state("projected.weak"))
-    assert np.ptp(above[:, 1]) > 2 * np.ptp(seen[:, 1])  # a car is longer than it is high
+    tall, long = (np.ptp(each[:, 1]) / np.ptp(each[:, 0]) for each in (seen, above))  # by width
+    assert long > 2 * tall  # a car is longer than it is high
+
+
+def test_a_car_fills_its_panel_whichever_way_it_is_seen(made, open_page):
+    page = open_page(made.path, f"#item={ITEMS[0]}")
+    box = page.find("#space").rect
+    for view in "123":
+        page.keys(view)
+        seen = np.ptp(np.array(page.state("projected.weak")), axis=0)
+        share = seen / [box["width"], box["height"]]
+        assert 0.6 < share.max() < 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shapefit.cli.main import run
 
 SLIDE = """
   const slider = document.getElementById("slider");
@@ -52,6 +53,43 @@ def test_a_drag_down_ends_at_the_top_view(page):
     page.drag("#space", 0, 150)
     page.drag("#space", 0, 150)
     assert page.state("camera.pitch") == 90
+
+
+def test_the_first_turn_ends_at_the_first_touch(made, open_page, browser):
+    def prefer(motion):
+        feature = {"name": "prefers-reduced-motion", "value": motion}
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
+
+    prefer("no-preference")
+    try:
+        page = open_page(made.path)
+        page.until("return shapefit.camera.yaw > 0.5")
+        page.keys("ARROW_RIGHT")
+        stopped = page.state("camera.yaw")
+        page.settle()
+        assert not page.state("turning")
+        assert page.state("camera.yaw") == stopped
+    finally:
+        prefer("reduce")
+    assert not open_page(made.path).state("turning")
+
+
+def test_individuals_of_a_moment_are_in_one_scene(view, open_page, project, tmp_path):
+    walk = tmp_path / "walk.h5"
+    keys = ["--set", "keypoints=body_25", "--set", "track=nearest", "-c", "people"]
+    sample = str(project / "sample_data/openpose")
+    assert run(["fit", sample, "-d", "people", "-o", str(walk), *keys]) == 0
+    page = open_page(view({"walk": (walk,)}).path)
+    assert page.run("return shapefit.data.together(3)") == [3, 39]
+    assert page.run("return shapefit.data.items[39]") == "openpose/person 2/3"
+    both = np.array(page.state("projected.walk"))
+    page.click("#others")
+    alone = np.array(page.state("projected.walk"))
+    assert np.ptp(alone[:, 1]) > 1.2 * np.ptp(both[:, 1])
+    assert page.find("#sides").is_displayed()
+    page.click("#others")
+    assert not page.find("#sides").is_displayed()
+    assert page.complaints() == []
 
 
 def test_named_views_zoom_and_reset(page):
@@ -195,7 +233,8 @@ def test_the_colours_can_be_told_from_the_background(page):
               .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
             return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2]; };
           const ground = light("--background");
-          const names = ["ink", "faint", "accent", "outlier", "truth",
+          const names = ["ink", "faint", "accent", "outlier", "truth", "residual",
+            "right", "x", "y", "z",
             ...[0, 1, 2, 3, 4, 5].map((i) => `layer-${i}`)];
           return Object.fromEntries(names.map((name) => { const own = light(`--${name}`);
             const [a, b] = [Math.max(own, ground), Math.min(own, ground)];

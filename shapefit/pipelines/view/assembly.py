@@ -17,6 +17,7 @@ from shapefit.io.agreement import agreed
 from shapefit.io.formats import find_format
 from shapefit.io.kinds.listing import Listing, list_file
 from shapefit.io.options import input_options
+from shapefit.io.skeletons import edges_of
 from shapefit.pipelines.export.origin import fit_dictionary
 from shapefit.pipelines.view.frames import Frames
 from shapefit.pipelines.view.gathering import Gathered, Truth, gather, read_truth, renamed_edges
@@ -28,7 +29,9 @@ from shapefit.pipelines.view.layers import (
     with_error,
     with_mesh,
 )
+from shapefit.pipelines.view.moments import find_moments
 from shapefit.pipelines.view.pictures import embed, find_images
+from shapefit.pipelines.view.sides import find_sides
 from shapefit.viewer.scene import Layer, MeshSet, Picture, Scene
 
 MOST_MESHES = 200
@@ -71,6 +74,8 @@ def assemble(
         frame_rate=_frame_rate(config, found, frames),
         seen=seen,
         outliers=_outliers(results),
+        sides=find_sides(landmarks),
+        moments=find_moments(found, frames),
         meshes=meshes,
         pictures=_pictures(config, frames, notes),
         notes=tuple(notes),
@@ -124,6 +129,7 @@ def _layers(
             else edges
         )
     own = [each.edges for each in found if each.edges is not None]
+    own += [np.array(known) for known in [edges_of(landmarks)] if known]
     if target is not None and len(layers) > sum(each.kind == "result" for each in found):
         first = next(each.name for each in found if each.kind == "result")
         laid = [layer.name for layer in layers if layer.role != "result"]

@@ -14,6 +14,7 @@ from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
 from shapefit.errors import input_error
 from shapefit.io import ShapeSource, open_shapes
+from shapefit.io.foreign.sources import FRAME
 from shapefit.io.kinds.listing import AnyRecords, Listing, read_chunks
 from shapefit.io.options import input_options
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
@@ -118,6 +119,7 @@ def _take(
         if records.mesh_vertices is not None and records.mesh_faces is not None:
             gathered.mesh_vertices |= dict(zip(frames.tolist(), records.mesh_vertices, strict=True))
             gathered.mesh_faces = records.mesh_faces
+    put(FRAME, records.extras.get(FRAME))
     if isinstance(records, LandmarkSet):
         put_landmarks("landmarks", _visible(records), (2,))
     if isinstance(records, ResultSet):

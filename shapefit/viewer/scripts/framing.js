@@ -4,20 +4,21 @@ const framing = (() => {
   const LOOKED_AT = 200; // frames of a sequence, evenly spread
 
   /**
-   * {radius, window} of the frames from start to end: the radius of the shapes, and the part of the
-   * image that the landmarks wander through; null where each frame has to be framed alone.
+   * {room, window} of the frames from start to end: how far the shapes reach, and the part of the
+   * image that the landmarks wander through; null where each frame has to be framed alone, as
+   * shapes of images that are `apart`.
    */
-  function ofSequence(data, start, end) {
+  function ofSequence(data, start, end, apart = false) {
     const step = Math.max(1, Math.floor((end - start) / LOOKED_AT));
     const [solid, flat] = [[], []];
     for (let frame = start; frame < end; frame += step) {
       const points = data.layers.map((layer) => layer.points(frame)).find((p) => p.some(Number.isFinite));
       const seen = data.seen(frame) ?? data.layers.find((layer) => layer.role === "result")?.fitted(frame);
       const [inSpace, inPlane] = [points && geometry.extent(points, 3), seen && geometry.extent(seen, 2)];
-      if (inSpace) solid.push(inSpace.radius);
+      if (inSpace) solid.push({ radius: inSpace.radius, ...geometry.reach(geometry.turn(points, geometry.uprightRotation(data.yDown), inSpace.middle)) });
       if (inPlane) flat.push(inPlane);
     }
-    return { radius: typical(solid), window: windowOf(flat) };
+    return { room: apart ? null : roomFor(solid), window: windowOf(flat) };
   }
 
   /** The 95th percentile of sizes, null where they differ by a factor of two and more. */
@@ -25,6 +26,14 @@ const framing = (() => {
     const sorted = [...sizes].sort((a, b) => a - b);
     const [small, large] = [0.05, 0.95].map((share) => sorted[Math.floor(share * sorted.length)]);
     return sorted.length && large < 2 * small ? large : null;
+  }
+
+  /** The reach of a typical large frame, null where frames differ too much. */
+  function roomFor(bodies) {
+    const radius = typical(bodies.map((body) => body.radius));
+    if (radius === null) return null;
+    const large = (name, sign) => sign * [...bodies.map((body) => sign * body[name])].sort((a, b) => a - b)[Math.floor(0.95 * bodies.length)];
+    return { radius, low: large("low", -1), high: large("high", 1), wide: large("wide", 1) };
   }
 
   function windowOf(extents) {

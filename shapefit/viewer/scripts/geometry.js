@@ -117,6 +117,48 @@ const geometry = (() => {
     return { middle, radius };
   }
 
-  return { IDENTITY, viewRotation, compose, inverse, uprightRotation, turn, project, blend, seenInPerspective, extent };
+  /**
+   * How far points (x y z, y up) reach: {low, high} along y, and `wide`, from the axis through the
+   * middle, whichever way they turn about it; null for none.
+   */
+  function reach(points) {
+    const found = { low: Infinity, high: -Infinity, wide: 0 };
+    for (let i = 0; i < points.length; i += 3) {
+      if (!Number.isFinite(points[i])) continue;
+      found.low = Math.min(found.low, points[i + 1]);
+      found.high = Math.max(found.high, points[i + 1]);
+      found.wide = Math.max(found.wide, Math.hypot(points[i], points[i + 2]));
+    }
+    return found.low > found.high ? null : found;
+  }
+
+  /** Half of what a camera at this pitch sees of a body of this reach: [across, up]. */
+  function halves({ low, high, wide }, pitch) {
+    const [c, s] = [Math.cos(pitch * DEGREE), Math.abs(Math.sin(pitch * DEGREE))];
+    return [wide, (c * (high - low)) / 2 + s * wide];
+  }
+
+  /** A ball of radius 1: {vertices, faces}, from an octahedron whose faces are divided once. */
+  function ball() {
+    const corners = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]];
+    const between = (a, b) => {
+      const middle = a.map((value, i) => value + b[i]);
+      return middle.map((value) => value / Math.hypot(...middle));
+    };
+    const [vertices, faces] = [[], []];
+    for (const x of [0, 1]) for (const y of [2, 3]) for (const z of [4, 5]) {
+      const [a, b, c] = [corners[x], corners[y], corners[z]];
+      const [ab, bc, ca] = [between(a, b), between(b, c), between(c, a)];
+      for (const face of [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]) {
+        for (const corner of face) {
+          faces.push(vertices.length / 3);
+          vertices.push(...corner);
+        }
+      }
+    }
+    return { vertices, faces };
+  }
+
+  return { IDENTITY, reach, halves, ball, viewRotation, compose, inverse, uprightRotation, turn, project, blend, seenInPerspective, extent };
 })();
 if (typeof module !== "undefined") module.exports = geometry;

@@ -72,9 +72,14 @@ const imagePlane = (() => {
     const at = (points, j) => place(plane, width, height, points[2 * j], points[2 * j + 1]);
     if (frame.picture) drawPicture(context, width, height, plane, frame);
     drawRuler(context, plane, width, height, frame.unit, style.faint);
+    for (const other of frame.others) {
+      other.tints.forEach((tint, side) => drawEdges(context, other.fitted, frame.edges.filter(([a, b]) => frame.side(a, b) === side), at, tint));
+    }
     for (const layer of frame.layers) {
       if (layer.mesh) fillMesh(context, layer, (j) => at(layer.mesh, j));
-      drawEdges(context, layer.fitted, frame.edges, at, layer.tint);
+      layer.tints.forEach((tint, side) => {
+        drawEdges(context, layer.fitted, frame.edges.filter(([a, b]) => frame.side(a, b) === side), at, tint);
+      });
       drawMarks(context, frame, layer, plane, at, style);
     }
     if (!frame.seen) return;
@@ -138,20 +143,20 @@ const imagePlane = (() => {
       const [x, y] = at(layer.fitted, j);
       context.strokeStyle = layer.tint;
       context.lineWidth = 1.5;
-      if (layer.sd) {
-        const [dx, dy] = [plane.zoom * layer.sd[3 * j], plane.zoom * layer.sd[3 * j + 1]];
+      if (layer.sd && Number.isFinite(layer.sd[3 * j])) {
         context.beginPath();
-        context.moveTo(x - dx, y);
-        context.lineTo(x + dx, y);
-        context.moveTo(x, y - dy);
-        context.lineTo(x, y + dy);
-        context.stroke();
+        context.ellipse(x, y, plane.zoom * layer.sd[3 * j], plane.zoom * layer.sd[3 * j + 1], 0, 0, 2 * Math.PI);
+        context.globalAlpha = 0.2;
+        context.fillStyle = layer.tint;
+        context.fill();
+        context.globalAlpha = 1;
       }
       if (!frame.seen) continue;
       if (Number.isFinite(frame.seen[2 * j])) {
         context.beginPath();
         context.moveTo(...at(frame.seen, j));
         context.lineTo(x, y);
+        context.strokeStyle = style.residual;
         context.stroke();
       } else {
         disc(context, [x, y], style.mark + 0.5);

@@ -2,6 +2,15 @@
 /** The list of sequences and items: only the rows in sight are in the document. */
 const list = (() => {
   const ROW = 24; // px, as in the style
+  const LETTER = 7; // px, of a usual letter
+
+  /** A text of so many letters: what is left out is in the middle, for names begin alike. */
+  function shortened(text, letters) {
+    const letters_ = [...text];
+    if (letters_.length <= letters || letters < 8) return text;
+    const end = Math.ceil(0.6 * (letters - 1));
+    return `${letters_.slice(0, letters - 1 - end).join("")}…${letters_.slice(-end).join("")}`;
+  }
 
   /** Fill `box` with rows; `labels(row)` gives {text, kind}, `choose(row)` is called on a click. */
   function make(box, labels, choose) {
@@ -17,7 +26,8 @@ const list = (() => {
         const row = document.createElement("div");
         row.id = `row-${index}`;
         row.className = kind;
-        row.textContent = row.title = text;
+        row.title = text;
+        row.textContent = shortened(text, Math.floor((box.clientWidth - 32) / LETTER));
         row.style.top = `${index * ROW}px`;
         row.setAttribute("role", "option");
         row.setAttribute("aria-setsize", rows.length);
@@ -57,5 +67,6 @@ const list = (() => {
     return { show, mark, draw };
   }
 
-  return { make };
+  return { make, shortened };
 })();
+if (typeof module !== "undefined") module.exports = list;

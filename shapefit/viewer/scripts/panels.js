@@ -2,6 +2,10 @@
 /** One frame in both panels: what each layer shows, where the camera stands, in which colours. */
 const panels = (() => {
   const FILL = 0.42; // share of a panel from its middle to the farthest point
+  const GROUND = { cells: 6, reach: 1.1 }; // of the floor, in reaches of the body
+  const AXIS = 26; // px
+  const INDIVIDUALS = [0, 1, 2, 3, 4, 5]; // colours of those who are seen at once
+  const BALL = geometry.ball();
   const MARK = { many: 2.5, few: 3.5, crowd: 40 };
 
   function rgba(colour, alpha = 1) {
@@ -9,10 +13,14 @@ const panels = (() => {
     return [0, 2, 4].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255).concat(alpha);
   }
 
+  function css(colour) {
+    return `rgb(${colour.slice(0, 3).map((value) => Math.round(255 * value)).join(" ")})`;
+  }
+
   function style() {
     const values = getComputedStyle(document.documentElement);
     const read = (name) => values.getPropertyValue(`--${name}`).trim();
-    return { ink: read("ink"), faint: read("faint"), background: read("background"), outlier: read("outlier"), layer: (name) => read(name) };
+    return { residual: read("residual"), right: read("right"), axes: ["x", "y", "z"].map(read), ink: read("ink"), faint: read("faint"), background: read("background"), outlier: read("outlier"), layer: (name) => read(name) };
   }
 
   /** Give a canvas the pixels that it covers; returns [width, height] in CSS pixels. */
@@ -24,6 +32,24 @@ const panels = (() => {
     return [width, height, ratio];
   }
 
+  function mixed(one, other, share) {
+    return one.map((value, i) => value + share * (other[i] - value));
+  }
+
+  /** Colours of what is in the middle, on the left and on the right; those of one layer alone differ most. */
+  function sideTints(data, look, colour, alone) {
+    const own = rgba(colour);
+    if (!data.sides) return [own, own, own];
+    if (alone) return [rgba(look.faint), own, rgba(look.right)];
+    return [mixed(own, rgba(look.ink), 0.3), own, mixed(own, rgba(look.ink), 0.6)];
+  }
+
+  /** The side of a line between two landmarks: theirs, unless they have different ones. */
+  function sideOf(data, a, b = a) {
+    const [first, second] = [data.sides?.[a] ?? 0, data.sides?.[b] ?? 0];
+    return first && second && first !== second ? 0 : first || second;
+  }
+
   /** The rotation from a layer's frame to the viewer's, before the camera turns. */
   function stand(data, layer, frame, upright) {
     const pose = upright ? layer.pose(frame) : null;
@@ -31,73 +57,147 @@ const panels = (() => {
     return geometry.uprightRotation(data.yDown);
   }
 
-  /** The points of all layers that are shown, and the frame that they stand in. */
-  function gather(data, view) {
-    const { frame } = view;
+  /** The frames to draw at once: that of the view and, where they are wanted, the others of its moment. */
+  function framesOf(data, view) {
+    const all = view.others ? data.together(view.frame) : [];
+    return all.length ? all : [view.frame];
+  }
+
+  /** The colour of a layer, or that of one of several individuals. */
+  function colourOf(look, layer, number, many) {
+    return look.layer(many && layer.colour !== "truth" ? `layer-${INDIVIDUALS[number % INDIVIDUALS.length]}` : layer.colour);
+  }
+
+  /** The bodies of all layers that are shown, the frame that they stand in, and how far they reach. */
+  function gather(data, view, look) {
+    const frames = framesOf(data, view);
+    const many = frames.length > 1;
     const shown = data.layers.filter((layer) => view.shown.has(layer));
-    const layers = shown.map((layer) => ({ layer, points: layer.points(frame), mesh: view.mesh ? layer.mesh(frame) : null }));
-    const leader = layers.find(({ points }) => points.some(Number.isFinite));
-    const framed = leader ?? data.layers.map((layer) => ({ layer, points: layer.points(frame) })).find(({ points }) => points.some(Number.isFinite));
-    const size = framed ? geometry.extent(framed.points, 3) : { middle: [0, 0, 0], radius: 1 };
-    const base = framed ? stand(data, framed.layer, frame, view.upright) : geometry.IDENTITY;
-    return { layers, centre: size.middle, radius: size.radius || 1, base };
+    const bodies = shown.flatMap((layer, i) => frames.map((frame, k) => ({
+      layer, frame, points: many ? layer.inSpace(frame) : layer.points(frame), mesh: view.mesh && !many ? layer.mesh(frame) : null,
+      colour: colourOf(look, layer, shown.length > 1 && !layer.shares ? i : k, many),
+    })));
+    const known = ({ points }) => points.some(Number.isFinite);
+    const leader = bodies.find((body) => body.frame === view.frame && known(body)) ?? bodies.find(known);
+    const framed = leader ?? data.layers.map((layer) => ({ layer, points: layer.points(view.frame) })).find(known);
+    if (!framed) return { bodies, centre: [0, 0, 0], base: geometry.IDENTITY, radius: 1, reach: null };
+    const every = many ? bodies.filter(known).flatMap(({ points }) => Array.from(points)) : framed.points;
+    const { middle, radius } = geometry.extent(every, 3);
+    const base = many ? geometry.uprightRotation(data.yDown) : stand(data, framed.layer, view.frame, view.upright);
+    const reach = geometry.reach(geometry.turn(many ? every : leader?.mesh ?? framed.points, base, middle));
+    return { bodies, centre: middle, base, radius: radius || 1, reach, filled: many ? every : leader?.mesh ?? framed.points };
+  }
+
+  /** {zoom, up}: so that the bodies fill the panel, as they stand, or whichever way they turn. */
+  function fit(gathered, view, rotation, width, height) {
+    const { reach, bodies } = gathered;
+    if (!reach) return { zoom: 1, up: 0 };
+    const alone = new Set(bodies.map((body) => body.frame)).size === 1;
+    const room = alone && !view.upright ? view.room : null;
+    let [across, tall, up] = [0, 0, 0];
+    if (room) {
+      [across, tall] = geometry.halves(room, view.pitch);
+      up = ((room.low + room.high) / 2) * Math.cos((view.pitch * Math.PI) / 180);
+    } else {
+      const box = geometry.reach(geometry.turn(gathered.filled, rotation, gathered.centre));
+      const turned = geometry.turn(gathered.filled, rotation, gathered.centre);
+      for (let i = 0; i < turned.length; i += 3) if (Number.isFinite(turned[i])) across = Math.max(across, Math.abs(turned[i]));
+      [tall, up] = [(box.high - box.low) / 2, (box.high + box.low) / 2];
+    }
+    const least = 1e-9 * gathered.radius;
+    return { zoom: 2 * FILL * Math.min(width / 2 / Math.max(across, least), height / 2 / Math.max(tall, least)), up };
   }
 
   function drawSpace(canvas, renderer, data, view, look) {
     const [width, height] = fitCanvas(canvas);
-    const gathered = gather(data, view);
-    const radius = view.radius ?? gathered.radius;
+    const gathered = gather(data, view, look);
+    const rotation = geometry.compose(geometry.viewRotation(view.yaw, view.pitch), gathered.base);
+    const { zoom, up } = fit(gathered, view, rotation, width, height);
     const camera = {
-      rotation: geometry.compose(geometry.viewRotation(view.yaw, view.pitch), gathered.base),
-      zoom: (view.zoom * FILL * Math.min(width, height)) / radius,
-      pan: view.pan,
-      reach: 1.6 * radius,
+      rotation,
+      zoom: view.zoom * zoom,
+      pan: [view.pan[0], view.pan[1] + view.zoom * zoom * up],
+      reach: 1.6 * gathered.radius,
       background: rgba(look.background),
     };
     view.projected = {};
     if (renderer) renderer.clear(camera.background);
-    const [seen, outliers] = [data.seen(view.frame), data.outliers(view.frame)];
     const diameter = 2 * (data.landmarks.length > MARK.crowd ? MARK.many : MARK.few);
     let solid = true;
-    for (const { layer, points, mesh } of gathered.layers) {
-      const colour = look.layer(layer.colour);
+    const ground = gathered.reach && { ...gathered, half: GROUND.reach * gathered.reach.wide || gathered.radius };
+    if (renderer && ground) renderer.lines(camera, floorLines(ground, look));
+    const axes = cornerAxes(gathered, camera, width, height);
+    view.axes = geometry.project(geometry.turn(axes.ends.flat(), rotation, [0, 0, 0]), axes.corner, width, height);
+    for (const { layer, frame, points, mesh, colour } of gathered.bodies) {
+      const tints = sideTints(data, look, colour, gathered.bodies.length === 1);
+      const [seen, outliers] = [data.seen(frame), data.outliers(frame)];
       const around = Array.from(geometry.turn(points, geometry.IDENTITY, gathered.centre));
-      view.projected[layer.name] = geometry.project(geometry.turn(points, camera.rotation, gathered.centre), camera, width, height);
+      const projected = geometry.project(geometry.turn(points, camera.rotation, gathered.centre), camera, width, height);
+      if (frame === view.frame) view.projected[layer.name] = projected;
       if (!renderer) continue;
       if (mesh) {
         renderer.mesh(camera, geometry.turn(mesh, geometry.IDENTITY, gathered.centre), layer.faces, rgba(colour, solid ? 1 : 0.45));
         solid = false;
       }
       if (mesh && !view.names) continue;
-      renderer.lines(camera, [...edgeLines(data.edges, around, rgba(colour)), ...errorBars(layer.sd(view.frame), around, rgba(colour, 0.8))]);
-      renderer.marks(camera, marksOf(layer, around, seen, outliers, { colour, look, diameter }));
+      renderer.lines(camera, edgeLines(data, around, tints));
+      renderer.marks(camera, marksOf(data, layer, around, seen, outliers, { tints, look, diameter }));
+      for (const { vertices, faces } of errorBalls(layer, frame, around, gathered.bodies)) {
+        renderer.mesh(camera, vertices, faces, rgba(colour, 0.2));
+      }
     }
+    if (renderer) renderer.lines(axes.corner, axes.ends.map((end, i) => ({ start: [0, 0, 0], end, tint: rgba(look.axes[i]), width: 2 })));
     return camera;
   }
 
-  function edgeLines(edges, around, tint) {
+  function edgeLines(data, around, tints) {
     const at = (j) => around.slice(3 * j, 3 * j + 3);
-    return edges
+    return data.edges
       .filter(([a, b]) => Number.isFinite(around[3 * a] + around[3 * b]))
-      .map(([a, b]) => ({ start: at(a), end: at(b), tint, width: 4 }));
+      .map(([a, b]) => ({ start: at(a), end: at(b), tint: tints[sideOf(data, a, b)], width: 4 }));
   }
 
-  /** One standard deviation to both sides of each landmark, along the axes of the camera. */
-  function errorBars(sd, around, tint) {
+  /** A point of the floor's frame, where y is up and 0 the middle, in that of what is drawn. */
+  function grounded({ base }, point) {
+    return Array.from(geometry.turn(point, geometry.inverse(base), [0, 0, 0]));
+  }
+
+  /** A grid under the lowest point of the frame. */
+  function floorLines(ground, look) {
+    const { half, reach } = ground;
+    const lines = [];
+    const line = (a, b, tint, width) => lines.push({ start: grounded(ground, a), end: grounded(ground, b), tint, width });
+    const tint = mixed(rgba(look.background), rgba(look.faint), 0.35);
+    for (let i = 0; i <= GROUND.cells; i++) {
+      const at = half * ((2 * i) / GROUND.cells - 1);
+      line([at, reach.low, -half], [at, reach.low, half], tint, 1);
+      line([-half, reach.low, at], [half, reach.low, at], tint, 1);
+    }
+    return lines;
+  }
+
+  /** The axes in the corner of the panel: a camera that shows them, and their ends. */
+  function cornerAxes({ base }, camera, width, height) {
+    const corner = { ...camera, zoom: AXIS, pan: [AXIS + 14 - width / 2, height / 2 - AXIS - 14], reach: 1e3 };
+    return { corner, ends: [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((end) => grounded({ base }, end)) };
+  }
+
+  /** An ellipsoid of one standard deviation around each landmark, along the axes of the camera. */
+  function errorBalls(layer, frame, around, bodies) {
+    const many = bodies.some((body) => body.frame !== frame);
+    const sd = layer.sd(frame)?.map((value) => (many ? value / layer.unit(frame) : value));
     if (!sd) return [];
-    const bars = [];
-    sd.forEach((deviation, i) => {
-      const point = around.slice(i - (i % 3), i - (i % 3) + 3);
-      if (!Number.isFinite(deviation + point[0])) return;
-      const [start, end] = [[...point], [...point]];
-      start[i % 3] -= deviation;
-      end[i % 3] += deviation;
-      bars.push({ start, end, tint, width: 1.5 });
-    });
-    return bars;
+    const [vertices, faces] = [[], []];
+    for (let j = 0; j < sd.length; j += 3) {
+      if (!Number.isFinite(sd[j] + sd[j + 1] + sd[j + 2] + around[j])) continue;
+      const first = vertices.length / 3;
+      for (const corner of BALL.faces) faces.push(first + corner);
+      BALL.vertices.forEach((value, i) => vertices.push(around[j + (i % 3)] + value * sd[j + (i % 3)]));
+    }
+    return faces.length ? [{ vertices, faces: Uint32Array.from(faces) }] : [];
   }
 
-  function marksOf(layer, around, seen, outliers, { colour, look, diameter }) {
+  function marksOf(data, layer, around, seen, outliers, { tints, look, diameter }) {
     const marks = [];
     for (let j = 0; j < around.length / 3; j++) {
       if (!Number.isFinite(around[3 * j])) continue;
@@ -105,7 +205,7 @@ const panels = (() => {
       const outlier = layer.role === "result" && outliers[j];
       marks.push({
         point: around.slice(3 * j, 3 * j + 3),
-        tint: rgba(outlier ? look.outlier : colour),
+        tint: outlier ? rgba(look.outlier) : tints[sideOf(data, j)],
         diameter: outlier || hidden ? diameter + 4 : diameter,
         kind: outlier ? drawing.CROSS : hidden ? drawing.RING : drawing.DISC,
       });
@@ -113,17 +213,22 @@ const panels = (() => {
     return marks;
   }
 
-  /** Names of the landmarks beside those of the first layer, over the 3D panel. */
-  function nameMarks(labels, data, view) {
+  function write(labels, text, [x, y], colour = "") {
+    const label = document.createElement("span");
+    label.textContent = text;
+    label.style.transform = `translate(${x}px, ${y}px)`;
+    label.style.color = colour;
+    labels.append(label);
+  }
+
+  /** Names of the axes, and of the landmarks beside those of the first layer, over the 3D panel. */
+  function nameMarks(labels, data, view, look) {
     labels.replaceChildren();
     const points = Object.values(view.projected)[0];
-    if (!view.names || !points) return;
-    for (const j of imagePlane.apart(points, data.landmarks)) {
-      const label = document.createElement("span");
-      label.textContent = data.landmarks[j];
-      label.style.transform = `translate(${points[j][0] + 6}px, ${points[j][1] - 18}px)`;
-      labels.append(label);
+    for (const j of view.names && points ? imagePlane.apart(points, data.landmarks) : []) {
+      write(labels, data.landmarks[j], [points[j][0] + 6, points[j][1] - 18]);
     }
+    (view.axes ?? []).forEach(([x, y], i) => write(labels, "xyz"[i], [x + 3, y - 9], look.axes[i]));
   }
 
   function drawPlane(canvas, data, view, look) {
@@ -132,17 +237,22 @@ const panels = (() => {
     const context = canvas.getContext("2d");
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     const { frame } = view;
-    const layers = data.layers
-      .filter((layer) => view.shown.has(layer) && layer.role === "result")
-      .map((layer) => {
+    const frames = framesOf(data, view);
+    const results = data.layers.filter((layer) => view.shown.has(layer) && layer.role === "result");
+    const others = frames.flatMap((each, k) => (each === frame ? [] : results.map((layer) => ({
+      fitted: layer.fitted(each),
+      tints: sideTints(data, look, colourOf(look, layer, k, true), false).map(css),
+    }))));
+    const layers = results.map((layer) => {
         const mesh = view.mesh ? layer.mesh(frame) : null;
-        return { fitted: layer.fitted(frame), sd: layer.sd(frame), tint: look.layer(layer.colour), mesh: mesh && layer.inImage(frame, mesh), faces: layer.faces };
+        const tint = colourOf(look, layer, frames.indexOf(frame), frames.length > 1);
+        return { fitted: layer.fitted(frame), sd: layer.sd(frame), tint, tints: sideTints(data, look, tint, view.shown.size === 1 && frames.length === 1).map(css), mesh: mesh && layer.inImage(frame, mesh), faces: layer.faces };
       });
     const seen = data.seen(frame);
-    const plane = planeOf(data, view, layers, seen, width, height);
+    const plane = planeOf(data, view, layers, seen, others, width, height);
     const picture = view.pictures.get(frame);
     const drawn = {
-      layers, seen, outliers: data.outliers(frame), edges: data.edges, unit: data.unit,
+      layers, others, seen, outliers: data.outliers(frame), edges: data.edges, side: (a, b) => sideOf(data, a, b), unit: data.unit,
       names: view.names ? data.landmarks : null,
       picture: picture?.complete ? picture : null, pictureSize: data.pictures[frame]?.size,
     };
@@ -153,10 +263,11 @@ const panels = (() => {
   }
 
   /** What the left panel shows: the landmarks of the frame or, where it moves little, the sequence. */
-  function planeOf(data, view, layers, seen, width, height) {
+  function planeOf(data, view, layers, seen, others, width, height) {
     const points = [seen, ...layers.map((layer) => layer.fitted)].find((p) => p?.some(Number.isFinite));
-    const own = (points && geometry.extent(points, 2)) || { middle: [0, 0], radius: 1 };
-    const common = view.window ?? own;
+    const every = others.length ? [...(points ?? []), ...others.flatMap(({ fitted }) => Array.from(fitted))] : points;
+    const own = (every && geometry.extent(every, 2)) || { middle: [0, 0], radius: 1 };
+    const common = (others.length ? null : view.window) ?? own;
     const zoom = (view.planeZoom * FILL * Math.min(width, height)) / (common.radius || 1);
     const middle = common.middle.map((value, axis) => {
       const towards = axis === 1 && !data.yDown ? 1 : -1;

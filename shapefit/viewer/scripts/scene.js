@@ -14,8 +14,18 @@ const scene = (() => {
       sequenceOf: (frame) => lastAtMost(starts, frame),
       seen: page.seen ? blocks.open(page.seen).row : () => null,
       outliers: page.outliers ? openBits(page.outliers, page.landmarks.length) : () => [],
+      together: page.moments ? openMoments(blocks.numbers(page.moments)) : () => [],
       layers: page.layers.map((layer) => openLayer(layer, meshes, page)),
     };
+  }
+
+  /** The frames of the same moment as a frame, itself among them; [] where it is alone. */
+  function openMoments(moments) {
+    const frames = new Map();
+    moments.forEach((moment, frame) => {
+      if (moment) frames.set(moment, [...(frames.get(moment) ?? []), frame]);
+    });
+    return (frame) => frames.get(moments[frame]) ?? [];
   }
 
   /** Index of the last of the ascending numbers that is at most `value`. */
@@ -59,10 +69,19 @@ const scene = (() => {
       }
       return values.filter((_, i) => i % 3 < 2);
     }
+    /** Where the points are among those of others: x and y as in the image, or where the camera has them. */
+    function inSpace(frame) {
+      const values = points(frame);
+      if (!camera) return values;
+      const [placed, at] = [pose(frame), camera(frame)];
+      return values.map((value, i) => (value - placed[10 + (i % 3)]) / placed[9] + at[i % 3]);
+    }
     return {
       name: layer.name,
       role: layer.role,
       points,
+      inSpace,
+      unit: (frame) => (camera ? pose(frame)[9] : 1),
       pose,
       mesh,
       faces: layer.mesh ? meshes[layer.mesh.of].faces : null,

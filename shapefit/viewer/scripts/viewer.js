@@ -8,7 +8,7 @@
   });
   const view = {
     frame: 0, yaw: 0, pitch: 0, zoom: 1, pan: [0, 0], planeZoom: 1, planePan: [0, 0],
-    shown: new Set(data.layers.filter((layer, i) => i === 0 || !data.layers[0].faces)), mesh: true, names: false, upright: false, pictures: new Map(),
+    shown: new Set(data.layers.filter((layer, i) => i === 0 || !data.layers[0].faces)), mesh: true, names: false, upright: false, others: true, pictures: new Map(),
     playing: null, drawn: 0, rank: 0, projected: {},
   };
   const renderer = drawing.renderer($("space"));
@@ -29,7 +29,7 @@
     if (!data.count) return;
     panels.drawPlane($("plane"), data, view, look);
     panels.drawSpace($("space"), renderer, data, view, look);
-    panels.nameMarks($("labels"), data, view);
+    panels.nameMarks($("labels"), data, view, look);
     drawStrip();
     view.opened ??= performance.now();
     view.drawn++;
@@ -83,11 +83,11 @@
   }
 
   function enterSequence() {
-    const { start, end } = sequence();
+    const { name, start, end } = sequence();
     $("slider").max = Math.max(0, end - start - 1);
     $("slider").disabled = $("play").disabled = end - start < 2;
     view.rank = 0;
-    Object.assign(view, framing.ofSequence(data, start, end));
+    Object.assign(view, framing.ofSequence(data, start, end, !name && !data.rateKnown));
     search();
   }
 
@@ -227,6 +227,27 @@
     redraw();
   }, zoomPlane);
 
+  /* The first turn shows that the shape is one in space; it ends where it began, or at a touch. */
+  const TURN = { seconds: 14, pause: 0.8, pitch: 12 };
+
+  function firstTurn(now) {
+    if (!view.turning) return;
+    view.turning.since ??= now;
+    const passed = (now - view.turning.since) / 1000 - TURN.pause;
+    view.yaw = 360 * clamp(passed / TURN.seconds, 0, 1);
+    if (passed >= TURN.seconds) stopTurning();
+    else requestAnimationFrame(firstTurn);
+    redraw();
+  }
+
+  /** Leave the shape as it stands, with a yaw that views and keys can go on from. */
+  function stopTurning() {
+    if (view.turning) view.yaw %= 360;
+    view.turning = null;
+  }
+
+  for (const touch of ["pointerdown", "keydown", "wheel"]) document.addEventListener(touch, stopTurning, { capture: true, passive: true });
+
   /* Keys. */
   const KEYS = {
     " ": () => play(), w: jumpWorst, W: jumpWorst, d: jumpDoubtful, D: jumpDoubtful, 0: reset,
@@ -280,9 +301,17 @@
         if (on) view.shown.add(layer);
         else view.shown.delete(layer);
         tellDoubts();
+        showSides();
         redraw();
       }));
     }
+  }
+
+  /** Left and right have colours that the page explains where one layer is shown alone. */
+  function showSides() {
+    $("sides").hidden = !data.sides || view.shown.size !== 1 || (view.others && Boolean(data.moments));
+    const [layer] = view.shown;
+    if (layer) $("left-mark").style.background = `var(--${layer.colour})`;
   }
 
   /** Explain the marks of the left panel that occur. */
@@ -290,13 +319,14 @@
     const results = data.layers.some((layer) => layer.role === "result");
     const marks = [
       ["● observed", data.seen(0)], ["○ hidden, from the model", results && data.seen(0)],
-      ["✕ outlier", data.hasOutliers], ["– to its fitted position", results && data.seen(0)],
-      ["+ one standard deviation", data.layers.some((layer) => layer.sd(0))],
+      ["✕ outlier", data.hasOutliers], ["to its fitted position", results && data.seen(0), "residual-mark"],
+      ["◍ one standard deviation", data.layers.some((layer) => layer.sd(0))],
     ];
-    for (const [text, occurs] of marks) {
+    for (const [text, occurs, mark] of marks) {
       if (!occurs) continue;
       const entry = document.createElement("li");
-      entry.textContent = text;
+      if (mark) entry.append(Object.assign(document.createElement("i"), { id: mark }));
+      entry.append(text);
       $("marks").append(entry);
     }
   }
@@ -344,8 +374,8 @@
     const box = $("strip").getBoundingClientRect();
     jump(start + strip.frameAt(event.clientX - box.left, box.width, end - start));
   });
-  for (const key of ["mesh", "names", "upright"]) {
-    $(key).addEventListener("change", () => { view[key] = $(key).checked; redraw(); });
+  for (const key of ["mesh", "names", "upright", "others"]) {
+    $(key).addEventListener("change", () => { view[key] = $(key).checked; showSides(); redraw(); });
   }
   $("front").addEventListener("click", KEYS[1]);
   $("side").addEventListener("click", KEYS[2]);
@@ -382,7 +412,9 @@
     $("mesh-choice").hidden = $("upright-choice").hidden = !data.layers.some((layer) => layer.faces);
     $("rate").textContent = data.count > 1 ? `${data.frameRate} frames/s${data.rateKnown ? "" : " (not stated in the files)"}` : "";
     $("doubtful").hidden = !data.layers.some((layer) => layer.doubt);
+    $("others-choice").hidden = !data.moments;
     $("flat").hidden = !data.flat;
+    showSides();
     $("solid").hidden = $("layers").hidden = !data.layers.length;
     if (!renderer) {
       $("broken").hidden = false;
@@ -390,6 +422,11 @@
     }
     enterSequence();
     if (!followLink()) go(0);
+    if (renderer && data.layers.length && !matchMedia("(prefers-reduced-motion: reduce)").matches) {
+      view.turning = {};
+      view.pitch = TURN.pitch;
+      requestAnimationFrame(firstTurn);
+    }
   }
 
   /** What the page shows, for scripts and tests. */
@@ -400,6 +437,7 @@
     get camera() { return { yaw: view.yaw, pitch: view.pitch, zoom: view.zoom, pan: view.pan }; },
     get projected() { return view.projected; },
     get playing() { return Boolean(view.playing); },
+    get turning() { return Boolean(view.turning); },
     get drawn() { return view.drawn; },
     get opened() { return view.opened; },
     get plane() { return view.plane; },

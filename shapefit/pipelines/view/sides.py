@@ -1,0 +1,24 @@
+"""Which landmarks are on the left and which on the right, as their names say."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+MIDDLE, LEFT, RIGHT = 0, 1, 2
+
+_OTHER = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
+_WORD = re.compile(r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za-z])")
+"""`left` anywhere, `l` alone, and `l` before a name: left_hip, HipLeft, L_Hip, LHip, lhip."""
+
+
+def find_sides(names: Sequence[str]) -> list[int]:
+    """Return MIDDLE, LEFT or RIGHT for each name; what has no counterpart is in the middle."""
+    place = {name: number for number, name in enumerate(names)}
+    sides = [MIDDLE] * len(names)
+    for name, number in place.items():
+        for found in _WORD.finditer(name):
+            other = name[: found.start()] + _OTHER[found[0]] + name[found.end() :]
+            if other in place:
+                sides[number], sides[place[other]] = LEFT, RIGHT
+    return sides

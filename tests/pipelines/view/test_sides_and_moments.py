@@ -1,0 +1,57 @@
+"""Names say what is left and right; sequences of one video, or files, are seen at once."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from shapefit.io.skeletons import PEOPLE, SKELETONS
+from shapefit.pipelines.view.frames import Frames
+from shapefit.pipelines.view.moments import find_moments
+from shapefit.pipelines.view.sides import find_sides
+
+
+def test_names_of_other_files():
+    names = ["nose", "L_ear", "R_ear", "HipLeft", "HipRight", "left", "lone", "left_toe", "HEAD"]
+    assert find_sides(names) == [0, 1, 2, 1, 2, 0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("name", SKELETONS)
+def test_the_pairs_of_detectors(name):
+    skeleton = SKELETONS[name]
+    sides = np.array(find_sides(skeleton.landmark_names))
+    right, left = np.array(skeleton.mirror).T
+    assert (sides[right] == 2).all()
+    assert (sides[left] == 1).all()
+    assert np.count_nonzero(sides) == 2 * len(left)
+
+
+def test_joints_of_people():
+    sides = find_sides(PEOPLE)
+    assert [side for name, side in zip(PEOPLE, sides, strict=True) if name[0] == "l"] == [1] * 6
+    assert sides.count(2) == 6
+
+
+def gathered(name, items, frame):
+    numbers = {} if frame is None else {"frame": np.array(frame, dtype=float)}
+    return SimpleNamespace(name=name, listings=[SimpleNamespace(items=items)], of_frames=numbers)
+
+
+def test_individuals_of_a_video():
+    frames = Frames(tuple("abcde"), (("v/1", 0), ("v/2", 3)), 5)
+    found = find_moments([gathered("walk", "abcde", [7, 8, 9, 8, 9])], frames)
+    np.testing.assert_array_equal(found, [0, 1, 2, 1, 2])
+    assert find_moments([gathered("walk", "abcde", None)], frames) is None
+    apart = Frames(tuple("abcde"), (("v/1", 0), ("w/1", 3)), 5)
+    assert find_moments([gathered("walk", "abcde", [7, 8, 9, 8, 9])], apart) is None
+
+
+def test_files_of_one_individual_each():
+    frames = Frames(tuple("abcd"), (("anna", 0), ("ben", 2)), 4)
+    nan = np.nan
+    files = [gathered("anna", "ab", [0, 1, nan, nan]), gathered("ben", "cd", [nan, nan, 1, 2])]
+    np.testing.assert_array_equal(find_moments(files, frames), [0, 1, 1, 0])
+    one = [gathered("both", "abcd", [0, 1, 1, 2])]
+    assert find_moments(one, frames) is None
