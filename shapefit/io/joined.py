@@ -158,10 +158,10 @@ class Source(Generic[Record]):
         held = 0
         for part in self._read_files(size):
             while held + len(part) > size:
-                room = size - held
-                parts.append(part.take(slice(0, room)))
+                if room := size - held:
+                    parts.append(part.take(slice(0, room)))
+                    part = part.take(slice(room, None))
                 yield concatenate(parts)
-                part = part.take(slice(room, None))
                 parts, held = [], 0
             parts.append(part)
             held += len(part)

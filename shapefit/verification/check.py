@@ -49,6 +49,16 @@ class Check:
         return Check(self.claim, off, allowed, made)
 
 
+def largest(values: Floats) -> Floats:
+    """Return the largest number of each image (n,) of values (n, ...), nan where one is nan.
+
+    NumPy is quicker along the images than within one.
+    """
+    n, size = len(values), math.prod(values.shape[1:])
+    found: Floats = np.ascontiguousarray(values.reshape(n, size).T).max(axis=0)
+    return found
+
+
 def check(claim: str, off: Floats, allowed: Floats | float, made: Flags | None = None) -> Check:
     """Return the check of differences (n, ...), each allowed so much; the worst of an image counts.
 
@@ -60,7 +70,7 @@ def check(claim: str, off: Floats, allowed: Floats | float, made: Flags | None =
     if off.shape[1] == 1:
         off, allowed = off[:, 0], allowed.reshape(-1)
     elif allowed.size <= max(n, 1):
-        off, allowed = off.max(axis=1), allowed.reshape(-1)  # nan where one is
+        off, allowed = largest(off), allowed.reshape(-1)
     else:
         allowed = np.broadcast_to(allowed, (n, *shape[1:])).reshape(off.shape)
         with np.errstate(invalid="ignore"):

@@ -13,6 +13,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
 from shapefit.io.extras import LANDMARK_COVARIANCE
+from shapefit.verification.check import largest
 from shapefit.verification.rounding import rounding_factor
 from shapefit.verification.terms import Terms
 
@@ -39,8 +40,7 @@ class Images:
     @property
     def reach(self) -> Floats:
         """Largest coordinate of the points (n,)."""
-        reach: Floats = np.abs(self.points).max(axis=(1, 2))
-        return reach
+        return largest(np.abs(self.points))
 
     def judged_by_inliers(self) -> Images:
         """Return the images with the weights of what refines the program."""
@@ -80,8 +80,8 @@ def read_images(result: ResultSet, rows: NDArray[np.intp], terms: Terms, file: P
     if result.transform_count is not None:
         counted = result.transform_count[rows]
     factor = rounding_factor(W.shape[2], counted)
-    extent = np.abs(W).max(axis=(1, 2))
-    reach = np.abs(points).max(axis=(1, 2))
+    extent = largest(np.abs(W))
+    reach = largest(np.abs(points))
     error = factor * (extent / size * (1 + 2 * reach) + reach)
     return Images(
         points=points,

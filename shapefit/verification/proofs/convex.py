@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from shapefit.arrays import Flags, Floats
-from shapefit.verification.check import Check, check, flagged
+from shapefit.verification.check import Check, check, flagged, largest
 from shapefit.verification.proofs.program import (
     Value,
     equal,
@@ -143,7 +143,7 @@ def _check_tight(subject: Subject, M: Transforms) -> Check:
     What lies at the limit to within rounding can be called either.
     """
     apart, error = M.skewness, subject.images.factor[M.image]
-    active = M.norms > ACTIVE * subject.stated("coefficients").max(axis=1)[M.image]
+    active = M.norms > ACTIVE * largest(subject.stated("coefficients"))[M.image]
     some = np.bincount(M.image[active], minlength=M.images) > 0
 
     def all_within(limit: Floats) -> Flags:

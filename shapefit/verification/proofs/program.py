@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from shapefit.arrays import Flags, Floats
-from shapefit.verification.check import Check, check
+from shapefit.verification.check import Check, check, largest
 from shapefit.verification.images import Images
 from shapefit.verification.proofs.block_norms import nuclear_norms
 from shapefit.verification.proofs.transforms import Atoms
@@ -89,15 +89,15 @@ def dual_bound(
     norms = nuclear_norms(N[:, 0], N[:, 1])
     if kept is not None:
         norms = np.where(kept, norms, 0.0)
-    largest = norms.max(axis=1)
+    most = largest(norms)
     magnitude = np.sqrt((weighted**2).sum(axis=1)).sum(axis=1) * atoms.reach
     slack = 2 * factor * (magnitude / lam + 1)
-    checks = [check("the dual is feasible", largest / lam - 1, slack)]
+    checks = [check("the dual is feasible", most / lam - 1, slack)]
     unbalanced = np.abs(weighted.sum(axis=2))
     allowed = factor[:, None] * np.abs(weighted).sum(axis=2)
     checks.append(check("the dual is balanced", unbalanced, allowed))
     if np.isfinite(terms.bound):
-        entries = np.abs(dual).max(axis=(1, 2)) / terms.bound - 1
+        entries = largest(np.abs(dual)) / terms.bound - 1
         checks.append(check("the dual is bounded", entries, factor))
 
     V = images.points

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shapefit.arrays import Flags, Floats
-from shapefit.verification.check import Check, check
+from shapefit.verification.check import Check, check, largest
 from shapefit.verification.proofs.program import Value
 from shapefit.verification.subject import Subject
 
@@ -16,7 +16,7 @@ ACTIVE = 1e-6
 def check_active(subject: Subject) -> Check:
     """Check how many coefficients are not negligible; those at the limit may count or not."""
     size, stated = np.abs(subject.stated("coefficients")), subject.stated_extra("active_atoms")
-    limit, slack = ACTIVE * size.max(axis=1), 1 + subject.images.factor
+    limit, slack = ACTIVE * largest(size), 1 + subject.images.factor
     surely = (size > (limit * slack)[:, None]).sum(axis=1)
     perhaps, more = surely.copy(), stated > surely
     perhaps[more] = (size[more] > (limit / slack)[more, None]).sum(axis=1)
@@ -44,7 +44,7 @@ def check_points(claim: str, stated: Floats, shapes: Value, subject: Subject) ->
     scale, translation = subject.stated("scale"), subject.stated("translation")
     expected = scale[:, None, None] * shapes.value[:, : stated.shape[1]]
     expected[:, :2] += translation[..., None]
-    size = scale * np.abs(shapes.value).max(axis=(1, 2)) + np.abs(translation).max(axis=1)
+    size = scale * largest(np.abs(shapes.value)) + np.abs(translation).max(axis=1)
     allowed = scale * shapes.error + subject.images.factor * size
     return check(claim, np.abs(stated - expected), allowed[:, None, None])
 

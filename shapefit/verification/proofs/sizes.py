@@ -12,7 +12,7 @@ from shapefit.arrays import Floats
 from shapefit.geometry.length_units import metres_in
 from shapefit.geometry.normalisation import spread
 from shapefit.io import ResultSet
-from shapefit.verification.check import Check, check
+from shapefit.verification.check import Check, check, largest
 from shapefit.verification.rounding import rounding_factor
 
 EDGES, SPREAD = "edges", "spread"
@@ -66,7 +66,7 @@ def check_metres(result: ResultSet, size: Size) -> list[Check]:
         else:
             extent = spread(X)
         found = np.where(extent > 0, size.metres / extent, np.nan)
-        far = 1 + np.abs(X).max(axis=(1, 2)) / extent
+        far = 1 + largest(np.abs(X)) / extent
         allowed = rounding_factor(X.shape[2], np.full(len(X), len(size.edges))) * far * found
         off = np.abs(stated - found) if size.by else np.full(len(X), np.inf)
     both = np.isnan(stated) & np.isnan(found)
