@@ -145,6 +145,21 @@ def test_values_that_are_pickled(write, problem):
     assert "block0_values" in problem(path)
 
 
+def test_columns_that_are_named_twice_and_differently(write, problem):
+    path = write("fixed.h5")
+    with h5py.File(path, "a") as file:
+        table = file["df_with_missing"]
+        for name in [name for name in table if name.startswith("block0_items_")]:
+            own = name.replace("block0_items", "axis0")
+            values = table[name][:]
+            if own.endswith("label2"):
+                values[-1] = -1
+            if own in table:
+                del table[own]
+            table[own] = values
+    assert "names other columns than its blocks" in problem(path)
+
+
 def test_a_filter_that_is_not_there(write, problem):
     path = write("tracks.analysis.h5")
     with h5py.File(path, "a") as file:

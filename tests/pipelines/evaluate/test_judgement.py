@@ -283,6 +283,11 @@ class TestInputErrors:
         with pytest.raises(InputError, match=f"convex.h5:/{name}: has the shape"):
             judged(fields, truth)
 
+    def test_dataset_of_no_numbers(self, fields, truth):
+        fields["extras"]["true_rotation"] = fields["extras"]["true_rotation"] * 1j
+        with pytest.raises(InputError, match="convex.h5:/true_rotation: holds complex128"):
+            judged(fields, truth)
+
     def test_no_images(self, fields, truth):
         with pytest.raises(InputError, match="holds no images"):
             judge(FILE, ResultSet(**fields).take([]), lambda _: truth, "item", METRICS)
