@@ -285,7 +285,7 @@ class TestInputErrors:
 
     def test_dataset_of_no_numbers(self, fields, truth):
         fields["extras"]["true_rotation"] = fields["extras"]["true_rotation"] * 1j
-        with pytest.raises(InputError, match="convex.h5:/true_rotation: holds complex128"):
+        with pytest.raises(InputError, match=r"convex\.h5:/true_rotation: holds complex128"):
             judged(fields, truth)
 
     def test_no_images(self, fields, truth):
