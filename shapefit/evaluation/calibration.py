@@ -28,6 +28,9 @@ INSIDE = f"inside_{100 * WIDTH_OF:.0f}"
 CURVE = tuple(np.linspace(0, 1, 41).tolist())
 """Nominal levels at which the share of all landmarks is drawn."""
 
+SQUARES = np.exp(np.linspace(-14, 5, 3801))
+"""Squared Mahalanobis distances between which those of all landmarks are counted."""
+
 TOGETHER = 1 << 15
 """Images whose error bars are added up together."""
 
@@ -143,6 +146,7 @@ class Coverages:
         self._waiting: list[ErrorBars] = []
         self._sums: dict[str, dict[str | None, _Sums]] = {}
         self._curves: dict[str, NDArray[np.int64]] = {}
+        self._squares = np.zeros(len(SQUARES) + 1, np.int64)
 
     def add(self, bars: ErrorBars) -> None:
         """Add the images of a file."""
@@ -172,7 +176,30 @@ class Coverages:
         """Share of the truth of a group inside the ellipsoid of each level of `CURVE`."""
         return [int(count) / self._sums[group][None].judged for count in self._curves[group]]
 
+    def find_factors(self) -> dict[str, float | None]:
+        """Return how many times as wide error bars are true at each of `LEVELS`, by its name.
+
+        sqrt(r / q) for the distance r that as many of the m landmarks do not exceed as split
+        conformal prediction asks for, ceil((m + 1) level), and the quantile q of chi^2. None
+        where these are too few, or bars too narrow by more than 3 times.
+        """
+        from scipy.special import chdtri
+
+        within, found = np.cumsum(self._squares), {}
+        for nominal in LEVELS:
+            wanted = np.ceil((within[-1] + 1) * nominal)
+            at = int(np.searchsorted(within, wanted))
+            there = at < len(SQUARES)
+            q = chdtri(3.0, 1 - nominal)
+            found[f"{100 * nominal:.0f}%"] = float(np.sqrt(SQUARES[at] / q)) if there else None
+        return found
+
     def _add_up(self, bars: ErrorBars) -> None:
+        from scipy.special import chdtri
+
+        judged = bars.level[~np.isnan(bars.level)]
+        places = np.searchsorted(SQUARES, chdtri(3.0, 1 - judged))
+        self._squares += np.bincount(places, minlength=len(self._squares))
         for group, members in group_sequences(self._groups, filter(None, bars.sequences)).items():
             rows = of_sequences(bars, members)
             if not rows.any():

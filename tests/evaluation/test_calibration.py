@@ -145,3 +145,22 @@ def test_of_equally_plausible_images_the_first_are_left_out(rng):
     assert kept.plausibility == trust[expected[0]]
     assert kept.mean == pytest.approx(values[order].mean(), rel=1e-14)
     assert kept.mean_kept == pytest.approx(values[expected].mean(), rel=1e-14)
+
+
+def test_factors_undo_what_error_bars_lack(rng):
+    """Errors twice as large as the bars, all of them or the larger half, and too few of them."""
+    z = np.sort((rng.standard_normal((40_000, 3)) ** 2).sum(axis=1))
+
+    def factors(squares):
+        bars = Coverages({"all": "*"})
+        level = chi2.cdf(squares, 3)[:, None]
+        items = tuple(map(str, range(len(level))))
+        bars.add(ErrorBars("m", ("a",), items, ("s",) * len(items), level, {}, False))
+        bars.cover("m", {"all": ("s",)})
+        return bars.find_factors()
+
+    assert list(factors(4 * z).values()) == pytest.approx([2, 2], rel=0.01)
+    outer = np.where(z > np.quantile(z, 0.6), 4 * z, z)
+    assert list(factors(outer).values()) == pytest.approx([1, 2], rel=0.01)
+    assert factors(z[:3])["90%"] is None
+    assert factors(1e4 * z)["90%"] is None

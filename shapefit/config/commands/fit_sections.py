@@ -139,6 +139,9 @@ class PosteriorConfig(ConfigModel):
     """Density of gross landmarks, per area, for normalised landmarks."""
     widening: float = Field(default=PosteriorOptions.widening, gt=0)
     """Factor applied to all covariances, to allow for what the prior has not seen."""
+    calibration: OptionalInputPath = None
+    """error_bars.json of a report of eval: error bars get so many times as wide that 90% of that
+    truth would have been in their 90% ellipsoids."""
     views: int = Field(default=PosteriorOptions.views, ge=0, le=1000)
     """Views, spread evenly, to start from besides that of the convex program."""
     covariance: bool = PosteriorOptions.covariance

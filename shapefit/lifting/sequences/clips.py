@@ -36,8 +36,8 @@ the images have wrong alike. Of footage of six bodies, whole or down to the hips
 with 0.88 of the error of their images, and clips between it and `FARTHEST` with 1."""
 
 STILL = 0.15
-"""Turn (`find_turn`) below which such a sequence is only steadied: the noise of detectors alone looks
-like as much."""
+"""Turn (`find_turn`) below which such a sequence is only steadied: the noise of detectors alone
+looks like as much."""
 
 WIDEST = 3.0
 """Standard deviation of a coordinate, in the size of the landmarks, beyond which an image says

@@ -33,6 +33,9 @@ from shapefit.pipelines.outcome import Outcome
 MOST_FAILURES = 200
 """Failed items a method that the report lists; its JSON lists more."""
 
+ERROR_BARS = "error_bars.json"
+"""File of the report that `posterior.calibration` of fit takes."""
+
 MOST_VIEWED = 300_000
 """Images, and true shapes, that the page of the viewer beside the report is made of, at most."""
 
@@ -83,6 +86,9 @@ def _report(options: WritingOptions, found: Found) -> Outcome:
         provenance=_provenance(options),
     )
     writers = _tables([*errors, *found.shares], report)
+    if found.bars:
+        factors = {name: own.find_factors() for name, own in found.bars.items()}
+        writers[ERROR_BARS] = lambda path: path.write_text(json.dumps(factors), encoding="utf-8")
     if options.draws:
         writers |= _plots(errors, report.summaries, grouping)
         if coverage:

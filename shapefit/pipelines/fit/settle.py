@@ -16,6 +16,7 @@ from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.camera import find_calibrated, straightened
 from shapefit.pipelines.fit.chain import lift_images
 from shapefit.pipelines.fit.default_camera import with_camera, without_camera
+from shapefit.pipelines.fit.error_bars import with_calibration
 from shapefit.pipelines.fit.plan import check_needs, choose_chain
 from shapefit.pipelines.items import spread
 from shapefit.pipelines.joints import MEANS, Joints, Mapped, find_joints, named_as_joints
@@ -108,13 +109,14 @@ def settle(
     given.
     """
     first = next(source.chunks(FIRST))
+    config, of_bars = with_calibration(config)
     if LEARNED_FROM in dictionary.provenance and config.camera.calibration is None:
         config = without_camera(config)
     images = straightened(first, calibrated)
     config, of_camera = with_camera(config, images)
     joints = find_joints(source.head.landmark_names, dictionary.landmark_names)
     config, of_skeleton = with_theta(config, images, dictionary, joints)
-    return config, of_camera + of_skeleton
+    return config, of_camera + of_skeleton + of_bars
 
 
 def with_theta(

@@ -144,3 +144,14 @@ def test_the_plot_is_drawn(desk, reported):
     assert "![calibration](calibration.png)" in page
     html = (desk.config.output / "report.html").read_text(encoding="utf-8")
     assert html.count('class="bar"') == 2 * N  # on both sides of each image of one method
+
+
+def test_a_report_has_the_factors_with_which_error_bars_are_true(desk, reported, sure):
+    reported()
+    path = desk.config.output / "error_bars.json"
+    (factors,) = json.loads(path.read_text(encoding="utf-8")).values()
+    reported(replace(sure, shape_sd=factors["90%"] * sure.shape_sd))
+    row = desk.row("calibration.csv", group="Subject 13", landmark="", unit="m")
+    other = desk.row("calibration.csv", group="Subject 14", landmark="", unit="m")
+    inside = (25 * float(row["inside_90"]) + 10 * float(other["inside_90"])) / 35
+    assert inside == pytest.approx(np.ceil(36 * 0.9) / 35)

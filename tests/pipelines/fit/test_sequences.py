@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig, LearnDictConfig, ProjectConfig
+from shapefit.config import EvalConfig, FitConfig, LearnDictConfig, ProjectConfig
 from shapefit.errors import InputError
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.rotations import rotation_about
@@ -23,6 +24,7 @@ from shapefit.io import (
 )
 from shapefit.pipelines import projection as projecting
 from shapefit.pipelines import verify
+from shapefit.pipelines.evaluate import run as evaluating
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learning
 
@@ -285,3 +287,50 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
     far = {"model": "perspective", "focal": 1e8, "principal_point": [500.0, 500.0]}
     same, _ = fitted(people, path, camera=far)
     np.testing.assert_allclose(same.shapes, weak.shapes, atol=0.05)
+
+
+@pytest.fixture
+def judged(people, project, tmp_path):
+    """Share of the truth in the 90% ellipsoids of a fit, and the factors of its report."""
+
+    def judged(method, **posterior):
+        found, _ = fitted(people, people / "views.h5", method=method, posterior=posterior)
+        config = EvalConfig(
+            results={method: people / "result.h5"}, output=tmp_path / "report", plots=False,
+            truth=(project / "sample_data/people_test.h5",), view=False, truth_frame="object",
+        )  # fmt: skip
+        list(evaluating.run(config))
+        report = json.loads((tmp_path / "report/report.json").read_text(encoding="utf-8"))
+        return found, next(c["inside"][1] for c in report["calibration"] if c["landmark"] is None)
+
+    return judged
+
+
+@pytest.mark.parametrize("method", ["posterior", "sequences"])
+def test_bars_too_narrow_become_true_by_a_report(judged, tmp_path, method):
+    narrow, inside = judged(method, widening=0.05)
+    assert inside < 0.8
+    path = (tmp_path / "report/error_bars.json").rename(tmp_path / "rig.json")
+    wide, inside = judged(method, widening=0.05, calibration=path)
+    factor = json.loads(path.read_text(encoding="utf-8"))[method]["90%"]
+    np.testing.assert_allclose(wide.shapes, narrow.shapes, rtol=1e-6)
+    np.testing.assert_allclose(wide.shape_sd, factor * narrow.shape_sd, rtol=1e-5)
+    assert inside == pytest.approx(0.9, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("{", "no factors"),
+        ("{}", "no factors"),
+        ('{"posterior": {"90%": 2}}', "no factors"),
+        ('{"posterior": {"50%": 1, "90%": -2}}', "no factors"),
+        ('{"a": {"50%": 1, "90%": 2}, "b": {"50%": 1, "90%": 2}}', "of a, b, not of posterior"),
+        ('{"posterior": {"50%": 1, "90%": null}}', "has no factor"),
+    ],
+)
+def test_a_file_without_factors_is_refused(people, tmp_path, text, found):
+    path = tmp_path / "rig.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=found):
+        fitted(people, people / "views.h5", method="posterior", posterior={"calibration": path})
