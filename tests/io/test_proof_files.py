@@ -40,6 +40,7 @@ def path(tmp_path, proved):
 def test_chunks_hold_the_transforms_of_their_images(path, proved, size):
     with open_proofs(path) as results:
         chunks = list(proof_chunks(results, size))
+        assert next(proof_chunks(results, size, sequences=False)).sequences is None
         assert results.count == 5
         assert results.landmark_names == proved.landmark_names
         assert results.attributes["method"] == "convex"
@@ -50,7 +51,7 @@ def test_chunks_hold_the_transforms_of_their_images(path, proved, size):
         for name in ("dual", "convex_translation", "transform_count", "transform_atom",
                      "active_transforms", "shapes", "coefficients"):  # fmt: skip
             np.testing.assert_array_equal(getattr(chunk, name), getattr(part, name))
-        assert chunk.items == part.items
+        assert (chunk.items, chunk.sequences) == (part.items, part.sequences)
     assert start == 5
 
 

@@ -137,6 +137,8 @@ def test_arrange_refuses_to_drop_a_landmark(landmarks, problems):
 def test_arrays_of_wrong_shape_are_a_programmers_error(rng):
     with pytest.raises(ValueError, match="shapes has the shape"):
         ShapeSet(rng.normal(size=(2, 4, 3)), ("a", "b", "c", "d"), ("x", "y"))
+    with pytest.raises(ValueError, match="shapes has the shape"):
+        ShapeSet(np.zeros((2, 3)), ("a",), ("x", "y"))
     with pytest.raises(ValueError, match="confidence has the shape"):
         LandmarkSet(
             landmarks=np.zeros((2, 2, 1)),

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 
 from shapefit.arrays import Floats
 from shapefit.io import open_landmarks
-from shapefit.io.foreign.recording import ANYBODY, Instances
+from shapefit.io.foreign.recording import ANYBODY, Instances, stacked
 from shapefit.io.foreign.tracking import LONGEST_GAP, assign, joined
 from shapefit.io.options import InputOptions
 
@@ -226,3 +226,19 @@ def test_the_size_of_somebody_half_hidden_shrinks_slowly(frames, same):
     parts = [FIGURE, *[half] * frames, half + np.array([40, 0])]
     found = follow(parts, list(range(len(parts))))
     assert (found[0] == found[-1]) == same
+
+
+def test_blocks_are_joined_and_cut(rng):
+    """Without a confidence beside others it is 1; what was left out of each adds up."""
+    points = rng.normal(size=(5, 4, 2))
+    first = Instances.of_one(points[:2], 0, counts={"a": 1, "b": 2})
+    scores = rng.random((3, 4))
+    second = Instances.of_one(points[2:], 2, confidence=scores, counts={"b": 3})
+    whole = stacked([first, second])
+    np.testing.assert_array_equal(whole.points, points)
+    np.testing.assert_array_equal(whole.confidence, [*np.ones((2, 4)), *scores])
+    assert (list(whole.labels), whole.frames.tolist()) == (list("01234"), [0, 1, 2, 3, 4])
+    assert whole.counts == {"a": 1, "b": 5}
+    some = whole.take(np.array([4, 1]), {"c": 1})
+    assert (some.labels, some.frames.tolist(), some.counts) == (("4", "1"), [4, 1], {"c": 1})
+    np.testing.assert_array_equal(some.points, points[[4, 1]])
