@@ -135,7 +135,7 @@ def anipose(path: Path) -> Reading:
 def trc(path: Path) -> Reading:
     """Read a line per frame below the markers, in metres; 0, 0, 0 is missing."""
     lines = [line.rstrip("\r") for line in path.read_text("utf-8-sig").split("\n")]
-    if not lines[1].startswith("DataRate") or lines[4].lstrip("\t, ")[:2] != "X1":
+    if not lines[1].startswith(("DataRate\t", "DataRate,")) or lines[4].lstrip("\t, ")[:2] != "X1":
         raise ValueError("the header is damaged")
     separator = "\t" if "\t" in lines[3] else ","
     head = dict(zip(*(line.split(separator) for line in lines[1:3]), strict=False))
