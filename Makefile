@@ -11,6 +11,7 @@
 #   make fuzz         50,000 damaged files, configs and options, each in a separate process
 #   make faults       every writing call fails with every error, 200 kills, and 200 of a cluster's
 #                     workers; outputs stay whole
+#   make pictures     photograph the pages of the demo for README and docs (needs chromium)
 #   make docs         write the generated pages of docs/
 #   make site         the pages as a site with search, in build/site/html; every link is checked
 #   make recovery     the paper's figure of exact recovery on planted instances
@@ -39,7 +40,7 @@ CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp
 SHAPEFIT := $(BIN)/shapefit
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test test-all fuzz faults test-levels sanitize arm64 wheel site check format-check lint types docs mocap-table recovery paper people bodies footage detected from-2d cars bench clean
+.PHONY: demo test test-all fuzz faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people bodies footage detected from-2d cars bench clean
 
 demo: $(RUNS)
 	$(SHAPEFIT) fit sample_data/openpose -d people --set keypoints=body_25 \
@@ -187,6 +188,10 @@ faults: $(ALL_READY)
 	$(BIN)/python -m fuzz.faults
 	$(BIN)/python -m fuzz.faults --kill 200
 	SHAPEFIT_KILLS=200 $(BIN)/python -m pytest -q tests/pipelines/parts/test_cluster_kills.py
+
+pictures: demo $(ALL_READY)
+	$(BIN)/python docs/pictures.py
+	$(BIN)/python docs/page_pictures.py
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py

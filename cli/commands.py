@@ -251,12 +251,13 @@ to look.""",
         examples="""\
   shapefit view result.h5
   shapefit view convex.h5 pmp.h5 --truth test.h5 -o page.html --open
-  shapefit view cars.h5 --truth models.h5 --set match=true_model --set images=frames/""",
+  shapefit view cars.h5 --truth models.h5 --set match=true_model --images frames/""",
         parameters=(
             _files("files", "[RESULT|LANDMARKS|SHAPES]..."),
             _output("PAGE.html", "HTML file to write."),
             _truth(),
             _dictionary("Dictionary with the edges and meshes to draw."),
+            click.Option(["--images"], metavar="FOLDER", help="Images under the landmarks."),
         ),
         actions={
             "opens": (

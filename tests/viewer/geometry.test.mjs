@@ -139,6 +139,11 @@ test("a body reaches as far as it does whichever way it turns", () => {
   near(geometry.halves({ low: -1, high: 2, wide: 5 }, -90), [5, 5]);
 });
 
+test("a box leaves out what is unknown", () => {
+  assert.deepEqual(geometry.box([1, 2, NaN, NaN, 5, 8]), { middle: [3, 5], halves: [2, 3] });
+  assert.deepEqual(geometry.box([NaN, NaN]), { middle: [0, 0], halves: [0, 0] });
+});
+
 test("a ball is round", () => {
   const { vertices, faces } = geometry.ball();
   assert.equal(faces.length, 3 * 8 * 4);

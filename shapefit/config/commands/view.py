@@ -41,7 +41,8 @@ class ViewConfig(CommandConfig):
         unless_none(absolute_path),
     ] = None
     """Images that the landmarks were found in, PNG or JPEG: a folder, whose files are named after
-    the items, or a path in which `{item}` stands for the item."""
+    the items or are the numbered frames of a video, or a path in which `{item}` stands for the
+    item. They are made smaller and embedded."""
     items: Annotated[tuple[str, ...], FromLists, OF_THE_DATA] = ("*",)
     """Items to show: names or globs."""
     frame_rate: float | None = Field(default=None, gt=0)

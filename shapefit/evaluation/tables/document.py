@@ -26,7 +26,8 @@ ABSENT = "–"
 
 HOW_TO_READ_PAIRS = (
     "Each cell is mean / median over the images; of several sequences, the mean of the sequences' "
-    "means and of their medians."
+    "means and of their medians. Normalised errors are shares of the spread of the true shape; "
+    "those in boxes, of the diagonal of the box around the landmarks."
 )
 
 

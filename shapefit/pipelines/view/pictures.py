@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from base64 import b64encode
 from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
@@ -17,14 +18,16 @@ LONGEST_SIDE = 960
 """Pixels of the longest side of a picture on the page."""
 QUALITY = 75
 SUFFIXES = (".jpg", ".jpeg", ".png")
+LAST_NUMBER = re.compile(r"(\d{1,12})\D*$")
 PLACEHOLDER = "{item}"
 
 
 def find_images(images: Path, items: Sequence[str]) -> dict[int, Path]:
     """Return the image file of each frame that has one.
 
-    In a folder, the file is called by the item, or by what follows its last slash. Raises
-    InputError where there is no such folder, no image at all, or no Pillow to read one.
+    In a folder, the file is called by the item, or by what follows its last slash; or else the
+    files are the frames of a video, in the order of the numbers in their names. Raises InputError
+    where there is no such folder, no image at all, or no Pillow to read one.
     """
     if find_spec("PIL") is None:
         fix = "install it with `pip install pillow`, or leave `images` out"
@@ -41,10 +44,25 @@ def find_images(images: Path, items: Sequence[str]) -> dict[int, Path]:
         path = next((p for p in _candidates(images, item) if os.path.isfile(p)), None)
         if path is not None:
             found[frame] = path
+    if not found and PLACEHOLDER not in pattern:
+        found = _numbered(images, items)
     if not found:
         tried = ", ".join(str(path) for path in _candidates(images, items[0]))
         raise input_error("images", f"no item has an image, such as {tried}", "correct the path")
     return found
+
+
+def _numbered(folder: Path, items: Sequence[str]) -> dict[int, Path]:
+    """Return the n-th numbered file for each item that ends in the number n, from 0."""
+    files = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
+    numbers = {path: LAST_NUMBER.findall(path.stem) for path in files}
+    ordered = sorted((int(found[0]), path) for path, found in numbers.items() if found)
+    wanted = ((frame, LAST_NUMBER.findall(item)) for frame, item in enumerate(items))
+    return {
+        frame: ordered[int(found[0])][1]
+        for frame, found in wanted
+        if found and int(found[0]) < len(ordered)
+    }
 
 
 def embed(path: Path) -> Picture:

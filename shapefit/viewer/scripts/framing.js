@@ -18,7 +18,7 @@ const framing = (() => {
       if (inSpace) solid.push({ radius: inSpace.radius, ...geometry.reach(geometry.turn(points, geometry.uprightRotation(data.yDown), inSpace.middle)) });
       if (inPlane) flat.push(inPlane);
     }
-    return { room: apart ? null : roomFor(solid), window: windowOf(flat) };
+    return { room: apart ? null : roomFor(solid), window: apart ? null : windowOf(flat) };
   }
 
   /** The 95th percentile of sizes, null where they differ by a factor of two and more. */

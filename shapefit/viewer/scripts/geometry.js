@@ -138,6 +138,16 @@ const geometry = (() => {
     return [wide, (c * (high - low)) / 2 + s * wide];
   }
 
+  /** {middle, halves} of the upright box around points x0 y0 x1 ...; one of nothing around none. */
+  function box(points) {
+    const sides = [0, 1].map((axis) => {
+      const known = Array.from(points).filter((value, i) => i % 2 === axis && Number.isFinite(value));
+      return [Math.min(...known), Math.max(...known)];
+    });
+    if (!Number.isFinite(sides[0][0])) return { middle: [0, 0], halves: [0, 0] };
+    return { middle: sides.map(([low, high]) => (low + high) / 2), halves: sides.map(([low, high]) => (high - low) / 2) };
+  }
+
   /** A ball of radius 1: {vertices, faces}, from an octahedron whose faces are divided once. */
   function ball() {
     const corners = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]];
@@ -159,6 +169,6 @@ const geometry = (() => {
     return { vertices, faces };
   }
 
-  return { IDENTITY, reach, halves, ball, viewRotation, compose, inverse, uprightRotation, turn, project, blend, seenInPerspective, extent };
+  return { IDENTITY, reach, halves, box, ball, viewRotation, compose, inverse, uprightRotation, turn, project, blend, seenInPerspective, extent };
 })();
 if (typeof module !== "undefined") module.exports = geometry;

@@ -266,10 +266,10 @@ const panels = (() => {
   function planeOf(data, view, layers, seen, others, width, height) {
     const points = [seen, ...layers.map((layer) => layer.fitted)].find((p) => p?.some(Number.isFinite));
     const every = others.length ? [...(points ?? []), ...others.flatMap(({ fitted }) => Array.from(fitted))] : points;
-    const own = (every && geometry.extent(every, 2)) || { middle: [0, 0], radius: 1 };
-    const common = (others.length ? null : view.window) ?? own;
-    const zoom = (view.planeZoom * FILL * Math.min(width, height)) / (common.radius || 1);
-    const middle = common.middle.map((value, axis) => {
+    const window_ = others.length ? null : view.window;
+    const own = window_ ? { middle: window_.middle, halves: [window_.radius, window_.radius] } : geometry.box(every ?? []);
+    const zoom = 2 * FILL * view.planeZoom * Math.min(width / 2 / (own.halves[0] || 1), height / 2 / (own.halves[1] || 1));
+    const middle = own.middle.map((value, axis) => {
       const towards = axis === 1 && !data.yDown ? 1 : -1;
       return value + (towards * view.planePan[axis]) / zoom;
     });

@@ -199,6 +199,21 @@ def test_pictures_lie_under_their_frames(desk):
     assert list(pattern.data["pictures"]) == ["1"]
 
 
+def test_pictures_of_a_video_are_numbered(desk):
+    from PIL import Image
+
+    images = desk.folder / "frames"
+    images.mkdir()
+    for number in (8, 9, 10):  # programs count from any number
+        Image.new("L", (10 * number, 10)).save(images / f"film_{number}.png")
+    (images / "notes.txt").write_text("nothing")
+    result = desk.result(items=("v/a/0", "v/a/2", "v/b/2", "v/b/3", "v/c", "v/b/1"))
+    found = desk.view(result, images=images).data["pictures"]
+    assert {frame: each["size"][0] for frame, each in found.items()} == {
+        "0": 80, "1": 100, "2": 100, "5": 90,
+    }  # fmt: skip
+
+
 def test_frame_rates_come_from_the_config_the_result_or_the_truth(desk):
     result = desk.result(sequences=("s",) * 6, frame_rate=30.0)
     assert desk.view(result).data["frameRate"] == 30

@@ -1,0 +1,71 @@
+"""Photograph pages of the results of `make demo` for README and docs: python docs/page_pictures.py.
+
+Needs chromium and chromedriver, and selenium of the extra `test-all`.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+
+from shapefit.config import ViewConfig
+from shapefit.pipelines.view.run import run
+
+PROJECT = Path(__file__).resolve().parents[1]
+DEMO, IMAGES = PROJECT / "results/demo", PROJECT / "docs/images"
+FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
+SIZE = {"width": 1280, "height": 720, "deviceScaleFactor": 1, "mobile": False}
+MOTIONLESS = {"features": [{"name": "prefers-reduced-motion", "value": "reduce"}]}
+DRAWN = "setTimeout(arguments[0], 300)"
+"""The words under the strip follow the picture after a moment."""
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """Of the page of one result: an item, and how far the shape is turned, in degrees."""
+
+    name: str
+    result: Path
+    item: str
+    yaw: float
+    pitch: float = 14.0
+
+
+PHOTOGRAPHS = (
+    Photograph("walk", DEMO / "walk.h5", "openpose/person 1/20", 30),
+    Photograph("view", DEMO / "cars/result.h5", "pickup_1/view_4", 25),
+)
+
+
+def main() -> None:
+    """Make the pages anew and take each picture."""
+    options = webdriver.ChromeOptions()
+    options.binary_location = "/usr/bin/chromium"
+    for flag in FLAGS:
+        options.add_argument(flag)
+    driver = webdriver.Chrome(options=options, service=Service("/usr/bin/chromedriver"))
+    try:
+        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", SIZE)
+        driver.execute_cdp_cmd("Emulation.setEmulatedMedia", MOTIONLESS)
+        with tempfile.TemporaryDirectory() as folder:
+            for each in PHOTOGRAPHS:
+                page = Path(folder) / f"{each.name}.html"
+                list(run(ViewConfig(files={each.name: (each.result,)}, output=page)))
+                driver.get(page.as_uri())
+                driver.execute_script(
+                    "shapefit.go(shapefit.data.items.indexOf(arguments[0]));"
+                    "shapefit.turn(arguments[1], arguments[2])",
+                    *(each.item, each.yaw, each.pitch),
+                )
+                driver.execute_async_script(DRAWN)
+                driver.save_screenshot(str(IMAGES / f"{each.name}.png"))
+    finally:
+        driver.quit()
+
+
+if __name__ == "__main__":
+    main()
