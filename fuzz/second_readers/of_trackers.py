@@ -65,6 +65,8 @@ def _table(table: Any) -> Reading:
         if axis in axes:
             place = who.index(individual), names.index(name), axes.index(axis)
             frames[:, *place] = values[:, number]
+    if "likelihood" in axes:  # below 0 is missing
+        frames[frames[..., -1] < 0] = np.nan
     return tuple(names), list(frames)
 
 
