@@ -13,8 +13,10 @@ from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[1]
 FOLDER = PROJECT / "build" / "bench"
-FIRST_BASE = "0fff6c6"
-"""What is compared with where there is no tag yet: the last commit with Numba kernels."""
+FIRST_BASE = "82ffeac"
+"""What is compared with where there is no tag yet: the release before. 0fff6c6 is the last commit
+with Numba kernels.
+"""
 
 
 @dataclass(frozen=True)

@@ -8,17 +8,29 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import h5py
+import numpy as np
 
 from benchmarks.environments import PROJECT, Environment, dependency_bytes, git
 from benchmarks.pairs import Comparison, Turn, compare
+from benchmarks.processes import spent
 from benchmarks.table import Row, compared
+from shapefit.io import landmark_writer, open_landmarks
 
 FIT = "method: convex\nlambda: 0.1\nsolver: {tolerance: 1e-4}\n"
 """The same gap for all releases, whatever their default."""
+
+TEN, MILLION = 10, 46
+"""How often the 21,740 images of subject 13 are taken: 217,400, and just over 10^6."""
+
+NOISE = 1e-3
+"""What the landmarks of tiles differ by, beside their standard deviation."""
+
+Clock = Callable[[], float]
 
 
 def fit_cases(
@@ -27,8 +39,13 @@ def fit_cases(
     """Whole fits, on files that the release before has made."""
     (folder / "fit.yaml").write_text(FIT, encoding="utf-8")
     if mocap:
-        case = "shapefit fit, subject 13, HDF5"
-        yield case, partial(compare_many, case, old, new, mocap, folder, repeats)
+        many = partial(compare_many, old, new, mocap, folder)
+        case = "fit, 21,740 images, CPU"
+        yield case, partial(many, case, 1, repeats)
+        case = "fit, 10^6 images, CPU"
+        yield case, partial(many, case, MILLION, min(repeats, 3))
+        case = "fit, two threads over one"
+        yield case, partial(compare_threads, case, old, new, mocap, folder, repeats)
         case = "sequences end to end"
         yield case, partial(compare_sequences, case, old, new, mocap, folder, min(repeats, 3))
     case = "one image, CSV to CSV"
@@ -38,21 +55,38 @@ def fit_cases(
 
 
 def compare_many(
+    old: Environment,
+    new: Environment,
+    mocap: Path,
+    folder: Path,
+    case: str,
+    times: int,
+    repeats: int,
+) -> Row:
+    """All images of subject 13, so many times over, HDF5 to HDF5: in time of the processor."""
+    command = mocap_command(old, mocap, folder, times)
+    before, now = (partial(fit, one, command, folder / "out.h5", spent) for one in (old, new))
+    return compared(case, compare(before, now, repeats), certified=True)
+
+
+def compare_threads(
     case: str, old: Environment, new: Environment, mocap: Path, folder: Path, repeats: int
 ) -> Row:
-    """All images of subject 13, HDF5 to HDF5."""
+    """The whole command on two threads beside the same on one, by the clock."""
+    command = mocap_command(old, mocap, folder, TEN)
+    one, two = (
+        partial(fit, new, [*command[:-1], "--set", f"threads={threads}", "-o"], folder / "out.h5")
+        for threads in (1, 2)
+    )
+    return compared(case, compare(one, two, repeats), certified=True, least=0.0)
+
+
+def mocap_command(old: Environment, mocap: Path, folder: Path, times: int) -> Sequence[str | Path]:
+    """Return the fit of subject 13, `times` times over; the output is to be added."""
     landmarks, dictionary = mocap_files(old, mocap, folder)
-    command: list[str | Path] = [
-        "fit",
-        landmarks,
-        "-d",
-        dictionary,
-        "-c",
-        folder / "fit.yaml",
-        "-o",
-    ]
-    before, now = (partial(fit, one, command, folder / "out.h5") for one in (old, new))
-    return compared(case, compare(before, now, repeats), certified=True)
+    if times > 1:
+        landmarks = tile(landmarks, folder / f"tiled-{times}.h5", times)
+    return ["fit", landmarks, "-d", dictionary, "-c", folder / "fit.yaml", "-o"]
 
 
 def compare_sequences(
@@ -124,9 +158,27 @@ def mocap_files(old: Environment, mocap: Path, folder: Path) -> tuple[Path, Path
     return landmarks, dictionary
 
 
-def fit(environment: Environment, command: Sequence[str | Path], output: Path) -> Turn:
+def tile(source: Path, target: Path, times: int) -> Path:
+    """Write all images of a file again and again, with noise, so that no two are equal."""
+    rng = np.random.default_rng(0)
+    with open_landmarks((source,)) as file, landmark_writer(target) as writer:
+        (one,) = file.chunks(file.count)
+        noise = NOISE * np.nanstd(one.landmarks)
+        for number in range(times):
+            moved = noise * rng.standard_normal(one.landmarks.shape)
+            items = tuple(f"{item}/{number}" for item in one.items)
+            writer.append(replace(one, landmarks=one.landmarks + moved, items=items))
+    return target
+
+
+def fit(
+    environment: Environment,
+    command: Sequence[str | Path],
+    output: Path,
+    clock: Clock = time.perf_counter,
+) -> Turn:
     """Time a fit; the share of optimal images is read from a result that holds one."""
-    turn = timed([environment.command, *command, output], output.parent)
+    turn = timed([environment.command, *command, output], output.parent, clock)
     if output.suffix != ".h5":
         return turn
     with h5py.File(output) as result:
@@ -144,11 +196,11 @@ def demo(revision: str, folder: Path) -> Turn:
     return timed(["make", "demo"], folder)
 
 
-def timed(command: Sequence[str | Path], folder: Path) -> Turn:
+def timed(command: Sequence[str | Path], folder: Path, clock: Clock = time.perf_counter) -> Turn:
     """Time a command."""
-    began = time.perf_counter()
+    began = clock()
     run(command, folder)
-    return Turn(time.perf_counter() - began)
+    return Turn(clock() - began)
 
 
 def run(command: Sequence[str | Path], folder: Path) -> None:

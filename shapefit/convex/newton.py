@@ -43,5 +43,5 @@ def solve_newton(
     if problem.loss is Loss.EXACT:  # P is no bound while the landmarks are not met
         gap[residual > tolerance] = np.nan
     transforms = Transforms.gathered(first, count, atom, blocks, k)
-    status = tuple(_STATUS[code] for code in codes)
+    status = tuple(map(_STATUS.__getitem__, codes.tolist()))
     return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)

@@ -113,10 +113,10 @@ def lift(
         near = camera.normalised_as(replace(norm, centroid=middle, scale=size))
         problem = replace(problem, camera=near)
     found = estimator(replace(problem, noise=noise))
-    for image, status in enumerate(found.status):
-        if status in REASONS and fine[image]:
-            failures[image] = REASONS[status]
-            fine[image] = False
+    for status, reason in REASONS.items():
+        ended = np.fromiter((each is status for each in found.status), bool, len(fine))
+        failures |= dict.fromkeys(np.flatnonzero(ended & fine).tolist(), reason)
+        fine &= ~ended
 
     scale = np.where(fine, norm.scale, np.nan)
     translation = scale[:, None] * found.translation + norm.centroid
