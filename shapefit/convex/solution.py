@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -25,15 +24,6 @@ class Status(Enum):
     ITERATION_LIMIT = "iteration limit"
     DEGENERATE = "degenerate input"
     NUMERICAL_FAILURE = "numerical failure"
-
-
-def words_of(status: Sequence[Status]) -> NDArray[np.object_]:
-    """Return the words of many statuses (n,); to ask each for its value takes ten times as long."""
-    given = np.array(status, dtype=object)
-    words = np.empty(len(given), dtype=object)
-    for each in Status:
-        words[given == each] = each.value
-    return words
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.convex.solution import words_of
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.size import has_lengths, knows_size, metres_per_unit
 from shapefit.io import LandmarkSet, ResultSet
@@ -87,7 +86,7 @@ def as_result(
         objective=where_fitted(found.objective),
         relative_gap=where_fitted(found.relative_gap),
         iterations=found.iterations,
-        status=words_of(found.status),
+        status=found.status_words(),
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
