@@ -90,7 +90,7 @@ class Estimate:
     further: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def status_words(self) -> NDArray[np.object_]:
-        """Return the words of all statuses (n,); to ask each for its value takes ten times as long."""
+        """Return the words of all statuses (n,); to ask each one takes ten times as long."""
         given = np.array(self.status, dtype=object)
         words = np.empty(len(given), dtype=object)
         for each in Status:
