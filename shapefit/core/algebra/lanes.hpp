@@ -1,6 +1,8 @@
 // Vectors of doubles as wide as the instruction set has them.
 #pragma once
 
+#include <type_traits>
+
 #include "scalar.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
@@ -14,6 +16,8 @@ constexpr int WIDTH = 2;
 #endif
 
 typedef double Lanes __attribute__((vector_size(WIDTH * sizeof(double))));
+// Twice as many of half the precision.
+typedef float SingleLanes __attribute__((vector_size(WIDTH * sizeof(double))));
 typedef double LooseLanes
     __attribute__((vector_size(WIDTH * sizeof(double)), aligned(sizeof(double)), may_alias));
 
@@ -40,14 +44,38 @@ constexpr long padded(long n) { return (n + PADDING - 1) / PADDING * PADDING; }
     return x;
 #endif
 }
+[[gnu::always_inline]] inline SingleLanes root(SingleLanes x) {
+#if defined(__AVX512F__) && !defined(__clang__)
+    return __builtin_ia32_sqrtps512_mask(x, x, -1, 4);
+#elif defined(__AVX__) && !defined(__clang__)
+    return __builtin_ia32_sqrtps256(x);
+#elif defined(__SSE2__) && !defined(__clang__)
+    return __builtin_ia32_sqrtps(x);
+#else
+    for (int lane = 0; lane < 2 * WIDTH; ++lane) x[lane] = __builtin_sqrtf(x[lane]);
+    return x;
+#endif
+}
 [[gnu::always_inline]] inline Lanes larger(Lanes a, Lanes b) { return a > b ? a : b; }
 [[gnu::always_inline]] inline Lanes smaller(Lanes a, Lanes b) { return a < b ? a : b; }
+[[gnu::always_inline]] inline SingleLanes larger(SingleLanes a, SingleLanes b) { return a > b ? a : b; }
+[[gnu::always_inline]] inline SingleLanes smaller(SingleLanes a, SingleLanes b) { return a < b ? a : b; }
 [[gnu::always_inline]] inline Lanes magnitude(Lanes x) { return x < 0.0 ? -x : x; }
 // All lanes alike.
 [[gnu::always_inline]] inline Lanes all(double x) { return Lanes{} + x; }
+// For functions of lanes of either precision: what a lane holds, how many there are, all alike.
+template <class Lanes>
+using Number = std::remove_cvref_t<decltype(Lanes{}[0])>;
+template <class Lanes>
+constexpr int width = sizeof(Lanes) / sizeof(Number<Lanes>);
+template <class Lanes>
+[[gnu::always_inline]] inline Lanes all(double x) {
+    return Lanes{} + static_cast<Number<Lanes>>(x);
+}
+template <class Lanes>
 [[gnu::always_inline]] inline double largest(Lanes x) {
     double result = x[0];
-    for (int lane = 1; lane < WIDTH; ++lane) result = larger(result, x[lane]);
+    for (int lane = 1; lane < width<Lanes>; ++lane) result = larger(result, x[lane]);
     return result;
 }
 [[gnu::always_inline]] inline double sum(Lanes x) {

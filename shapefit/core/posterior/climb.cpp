@@ -6,12 +6,16 @@ namespace {
 constexpr double LONGEST = 0.5;    // step, in radians and log s
 constexpr double FIRST_DAMPING = 1e-3, EASE = 0.1, HARDEN = 8, MOST_DAMPING = 1e7;
 constexpr long EARLY = 3;  // times that beliefs come from the other landmarks, at the start
+constexpr double ROUNDING = 1e-4;    // of a value in half precision
 constexpr double DIFFERENCE = 2e-7;  // of the Hessian, to one side
 
+template <class Lanes>
 Lanes select(Lanes mask, Lanes yes, Lanes no) { return mask > 0.5 ? yes : no; }
-Lanes indicate(Lanes value) { return value > 0.0 ? all(1.0) : Lanes{}; }
+template <class Lanes>
+Lanes indicate(Lanes value) { return value > 0.0 ? all<Lanes>(1.0) : Lanes{}; }
 
 // x = A^-1 b, A (4, 4) made positive definite by small pivots lifted.
+template <class Lanes>
 void solve_small(const Lanes* A, const Lanes* b, Lanes* x) {
     Lanes L[VIEW][VIEW], inverse[VIEW];
     for (int i = 0; i < VIEW; ++i) {
@@ -22,7 +26,7 @@ void solve_small(const Lanes* A, const Lanes* b, Lanes* x) {
         }
         Lanes pivot = A[VIEW * i + i];
         for (int k = 0; k < i; ++k) pivot -= L[i][k] * L[i][k];
-        inverse[i] = 1.0 / root(larger(pivot, all(1e-9)));
+        inverse[i] = 1.0 / root(larger(pivot, all<Lanes>(1e-9)));
     }
     for (int i = 0; i < VIEW; ++i) {
         Lanes rest = b[i];
@@ -37,11 +41,12 @@ void solve_small(const Lanes* A, const Lanes* b, Lanes* x) {
 }
 
 // R <- exp([theta]_x) R by Rodrigues, s <- exp(theta_4) s.
-void move(const LaneView& from, const Lanes* theta, LaneView& to) {
+template <class Lanes>
+void move(const LaneView<Lanes>& from, const Lanes* theta, LaneView<Lanes>& to) {
     const Lanes x = theta[0], y = theta[1], z = theta[2];
     const Lanes square = x * x + y * y + z * z;
     Lanes first, second;  // sin(a) / a, (1 - cos a) / a^2
-    for (int lane = 0; lane < WIDTH; ++lane) {
+    for (int lane = 0; lane < width<Lanes>; ++lane) {
         const double a = root(square[lane]);
         first[lane] = a > 1e-6 ? sin(a) / a : 1 - a * a / 6;
         const double half = 0.5 * a, sine = a > 1e-6 ? sin(half) / half : 1.0;
@@ -59,6 +64,7 @@ void move(const LaneView& from, const Lanes* theta, LaneView& to) {
 }
 
 // B <- B + y y^T / <y, s> - B s s^T B / <s, B s> where <y, s> > 0.
+template <class Lanes>
 void mend(Lanes* B, const Lanes* s, const Lanes* y) {
     Lanes Bs[VIEW], overlap = {}, square = {};
     for (int i = 0; i < VIEW; ++i) {
@@ -67,66 +73,73 @@ void mend(Lanes* B, const Lanes* s, const Lanes* y) {
         overlap += y[i] * s[i];
         square += Bs[i] * s[i];
     }
-    const Lanes fine = indicate(overlap - 0.05 * square) * indicate(square);
-    const Lanes up = select(fine, 1.0 / larger(overlap, all(1e-300)), Lanes{});
-    const Lanes down = select(fine, 1.0 / larger(square, all(1e-300)), Lanes{});
+    const Lanes fine = indicate(overlap - square * all<Lanes>(0.05)) * indicate(square);
+    const Lanes up = select(fine, 1.0 / larger(overlap, all<Lanes>(1e-30)), Lanes{});
+    const Lanes down = select(fine, 1.0 / larger(square, all<Lanes>(1e-30)), Lanes{});
     for (int i = 0; i < VIEW; ++i)
         for (int j = 0; j < VIEW; ++j) B[VIEW * i + j] += y[i] * y[j] * up - Bs[i] * Bs[j] * down;
 }
 
-void take(Lanes kept, LaneView& to, const LaneView& from) {
+template <class Lanes>
+void take(Lanes kept, LaneView<Lanes>& to, const LaneView<Lanes>& from) {
     for (int e = 0; e < 9; ++e) to.R[e] = select(kept, from.R[e], to.R[e]);
     to.log_scale = select(kept, from.log_scale, to.log_scale);
 }
 
-void keep(Lanes kept, Likelihood& to, const Likelihood& from) {
+template <class Lanes>
+void keep(Lanes kept, Likelihood<Lanes>& to, const Likelihood<Lanes>& from) {
     Lanes* old = &to.value;
     const Lanes* other = &from.value;
-    for (unsigned e = 0; e < sizeof(Likelihood) / sizeof(Lanes); ++e)
+    for (unsigned e = 0; e < sizeof(Likelihood<Lanes>) / sizeof(Lanes); ++e)
         old[e] = select(kept, other[e], old[e]);
 }
 
 // The damped step, and what it promises to gain.
-Lanes propose(const Climb& at, Lanes* step) {
+template <class Lanes>
+Lanes propose(const Climb<Lanes>& at, Lanes* step) {
     Lanes A[VIEW * VIEW], down[VIEW], slope = {}, length = {};
     for (int e = 0; e < VIEW * VIEW; ++e) A[e] = at.curvature[e];
     for (int i = 0; i < VIEW; ++i) {
-        A[(VIEW + 1) * i] += at.damping * (A[(VIEW + 1) * i] + 1e-6);
+        A[(VIEW + 1) * i] += at.damping * (A[(VIEW + 1) * i] + all<Lanes>(1e-6));
         down[i] = -at.found.gradient[i];
     }
     solve_small(A, down, step);
     for (int i = 0; i < VIEW; ++i) length += step[i] * step[i];
-    const Lanes cut = at.moving * smaller(all(1.0), LONGEST / larger(root(length), all(1e-300)));
+    const Lanes cut = at.moving * smaller(all<Lanes>(1.0), LONGEST / larger(root(length), all<Lanes>(1e-30)));
     for (int i = 0; i < VIEW; ++i) slope += (step[i] *= cut) * down[i];
     return 0.5 * slope;
 }
 
 }  // namespace
 
-ClimbSpace::ClimbSpace(Workspace& workspace, long p)
+template <class Lanes>
+ClimbSpace<Lanes>::ClimbSpace(Workspace& workspace, long p)
     : likelihood(workspace, tiled(2 * p)),
       belief(workspace.zeros<Lanes>(p)),
       next(workspace.zeros<Lanes>(p)) {}
 
-void begin(const PosteriorData& data, const Observed& seen, const Pack& pack, ClimbSpace& space,
-           Climb& at) {
+template <class Lanes>
+void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, ClimbSpace<Lanes>& space,
+           Climb<Lanes>& at) {
     const long m = seen.m;
-    for (long j = 0; j < m; ++j) at.next(m)[j] = all(1.0);
+    for (long j = 0; j < m; ++j) at.next(m)[j] = all<Lanes>(1.0);
     for (long left = data.chance > 0 ? EARLY : 1; left--;) {
         for (long j = 0; j < m; ++j) at.belief()[j] = at.next(m)[j];
         find_likelihood(data, seen, pack, at.view, at.belief(), true, left == 0, space.likelihood, at.found,
                         at.next(m));
     }
     for (int e = 0; e < VIEW * VIEW; ++e) at.curvature[e] = at.found.curvature[e];
-    at.damping = all(FIRST_DAMPING);
-    at.moving = all(1.0);
+    at.damping = all<Lanes>(FIRST_DAMPING);
+    at.moving = all<Lanes>(1.0);
     Lanes step[VIEW];
     at.hope = propose(at, step);
 }
 
-void climb(const PosteriorData& data, const Observed& seen, const Pack& pack, long rounds,
-           ClimbSpace& space, Climb& at) {
+template <class Lanes>
+void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, long rounds,
+           ClimbSpace<Lanes>& space, Climb<Lanes>& at) {
     const long m = seen.m;
+    const Lanes enough = all<Lanes>(data.still);
     for (long round = 0; round < rounds && largest(at.moving) > 0; ++round) {
         Lanes step[VIEW], change[VIEW], mended[VIEW * VIEW];
         propose(at, step);
@@ -135,7 +148,7 @@ void climb(const PosteriorData& data, const Observed& seen, const Pack& pack, lo
         find_likelihood(data, seen, pack, space.view, space.belief, false, true, space.likelihood,
                         space.found, space.next);
         const Lanes gain = space.found.value - at.found.value;
-        const Lanes kept = at.moving * indicate(gain + 1e-9);
+        const Lanes kept = at.moving * indicate(gain + all<Lanes>(ROUNDING));
         for (int i = 0; i < VIEW; ++i) change[i] = space.found.gradient[i] - at.found.gradient[i];
         for (int e = 0; e < VIEW * VIEW; ++e)
             mended[e] = data.chance > 0 ? space.found.curvature[e] : at.curvature[e];
@@ -148,19 +161,22 @@ void climb(const PosteriorData& data, const Observed& seen, const Pack& pack, lo
             at.belief()[j] = select(kept, space.belief[j], at.belief()[j]);
             at.next(m)[j] = select(kept, space.next[j], at.next(m)[j]);
         }
-        at.damping = select(kept, larger(at.damping * EASE, all(1e-9)), at.damping * HARDEN);
+        at.damping = select(kept, larger(at.damping * all<Lanes>(EASE), all<Lanes>(1e-9)), at.damping * HARDEN);
         at.hope = propose(at, step);
-        const Lanes still = indicate(data.still - at.hope) * indicate(data.still - gain) * kept;
+        const Lanes still = indicate(enough - at.hope) * indicate(enough - gain) * kept;
         at.moving *= (1.0 - still) * indicate(MOST_DAMPING - at.damping);
     }
 }
 
-void finish(const PosteriorData& data, const Observed& seen, const Pack& pack, ClimbSpace& space,
-            Climb& at) {
+template <class Lanes>
+void finish(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, ClimbSpace<Lanes>& space,
+            Climb<Lanes>& at) {
     Lanes *H = at.curvature, down[VIEW], step[VIEW];
+    find_likelihood(data, seen, pack, at.view, at.belief(), false, true, space.likelihood, at.found,
+                    space.next);
     for (int i = 0; i < VIEW; ++i) {
         Lanes to[VIEW] = {};
-        to[i] = all(DIFFERENCE);
+        to[i] = all<Lanes>(DIFFERENCE);
         move(at.view, to, space.view);
         find_likelihood(data, seen, pack, space.view, at.belief(), false, true, space.likelihood,
                         space.found, space.next);
@@ -182,5 +198,14 @@ void finish(const PosteriorData& data, const Observed& seen, const Pack& pack, C
     move(at.view, step, at.view);
     at.found.value += small * gain;
 }
+
+template struct ClimbSpace<Lanes>;
+template struct ClimbSpace<SingleLanes>;
+template void begin(const PosteriorData&, const Observed<float>&, const Pack<SingleLanes>&,
+                    ClimbSpace<SingleLanes>&, Climb<SingleLanes>&);
+template void climb(const PosteriorData&, const Observed<float>&, const Pack<SingleLanes>&, long,
+                    ClimbSpace<SingleLanes>&, Climb<SingleLanes>&);
+template void finish(const PosteriorData&, const Observed<double>&, const Pack<Lanes>&,
+                     ClimbSpace<Lanes>&, Climb<Lanes>&);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -7,9 +7,10 @@ namespace shapefit::SHAPEFIT_LEVEL {
 
 // Where the lanes of a block stand. A block is an array of Lanes, and lanes can move between blocks:
 // these, then the belief (m,) and the next one (m,).
+template <class Lanes>
 struct Climb {
-    LaneView view;
-    Likelihood found;
+    LaneView<Lanes> view;
+    Likelihood<Lanes> found;
     Lanes curvature[VIEW * VIEW];  // Gauss and Newton's, mended; at the end the Hessian of -value
     Lanes damping;
     Lanes moving;  // 1, or 0 where a lane has arrived
@@ -19,29 +20,36 @@ struct Climb {
     Lanes* next(long m) { return belief() + m; }
 };
 
-constexpr long climb_size(long p) { return sizeof(Climb) / sizeof(Lanes) + 2 * p; }
+template <class Lanes>
+constexpr long climb_size(long p) {
+    return sizeof(Climb<Lanes>) / sizeof(Lanes) + 2 * p;
+}
 
+template <class Lanes>
 struct ClimbSpace {
     ClimbSpace(Workspace& workspace, long p);
 
-    LikelihoodSpace likelihood;
-    LaneView view;
-    Likelihood found;
+    LikelihoodSpace<Lanes> likelihood;
+    LaneView<Lanes> view;
+    Likelihood<Lanes> found;
     Lanes *belief, *next;  // (m,)
 };
 
 // The first values, at the views where the lanes start; beliefs come from the other landmarks.
-void begin(const PosteriorData& data, const Observed& seen, const Pack& pack, ClimbSpace& space,
-           Climb& at);
+template <class Lanes>
+void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, ClimbSpace<Lanes>& space,
+           Climb<Lanes>& at);
 
 // Steps of Newton's kind, whose curvature is Gauss and Newton's, mended by what the gradient does
 // (Broyden, Fletcher, Goldfarb, Shanno); damped where they would lead downhill. A lane that stands
 // still has arrived.
-void climb(const PosteriorData& data, const Observed& seen, const Pack& pack, long rounds,
-           ClimbSpace& space, Climb& at);
+template <class Lanes>
+void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, long rounds,
+           ClimbSpace<Lanes>& space, Climb<Lanes>& at);
 
 // The Hessian at the end by differences of gradients, the belief held, and Newton's last step.
-void finish(const PosteriorData& data, const Observed& seen, const Pack& pack, ClimbSpace& space,
-            Climb& at);
+template <class Lanes>
+void finish(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, ClimbSpace<Lanes>& space,
+            Climb<Lanes>& at);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -8,17 +8,20 @@ namespace {
 constexpr double LOG_TWO_PI = 1.8378770664093453;
 
 // N_j = v + V / s^2 as xx, xy, yy.
+template <class Lanes>
 struct Noise {
     Lanes xx, xy, yy;
 };
 
-[[gnu::always_inline]] inline Noise noise_of(const Observed& seen, long j, Lanes shrunk) {
-    const double* V = seen.noise + 3 * j;
+template <class Lanes>
+[[gnu::always_inline]] inline Noise<Lanes> noise_of(const Observed<Number<Lanes>>& seen, long j, Lanes shrunk) {
+    const Number<Lanes>* V = seen.noise + 3 * j;
     return {seen.misfit[j] + V[0] * shrunk, V[1] * shrunk, seen.misfit[j] + V[2] * shrunk};
 }
 
-void centre(const Observed& seen, const Pack& pack, const LaneView& view, Lanes shrunk,
-            const LikelihoodSpace& space) {
+template <class Lanes>
+void centre(const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, const LaneView<Lanes>& view, Lanes shrunk,
+            const LikelihoodSpace<Lanes>& space) {
     const long n = tiled(2 * seen.m);
     for (long j = 0; j < seen.m; ++j) {
         const Lanes* mu = pack.mean + 3 * j;
@@ -26,10 +29,10 @@ void centre(const Observed& seen, const Pack& pack, const LaneView& view, Lanes 
             space.mean[3 * j + a] = view.R[3 * a] * mu[0] + view.R[3 * a + 1] * mu[1] +
                                     view.R[3 * a + 2] * mu[2];
         for (int a = 0; a < 2; ++a) {
-            const double slope = seen.slope[2 * j + a];
+            const Number<Lanes> slope = seen.slope[2 * j + a];
             for (int c = 0; c < 3; ++c)
                 space.A[6 * j + 3 * a + c] = view.R[3 * a + c] - slope * view.R[6 + c];
-            space.r[n * (1 + a) + 2 * j + a] = all(1.0);
+            space.r[n * (1 + a) + 2 * j + a] = all<Lanes>(1.0);
             space.r[n * (2 - a) + 2 * j + a] = Lanes{};
             space.y[2 * j + a] = seen.w[2 * j + a] * shrunk;
             space.r[2 * j + a] = space.y[2 * j + a] - space.mean[3 * j + a] + slope * space.mean[3 * j + 2];
@@ -38,8 +41,9 @@ void centre(const Observed& seen, const Pack& pack, const LaneView& view, Lanes 
 }
 
 // S_0, and the covariances F_jk = z^T R C_jk A_k^T of the depth of j with what is seen of k.
-void fill_covariance(const Observed& seen, const Pack& pack, const LaneView& view, Lanes shrunk,
-                     const Lanes* belief, const LikelihoodSpace& space) {
+template <class Lanes>
+void fill_covariance(const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, const LaneView<Lanes>& view, Lanes shrunk,
+                     const Lanes* belief, const LikelihoodSpace<Lanes>& space) {
     const long n = tiled(2 * seen.m);
     const Lanes* z = view.R + 6;
     for (long j = 0; j < seen.m; ++j) {
@@ -65,7 +69,7 @@ void fill_covariance(const Observed& seen, const Pack& pack, const LaneView& vie
             Fj[0] = T[6] * A[0] + T[7] * A[1] + T[8] * A[2];
             Fj[1] = T[6] * A[3] + T[7] * A[4] + T[8] * A[5];
         }
-        const Noise N = noise_of(seen, j, shrunk);
+        const Noise<Lanes> N = noise_of(seen, j, shrunk);
         const Lanes share = 1.0 / belief[j];
         upper[2 * j] += N.xx * share;
         lower[2 * j] += N.xy * share;
@@ -73,7 +77,7 @@ void fill_covariance(const Observed& seen, const Pack& pack, const LaneView& vie
     }
     // beyond what is seen: the identity, and nothing that goes with it
     for (long e = 2 * seen.m; e < n; ++e) {
-        for (long k = 0; k <= e; ++k) space.L[e][k] = all(k == e ? 1.0 : 0.0);
+        for (long k = 0; k <= e; ++k) space.L[e][k] = all<Lanes>(k == e ? 1.0 : 0.0);
         for (long j = 0; j < n / 2; ++j) space.F[j * n + e] = space.F[e / 2 * n + j] = space.F[e / 2 * n + n / 2 + j] = Lanes{};
         for (int a = 0; a < 3; ++a) space.r[a * n + e] = Lanes{};
         for (int i = 0; i < VIEW; ++i) space.J[i * n + e] = Lanes{};
@@ -83,6 +87,7 @@ void fill_covariance(const Observed& seen, const Pack& pack, const LaneView& vie
 // The translation t ~ N(0, TAU^2 I); with B = S_0^-1 1
 //
 //     G = (1^T B + I / TAU^2)^-1,   E[t] = G 1^T S_0^-1 r,   S^-1 = S_0^-1 - B G B^T
+template <class Lanes>
 struct Translation {
     Lanes xx, xy, yy;  // G
     Lanes x, y;        // E[t]
@@ -90,11 +95,12 @@ struct Translation {
 };
 
 // alpha = S_0^-1 (r - 1 E[t]) = S^-1 r, B and B G.
-Translation solve(long n, const LikelihoodSpace& space) {
+template <class Lanes>
+Translation<Lanes> solve(long n, const LikelihoodSpace<Lanes>& space) {
     multiply<3>(n, space.L, space.r, space.white);
     multiply_transposed<3>(n, space.L, space.white, space.alpha);
     Lanes *alpha = space.alpha, *Bx = alpha + n, *By = Bx + n;
-    Lanes xx = all(1 / TAU_SQUARE), xy = {}, yy = xx, x = {}, y = {};
+    Lanes xx = all<Lanes>(1 / TAU_SQUARE), xy = {}, yy = xx, x = {}, y = {};
     for (long e = 0; e < n; e += 2) {
         xx += Bx[e];
         xy += By[e];
@@ -103,7 +109,7 @@ Translation solve(long n, const LikelihoodSpace& space) {
         y += alpha[e + 1];
     }
     const Lanes det = xx * yy - xy * xy, scale = 1.0 / det;
-    Translation t{yy * scale, -xy * scale, xx * scale, {}, {}, {}, logarithm(det * square(TAU_SQUARE))};
+    Translation<Lanes> t{yy * scale, -xy * scale, xx * scale, {}, {}, {}, logarithm(det * all<Lanes>(square(TAU_SQUARE)))};
     t.x = t.xx * x + t.xy * y;
     t.y = t.xy * x + t.yy * y;
     t.square = -(x * t.x + y * t.y);
@@ -116,12 +122,13 @@ Translation solve(long n, const LikelihoodSpace& space) {
 }
 
 // X = R mu + R C A^T alpha: in depth by F, and across by P X = y - N alpha - E[t].
-void expect(const Observed& seen, Lanes shrunk, const Lanes* belief, const Translation& t,
-            const LikelihoodSpace& space) {
+template <class Lanes>
+void expect(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* belief, const Translation<Lanes>& t,
+            const LikelihoodSpace<Lanes>& space) {
     const long N = 2 * seen.m, n = tiled(N);
     for (long j = 0; j < seen.m; ++j) {
         const Lanes *F = space.F + j * n, *alpha = space.alpha + 2 * j, *y = space.y + 2 * j;
-        const Noise noise = noise_of(seen, j, shrunk);
+        const Noise<Lanes> noise = noise_of(seen, j, shrunk);
         const Lanes share = 1.0 / belief[j];
         Lanes z = space.mean[3 * j + 2];
         for (long e = 0; e < N; ++e) z += F[e] * space.alpha[e];
@@ -133,7 +140,8 @@ void expect(const Observed& seen, Lanes shrunk, const Lanes* belief, const Trans
 }
 
 // The blocks S^-1_jj, and, unless they are `alone`, D_j = sum_k F_jk S^-1_kj (m, 2).
-void pull_back(const Observed& seen, bool alone, const LikelihoodSpace& space) {
+template <class Lanes>
+void pull_back(const Observed<Number<Lanes>>& seen, bool alone, const LikelihoodSpace<Lanes>& space) {
     const long N = 2 * seen.m, n = tiled(N);
     for (long e = 0; e < n; ++e) space.D[e] = Lanes{};
     for (long j = 0; j < n; j += TILE)
@@ -172,14 +180,15 @@ void pull_back(const Observed& seen, bool alone, const LikelihoodSpace& space) {
 
 // Half the change of log det S with a turn G, sum_j tr(P_j G V_j), where V_j (3, 2), the rows of
 // sum_k R C_jk A_k^T S^-1_kj, is D_j in depth, and P_j V_j = I - N_j S^-1_jj - (B G)_j.
-void turn_determinant(const Observed& seen, Lanes shrunk, const Lanes* belief,
-                      const LikelihoodSpace& space, Lanes* gradient) {
+template <class Lanes>
+void turn_determinant(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* belief,
+                      const LikelihoodSpace<Lanes>& space, Lanes* gradient) {
     const Lanes* BG = space.BG;
     const long n = tiled(2 * seen.m);
     for (long j = 0; j < seen.m; ++j) {
         const Lanes *I = space.diagonal + 3 * j, *D = space.D + 2 * j;
-        const double *u = seen.slope + 2 * j;
-        const Noise noise = noise_of(seen, j, shrunk);
+        const Number<Lanes>* u = seen.slope + 2 * j;
+        const Noise<Lanes> noise = noise_of(seen, j, shrunk);
         const Lanes share = 1.0 / belief[j];
         Lanes V[2][2];
         for (int b = 0; b < 2; ++b) {
@@ -195,12 +204,13 @@ void turn_determinant(const Observed& seen, Lanes shrunk, const Lanes* belief,
 }
 
 // The derivatives of r: -P_j G_i X for the turns, -y for log s.
-void linearise(const Observed& seen, const LikelihoodSpace& space) {
+template <class Lanes>
+void linearise(const Observed<Number<Lanes>>& seen, const LikelihoodSpace<Lanes>& space) {
     const long n = tiled(2 * seen.m);
     for (long j = 0; j < seen.m; ++j) {
         const Lanes* X = space.X + 3 * j;
         Lanes* J = space.J + 2 * j;
-        const double *slope = seen.slope + 2 * j;
+        const Number<Lanes>* slope = seen.slope + 2 * j;
         J[0] = slope[0] * X[1];
         J[1] = X[2] + slope[1] * X[1];
         J[n] = -X[2] - slope[0] * X[0];
@@ -212,8 +222,9 @@ void linearise(const Observed& seen, const LikelihoodSpace& space) {
     }
 }
 
-void differentiate(const Observed& seen, Lanes shrunk, const Lanes* belief, const Translation& t,
-                   const LikelihoodSpace& space, Likelihood& found) {
+template <class Lanes>
+void differentiate(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* belief, const Translation<Lanes>& t,
+                   const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found) {
     const long N = 2 * seen.m, n = tiled(N);
     linearise(seen, space);
     for (int i = 0; i < VIEW; ++i) {
@@ -222,19 +233,19 @@ void differentiate(const Observed& seen, Lanes shrunk, const Lanes* belief, cons
         found.gradient[i] = total;
     }
     turn_determinant(seen, shrunk, belief, space, found.gradient);
-    found.gradient[3] += static_cast<double>(N - 2);
+    found.gradient[3] += static_cast<Number<Lanes>>(N - 2);
     if (seen.noisy)
         for (long j = 0; j < seen.m; ++j) {
-            const double* V = seen.noise + 3 * j;
+            const Number<Lanes>* V = seen.noise + 3 * j;
             const Lanes *alpha = space.alpha + 2 * j, *D = space.diagonal + 3 * j;
-            const Noise noise = noise_of(seen, j, shrunk);
+            const Noise<Lanes> noise = noise_of(seen, j, shrunk);
             const Lanes det = noise.xx * noise.yy - noise.xy * noise.xy;
             found.gradient[3] +=
                 shrunk * ((V[0] * (alpha[0] * alpha[0] - D[0]) + V[2] * (alpha[1] * alpha[1] - D[2]) +
-                           2.0 * V[1] * (alpha[0] * alpha[1] - D[1])) /
+                           2 * V[1] * (alpha[0] * alpha[1] - D[1])) /
                               belief[j] +
                           (1.0 - belief[j]) *
-                              (V[0] * noise.yy + V[2] * noise.xx - 2.0 * V[1] * noise.xy) / det);
+                              (V[0] * noise.yy + V[2] * noise.xx - 2 * V[1] * noise.xy) / det);
         }
     multiply<VIEW>(n, space.L, space.J, space.white);
     Lanes along[VIEW][2] = {};  // J B
@@ -252,50 +263,53 @@ void differentiate(const Observed& seen, Lanes shrunk, const Lanes* belief, cons
 
 // log N(r; 0, P) of a landmark as the others predict it: with D = S^-1_jj and a = alpha_j it is
 // off by r = D^-1 a, with the covariance P = D^-1 - N / q + N.
-Lanes predict(const Noise& N, Lanes q, const Lanes* a, const Lanes* D) {
+template <class Lanes>
+Lanes predict(const Noise<Lanes>& N, Lanes q, const Lanes* a, const Lanes* D) {
     const Lanes scale = 1.0 / (D[0] * D[2] - D[1] * D[1]);
     const Lanes rx = (D[2] * a[0] - D[1] * a[1]) * scale, ry = (D[0] * a[1] - D[1] * a[0]) * scale;
     const Lanes less = 1.0 - 1.0 / q;
     const Lanes xx = D[2] * scale + N.xx * less, yy = D[0] * scale + N.yy * less;
     const Lanes xy = -D[1] * scale + N.xy * less;
-    const Lanes det = larger(xx * yy - xy * xy, all(1e-12));
+    const Lanes det = larger(xx * yy - xy * xy, all<Lanes>(1e-12));
     return -0.5 * ((yy * rx * rx - 2.0 * xy * rx * ry + xx * ry * ry) / det + logarithm(det)) -
-           LOG_TWO_PI;
+           all<Lanes>(LOG_TWO_PI);
 }
 
 // Add the terms of the belief to value and surprise; the next belief.
-void believe(const PosteriorData& data, const Observed& seen, const LaneView& view, Lanes shrunk,
+template <class Lanes>
+void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const LaneView<Lanes>& view, Lanes shrunk,
              const Lanes* belief,
-             bool by_others, const LikelihoodSpace& space, Likelihood& found, Lanes* next) {
+             bool by_others, const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next) {
     if (!(data.chance > 0)) {
-        for (long j = 0; j < seen.m; ++j) next[j] = all(1.0);
+        for (long j = 0; j < seen.m; ++j) next[j] = all<Lanes>(1.0);
         return;
     }
-    const double kept = log1p(-data.chance);
-    const Lanes gross = log(data.chance * data.density) + 2.0 * view.log_scale;
+    const Number<Lanes> kept = log1p(-data.chance);
+    const Lanes gross = all<Lanes>(log(data.chance * data.density)) + 2.0 * view.log_scale;
     for (long j = 0; j < seen.m; ++j) {
-        const Noise N = noise_of(seen, j, shrunk);
+        const Noise<Lanes> N = noise_of(seen, j, shrunk);
         const Lanes q = belief[j], rest = 1.0 - q;
         found.gradient[3] -= 2.0 * rest;
-        const Lanes log_size = 0.5 * logarithm(N.xx * N.yy - N.xy * N.xy) + LOG_TWO_PI;
+        const Lanes log_size = 0.5 * logarithm(N.xx * N.yy - N.xy * N.xy) + all<Lanes>(LOG_TWO_PI);
         const Lanes *a = space.alpha + 2 * j, *D = space.diagonal + 3 * j;
         const Lanes square = N.xx * (a[0] * a[0] - D[0]) + 2.0 * N.xy * (a[0] * a[1] - D[1]) +
                              N.yy * (a[1] * a[1] - D[2]);
         const Lanes expected = square / (q * q) + 2.0 / q;
         const Lanes density = by_others ? predict(N, q, a, D) : -log_size - 0.5 * expected;
         const Lanes odds = kept + density - gross;
-        const Lanes steep = larger(smaller(odds, all(40.0)), all(-40.0));
-        next[j] = larger(1.0 / (1.0 + exponential(-steep)), all(LEAST_BELIEF));
+        const Lanes steep = larger(smaller(odds, all<Lanes>(40.0)), all<Lanes>(-40.0));
+        next[j] = larger(1.0 / (1.0 + exponential(-steep)), all<Lanes>(LEAST_BELIEF));
         found.value += rest * (log_size + gross) + q * kept - (1.0 + q) * logarithm(q) -
-                       rest * logarithm(rest + 1e-300);
+                       rest * logarithm(rest + all<Lanes>(1e-30));
         found.surprise += rest * 2.0 * larger(kept - log_size - gross, Lanes{});
     }
 }
 
 }  // namespace
 
-LikelihoodSpace::LikelihoodSpace(Workspace& workspace, long n)
-    : L{workspace.zeros<Lanes>(Triangle::size(n))},
+template <class Lanes>
+LikelihoodSpace<Lanes>::LikelihoodSpace(Workspace& workspace, long n)
+    : L{workspace.zeros<Lanes>(Triangle<Lanes>::size(n))},
       reciprocal(workspace.zeros<Lanes>(n)),
       y(workspace.zeros<Lanes>(n)),
       r(workspace.zeros<Lanes>(3 * n)),
@@ -310,17 +324,19 @@ LikelihoodSpace::LikelihoodSpace(Workspace& workspace, long n)
       J(workspace.zeros<Lanes>(VIEW * n)),
       diagonal(workspace.zeros<Lanes>(3 * n / 2)) {}
 
-Observed room_for_observed(Workspace& workspace, long p) {
-    Observed seen{};
+template <class Number>
+Observed<Number> room_for_observed(Workspace& workspace, long p) {
+    Observed<Number> seen{};
     seen.index = workspace.zeros<long>(p);
-    seen.w = workspace.zeros<double>(2 * p);
-    seen.slope = workspace.zeros<double>(2 * p);
-    seen.misfit = workspace.zeros<double>(p);
-    seen.noise = workspace.zeros<double>(3 * p);
+    seen.w = workspace.zeros<Number>(2 * p);
+    seen.slope = workspace.zeros<Number>(2 * p);
+    seen.misfit = workspace.zeros<Number>(p);
+    seen.noise = workspace.zeros<Number>(3 * p);
     return seen;
 }
 
-void observe(const PosteriorData& data, long image, Observed& seen) {
+template <class Number>
+void observe(const PosteriorData& data, long image, Observed<Number>& seen) {
     const long p = data.landmarks.size[2];
     const double* V = data.noise[image].data;
     seen.m = 0;
@@ -329,32 +345,33 @@ void observe(const PosteriorData& data, long image, Observed& seen) {
         if (!is_finite(data.misfit[image][j])) continue;
         const long e = seen.m++;
         seen.index[e] = j;
-        seen.misfit[e] = data.misfit[image][j];
+        seen.misfit[e] = static_cast<Number>(data.misfit[image][j]);
         for (int a = 0; a < 2; ++a) {
-            seen.w[2 * e + a] = data.landmarks[image][a][j];
-            seen.slope[2 * e + a] = data.slopes[image][a][j];
+            seen.w[2 * e + a] = static_cast<Number>(data.landmarks[image][a][j]);
+            seen.slope[2 * e + a] = static_cast<Number>(data.slopes[image][a][j]);
         }
-        seen.noise[3 * e] = V[4 * j];
-        seen.noise[3 * e + 1] = V[4 * j + 1];
-        seen.noise[3 * e + 2] = V[4 * j + 3];
+        seen.noise[3 * e] = static_cast<Number>(V[4 * j]);
+        seen.noise[3 * e + 1] = static_cast<Number>(V[4 * j + 1]);
+        seen.noise[3 * e + 2] = static_cast<Number>(V[4 * j + 3]);
         seen.noisy = seen.noisy || V[4 * j] > 0 || V[4 * j + 3] > 0;
     }
 }
 
-void find_likelihood(const PosteriorData& data, const Observed& seen, const Pack& pack,
-                     const LaneView& view, const Lanes* belief, bool by_others, bool derived,
-                     const LikelihoodSpace& space, Likelihood& found, Lanes* next) {
+template <class Lanes>
+void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack,
+                     const LaneView<Lanes>& view, const Lanes* belief, bool by_others, bool derived,
+                     const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next) {
     const long N = 2 * seen.m, n = tiled(N);
     const Lanes shrink = exponential(-view.log_scale);
     centre(seen, pack, view, shrink, space);
     fill_covariance(seen, pack, view, shrink * shrink, belief, space);
     const Lanes log_det = factorise(n, space.L, space.reciprocal);
     invert(n, space.L, space.reciprocal);
-    const Translation t = solve(n, space);
+    const Translation<Lanes> t = solve(n, space);
     found.surprise = t.square;
     for (long e = 0; e < n; ++e) found.surprise += space.white[e] * space.white[e];
-    found.value = -0.5 * (found.surprise + log_det + t.log_det + static_cast<double>(N) * LOG_TWO_PI) -
-                  static_cast<double>(N - 2) * view.log_scale;
+    found.value = -0.5 * (found.surprise + log_det + t.log_det + all<Lanes>(static_cast<double>(N) * LOG_TWO_PI)) -
+                  static_cast<Number<Lanes>>(N - 2) * view.log_scale;
     pull_back(seen, !derived, space);
     if (derived) {
         expect(seen, shrink * shrink, belief, t, space);
@@ -362,5 +379,20 @@ void find_likelihood(const PosteriorData& data, const Observed& seen, const Pack
     }
     believe(data, seen, view, shrink * shrink, belief, by_others, space, found, next);
 }
+
+template struct LikelihoodSpace<Lanes>;
+template struct LikelihoodSpace<SingleLanes>;
+template Observed<double> room_for_observed(Workspace&, long);
+template Observed<float> room_for_observed(Workspace&, long);
+template void observe(const PosteriorData&, long, Observed<double>&);
+template void observe(const PosteriorData&, long, Observed<float>&);
+template void find_likelihood(const PosteriorData&, const Observed<double>&, const Pack<Lanes>&,
+                              const LaneView<Lanes>&, const Lanes*, bool, bool,
+                              const LikelihoodSpace<Lanes>&, Likelihood<Lanes>&, Lanes*);
+template void find_likelihood(const PosteriorData&, const Observed<float>&,
+                              const Pack<SingleLanes>&, const LaneView<SingleLanes>&,
+                              const SingleLanes*, bool, bool,
+                              const LikelihoodSpace<SingleLanes>&, Likelihood<SingleLanes>&,
+                              SingleLanes*);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -35,27 +35,31 @@ constexpr double LEAST_BELIEF = 1e-6;
 [[gnu::always_inline]] inline long corner(long i) { return i * (i + 1) / 2; }
 
 // The m seen landmarks of an image.
+template <class Number>
 struct Observed {
     long m = 0;
     long* index;     // (p,) their places among all p landmarks
-    double* w;       // (p, 2)
-    double* slope;   // (p, 2)
-    double* misfit;  // v (p,)
-    double* noise;   // V (p, 3): xx, xy, yy
+    Number* w;       // (p, 2)
+    Number* slope;   // (p, 2)
+    Number* misfit;  // v (p,)
+    Number* noise;   // V (p, 3): xx, xy, yy
     bool noisy = false;  // whether a V is not 0
 };
 
 // The components that the lanes of a block stand for, as far as they are seen.
+template <class Lanes>
 struct Pack {
     Lanes* mean;        // mu (m, 3)
     Lanes* covariance;  // C_jk (3, 3) for k <= j, at 9 (corner(j) + k)
 };
 
+template <class Lanes>
 struct LaneView {
     Lanes R[9];
     Lanes log_scale;
 };
 
+template <class Lanes>
 struct Likelihood {
     Lanes value;
     Lanes gradient[VIEW];          // of -value
@@ -64,10 +68,11 @@ struct Likelihood {
 };
 
 // Rows of 2 m numbers are padded to n, a multiple of TILE.
+template <class Lanes>
 struct LikelihoodSpace {
     LikelihoodSpace(Workspace& workspace, long n);
 
-    Triangle L;          // S_0, its Cholesky factor L, then L^-1 (2 m, 2 m)
+    Triangle<Lanes> L;          // S_0, its Cholesky factor L, then L^-1 (2 m, 2 m)
     Lanes* reciprocal;   // 1 / L_ii (2 m,)
     Lanes* y;                    // (2 m,)
     Lanes *r, *alpha;            // r and S^-1 r, then 1 along x and y and S_0^-1 of it (3, 2 m)
@@ -81,13 +86,16 @@ struct LikelihoodSpace {
     Lanes* diagonal;     // S^-1_jj (m, 3)
 };
 
-Observed room_for_observed(Workspace& workspace, long p);
-void observe(const PosteriorData& data, long image, Observed& seen);
+template <class Number>
+Observed<Number> room_for_observed(Workspace& workspace, long p);
+template <class Number>
+void observe(const PosteriorData& data, long image, Observed<Number>& seen);
 
 // `belief` q (m,) in, `next` (m,) its next fixed point; or, `by_others`, what the other landmarks
 // alone say of each, which a gross landmark cannot sway. Derivatives only where they are wanted.
-void find_likelihood(const PosteriorData& data, const Observed& seen, const Pack& pack,
-                     const LaneView& view, const Lanes* belief, bool by_others, bool derived,
-                     const LikelihoodSpace& space, Likelihood& found, Lanes* next);
+template <class Lanes>
+void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack,
+                     const LaneView<Lanes>& view, const Lanes* belief, bool by_others, bool derived,
+                     const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

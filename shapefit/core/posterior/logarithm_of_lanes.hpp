@@ -7,15 +7,17 @@
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
+template <class Lanes>
 [[gnu::always_inline]] inline Lanes exponential(Lanes x) {
-    for (int lane = 0; lane < WIDTH; ++lane) x[lane] = power_of_e(x[lane]);
+    for (int lane = 0; lane < width<Lanes>; ++lane) x[lane] = power_of_e(x[lane]);
     return x;
 }
 
 // log x for x > 2^-60.
+template <class Lanes>
 [[gnu::always_inline]] inline Lanes logarithm(Lanes x) {
     constexpr double GROWN = 0x1p60, LOG_GROWN = 60 * 0x1.62e42fefa39efp-1;
-    for (int lane = 0; lane < WIDTH; ++lane)
+    for (int lane = 0; lane < width<Lanes>; ++lane)
         x[lane] = log_of_one_plus(x[lane] * GROWN - 1.0) - LOG_GROWN;
     return x;
 }

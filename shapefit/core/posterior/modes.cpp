@@ -30,12 +30,12 @@ void turn_covariance(const double* R, const double* given, long p, ModeSpace& sp
 }
 
 // Row i of P x, the landmark seen along its ray, for x (3, p).
-double look(const Observed& seen, long i, const double* x, long p) {
+double look(const Observed<double>& seen, long i, const double* x, long p) {
     return x[i % 2 * p + seen.index[i / 2]] - seen.slope[i] * x[2 * p + seen.index[i / 2]];
 }
 
 // K = P C + TAU^2, V with V^T V = S^-1, and alpha; rows after the N seen are those of ones.
-void factorise(const Observed& seen, const Mode& mode, double s, ModeSpace& space) {
+void factorise(const Observed<double>& seen, const Mode& mode, double s, ModeSpace& space) {
     const long p = space.p, d = 3 * p, N = 2 * seen.m, n = padded(N);
     for (long i = 0; i < N; ++i) {
         double* row = space.K[i].data;
@@ -79,7 +79,7 @@ void generate(int axis, const double* x, long p, double* __restrict out) {
 //
 // A turn G: dX = G X + C G^T P^T alpha + K^T d(alpha), d(alpha) = -S^-1 P (G X + C G^T P^T alpha);
 // log s: d(alpha) = S^-1 (-y + 2 V / (s^2 q) alpha).
-void differentiate(const Observed& seen, const Mode& mode, double s, ModeSpace& space,
+void differentiate(const Observed<double>& seen, const Mode& mode, double s, ModeSpace& space,
                    const double* shape) {
     const long p = space.p, d = 3 * p, D = padded(d), N = 2 * seen.m, n = padded(N);
     double *change = space.change.data, *raised = space.turned.data, *spun = raised + D;
@@ -181,7 +181,7 @@ ModeSpace::ModeSpace(Workspace& workspace, long p)
       X(workspace.vector<double>(padded(3 * p))),
       turned(workspace.vector<double>(2 * padded(3 * p))) {}
 
-void describe(const PosteriorData& data, const Observed& seen, const Mode& mode, ModeSpace& space,
+void describe(const PosteriorData& data, const Observed<double>& seen, const Mode& mode, ModeSpace& space,
               bool whole, double* mean) {
     const long p = data.landmarks.size[2], d = 3 * p, D = padded(d), N = 2 * seen.m, n = padded(N);
     const double s = exp(mode.log_scale);

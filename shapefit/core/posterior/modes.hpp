@@ -32,7 +32,7 @@ struct ModeSpace {
 
 // Mean y (3p,) with mean depth 0; its covariance, the uncertainty of the view included, in `space.C`:
 // the `whole`, or of each landmark x with y and z, and y with z.
-void describe(const PosteriorData& data, const Observed& seen, const Mode& mode, ModeSpace& space,
+void describe(const PosteriorData& data, const Observed<double>& seen, const Mode& mode, ModeSpace& space,
               bool whole, double* mean);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -31,7 +31,8 @@ struct Combination {
 
 // The maximum on which climb i ended, with its evidence.
 void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) {
-    Climb& at = search.arrived[i];
+    const Climbs<Lanes>& climbs = search.arrived.climbs;
+    Climb<Lanes>& at = climbs[i];
     const long lane = i % WIDTH;
     double L[VIEW][VIEW], log_det = 0;
     bool definite = true;
@@ -44,10 +45,10 @@ void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) 
             L[a][b] = a == b ? root(larger(rest, LEAST_CURVATURE)) : rest / L[b][b];
             if (a == b) log_det += 2 * log(L[a][a]);
         }
-    mode.component = search.arrived.pair[i] % data.means.size[0];
+    mode.component = climbs.pair[i] % data.means.size[0];
     for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
     mode.log_scale = at.view.log_scale[lane];
-    for (long j = 0; j < search.seen.m; ++j) mode.belief[j] = at.belief()[j][lane];
+    for (long j = 0; j < search.arrived.seen.m; ++j) mode.belief[j] = at.belief()[j][lane];
     mode.surprise = at.found.surprise[lane];
     mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
                         0.5 * (VIEW * LOG_TWO_PI - log_det);
@@ -93,7 +94,7 @@ void fail(const PosteriorData& data, long image) {
     data.scale[image] = data.log_evidence[image] = data.surprise[image] = NOT_A_NUMBER;
 }
 
-void store(const PosteriorData& data, long image, long rank, const Observed& seen, const Mode& mode,
+void store(const PosteriorData& data, long image, long rank, const Observed<double>& seen, const Mode& mode,
            const double* mean, Matrix<const double> covariance) {
     const long p = data.landmarks.size[2], d = 3 * p;
     data.mode_component[image][rank] = mode.component;
@@ -109,7 +110,7 @@ void store(const PosteriorData& data, long image, long rank, const Observed& see
 }
 
 // Mean and covariance of the mixture of the first `kept` modes.
-void combine(const PosteriorData& data, long image, const Observed& seen, Combination& search,
+void combine(const PosteriorData& data, long image, const Observed<double>& seen, Combination& search,
              long kept) {
     const long p = data.landmarks.size[2], d = 3 * p;
     const double best = search.modes[search.order[0]].log_evidence;
@@ -175,14 +176,15 @@ void find_posterior(const PosteriorData& data, Range range) {
             data.mode_component[image][i] = -1;
             data.mode_log_evidence[image][i] = -INFINITE;
         }
-        observe(data, image, search.seen);
-        search.arrived.count = 0;
-        if (search.seen.m >= 3) data.rounds[image] = climb_all(data, image, NEGLIGIBLE + LAPLACE, search);
-        for (long i = 0; i < search.arrived.count; ++i)
+        const Observed<double>& seen = search.arrived.seen;
+        observe(data, image, search.arrived.seen);
+        search.arrived.climbs.count = 0;
+        if (seen.m >= 3) data.rounds[image] = climb_all(data, image, NEGLIGIBLE + LAPLACE, search);
+        for (long i = 0; i < search.arrived.climbs.count; ++i)
             weigh(data, search, i, combination.modes[i]);
-        const long kept = rank(combination, search.arrived.count);
+        const long kept = rank(combination, search.arrived.climbs.count);
         if (kept)
-            combine(data, image, search.seen, combination, kept);
+            combine(data, image, seen, combination, kept);
         else
             fail(data, image);
     }

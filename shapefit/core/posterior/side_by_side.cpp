@@ -7,7 +7,12 @@ constexpr long ROUNDS = 2;  // after which ranks are closed
 constexpr double HOPE = 2;  // how many times what a step promises a climb may still gain
 
 // The components of one block of lanes.
-void fetch(const Components& components, const Observed& seen, const long* pair, Pack& pack) {
+template <class Lanes>
+void fetch(const Components& components, long b, Side<Lanes>& side) {
+    constexpr int WIDTH = width<Lanes>;
+    const Observed<Number<Lanes>>& seen = side.seen;
+    const Pack<Lanes>& pack = side.pack;
+    const long* pair = side.climbs.pair + b * WIDTH;
     const double *mean[WIDTH], *C[WIDTH];
     for (int lane = 0; lane < WIDTH; ++lane) {
         mean[lane] = components.means[pair[lane] % components.count].data;
@@ -27,7 +32,7 @@ void fetch(const Components& components, const Observed& seen, const long* pair,
 }
 
 // The s that fits s A mu + t to the landmarks best.
-double first_scale(const PosteriorData& data, const Observed& seen, const double* R, long k) {
+double first_scale(const PosteriorData& data, const Observed<double>& seen, const double* R, long k) {
     const long p = data.means.size[2];
     const double* mu = data.means[k].data;
     double middle[2] = {}, origin[2] = {}, overlap = 0, square = 0, size = 0;
@@ -55,43 +60,41 @@ double first_scale(const PosteriorData& data, const Observed& seen, const double
 // A climb for every start and component.
 void place(const PosteriorData& data, long image, Search& search) {
     const long K = data.means.size[0];
-    Climbs& going = search.going;
-    going.count = search.arrived.count = 0;
+    Climbs<SingleLanes>& going = search.going.climbs;
+    going.count = search.arrived.climbs.count = 0;
     for (long i = 0; i < data.starts.size[1]; ++i) {
         const double* R = data.starts[image][i].data;
         if (!is_finite(R[0])) continue;
         for (long k = 0; k < K; ++k) {
-            const long lane = going.count % WIDTH;
-            LaneView& view = going[going.count].view;
-            for (int e = 0; e < 9; ++e) view.R[e][lane] = R[e];
-            view.log_scale[lane] = log(first_scale(data, search.seen, R, k));
+            const long lane = going.count % width<SingleLanes>;
+            LaneView<SingleLanes>& view = going[going.count].view;
+            for (int e = 0; e < 9; ++e) view.R[e][lane] = static_cast<float>(R[e]);
+            view.log_scale[lane] = static_cast<float>(log(first_scale(data, search.arrived.seen, R, k)));
             going.pair[going.count++] = K * i + k;
         }
     }
     going.pad();
 }
 
-double value_of(const PosteriorData& data, const Climbs& climbs, long i) {
-    return climbs[i].found.value[i % WIDTH] + data.log_weights[climbs.pair[i] % data.means.size[0]];
-}
-
-double best_of(const PosteriorData& data, const Climbs& climbs, double best) {
-    for (long i = 0; i < climbs.count; ++i) best = larger(best, value_of(data, climbs, i));
-    return best;
+template <class Lanes>
+double value_of(const PosteriorData& data, const Climbs<Lanes>& climbs, long i) {
+    return climbs[i].found.value[i % width<Lanes>] +
+           data.log_weights[climbs.pair[i] % data.means.size[0]];
 }
 
 // Those that have arrived leave, and so do those without hope to come near the best.
 void close_ranks(const PosteriorData& data, double least, bool last, Search& search) {
-    Climbs& going = search.going;
+    Climbs<SingleLanes>& going = search.going.climbs;
     const long count = going.count;
     going.count = 0;
     for (long i = 0; i < count; ++i) {
-        const double hope = going[i].hope[i % WIDTH];
-        if (!(value_of(data, going, i) + HOPE * hope > least)) continue;
-        if (going[i].moving[i % WIDTH] > 0 && !last)
+        const Climb<SingleLanes>& at = going[i];
+        const long lane = i % width<SingleLanes>;
+        if (!(value_of(data, going, i) + HOPE * at.hope[lane] > least)) continue;
+        if (at.moving[lane] > 0 && !last)
             going.append(going, i);
         else
-            search.arrived.append(going, i);
+            search.arrived.climbs.append(going, i);
     }
     going.pad();
 }
@@ -114,60 +117,70 @@ Components::Components(Workspace& workspace, const PosteriorData& data)
             }
 }
 
-Climbs::Climbs(Workspace& workspace, long most, long p)
-    : pair(workspace.zeros<long>(most + WIDTH)),
-      size_(climb_size(p)),
-      lanes_(workspace.zeros<Lanes>((most + WIDTH - 1) / WIDTH * size_)) {}
+template <class Lanes>
+Climbs<Lanes>::Climbs(Workspace& workspace, long most, long p)
+    : pair(workspace.zeros<long>(most + width<Lanes>)),
+      size(climb_size<Lanes>(p)),
+      lanes(workspace.zeros<Lanes>((most + width<Lanes> - 1) / width<Lanes> * size)) {}
 
-void Climbs::copy(const Climbs& from, long i, long to) {
-    const Lanes* source = from.lanes_ + i / WIDTH * size_;
-    Lanes* target = lanes_ + to / WIDTH * size_;
-    for (long e = 0; e < size_; ++e) target[e][to % WIDTH] = source[e][i % WIDTH];
-    pair[to] = from.pair[i];
+template <class Lanes>
+template <class Others>
+void Climbs<Lanes>::append(const Climbs<Others>& from, long i) {
+    const Others* source = from.lanes + i / width<Others> * size;
+    Lanes* target = lanes + count / width<Lanes> * size;
+    for (long e = 0; e < size; ++e)
+        target[e][count % width<Lanes>] = static_cast<Number<Lanes>>(source[e][i % width<Others>]);
+    pair[count++] = from.pair[i];
 }
 
-void Climbs::append(const Climbs& from, long i) { copy(from, i, count++); }
-
-void Climbs::pad() {
-    for (long to = count; to % WIDTH; ++to) copy(*this, count - 1, to);
+template <class Lanes>
+void Climbs<Lanes>::pad() {
+    const long own = count;
+    while (count % width<Lanes>) append(*this, own - 1);
+    count = own;
 }
 
-Search::Search(Workspace& workspace, const PosteriorData& data)
-    : components(workspace, data),
-      seen(room_for_observed(workspace, data.means.size[2])),
+template <class Lanes>
+Side<Lanes>::Side(Workspace& workspace, const PosteriorData& data)
+    : seen(room_for_observed<Number<Lanes>>(workspace, data.means.size[2])),
       pack{workspace.zeros<Lanes>(3 * data.means.size[2]),
            workspace.zeros<Lanes>(9 * corner(data.means.size[2]))},
       space(workspace, data.means.size[2]),
-      going(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]),
-      arrived(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
+      climbs(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
+
+Search::Search(Workspace& workspace, const PosteriorData& data)
+    : components(workspace, data), going(workspace, data), arrived(workspace, data) {}
 
 long climb_all(const PosteriorData& data, long image, double margin, Search& search) {
-    Climbs &going = search.going, &arrived = search.arrived;
+    Side<SingleLanes>& going = search.going;
+    Side<Lanes>& arrived = search.arrived;
     long steps = 0;
     double best = -INFINITE;
+    observe(data, image, going.seen);
     place(data, image, search);
-    for (long b = 0; b < going.blocks(); ++b) {
-        fetch(search.components, search.seen, going.pair + b * WIDTH, search.pack);
-        begin(data, search.seen, search.pack, search.space, going.block(b));
+    for (long b = 0; b < going.climbs.blocks(); ++b) {
+        fetch(search.components, b, going);
+        begin(data, going.seen, going.pack, going.space, going.climbs.block(b));
     }
     for (long rounds = 0;; rounds += ROUNDS) {
-        best = best_of(data, going, best);
+        for (long i = 0; i < going.climbs.count; ++i)
+            best = larger(best, value_of(data, going.climbs, i));
         close_ranks(data, best - margin, rounds >= data.most_rounds, search);
-        if (!going.count) break;
-        for (long b = 0; b < going.blocks(); ++b) {
-            fetch(search.components, search.seen, going.pair + b * WIDTH, search.pack);
-            climb(data, search.seen, search.pack, ROUNDS, search.space, going.block(b));
+        if (!going.climbs.count) break;
+        for (long b = 0; b < going.climbs.blocks(); ++b) {
+            fetch(search.components, b, going);
+            climb(data, going.seen, going.pack, ROUNDS, going.space, going.climbs.block(b));
         }
-        steps += ROUNDS * going.count;
+        steps += ROUNDS * going.climbs.count;
     }
-    const long count = arrived.count;
-    arrived.count = 0;
+    const long count = arrived.climbs.count;
+    arrived.climbs.count = 0;
     for (long i = 0; i < count; ++i)
-        if (value_of(data, arrived, i) > best - margin) arrived.append(arrived, i);
-    arrived.pad();
-    for (long b = 0; b < arrived.blocks(); ++b) {
-        fetch(search.components, search.seen, arrived.pair + b * WIDTH, search.pack);
-        finish(data, search.seen, search.pack, search.space, arrived.block(b));
+        if (value_of(data, arrived.climbs, i) > best - margin) arrived.climbs.append(arrived.climbs, i);
+    arrived.climbs.pad();
+    for (long b = 0; b < arrived.climbs.blocks(); ++b) {
+        fetch(search.components, b, arrived);
+        finish(data, arrived.seen, arrived.pack, arrived.space, arrived.climbs.block(b));
     }
     return steps;
 }

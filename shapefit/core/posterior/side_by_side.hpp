@@ -1,4 +1,4 @@
-// The climbs of an image side by side, WIDTH in a block; those that go on close ranks.
+// The climbs of an image side by side, as many in a block as lanes; those that go on close ranks.
 #pragma once
 
 #include "climb.hpp"
@@ -13,38 +13,46 @@ struct Components {
     Matrix<double> means, covariances;
 };
 
+template <class Lanes>
 struct Climbs {
     Climbs(Workspace& workspace, long most, long p);
 
-    Climb& block(long b) const { return *reinterpret_cast<Climb*>(lanes_ + b * size_); }
-    Climb& operator[](long i) const { return block(i / WIDTH); }
-    long blocks() const { return (count + WIDTH - 1) / WIDTH; }
+    Climb<Lanes>& block(long b) const { return *reinterpret_cast<Climb<Lanes>*>(lanes + b * size); }
+    Climb<Lanes>& operator[](long i) const { return block(i / width<Lanes>); }
+    long blocks() const { return (count + width<Lanes> - 1) / width<Lanes>; }
     // Copy climb i of some climbs, or of these, where i is not before the end.
-    void append(const Climbs& from, long i);
+    template <class Others>
+    void append(const Climbs<Others>& from, long i);
     // Fill the last block with copies of its last climb.
     void pad();
 
     long count = 0;
     long* pair;  // of start and component: K start + component
-
-  private:
-    void copy(const Climbs& from, long i, long to);
-
-    long size_;  // of a block in Lanes
-    Lanes* lanes_;
+    long size;   // of a block in Lanes
+    Lanes* lanes;
 };
 
+// What the lanes of one precision work with.
+template <class Lanes>
+struct Side {
+    Side(Workspace& workspace, const PosteriorData& data);
+
+    Observed<Number<Lanes>> seen;
+    Pack<Lanes> pack;
+    ClimbSpace<Lanes> space;
+    Climbs<Lanes> climbs;
+};
+
+// The way up in half precision, the end in full.
 struct Search {
     Search(Workspace& workspace, const PosteriorData& data);
 
     Components components;
-    Observed seen;
-    Pack pack;
-    ClimbSpace space;
-    Climbs going, arrived;
+    Side<SingleLanes> going;
+    Side<Lanes> arrived;
 };
 
-// Climb from all starts of an image under every component. What `arrived` is not further than
+// Climb from all starts of an image under every component. What has `arrived` is not further than
 // `margin` below the best, in log likelihood and weight, and finished. Returns the steps taken.
 long climb_all(const PosteriorData& data, long image, double margin, Search& search);
 

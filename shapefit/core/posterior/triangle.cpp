@@ -7,10 +7,12 @@ namespace {
 
 constexpr double LEAST_PIVOT = 1e-12;
 
+template <class Lanes>
 using Tile = Lanes[TILE][TILE];
 
 // X <- (X - sums) L^-T for a tile X beside a tile L on the diagonal.
-[[gnu::always_inline]] inline void solve_tile(Lanes* const* x, Tile& sums, const Lanes* const* L,
+template <class Lanes>
+[[gnu::always_inline]] inline void solve_tile(Lanes* const* x, Tile<Lanes>& sums, const Lanes* const* L,
                                               const Lanes* reciprocal) {
 #pragma GCC unroll 4
     for (int c = 0; c < TILE; ++c)
@@ -24,11 +26,12 @@ using Tile = Lanes[TILE][TILE];
 }
 
 // The Cholesky factor of a tile less sums; returns log det.
-[[gnu::always_inline]] inline Lanes factorise_tile(Lanes* const* x, Tile& sums, Lanes* reciprocal) {
-    Lanes product = all(1.0);
+template <class Lanes>
+[[gnu::always_inline]] inline Lanes factorise_tile(Lanes* const* x, Tile<Lanes>& sums, Lanes* reciprocal) {
+    Lanes product = all<Lanes>(1.0);
 #pragma GCC unroll 4
     for (int c = 0; c < TILE; ++c) {
-        const Lanes pivot = larger(x[c][c] - sums[c][c], all(LEAST_PIVOT));
+        const Lanes pivot = larger(x[c][c] - sums[c][c], all<Lanes>(LEAST_PIVOT));
         reciprocal[c] = 1.0 / root(pivot);
         product *= pivot;
         x[c][c] = pivot * reciprocal[c];
@@ -44,7 +47,8 @@ using Tile = Lanes[TILE][TILE];
 }
 
 // X <- -L^-1 X for the sums X beside a tile L on the diagonal.
-[[gnu::always_inline]] inline void solve_back(Tile& X, Lanes* const* L, const Lanes* reciprocal) {
+template <class Lanes>
+[[gnu::always_inline]] inline void solve_back(Tile<Lanes>& X, Lanes* const* L, const Lanes* reciprocal) {
 #pragma GCC unroll 4
     for (int r = 0; r < TILE; ++r)
 #pragma GCC unroll 4
@@ -58,13 +62,14 @@ using Tile = Lanes[TILE][TILE];
 
 }  // namespace
 
-Lanes factorise(long n, Triangle S, Lanes* reciprocal) {
+template <class Lanes>
+Lanes factorise(long n, Triangle<Lanes> S, Lanes* reciprocal) {
     Lanes log_det = {};
     for (long i = 0; i < n; i += TILE)
         for (long j = 0; j <= i; j += TILE) {
             Lanes *a[TILE] = {S[i], S[i + 1], S[i + 2], S[i + 3]};
             Lanes *b[TILE] = {S[j], S[j + 1], S[j + 2], S[j + 3]};
-            Tile sums = {};
+            Tile<Lanes> sums = {};
             add_products(sums, 0, j, [=](long k, int r) { return a[r][k]; },
                          [=](long k, int c) { return b[c][k]; });
             for (int r = 0; r < TILE; ++r) {
@@ -79,16 +84,17 @@ Lanes factorise(long n, Triangle S, Lanes* reciprocal) {
     return log_det;
 }
 
-void invert(long n, Triangle L, const Lanes* reciprocal) {
+template <class Lanes>
+void invert(long n, Triangle<Lanes> L, const Lanes* reciprocal) {
     for (long i = 0; i < n; i += TILE) {
         Lanes *a[TILE] = {L[i], L[i + 1], L[i + 2], L[i + 3]};
         Lanes* diagonal[TILE] = {a[0] + i, a[1] + i, a[2] + i, a[3] + i};
         for (long j = 0; j <= i; j += TILE) {
-            Tile sums = {};
+            Tile<Lanes> sums = {};
             add_products(sums, j, i, [=](long k, int r) { return a[r][k]; },
                          [=](long k, int c) { return L[k][j + c]; });
             if (j == i)
-                for (int r = 0; r < TILE; ++r) sums[r][r] = all(-1.0);
+                for (int r = 0; r < TILE; ++r) sums[r][r] = all<Lanes>(-1.0);
             solve_back(sums, diagonal, reciprocal + i);
 #pragma GCC unroll 4
             for (int r = 0; r < TILE; ++r)
@@ -97,5 +103,10 @@ void invert(long n, Triangle L, const Lanes* reciprocal) {
         }
     }
 }
+
+template Lanes factorise(long, Triangle<Lanes>, Lanes*);
+template SingleLanes factorise(long, Triangle<SingleLanes>, SingleLanes*);
+template void invert(long, Triangle<Lanes>, const Lanes*);
+template void invert(long, Triangle<SingleLanes>, const SingleLanes*);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -9,6 +9,7 @@ constexpr long TILE = 4;
 constexpr long tiled(long n) { return (n + TILE - 1) / TILE * TILE; }
 
 // Of n rows, a multiple of TILE; the tiles on the diagonal are whole.
+template <class Lanes>
 struct Triangle {
     static constexpr long size(long n) { return n * (n + TILE) / 2; }
 
@@ -21,7 +22,7 @@ struct Triangle {
 };
 
 // sums_rc += sum_k a(k, r) b(k, c) for first <= k < last.
-template <int columns, class A, class B>
+template <class Lanes, int columns, class A, class B>
 [[gnu::always_inline]] inline void add_products(Lanes (&sums)[TILE][columns], long first, long last,
                                                 const A& a, const B& b) {
     for (long k = first; k < last; ++k) {
@@ -38,14 +39,16 @@ template <int columns, class A, class B>
 }
 
 // S = L L^T in place, zeros above the diagonal, with 1 / L_ii; returns log det S.
-Lanes factorise(long n, Triangle S, Lanes* reciprocal);
+template <class Lanes>
+Lanes factorise(long n, Triangle<Lanes> S, Lanes* reciprocal);
 
 // L <- L^-1 in place.
-void invert(long n, Triangle L, const Lanes* reciprocal);
+template <class Lanes>
+void invert(long n, Triangle<Lanes> L, const Lanes* reciprocal);
 
 // out_v = M x_v for `count` vectors of n numbers, one after another.
-template <int count>
-[[gnu::always_inline]] inline void multiply(long n, Triangle M, const Lanes* x, Lanes* __restrict out) {
+template <int count, class Lanes>
+[[gnu::always_inline]] inline void multiply(long n, Triangle<Lanes> M, const Lanes* x, Lanes* __restrict out) {
     for (long i = 0; i < n; i += TILE) {
         Lanes sums[TILE][count] = {};
         add_products(sums, 0, i + TILE, [&](long k, int r) { return M[i + r][k]; },
@@ -56,8 +59,8 @@ template <int count>
 }
 
 // out_v = M^T x_v likewise.
-template <int count>
-[[gnu::always_inline]] inline void multiply_transposed(long n, Triangle M, const Lanes* x,
+template <int count, class Lanes>
+[[gnu::always_inline]] inline void multiply_transposed(long n, Triangle<Lanes> M, const Lanes* x,
                                                        Lanes* __restrict out) {
     for (long i = 0; i < n; i += TILE) {
         Lanes sums[TILE][count] = {};
