@@ -110,6 +110,36 @@ Lanes propose(const Climb<Lanes>& at, Lanes* step) {
     return 0.5 * slope;
 }
 
+// A rotation to the last digit, from one in half precision.
+template <class Lanes>
+void orthonormalise(Lanes* R) {
+    Lanes *x = R, *y = R + 3, *z = R + 6;
+    const Lanes first = 1.0 / root(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
+    for (int c = 0; c < 3; ++c) x[c] *= first;
+    const Lanes along = x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
+    for (int c = 0; c < 3; ++c) y[c] -= along * x[c];
+    const Lanes second = 1.0 / root(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]);
+    for (int c = 0; c < 3; ++c) y[c] *= second;
+    for (int c = 0; c < 3; ++c)
+        z[c] = x[(c + 1) % 3] * y[(c + 2) % 3] - x[(c + 2) % 3] * y[(c + 1) % 3];
+}
+
+// Newton's step, where it is small; returns what it gains.
+template <class Lanes>
+Lanes take_last_step(Climb<Lanes>& at) {
+    Lanes down[VIEW], step[VIEW], gain = {}, length = {};
+    for (int i = 0; i < VIEW; ++i) down[i] = -at.found.gradient[i];
+    solve_small(at.curvature, down, step);
+    for (int i = 0; i < VIEW; ++i) {
+        gain += 0.5 * step[i] * down[i];
+        length += step[i] * step[i];
+    }
+    const Lanes small = indicate(all<Lanes>(1e-2) - length) * indicate(all<Lanes>(1e-2) - gain);
+    for (int i = 0; i < VIEW; ++i) step[i] *= small;
+    move(at.view, step, at.view);
+    return small * gain;
+}
+
 }  // namespace
 
 template <class Lanes>
@@ -169,34 +199,29 @@ void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
 }
 
 template <class Lanes>
-void finish(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, ClimbSpace<Lanes>& space,
-            Climb<Lanes>& at) {
-    Lanes *H = at.curvature, down[VIEW], step[VIEW];
-    find_likelihood(data, seen, pack, at.view, at.belief(), false, true, space.likelihood, at.found,
-                    space.next);
+void finish(const PosteriorData& data, const Observed<Number<Lanes>>& seen,
+            const Pack<Lanes>& pack, ClimbSpace<Lanes>& space, Climb<Lanes>& at) {
+    const auto look = [&](const LaneView<Lanes>& view, Likelihood<Lanes>& found) {
+        find_likelihood(data, seen, pack, view, at.belief(), false, true, space.likelihood, found,
+                        space.next);
+    };
+    orthonormalise(at.view.R);
+    look(at.view, at.found);
+    take_last_step(at);
+    look(at.view, at.found);
+    Lanes* H = at.curvature;
     for (int i = 0; i < VIEW; ++i) {
-        Lanes to[VIEW] = {};
-        to[i] = all<Lanes>(DIFFERENCE);
-        move(at.view, to, space.view);
-        find_likelihood(data, seen, pack, space.view, at.belief(), false, true, space.likelihood,
-                        space.found, space.next);
+        Lanes step[VIEW] = {};
+        step[i] = all<Lanes>(DIFFERENCE);
+        move(at.view, step, space.view);
+        look(space.view, space.found);
         for (int j = 0; j < VIEW; ++j)
             H[VIEW * i + j] = (space.found.gradient[j] - at.found.gradient[j]) / DIFFERENCE;
-        down[i] = -at.found.gradient[i];
     }
     for (int i = 0; i < VIEW; ++i)
         for (int j = 0; j < i; ++j)
             H[VIEW * i + j] = H[VIEW * j + i] = 0.5 * (H[VIEW * i + j] + H[VIEW * j + i]);
-    solve_small(H, down, step);
-    Lanes gain = {}, length = {};
-    for (int i = 0; i < VIEW; ++i) {
-        gain += 0.5 * step[i] * down[i];
-        length += step[i] * step[i];
-    }
-    const Lanes small = indicate(0.1 - length) * indicate(1.0 - gain);
-    for (int i = 0; i < VIEW; ++i) step[i] *= small;
-    move(at.view, step, at.view);
-    at.found.value += small * gain;
+    at.found.value += take_last_step(at);
 }
 
 template struct ClimbSpace<Lanes>;
