@@ -83,12 +83,14 @@ def test_individuals_of_a_moment_are_in_one_scene(view, open_page, project, tmp_
     assert page.run("return shapefit.data.together(3)") == [3, 39]
     assert page.run("return shapefit.data.items[39]") == "openpose/person 2/3"
     both = np.array(page.state("projected.walk"))
-    page.click("#others")
+    page.click("#individuals label:nth-of-type(2) input")
     alone = np.array(page.state("projected.walk"))
     assert np.ptp(alone[:, 1]) > 1.2 * np.ptp(both[:, 1])
     assert page.find("#sides").is_displayed()
-    page.click("#others")
-    assert not page.find("#sides").is_displayed()
+    page.keys("ARROW_DOWN")
+    assert page.state("item") == "openpose/person 2/0"
+    assert not page.find("#sides").is_displayed()  # the first person is there
+    assert page.text("#individuals").split("\n") == ["person 1", "person 2"]
     assert page.complaints() == []
 
 

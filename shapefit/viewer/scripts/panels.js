@@ -4,7 +4,7 @@ const panels = (() => {
   const FILL = 0.42; // share of a panel from its middle to the farthest point
   const GROUND = { cells: 6, reach: 1.1 }; // of the floor, in reaches of the body
   const AXIS = 26; // px
-  const INDIVIDUALS = [0, 1, 2, 3, 4, 5]; // colours of those who are seen at once
+  const INDIVIDUALS = [0, 2, 3, 4, 5, 1]; // colours of those who are seen at once
   const BALL = geometry.ball();
   const MARK = { many: 2.5, few: 3.5, crowd: 40 };
 
@@ -57,15 +57,18 @@ const panels = (() => {
     return geometry.uprightRotation(data.yDown);
   }
 
-  /** The frames to draw at once: that of the view and, where they are wanted, the others of its moment. */
+  /** The frames to draw at once: that of the view, and those of its moment that are not switched off. */
   function framesOf(data, view) {
-    const all = view.others ? data.together(view.frame) : [];
+    const all = data.together(view.frame).filter((frame) => frame === view.frame || !view.hidden.has(data.sequenceOf(frame)));
     return all.length ? all : [view.frame];
   }
 
-  /** The colour of a layer, or that of one of several individuals. */
-  function colourOf(look, layer, number, many) {
-    return look.layer(many && layer.colour !== "truth" ? `layer-${INDIVIDUALS[number % INDIVIDUALS.length]}` : layer.colour);
+  /** The name of the colour of a layer or, where there is one, of the individual of a frame. */
+  function colourOf(data, layer, frame) {
+    const group = data.group(data.sequenceOf(frame));
+    const one = data.layers.filter(({ role }) => role !== "truth").length === 1;
+    if (group.length < 2 || !one || layer.role === "truth") return layer.colour;
+    return `layer-${INDIVIDUALS[group.indexOf(data.sequenceOf(frame)) % INDIVIDUALS.length]}`;
   }
 
   /** The bodies of all layers that are shown, the frame that they stand in, and how far they reach. */
@@ -73,9 +76,9 @@ const panels = (() => {
     const frames = framesOf(data, view);
     const many = frames.length > 1;
     const shown = data.layers.filter((layer) => view.shown.has(layer));
-    const bodies = shown.flatMap((layer, i) => frames.map((frame, k) => ({
+    const bodies = shown.flatMap((layer) => frames.map((frame) => ({
       layer, frame, points: many ? layer.inSpace(frame) : layer.points(frame), mesh: view.mesh && !many ? layer.mesh(frame) : null,
-      colour: colourOf(look, layer, shown.length > 1 && !layer.shares ? i : k, many),
+      colour: look.layer(colourOf(data, layer, frame)),
     })));
     const known = ({ points }) => points.some(Number.isFinite);
     const leader = bodies.find((body) => body.frame === view.frame && known(body)) ?? bodies.find(known);
@@ -239,13 +242,13 @@ const panels = (() => {
     const { frame } = view;
     const frames = framesOf(data, view);
     const results = data.layers.filter((layer) => view.shown.has(layer) && layer.role === "result");
-    const others = frames.flatMap((each, k) => (each === frame ? [] : results.map((layer) => ({
+    const others = frames.flatMap((each) => (each === frame ? [] : results.map((layer) => ({
       fitted: layer.fitted(each),
-      tints: sideTints(data, look, colourOf(look, layer, k, true), false).map(css),
+      tints: sideTints(data, look, look.layer(colourOf(data, layer, each)), false).map(css),
     }))));
     const layers = results.map((layer) => {
         const mesh = view.mesh ? layer.mesh(frame) : null;
-        const tint = colourOf(look, layer, frames.indexOf(frame), frames.length > 1);
+        const tint = look.layer(colourOf(data, layer, frame));
         return { fitted: layer.fitted(frame), sd: layer.sd(frame), tint, tints: sideTints(data, look, tint, view.shown.size === 1 && frames.length === 1).map(css), mesh: mesh && layer.inImage(frame, mesh), faces: layer.faces };
       });
     const seen = data.seen(frame);
@@ -276,5 +279,5 @@ const panels = (() => {
     return { zoom, middle, yDown: data.yDown };
   }
 
-  return { style, fitCanvas, drawSpace, drawPlane, nameMarks };
+  return { style, fitCanvas, framesOf, colourOf, drawSpace, drawPlane, nameMarks };
 })();

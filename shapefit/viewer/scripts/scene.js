@@ -6,15 +6,18 @@ const scene = (() => {
     const count = page.items.length;
     const sequences = page.sequences.map(({ name, start }, i) => ({ name, start, end: starts[i + 1] ?? count }));
     const meshes = page.meshes.map(openMesh);
+    const together = page.moments ? openMoments(blocks.numbers(page.moments)) : () => [];
+    const sequenceOf = (frame) => lastAtMost(starts, frame);
     return {
       ...page,
       count,
       hasOutliers: Boolean(page.outliers),
       sequences,
-      sequenceOf: (frame) => lastAtMost(starts, frame),
+      sequenceOf,
+      together,
+      group: openGroups(sequences, together, sequenceOf),
       seen: page.seen ? blocks.open(page.seen).row : () => null,
       outliers: page.outliers ? openBits(page.outliers, page.landmarks.length) : () => [],
-      together: page.moments ? openMoments(blocks.numbers(page.moments)) : () => [],
       layers: page.layers.map((layer) => openLayer(layer, meshes, page)),
     };
   }
@@ -26,6 +29,21 @@ const scene = (() => {
       if (moment) frames.set(moment, [...(frames.get(moment) ?? []), frame]);
     });
     return (frame) => frames.get(moments[frame]) ?? [];
+  }
+
+  /** The sequences of which some frame is of one moment with one of this sequence, itself among them. */
+  function openGroups(sequences, together, sequenceOf) {
+    const found = new Map();
+    return (index) => {
+      if (!found.has(index)) {
+        const group = new Set();
+        for (let frame = sequences[index].start; frame < sequences[index].end; frame++) {
+          for (const other of together(frame)) group.add(sequenceOf(other));
+        }
+        found.set(index, [...group].sort((a, b) => a - b));
+      }
+      return found.get(index);
+    };
   }
 
   /** Index of the last of the ascending numbers that is at most `value`. */

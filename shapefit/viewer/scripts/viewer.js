@@ -8,7 +8,7 @@
   });
   const view = {
     frame: 0, yaw: 0, pitch: 0, zoom: 1, pan: [0, 0], planeZoom: 1, planePan: [0, 0],
-    shown: new Set(data.layers.filter((layer, i) => i === 0 || !data.layers[0].faces)), mesh: true, names: false, upright: false, others: true, pictures: new Map(),
+    shown: new Set(data.layers.filter((layer, i) => i === 0 || !data.layers[0].faces)), mesh: true, names: false, upright: false, hidden: new Set(), pictures: new Map(),
     playing: null, drawn: 0, rank: 0, projected: {},
   };
   const renderer = drawing.renderer($("space"));
@@ -29,6 +29,7 @@
     if (!data.count) return;
     panels.drawPlane($("plane"), data, view, look);
     panels.drawSpace($("space"), renderer, data, view, look);
+    showSides();
     panels.nameMarks($("labels"), data, view, look);
     drawStrip();
     view.opened ??= performance.now();
@@ -87,6 +88,7 @@
     $("slider").max = Math.max(0, end - start - 1);
     $("slider").disabled = $("play").disabled = end - start < 2;
     view.rank = 0;
+    fillIndividuals();
     Object.assign(view, framing.ofSequence(data, start, end, !name && !data.rateKnown));
     search();
   }
@@ -301,17 +303,32 @@
         if (on) view.shown.add(layer);
         else view.shown.delete(layer);
         tellDoubts();
-        showSides();
         redraw();
       }));
     }
   }
 
+  /** A tick for each individual of the scene, in its colour; the one whose frames are shown stays. */
+  function fillIndividuals() {
+    const group = data.group(data.sequenceOf(view.frame));
+    const ticks = group.length < 2 || data.layers.length > 1 ? [] : group.map((index) => {
+      const [patch, name] = [document.createElement("i"), document.createElement("bdi")];
+      patch.style.background = `var(--${panels.colourOf(data, data.layers[0], data.sequences[index].start)})`;
+      name.textContent = data.sequences[index].name.split("/").pop();
+      return choice([patch, name], !view.hidden.has(index), (on) => {
+        if (on) view.hidden.delete(index);
+        else view.hidden.add(index);
+        redraw();
+      });
+    });
+    $("individuals").replaceChildren(...ticks);
+  }
+
   /** Left and right have colours that the page explains where one layer is shown alone. */
   function showSides() {
-    $("sides").hidden = !data.sides || view.shown.size !== 1 || (view.others && Boolean(data.moments));
+    $("sides").hidden = !data.sides || view.shown.size !== 1 || panels.framesOf(data, view).length > 1;
     const [layer] = view.shown;
-    if (layer) $("left-mark").style.background = `var(--${layer.colour})`;
+    if (layer) $("left-mark").style.background = `var(--${panels.colourOf(data, layer, view.frame)})`;
   }
 
   /** Explain the marks of the left panel that occur. */
@@ -374,8 +391,8 @@
     const box = $("strip").getBoundingClientRect();
     jump(start + strip.frameAt(event.clientX - box.left, box.width, end - start));
   });
-  for (const key of ["mesh", "names", "upright", "others"]) {
-    $(key).addEventListener("change", () => { view[key] = $(key).checked; showSides(); redraw(); });
+  for (const key of ["mesh", "names", "upright"]) {
+    $(key).addEventListener("change", () => { view[key] = $(key).checked; redraw(); });
   }
   $("front").addEventListener("click", KEYS[1]);
   $("side").addEventListener("click", KEYS[2]);
@@ -412,9 +429,7 @@
     $("mesh-choice").hidden = $("upright-choice").hidden = !data.layers.some((layer) => layer.faces);
     $("rate").textContent = data.count > 1 ? `${data.frameRate} frames/s${data.rateKnown ? "" : " (not stated in the files)"}` : "";
     $("doubtful").hidden = !data.layers.some((layer) => layer.doubt);
-    $("others-choice").hidden = !data.moments;
     $("flat").hidden = !data.flat;
-    showSides();
     $("solid").hidden = $("layers").hidden = !data.layers.length;
     if (!renderer) {
       $("broken").hidden = false;
