@@ -132,10 +132,10 @@ class Instances(Rows):
         cls, points: Floats, confidence: Floats | None, start: int, labels: Sequence[str]
     ) -> Self:
         """Return points (n, i, p, d) of frames `start` and on, i individuals in each."""
-        n, many = points.shape[:2]
+        n, many, p, d = points.shape
         return cls(
-            points=points.reshape(n * many, *points.shape[2:]),
-            confidence=None if confidence is None else confidence.reshape(n * many, -1),
+            points=points.reshape(n * many, p, d),
+            confidence=None if confidence is None else confidence.reshape(n * many, p),
             frames=np.repeat(np.arange(start, start + n), many),
             labels=[label for label in labels for _ in range(many)],
             individuals=np.tile(np.arange(many), n),

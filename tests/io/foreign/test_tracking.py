@@ -242,3 +242,4 @@ def test_blocks_are_joined_and_cut(rng):
     some = whole.take(np.array([4, 1]), {"c": 1})
     assert (some.labels, some.frames.tolist(), some.counts) == (("4", "1"), [4, 1], {"c": 1})
     np.testing.assert_array_equal(some.points, points[[4, 1]])
+    assert len(Instances.of_all(np.empty((2, 0, 4, 2)), np.empty((2, 0, 4)), 0, "ab")) == 0
