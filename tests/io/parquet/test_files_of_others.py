@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -98,3 +99,17 @@ def test_a_table_with_z_holds_shapes_or_a_result(write):
     assert find_kind(path) == "shapes"
     np.testing.assert_array_equal(read_shapes([path]).shapes[1], [X[0], Y[0], X[0]])
     np.testing.assert_array_equal(read_results(path).shapes[1], [X[0], Y[0], X[0]])
+
+
+def test_the_example_is_read(project, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (project / "docs/files.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    names: dict[str, object] = {}
+    exec(compile(example, "docs/files.md", "exec"), names)
+    with open_landmarks([Path("landmarks.parquet")]) as source:
+        images = source.whole()
+    np.testing.assert_array_equal(images.landmarks, np.swapaxes(names["points"], 1, 2))
+    assert images.landmark_names == ("nose", "tail", "left ear")
+    assert (images.unit, images.y_axis) == ("px", "down")
+    assert images.items[7] == "film/000007"
