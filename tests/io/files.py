@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from shapefit.io import LandmarkSet, open_landmarks
+from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, open_shapes
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.records import Records
 from shapefit.io.writing import record_writer
@@ -23,3 +23,9 @@ def load(*paths: Path) -> LandmarkSet:
     """Return the landmarks in files."""
     with open_landmarks(paths) as source:
         return source.whole()
+
+
+def load_shapes(path: Path) -> tuple[ShapeSet, tuple[str, ...]]:
+    """Return the shapes in a file, which may have gaps, and the warnings."""
+    with open_shapes([path], gaps=True) as source:
+        return source.whole(), source.notes

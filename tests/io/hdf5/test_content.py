@@ -1,4 +1,4 @@
-"""HDF5 files: what is stored, carried and read, and names and texts that no other file could hold."""
+"""HDF5 files: what is stored, carried and read, and names and texts that no other file can hold."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io import open_shapes
+from tests.io.files import load_shapes
 
 HEAD = "nose_x,nose_y,nose_z,nose_error,nose_ncams,nose_score,"
 HEAD += "tail_1_x,tail_1_y,tail_1_z,tail_1_error,tail_1_ncams,tail_1_score,M_00,center_0,fnum\n"
@@ -16,17 +16,15 @@ ROWS = "1,2,3,0.5,3,0.9,4,5,6,0.4,2,0.8,1,0,7\n1.5,2,3,0.5,3,0.9,,,,,,,1,0,8\n"
 ROWS += "nan,nan,nan,nan,nan,nan,4,5,6,0.4,2,nan,1,0,9\n"
 
 
-def read(tmp_path, text, **options):
+def read(tmp_path, text):
     path = tmp_path / "fly.csv"
     path.write_text(text)
-    with open_shapes([path], gaps=True) as source:
-        (shapes,) = source.chunks(max(source.count, 1))
-    return shapes
+    return load_shapes(path)
 
 
 @pytest.mark.parametrize("text", [HEAD + ROWS, (HEAD + ROWS).replace("\n", "\r\n")])
 def test_points_scores_and_frame_numbers(tmp_path, text):
-    shapes = read(tmp_path, text)
+    shapes, _ = read(tmp_path, text)
     assert shapes.landmark_names == ("nose", "tail_1")
     assert shapes.items == ("fly/7", "fly/8", "fly/9")
     assert shapes.sequences == ("fly",) * 3
@@ -37,16 +35,14 @@ def test_points_scores_and_frame_numbers(tmp_path, text):
 
 
 def test_points_of_which_nothing_more_is_said_are_named(tmp_path):
-    path = tmp_path / "fly.csv"
-    path.write_text(re.sub("nose_(error|ncams|score)", r"\1", HEAD) + ROWS)
-    with open_shapes([path], gaps=True) as source:
-        assert source.head.landmark_names == ("tail_1",)
-        assert any("points left out: nose" in note for note in source.notes)
+    shapes, notes = read(tmp_path, re.sub("nose_(error|ncams|score)", r"\1", HEAD) + ROWS)
+    assert shapes.landmark_names == ("tail_1",)
+    assert any("points left out: nose" in note for note in notes)
 
 
 def test_columns_of_others_need_not_be_numbers(tmp_path):
     text = HEAD.replace("fnum", "fnum,camera") + ROWS.replace("\n", ",left\n")
-    shapes = read(tmp_path, text)
+    shapes, _ = read(tmp_path, text)
     assert shapes.items == ("fly/7", "fly/8", "fly/9")
     np.testing.assert_array_equal(shapes.shapes[0].T, [[1, 2, 3], [4, 5, 6]])
 
@@ -57,7 +53,7 @@ def test_many_landmarks_make_a_header_longer_than_what_is_looked_at(tmp_path):
         f"{name}_{what}" for name in names for what in ("x", "y", "z", "error", "ncams")
     )
     row = ",".join("1" for _ in range(600))
-    shapes = read(tmp_path, f"{head},fnum\n{row},0\n")
+    shapes, _ = read(tmp_path, f"{head},fnum\n{row},0\n")
     assert len(shapes.landmark_names) == 120
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io import open_shapes
+from tests.io.files import load_shapes
 
 TREE = """HIERARCHY
 ROOT Hips
@@ -33,9 +33,7 @@ FRAMES = "0 0 0 0 0 0 0 0 0\n1 2 3 90 0 0 90 90 0\n"
 def read(tmp_path, text):
     path = tmp_path / "walk.bvh"
     path.write_text(text)
-    with open_shapes([path]) as source:
-        (shapes,) = source.chunks(max(source.count, 1))
-        return shapes, source.notes
+    return load_shapes(path)
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io import open_shapes, write_shapes
+from shapefit.io import write_shapes
 from shapefit.io.motion import c3d as reader
 from shapefit.io.motion.c3d import by_subject
+from tests.io.files import load_shapes
 
 
 @pytest.fixture
@@ -36,15 +37,9 @@ def c3d(tmp_path):
     return make
 
 
-def read(path):
-    with open_shapes([path], gaps=True) as source:
-        (shapes,) = source.chunks(max(source.count, 1))
-        return shapes, source.notes
-
-
 def test_units_rate_and_missing_points(c3d):
     path, points = c3d()
-    shapes, notes = read(path)
+    shapes, notes = load_shapes(path)
     assert shapes.landmark_names == ("knee", "ankle")
     assert (shapes.unit, shapes.frame_rate, notes) == ("m", 100.0, ())
     assert len(set(shapes.items)) == 4
@@ -54,7 +49,7 @@ def test_units_rate_and_missing_points(c3d):
 
 def test_subjects_are_individuals(c3d):
     path, points = c3d(labels=("Ann:knee", "Bob:knee", "Bob:hip", "*3"))
-    shapes, _ = read(path)
+    shapes, _ = load_shapes(path)
     assert shapes.landmark_names == ("knee", "hip", "*3")
     assert set(shapes.sequences) == {"walk/Ann", "walk/Bob", "walk/unassigned"}
     bob = np.array(shapes.sequences) == "walk/Bob"
@@ -68,7 +63,7 @@ def test_one_subject_keeps_unnamed_points():
 
 def test_what_a_model_computed_is_no_point(c3d):
     path, _ = c3d(labels=("knee", "KneeAngle"), ANGLES=["KneeAngle"])
-    shapes, notes = read(path)
+    shapes, notes = load_shapes(path)
     assert shapes.landmark_names == ("knee",)
     assert any("KneeAngle" in note for note in notes)
 
@@ -77,7 +72,7 @@ def test_without_ezc3d_the_error_says_how_to_get_it(c3d, monkeypatch):
     path, _ = c3d()
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     with pytest.raises(InputError, match="pip install ezc3d"):
-        read(path)
+        load_shapes(path)
 
 
 def test_a_cut_off_file_is_refused_before_ezc3d_sees_it(c3d):
@@ -86,7 +81,7 @@ def test_a_cut_off_file_is_refused_before_ezc3d_sees_it(c3d):
     for end in (600, len(whole) // 2, len(whole) - 500):
         path.write_bytes(whole[:end])
         with pytest.raises(InputError, match=r"walk\.c3d"):
-            read(path)
+            load_shapes(path)
 
 
 def test_damaged_parameters_are_refused(c3d):
@@ -97,7 +92,7 @@ def test_damaged_parameters_are_refused(c3d):
     for wrong in (127, 130):
         path.write_bytes(whole[:place] + bytes([wrong]) + whole[place + 1 :])
         with pytest.raises(InputError, match=r"walk\.c3d: cannot be read"):
-            read(path)
+            load_shapes(path)
 
 
 @pytest.mark.real_data
@@ -107,7 +102,7 @@ def test_a_file_on_which_ezc3d_crashes_is_named(real_data, tmp_path):
     data[4165] = 246  # labels of a group become a group
     path.write_bytes(data)
     with pytest.raises(InputError, match=r"walk\.c3d: cannot be read \(ezc3d crashes"):
-        read(path)
+        load_shapes(path)
 
 
 def test_a_negative_residual_is_missing_whatever_the_point(c3d, monkeypatch):
@@ -119,7 +114,7 @@ def test_a_negative_residual_is_missing_whatever_the_point(c3d, monkeypatch):
     residuals[0, 0, 1] = -1.0
     file["data"]["meta_points"]["residuals"] = residuals
     monkeypatch.setattr(reader, "_read", lambda _: file)
-    shapes, _ = read(path)
+    shapes, _ = load_shapes(path)
     assert np.isnan(shapes.shapes[1, :, 0]).all()
     np.testing.assert_allclose(shapes.shapes[0], points[0] / 1000, rtol=1e-6)
 
@@ -128,6 +123,6 @@ def test_labels_that_are_not_utf8_are_latin1(c3d, tmp_path):
     path, _ = c3d(labels=("ZZpaule", "Köper"))
     whole = path.read_bytes()
     path.write_bytes(whole.replace(b"ZZpaule", b"\xc9paule "))
-    shapes, _ = read(path)
+    shapes, _ = load_shapes(path)
     assert shapes.landmark_names == ("Épaule", "Köper")
     write_shapes(tmp_path / "same.h5", shapes)

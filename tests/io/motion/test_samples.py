@@ -6,17 +6,11 @@ import json
 
 import pytest
 
-from shapefit.io import open_shapes
+from tests.io.files import load_shapes
 
 pytestmark = pytest.mark.real_data
 
 SAMPLES = ("bvhio_example.bvh", "test_freebvh.bvh")
-
-
-def read(path, **options):
-    with open_shapes([path], gaps=True, **options) as source:
-        (shapes,) = source.chunks(max(source.count, 1))
-    return shapes
 
 
 @pytest.mark.parametrize("name", SAMPLES)
@@ -24,7 +18,7 @@ def test_ends_of_the_last_bones_follow_the_joints(real_data, name):
     folder = real_data / "formats"
     entries = json.loads((folder / "expected.json").read_text())["entries"]
     (entry,) = (e for e in entries if e["path"] == f"motion/{name}")
-    shapes = read(folder / "motion" / name)
+    shapes, _ = load_shapes(folder / "motion" / name)
     (other,) = entry["alternatives"]
     assert len(shapes.landmark_names) == other["landmarks"]
     assert all(name.endswith("_end") for name in shapes.landmark_names[entry["landmarks"] :])

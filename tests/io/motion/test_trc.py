@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io import open_shapes
+from tests.io.files import load_shapes
 
 HEAD = (
     "PathFileType\t4\t(X/Y/Z)\twalk.trc\n"
@@ -23,9 +23,7 @@ ROWS = "0\t0.00\t1\t2\t3\t4\t5\t6\n1\t0.02\t7\t8\t9\t0\t0\t0\n2\t0.04\tnan\t\t\t
 def read(tmp_path, text, name="walk.trc"):
     path = tmp_path / name
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
-    with open_shapes([path], gaps=True) as source:
-        (shapes,) = source.chunks(max(source.count, 1))
-        return shapes, source.notes
+    return load_shapes(path)
 
 
 EXPECTED = np.array(
