@@ -93,14 +93,14 @@ def _layers(
     """Results first, then what is laid onto the first of them, the truth last."""
     layers: list[Layer] = []
     meshes: list[MeshSet] = []
-    edges: NDArray[np.int64] | None = None
+    edges: list[NDArray[np.int64] | None] = []
     dictionaries: dict[Path, int] = {}
-    for each in (each for each in found if each.kind == "result"):
+    results = [each for each in found if each.kind == "result"]
+    for each in results:
         layer = result_layer(each, seen)
         path, dictionary = _dictionary(config, each, notes)
         if dictionary is not None and path is not None:
-            if edges is None:
-                edges = renamed_edges(dictionary.edges, dictionary.landmark_names, landmarks)
+            edges.append(renamed_edges(dictionary.edges, dictionary.landmark_names, landmarks))
             if dictionary.mesh_vertices is not None and dictionary.mesh_faces is not None:
                 if obstacle := mesh_obstacle(each, dictionary):
                     notes.append(f"{each.name} has no mesh: {obstacle}.")
@@ -112,29 +112,29 @@ def _layers(
         layers.append(
             layer if truth is None else with_error(layer, truth.points, truth.shapes.unit)
         )
-    if edges is None and config.dictionary is not None:
+    if not results and config.dictionary is not None:
         known = read_dictionary(config.dictionary)
-        edges = renamed_edges(known.edges, known.landmark_names, landmarks)
-    target = _first_known(layer.points for layer in layers)
+        edges.append(renamed_edges(known.edges, known.landmark_names, landmarks))
+    others: list[Layer] = []
     for each in (each for each in found if each.kind == "shapes"):
-        layer = shape_layer(each.name, "shapes", each.points, _own_meshes(each, meshes, notes))
-        layers.append(layer if target is None else laid_onto(layer, target))
-        edges = each.edges if edges is None else edges
+        rows = np.array([f if f in each.mesh_vertices else -1 for f in range(len(each.points))])
+        mesh = _add_meshes(each.name, each.mesh_vertices, each.mesh_faces, rows, meshes, notes)
+        others.append(shape_layer(each.name, "shapes", each.points, mesh))
+        edges.append(each.edges)
     if truth is not None:
-        layer = shape_layer("truth", "truth", truth.points, _true_meshes(truth, meshes, notes))
-        layers.append(layer if target is None else laid_onto(layer, target))
-        edges = (
-            renamed_edges(truth.shapes.edges, truth.shapes.landmark_names, landmarks)
-            if edges is None
-            else edges
-        )
-    own = [each.edges for each in found if each.edges is not None]
-    own += [np.array(known) for known in [edges_of(landmarks)] if known]
-    if target is not None and len(layers) > sum(each.kind == "result" for each in found):
-        first = next(each.name for each in found if each.kind == "result")
-        laid = [layer.name for layer in layers if layer.role != "result"]
-        notes.append(f"Aligned with {first} by the best similarity: {', '.join(laid)}.")
-    return layers, meshes, edges if edges is not None else (own[0] if own else None)
+        shapes = truth.shapes
+        vertices, faces = shapes.mesh_vertices, shapes.mesh_faces
+        mesh = _add_meshes("The truth", vertices, faces, truth.rows, meshes, notes)
+        others.append(shape_layer("truth", "truth", truth.points, mesh))
+        edges.append(renamed_edges(shapes.edges, shapes.landmark_names, landmarks))
+    target = _first_known(layer.points for layer in layers)
+    if target is not None and others:
+        laid = ", ".join(layer.name for layer in others)
+        notes.append(f"Aligned with {results[0].name} by the best similarity: {laid}.")
+        others = [laid_onto(layer, target) for layer in others]
+    edges += [each.edges for each in found]
+    edges += [np.array(known) for known in [edges_of(landmarks)] if known]
+    return layers + others, meshes, next((each for each in edges if each is not None), None)
 
 
 def _first_known(arrays: Iterable[Floats]) -> Floats | None:
@@ -165,34 +165,26 @@ def _dictionary(
     return None, None
 
 
-def _own_meshes(
-    shapes: Gathered, meshes: list[MeshSet], notes: list[str]
+def _add_meshes(
+    name: str,
+    vertices: Mapping[int, Floats] | Floats | None,
+    faces: NDArray[np.int64] | None,
+    rows: NDArray[np.intp],
+    meshes: list[MeshSet],
+    notes: list[str],
 ) -> tuple[int, NDArray[np.intp]] | None:
-    if not shapes.mesh_vertices or shapes.mesh_faces is None:
-        return None
-    frames = sorted(shapes.mesh_vertices)
-    if len(frames) > MOST_MESHES:
-        notes.append(f"{shapes.name} has no meshes here: {len(frames)} are too many for a page.")
-        return None
-    which = np.full(len(shapes.points), -1, dtype=np.intp)
-    which[frames] = np.arange(len(frames))
-    meshes.append(MeshSet(np.stack([shapes.mesh_vertices[f] for f in frames]), shapes.mesh_faces))
-    return len(meshes) - 1, which
+    """Add a set of meshes: that of frame j has vertices[rows[j]] (3, q), none where it is -1.
 
-
-def _true_meshes(
-    truth: Truth, meshes: list[MeshSet], notes: list[str]
-) -> tuple[int, NDArray[np.intp]] | None:
-    vertices, faces = truth.shapes.mesh_vertices, truth.shapes.mesh_faces
-    if vertices is None or faces is None:
+    Returns its place in `meshes`, and which of its meshes each frame shows.
+    """
+    used = np.unique(rows[rows >= 0])
+    if vertices is None or faces is None or not len(used):
         return None
-    used = np.unique(truth.rows[truth.rows >= 0])
     if len(used) > MOST_MESHES:
-        notes.append(f"The truth has no meshes here: {len(used)} are too many for a page.")
+        notes.append(f"{name} has no meshes here: {len(used)} are too many for a page.")
         return None
-    meshes.append(MeshSet(vertices[used], faces))
-    which = np.where(truth.rows >= 0, np.searchsorted(used, truth.rows), -1)
-    return len(meshes) - 1, which
+    meshes.append(MeshSet(np.stack([vertices[row] for row in used]), faces))
+    return len(meshes) - 1, np.where(rows >= 0, np.searchsorted(used, rows), -1)
 
 
 def _outliers(results: Sequence[Gathered]) -> NDArray[np.bool_] | None:
