@@ -14,7 +14,7 @@ from shapefit.evaluation.metrics import truth_scale
 from shapefit.evaluation.report import NORMALISED
 from shapefit.io.landmark_names import match_landmarks
 from shapefit.io.records import ResultSet
-from shapefit.pipelines.evaluate.judgement import Judgement, common_landmarks
+from shapefit.pipelines.evaluate.judgement import Judgement
 from shapefit.pipelines.evaluate.measurement import find_dataset
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -31,7 +31,7 @@ def judge_error_bars(
 
     And a warning where it has some, but no `true_rotation`.
     """
-    file, truth = judgement.file, judgement.truth
+    file = judgement.file
     deviation = find_dataset(file, results, DEVIATION)
     if deviation is None:
         return None, ()
@@ -40,23 +40,19 @@ def judge_error_bars(
         lacking = f"without the dataset `{TRUE_ROTATION.name}` or a `truth_frame`"
         return None, (f"{file}: the error bars are not judged, {lacking}",)
     correlation = find_correlation(file, results, deviation)
-    names = common_landmarks(file, results.landmark_names, truth.landmark_names)
-    own = match_landmarks(results.landmark_names, names)
-    true = truth.shapes[:, :, match_landmarks(truth.landmark_names, names)][judgement.truth_rows]
-    true[judgement.truth_rows < 0] = np.nan
-    estimate = results.shapes[:, :, own]
+    own = match_landmarks(results.landmark_names, judgement.landmarks)
     with np.errstate(all="ignore"):  # overflow is not an error to report
         level, width = find_levels(
-            estimate,
-            rotation @ true,
+            judgement.estimate,
+            rotation @ judgement.true,
             deviation[:, :, own],
             None if correlation is None else correlation[:, :, own],
         )
-        spread = truth_scale(estimate, true)[:, None]
-        widths = {NORMALISED: width / spread, truth.unit: width}
+        spread = truth_scale(judgement.estimate, judgement.true)[:, None]
+        widths = {NORMALISED: width / spread, judgement.truth.unit: width}
     bars = ErrorBars(
         method=name,
-        landmarks=names,
+        landmarks=judgement.landmarks,
         items=judgement.items,
         sequences=judgement.sequences,
         level=level,

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.config.commands.evaluate import MOST_EXAMPLES
 from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.averages import slices
-from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, LANDMARKS
+from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, LANDMARKS, Dataset
 from shapefit.evaluation.summary import Names
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io import ResultSet, ShapeSet, read_results
@@ -23,7 +21,6 @@ from shapefit.io.columns import Column
 from shapefit.io.name_index import index_of
 from shapefit.meshes.ellipses import covariances
 from shapefit.meshes.pictures import Pose, skeleton_picture
-from shapefit.meshes.views import YAxis
 from shapefit.pipelines.evaluate.judgement import Judgement, judge
 from shapefit.pipelines.evaluate.measurement import as_named, find_dataset, visible_enough
 from shapefit.pipelines.evaluate.method_images import MethodImages, Picked
@@ -41,50 +38,37 @@ TRUTH = "truth"
 """Name of the column of the true shapes."""
 
 
-@dataclass(frozen=True)
-class Lifted:
-    """What one result file has to show.
+class Lifted(NamedTuple):
+    """Images of one result file, and what was judged of them."""
 
-    shapes (n, 3, p) and landmarks (n, 2, p) or None, with the p landmarks of the truth in their
-    order, nan where the file lacks one; truth_rows (n), failures and items as in a Judgement;
-    deviation and correlation (n, 3, p) where the file has error bars.
-    """
+    results: ResultSet
+    judgement: Judgement
 
-    file: Path
-    items: tuple[str, ...]
-    shapes: Floats
-    landmarks: Floats | None
-    y_axis: YAxis
-    truth_rows: NDArray[np.intp]
-    failures: Mapping[str, str]
-    deviation: Floats | None = None
-    correlation: Floats | None = None
+    def dataset(self, row: int, wanted: Dataset) -> Floats | None:
+        """Return what a dataset says of an image, (d, p) as `arranged`; None where it is absent."""
+        values = find_dataset(self.judgement.file, self.results, wanted)
+        return None if values is None else self.arranged(values[row])
+
+    def arranged(self, points: Floats) -> Floats:
+        """Return points (d, p) with the landmarks of the truth, nan where the file lacks one."""
+        own = self.results.landmark_names
+        columns = {name: column for column, name in enumerate(self.judgement.truth.landmark_names)}
+        arranged = np.full((len(points), len(columns)), np.nan)
+        for column, name in enumerate(own):
+            if name in columns:
+                arranged[:, columns[name]] = points[:, column]
+        return arranged
+
+    def shape(self, row: int) -> Floats:
+        """Return the shape (3, p) of an image."""
+        return self.arranged(self.results.shapes[row])
 
     def covariance(self, row: int) -> Floats | None:
         """Covariance (p, 3, 3) of the landmarks of an image, None where it is not known."""
-        if self.deviation is None:
+        deviation = self.dataset(row, DEVIATION)
+        if deviation is None:
             return None
-        correlation = None if self.correlation is None else self.correlation[row]
-        return covariances(self.deviation[row], correlation)
-
-
-def keep(results: ResultSet, judgement: Judgement) -> Lifted:
-    """Take from a result file what a picture of its images needs."""
-    observed = find_dataset(judgement.file, results, LANDMARKS)
-    have, want = results.landmark_names, judgement.truth.landmark_names
-    bars = [find_dataset(judgement.file, results, wanted) for wanted in (DEVIATION, CORRELATION)]
-    deviation, correlation = (None if b is None else _arranged(b, have, want) for b in bars)
-    return Lifted(
-        file=judgement.file,
-        items=results.items,
-        shapes=_arranged(results.shapes, have, want),
-        landmarks=None if observed is None else _arranged(observed, have, want),
-        y_axis=results.y_axis,
-        truth_rows=judgement.truth_rows,
-        failures=judgement.failures,
-        deviation=deviation,
-        correlation=correlation,
-    )
+        return covariances(deviation, self.dataset(row, CORRELATION))
 
 
 def examples_picture(
@@ -104,21 +88,23 @@ def examples_picture(
     poses = []
     for item in chosen:
         file, row = places[first][item]
-        if file.landmarks is None:
+        landmarks = file.dataset(row, LANDMARKS)
+        if landmarks is None:
             found = "has no dataset 'landmarks' to draw examples with"
-            raise input_error(file.file, found, "fit to a file that ends in .h5")
-        true = truth.shapes[file.truth_rows[row]]
-        estimates = {name: found[item][0].shapes[found[item][1]] for name, found in places.items()}
-        bars = {name: found[item][0].covariance(found[item][1]) for name, found in places.items()}
+            raise input_error(file.judgement.file, found, "fit to a file that ends in .h5")
+        true = truth.shapes[file.judgement.truth_rows[row]]
+        own = {name: found[item] for name, found in places.items()}
+        bars = {name: lifted.covariance(row) for name, (lifted, row) in own.items()}
+        shapes = {name: lifted.shape(row) for name, (lifted, row) in own.items()}
         poses.append(
             Pose(
                 title=item,
-                landmarks=file.landmarks[row],
-                shapes={TRUTH: _laid_onto(estimates[first], true), **estimates},
+                landmarks=landmarks,
+                shapes={TRUTH: _laid_onto(shapes[first], true), **shapes},
                 covariances={name: C for name, C in bars.items() if C is not None},
             )
         )
-    return skeleton_picture(poses, truth.edges, methods[first][0].y_axis)
+    return skeleton_picture(poses, truth.edges, methods[first][0].results.y_axis)
 
 
 def choose(wanted: int | Sequence[str], items: Names) -> tuple[str, ...]:
@@ -156,19 +142,9 @@ def _places(files: Sequence[Lifted]) -> dict[str, tuple[Lifted, int]]:
     return {
         item: (file, row)
         for file in files
-        for row, item in enumerate(file.items)
-        if item not in file.failures
+        for row, item in enumerate(file.results.items)
+        if item not in file.judgement.failures
     }
-
-
-def _arranged(points: Floats, have: Sequence[str], want: Sequence[str]) -> Floats:
-    """Return points (n, d, p) of the landmarks `have` as those of `want`, nan where unknown."""
-    columns = {name: column for column, name in enumerate(have)}
-    arranged = np.full((*points.shape[:-1], len(want)), np.nan)
-    for column, name in enumerate(want):
-        if name in columns:
-            arranged[..., column] = points[..., columns[name]]
-    return arranged
 
 
 def _laid_onto(estimate: Floats, true: Floats) -> Floats:
@@ -223,7 +199,7 @@ def read_lifted(
     lifted: dict[str, list[Lifted]] = {}
     for name, file, results in shown:
         judgement = judge(file, results, lambda _: true, options.match, ("similarity",))
-        lifted.setdefault(name, []).append(keep(results, judgement))
+        lifted.setdefault(name, []).append(Lifted(results, judgement))
     return lifted, true
 
 

@@ -33,8 +33,9 @@ class Judgement:
     items and sequences (n), a sequence that nobody knows is empty; errors maps a metric and unit
     to (n,), nan where an image failed or, in precision and recall, has nothing to judge; failures
     maps the failed items to the reason; truth_rows (n) index `truth`, -1 where
-    there is none; true_rotation (n, 3, 3), from its frame to that of the camera, None where nobody
-    knows it.
+    there is none; estimate and true (n, 3, p) are the shapes of the landmarks that both sides
+    have, a true one nan where there is none; true_rotation (n, 3, 3), from its frame to that of
+    the camera, None where nobody knows it.
     """
 
     file: Path
@@ -45,6 +46,9 @@ class Judgement:
     warnings: tuple[str, ...]
     truth: ShapeSet
     truth_rows: NDArray[np.intp]
+    landmarks: tuple[str, ...]
+    estimate: Floats
+    true: Floats
     true_rotation: Floats | None = None
 
     def failed(self) -> NDArray[np.bool_]:
@@ -119,6 +123,9 @@ def judge(
         warnings=tuple(warnings),
         truth=truth,
         truth_rows=rows,
+        landmarks=names,
+        estimate=estimate,
+        true=true,
         true_rotation=rotation,
     )
 

@@ -10,7 +10,7 @@ from shapefit.errors import InputError
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate import examples
-from shapefit.pipelines.evaluate.examples import choose, examples_picture, keep
+from shapefit.pipelines.evaluate.examples import Lifted, choose, examples_picture
 from shapefit.pipelines.evaluate.judgement import judge
 from shapefit.pipelines.evaluate.plan import check_examples
 
@@ -41,7 +41,7 @@ def turned(truth, rng):
 
 def lifted(results, truth, file="convex.h5", match="item"):
     path = Path(file)
-    return keep(results, judge(path, results, lambda _: truth, match, ["similarity"]))
+    return Lifted(results, judge(path, results, lambda _: truth, match, ["similarity"]))
 
 
 @pytest.fixture
