@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.errors import InputError, input_error
 from shapefit.pipelines.fit.run import run
-from shapefit.pipelines.outcome import Counted, Failure, add_up
+from shapefit.pipelines.outcome import Counted, Failure, Outcome, add_up
 from shapefit.pipelines.parts.equal_items import Span
 from shapefit.pipelines.parts.manifest import replace_link
 from shapefit.pipelines.parts.plan import Part
@@ -40,16 +40,14 @@ class Job:
 class Done:
     """What became of a part; `error` says why it has no result.
 
+    outcome   what is told of it: its images, and the first failures and warnings
     state     of its result, once that is written
     passing   whether another try, or another machine, may do better
     """
 
     part: Part
-    images: int = 0
+    outcome: Outcome = field(default_factory=Outcome)
     failed: int = 0
-    failures: tuple[Failure, ...] = ()
-    warnings: tuple[str | Counted, ...] = ()
-    doubts: tuple[Counted, ...] = ()
     seconds: float = 0.0
     state: State = (0, "")
     span: Span | None = None
@@ -59,9 +57,9 @@ class Done:
     def entry(self) -> dict[str, Any]:
         """Return what the manifest says of the part, beside its inputs."""
         return {
-            "images": self.images,
+            "images": self.outcome.done,
             "failed": self.failed,
-            "failures": [[failure.item, failure.reason] for failure in self.failures],
+            "failures": [[failure.item, failure.reason] for failure in self.outcome.failures],
             "seconds": round(self.seconds, 3),
             "bytes": self.state[0],
             "written": self.state[1],
@@ -113,17 +111,13 @@ def _fit(job: Job, began: float) -> Done:
         return Done(job.part, error="; ".join(error.problems), passing=passing)
     except Exception as error:
         return Done(job.part, error=describe(error), passing=True)
-    return Done(
-        job.part,
-        images,
-        failed,
-        tuple(failures),
-        tuple(warnings.values()),
-        tuple(doubt for doubt in doubts.values() if isinstance(doubt, Counted)),
-        time.perf_counter() - began,
-        state,
-        span,
+    told = Outcome(
+        done=images,
+        failures=tuple(failures),
+        warnings=tuple(warnings.values()),
+        doubts=tuple(doubt for doubt in doubts.values() if isinstance(doubt, Counted)),
     )
+    return Done(job.part, told, failed, time.perf_counter() - began, state, span)
 
 
 def describe(error: BaseException) -> str:

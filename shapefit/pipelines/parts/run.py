@@ -9,6 +9,7 @@ import hashlib
 import json
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import get_args
 
@@ -171,20 +172,14 @@ def _run(
                 lost.append(_lost(done.part, done.error))
                 yield Outcome(note=pace())
                 continue
-            reached, images = reached + 1, images + done.images
+            reached, images = reached + 1, images + done.outcome.done
             manifest.parts[done.part.file] = describe(done.part) | done.entry()
             if time.monotonic() - wrote >= took / SHARE_OF_WRITING:
                 began = time.monotonic()
                 manifest.write(folder.manifest)
                 wrote = time.monotonic()
                 took = wrote - began
-            yield Outcome(
-                done=done.images,
-                failures=done.failures,
-                warnings=done.warnings,
-                doubts=done.doubts,
-                note=pace(),
-            )
+            yield replace(done.outcome, note=pace())
     finally:
         manifest.write(folder.manifest)
     _remove_stale(folder.path, parts)

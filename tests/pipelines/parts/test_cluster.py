@@ -360,7 +360,7 @@ def test_a_part_that_fails_is_tried_three_times(cluster, job, tmp_path, monkeypa
             number = file.tell()
         if number <= bad:
             return Done(one.part, error="OSError: busy", passing=True)
-        return Done(one.part, images=1)
+        return Done(one.part)
 
     monkeypatch.setattr(module, "fit_part", raises)
     with Client(cluster.address) as client:
