@@ -10,9 +10,10 @@ import pytest
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import LandmarkSet, landmark_writer, write_dictionary, write_shapes
+from shapefit.io import LandmarkSet, write_dictionary, write_shapes
 from shapefit.io.records import ShapeSet
 from tests.cli.test_chain import shapefit
+from tests.io.files import save
 
 MISFIT, SIZE, N, P = 0.005, 30.0, 400, 9
 NAMES = tuple(f"point{j}" for j in range(P))
@@ -49,8 +50,7 @@ def drawn(tmp_path, rng):
     images = LandmarkSet(
         landmarks=SIZE * w + 100, landmark_names=NAMES, items=ITEMS, extras={"true_rotation": R}
     )
-    with landmark_writer(tmp_path / "views.h5") as writer:
-        writer.append(images)
+    save(tmp_path / "views.h5", images)
     (tmp_path / "fit.yaml").write_text(FIT)
     text = "results: {posterior: result.h5}\ntruth: truth.h5\noutput: report\nplots: false\n"
     (tmp_path / "eval.yaml").write_text(text)

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import landmark_writer, read_results, write_dictionary
+from shapefit.io import read_results, write_dictionary
 from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.fit.run import run
+from tests.io.files import save
 
 NAMES = tuple("abcdefgh")
 N, K = 9, 5
@@ -46,8 +47,7 @@ def bench(tmp_path_factory):
 
     def fit(images=images, suffix=".h5", **keys):
         path = folder / f"views{suffix}"
-        with landmark_writer(path) as writer:
-            writer.append(images)
+        save(path, images)
         output = folder / "result.h5"
         config = FitConfig(landmarks=[path], dictionary=folder / "d.h5", output=output, **keys)
         list(run(config))

@@ -11,11 +11,13 @@ from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
 from shapefit.errors import InputError
-from shapefit.io import landmark_writer, open_landmarks, read_results, read_shapes, write_shapes
+from shapefit.io import open_landmarks, read_results, read_shapes, write_shapes
 from shapefit.io.extras import Extras
 from shapefit.io.kinds.listing import find_kind
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.pipelines.convert import run
+from tests.io.files import save
+from tests.pipelines.told import warnings
 
 NAMES = ("a", "b", "c", "d")
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
@@ -25,7 +27,7 @@ def convert(*files: Path, output: Path, **more: object) -> list[str | object]:
     """Convert with a config of the command; return its warnings."""
     overrides = [f"{key}={value}" for key, value in more.items()]
     config = load_config("convert", None, overrides, {"files": files, "output": output})
-    return [warning for outcome in run(config) for warning in outcome.warnings]
+    return warnings(run(config))
 
 
 @pytest.fixture
@@ -43,8 +45,7 @@ def landmarks(tmp_path, rng) -> LandmarkSet:
         frame_rate=50.0,
         extras=Extras({"age": np.arange(9000)}),
     )
-    with landmark_writer(tmp_path / "views.h5") as writer:
-        writer.append(images)
+    save(tmp_path / "views.h5", images)
     return images
 
 
@@ -169,8 +170,7 @@ def test_pixels_have_two_decimals_in_csv(tmp_path, landmarks):
     wide = replace(landmarks, landmarks=100 * landmarks.landmarks)
     rounded = np.round(wide.landmarks, 2)
     wide.landmarks[0, 0, 0] = rounded[0, 0, 0] = 1e308  # times a hundred it is no number
-    with landmark_writer(tmp_path / "wide.h5") as writer:
-        writer.append(wide)
+    save(tmp_path / "wide.h5", wide)
     convert(tmp_path / "wide.h5", output=tmp_path / "wide.csv")
     convert(tmp_path / "wide.csv", output=tmp_path / "back.h5")
     with open_landmarks([tmp_path / "back.h5"]) as source:

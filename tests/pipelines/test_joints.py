@@ -13,7 +13,6 @@ from shapefit.dictionary.mapped import mapped
 from shapefit.errors import InputError
 from shapefit.io import (
     LandmarkSet,
-    landmark_writer,
     read_dictionary,
     read_results,
     write_dictionary,
@@ -29,6 +28,7 @@ from shapefit.pipelines.joints import (
     name_warnings,
     named_as_joints,
 )
+from tests.io.files import save
 
 BODY = SKELETONS["body_25b"]
 
@@ -64,8 +64,7 @@ def as_detected(images, skeleton, theta=MEANS):
 @pytest.fixture
 def lift(tmp_path):
     def lift(images, dictionary="people", **keys):
-        with landmark_writer(tmp_path / "views.h5") as writer:
-            writer.append(images)
+        save(tmp_path / "views.h5", images)
         given = {"method": "posterior"} | keys
         config = FitConfig(
             landmarks=str(tmp_path / "views.h5"),

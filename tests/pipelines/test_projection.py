@@ -14,6 +14,7 @@ from shapefit.io.records import ShapeSet
 from shapefit.io.stored import files as shape_files
 from shapefit.pipelines.imperfections import BATCH
 from shapefit.pipelines.projection import run
+from tests.pipelines.told import done
 
 NAMES = ("head", "left", "right", "foot", "hand")
 LENGTHS = {"walk": 5, "run": 3}
@@ -231,5 +232,5 @@ def test_shapes_are_read_block_by_block(tmp_path, many, monkeypatch):
 
     monkeypatch.setattr(shape_files, "read_rows", counted)
     _, outcomes = view(tmp_path, many)
-    assert sum(outcome.done for outcome in outcomes) == len(many)
+    assert done(outcomes) == len(many)
     assert max(sizes) == BATCH

@@ -9,8 +9,9 @@ import pytest
 
 from shapefit.config.commands.sweep import CorruptionConfig
 from shapefit.errors import InputError
-from shapefit.io import LandmarkSet, landmark_writer, open_landmarks
+from shapefit.io import LandmarkSet, open_landmarks
 from shapefit.pipelines.sweeps import Choice, choose_images
+from tests.io.files import save
 
 NAMES = tuple("abcdef")
 
@@ -29,8 +30,7 @@ def images(rng):
 @pytest.fixture
 def choose(tmp_path, images):
     def choose(least_visible=0, offset=0, every=1, corruption=None, names=NAMES, images=images):
-        with landmark_writer(tmp_path / "all.h5") as writer:
-            writer.append(images)
+        save(tmp_path / "all.h5", images)
         chosen, warm_up = tmp_path / "chosen.h5", tmp_path / "warm_up.h5"
         choice = Choice(least_visible, offset, every)
         choose_images([tmp_path / "all.h5"], choice, corruption, names, chosen, warm_up)

@@ -18,6 +18,7 @@ from shapefit.pipelines.evaluate import run as evaluate
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.sweeps import run
+from tests.pipelines.told import done, warnings
 
 PEOPLE = Path(__file__).resolve().parents[2] / "sample_data"
 TRUTH = PEOPLE / "people_test.h5"
@@ -183,7 +184,7 @@ def test_groups_have_rows_of_their_own(sweep):
 def test_outcomes_count_the_images_of_all_values(sweep):
     outcomes, rows = sweep({"fit.lambda": [0.1, 0.2]})
     images = [int(row["images"]) for row in rows]
-    assert sum(outcome.done for outcome in outcomes) == sum(images)
+    assert done(outcomes) == sum(images)
     assert {outcome.total for outcome in outcomes if outcome.done} == {sum(images)}
     assert {path.name for path in outcomes[-1].written} == REPORT - {"work"}
     assert outcomes[-1].note.startswith("# Error against fit.lambda")
@@ -201,7 +202,7 @@ def test_an_image_that_fails_is_reported_once_for_each_value(sweep, tmp_path):
     outcomes, rows = sweep({"fit.lambda": [0.1, 0.2]}, project=None, fit={"landmarks": str(views)})
     failures = [failure.item for outcome in outcomes for failure in outcome.failures]
     assert failures == [f"fit.lambda=0.1: {item}", f"fit.lambda=0.2: {item}"]
-    assert sum(outcome.done for outcome in outcomes) == 2 + sum(int(row["images"]) for row in rows)
+    assert done(outcomes) == 2 + sum(int(row["images"]) for row in rows)
 
 
 def test_the_json_says_how_it_was_made(sweep, tmp_path):
@@ -284,7 +285,7 @@ class TestCorruptedCars:
         failed = [failure for outcome in outcomes for failure in outcome.failures]
         assert len(failed) == 20
         assert int(rows[0]["images"]) > 20
-        told = [warning for outcome in outcomes for warning in outcome.warnings]
+        told = warnings(outcomes)
         assert [warning for warning in told if "stranger" in warning]
 
     def test_a_search_survives_what_the_plain_fit_does_not(self, cars, tmp_path):
@@ -318,4 +319,4 @@ class TestCorruptedCars:
         )
         labels = [(row["value"], row["metric"]) for row in rows if row["metric"] != "similarity"]
         assert labels == [("l1", "precision"), ("l1", "recall")]
-        assert not [warning for outcome in outcomes for warning in outcome.warnings]
+        assert not warnings(outcomes)

@@ -11,10 +11,11 @@ import pytest
 
 from shapefit.config import EvalConfig
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import result_writer, write_shapes
+from shapefit.io import write_shapes
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate.run import run
 from shapefit.pipelines.outcome import Outcome
+from tests.io.files import save
 
 NAMES = ("head", "left", "right", "foot", "hand")
 SEQUENCES = ("13_01",) * 4 + ("13_02",) + ("14_01",) * 2
@@ -56,8 +57,7 @@ class Desk:
     config: EvalConfig
 
     def write(self, name: str, records: ResultSet) -> Path:
-        with result_writer(self.folder / name) as out:
-            out.append(records)
+        save(self.folder / name, records)
         return self.folder / name
 
     def changed(self, **changes) -> EvalConfig:
@@ -90,8 +90,7 @@ class Desk:
 @pytest.fixture
 def desk(tmp_path, truth, results):
     write_shapes(tmp_path / "truth.h5", truth)
-    with result_writer(tmp_path / "convex.h5") as out:
-        out.append(results)
+    save(tmp_path / "convex.h5", results)
     config = EvalConfig(
         results=[tmp_path / "convex.h5"],
         truth=[tmp_path / "truth.h5"],

@@ -13,6 +13,7 @@ from shapefit.evaluation.calibration import find_levels
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import write_shapes
 from tests.pipelines.evaluate.conftest import N
+from tests.pipelines.told import texts
 
 
 @pytest.fixture
@@ -30,7 +31,7 @@ def reported(desk, sure):
     def run(records=sure, **changes):
         files = {"convex": desk.folder / "convex.h5", "posterior": desk.write("p.h5", records)}
         outcomes = desk.run(results=files, **changes)
-        warnings = [str(w) for outcome in outcomes for w in outcome.warnings]
+        warnings = texts(outcomes)
         return (desk.config.output / "report.md").read_text(encoding="utf-8"), warnings
 
     return run

@@ -10,7 +10,6 @@ import trimesh
 
 from shapefit.config import FitConfig
 from shapefit.io import (
-    landmark_writer,
     open_landmarks,
     read_dictionary,
     read_results,
@@ -18,11 +17,11 @@ from shapefit.io import (
     write_dictionary,
 )
 from shapefit.pipelines.fit import run as fit
+from tests.io.files import save
 
 
 def _write_landmarks(path: Path, images) -> Path:
-    with landmark_writer(path) as writer:
-        writer.append(images)
+    save(path, images)
     return path
 
 

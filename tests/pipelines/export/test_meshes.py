@@ -12,6 +12,7 @@ from shapefit.io.records import ResultSet, concatenate
 from shapefit.lifting.reconstruction import complete_transforms
 from shapefit.meshes.wireframe import balls
 from shapefit.pipelines.export.meshes import has_shape
+from tests.pipelines.told import failures
 
 FORMATS = pytest.mark.parametrize("file_format", ["obj", "ply", "ply-ascii", "glb"])
 # OBJ: 8 decimals. PLY and GLB: single precision of coordinates, which go up to 1500 pixels.
@@ -178,9 +179,7 @@ def test_images_without_a_shape_are_counted(tmp_path, export, views):
     landmarks = views.landmarks.copy()
     landmarks[1, :, 2:] = np.nan
     _, outcomes = export(replace(views, landmarks=landmarks))
-    assert [failure.item for outcome in outcomes for failure in outcome.failures] == [
-        views.items[1]
-    ]
+    assert list(failures(outcomes)) == [views.items[1]]
     assert outcomes[-1].note == "y down in the images; 5 meshes"
     assert outcomes[-1].warnings == (
         "images without a shape (failed, or with all coefficients 0): 1; they have no mesh",

@@ -12,8 +12,9 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.io import LandmarkSet, landmark_writer, read_results, write_dictionary
+from shapefit.io import LandmarkSet, read_results, write_dictionary
 from shapefit.pipelines.fit.run import run
+from tests.io.files import save
 
 NAMES = tuple(f"point{j}" for j in range(10))
 
@@ -64,8 +65,7 @@ def views(atoms, rng):
 
 
 def write_landmarks(path: Path, images: LandmarkSet) -> Path:
-    with landmark_writer(path) as writer:
-        writer.append(images)
+    save(path, images)
     return path
 
 
@@ -76,25 +76,19 @@ def write():
 
 
 @pytest.fixture
-def fit():
+def fit(tmp_path):
     """Return what fits landmarks given as records, text or a path: (result, outcomes)."""
 
-    def fit(folder, dictionary, images, **keys):
+    def fit(dictionary, images, **keys):
         path = images
         if isinstance(images, LandmarkSet):
-            path = write_landmarks(folder / "views.h5", images)
+            path = write_landmarks(tmp_path / "views.h5", images)
         elif isinstance(images, str):
-            path = folder / "views.csv"
+            path = tmp_path / "views.csv"
             path.write_text(images)
-        output = str(folder / "result.h5")
+        output = str(tmp_path / "result.h5")
         config = FitConfig(landmarks=[str(path)], dictionary=str(dictionary), output=output, **keys)
         outcomes = list(run(config))
         return read_results(config.output), outcomes
 
     return fit
-
-
-@pytest.fixture
-def failures():
-    """Return what collects the reasons of the items that failed."""
-    return lambda outcomes: {f.item: f.reason for outcome in outcomes for f in outcome.failures}

@@ -12,6 +12,7 @@ from shapefit.convex.solution import Status
 from shapefit.convex.spectral_norm import nuclear_norm
 from shapefit.geometry.normalisation import normalise
 from shapefit.lifting.lift import lift
+from tests.pipelines.told import failures, texts
 
 NAMES = tuple(f"point{j}" for j in range(10))
 LANDMARK_ROWS = "item,landmark,x,y\n"
@@ -31,12 +32,10 @@ class TestItemsThatFail:
             ([(j, 2 * j) for j in range(10)], "one line"),
         ],
     )
-    def test_one_bad_image_never_stops_the_rest(
-        self, fit, tmp_path, dictionary, rng, points, reason, failures
-    ):
+    def test_one_bad_image_never_stops_the_rest(self, fit, dictionary, rng, points, reason):
         text = LANDMARK_ROWS + rows(rng.standard_normal((10, 2)), "good")
         text += rows(points, "bad") + rows(rng.standard_normal((10, 2)), "also good")
-        found, outcomes = fit(tmp_path, dictionary, text)
+        found, outcomes = fit(dictionary, text)
         assert list(failures(outcomes)) == ["bad"]
         assert reason in failures(outcomes)["bad"]
         assert list(found.status) == ["optimal", Status.DEGENERATE.value, "optimal"]
@@ -63,15 +62,13 @@ class TestItemsThatFail:
         + [{"outliers": {"method": m, "threshold": 10.0}} for m in ("ransac", "truncated")],
     )
     def test_coordinates_beyond_arithmetic_fail_without_a_murmur(
-        self, fit, tmp_path, dictionary, images, factor, reason, keys, failures
+        self, fit, dictionary, images, factor, reason, keys
     ):
         landmarks = images.landmarks.copy()
         landmarks[3] *= factor
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            found, outcomes = fit(
-                tmp_path, dictionary, replace(images, landmarks=landmarks), **keys
-            )
+            found, outcomes = fit(dictionary, replace(images, landmarks=landmarks), **keys)
         assert failures(outcomes).pop("image3").startswith(reason)
         assert found.status[3] == Status.DEGENERATE.value
         # ransac also fails others: their atoms are far from the mean shape
@@ -79,16 +76,14 @@ class TestItemsThatFail:
         assert [item in failures(outcomes) for item in images.items] == (~whole).tolist()
         assert whole.sum() == 7 or keys.get("outliers", {}).get("method") == "ransac"
 
-    def test_no_image_is_fitted_without_a_finite_shape(
-        self, fit, tmp_path, dictionary, images, monkeypatch, failures
-    ):
+    def test_no_image_is_fitted_without_a_finite_shape(self, fit, dictionary, images, monkeypatch):
         def lift_badly(*args):
             lifting = lift(*args)
             lifting.shapes[5, 2, 0] = np.inf
             return lifting
 
         monkeypatch.setattr("shapefit.pipelines.fit.chain.lift", lift_badly)
-        found, outcomes = fit(tmp_path, dictionary, images)
+        found, outcomes = fit(dictionary, images)
         assert failures(outcomes) == {"image5": "the fitted shape contains NaN or infinity"}
         assert found.status[5] == Status.NUMERICAL_FAILURE.value
         for values in (found.shapes, found.coefficients, found.rotation, found.objective):
@@ -96,12 +91,10 @@ class TestItemsThatFail:
             np.testing.assert_array_equal(lost, np.arange(8) == 5)
 
     @pytest.mark.parametrize("method", ["convex", "convex+refine", "alternate"])
-    def test_of_an_image_that_failed_nothing_is_known(
-        self, fit, tmp_path, dictionary, images, method, failures
-    ):
+    def test_of_an_image_that_failed_nothing_is_known(self, fit, dictionary, images, method):
         """nan, and not the zeros that a solver leaves."""
         images.landmarks[2, :, 2:] = np.nan
-        found, outcomes = fit(tmp_path, dictionary, images, method=method, transforms=True)
+        found, outcomes = fit(dictionary, images, method=method, transforms=True)
         assert list(failures(outcomes)) == ["image2"]
         for name in (
             "shapes", "landmarks_fitted", "coefficients", "rotation", "translation", "scale",
@@ -111,29 +104,25 @@ class TestItemsThatFail:
             assert np.isnan(values[2]).all(), name
             assert np.isfinite(np.delete(values, 2, axis=0)).all(), name
 
-    def test_strict_takes_a_local_method_that_converged_for_done(
-        self, fit, tmp_path, dictionary, images, failures
-    ):
-        found, outcomes = fit(tmp_path, dictionary, images, method="alternate", strict=True)
+    def test_strict_takes_a_local_method_that_converged_for_done(self, fit, dictionary, images):
+        found, outcomes = fit(dictionary, images, method="alternate", strict=True)
         assert list(found.status) == ["converged"] * 8
         assert failures(outcomes) == {}
 
-    def test_of_what_is_not_optimal_the_widest_gap_is_told(self, fit, tmp_path, dictionary, images):
-        found, outcomes = fit(
-            tmp_path, dictionary, images, solver={"max_iterations": 2, "tolerance": 1e-9}
-        )
-        (warning,) = (str(w) for outcome in outcomes for w in outcome.warnings)
+    def test_of_what_is_not_optimal_the_widest_gap_is_told(self, fit, dictionary, images):
+        found, outcomes = fit(dictionary, images, solver={"max_iterations": 2, "tolerance": 1e-9})
+        (warning,) = texts(outcomes)
         first, widest = found.relative_gap[0], found.relative_gap.max()
         assert first < 0.9 * widest
         assert warning.startswith("8 images not optimal, the worst: iteration limit after 2")
         assert warning.endswith(f"relative gap {widest:.2g}")
 
-    def test_strict_counts_what_is_not_optimal(self, fit, tmp_path, dictionary, images, failures):
+    def test_strict_counts_what_is_not_optimal(self, fit, dictionary, images):
         keys = {"solver": {"max_iterations": 1, "tolerance": 1e-9}}
-        _, outcomes = fit(tmp_path, dictionary, images, **keys)
+        _, outcomes = fit(dictionary, images, **keys)
         assert failures(outcomes) == {}
         assert any("not optimal" in str(w) for outcome in outcomes for w in outcome.warnings)
-        found, outcomes = fit(tmp_path, dictionary, images, strict=True, **keys)
+        found, outcomes = fit(dictionary, images, strict=True, **keys)
         assert set(failures(outcomes)) == set(images.items)
         assert "iteration limit after 1 iteration, relative gap" in failures(outcomes)["image0"]
         assert (found.relative_gap > 1e-9).all()
@@ -145,14 +134,12 @@ class TestEmptyShapes:
         [{}, {"method": "alternate"}, {"outliers": {"method": "l1"}}, {"method": "convex+refine"}],
         ids=str,
     )
-    def test_are_told_of_and_have_no_rotation(
-        self, fit, tmp_path, dictionary, images, keys, failures
-    ):
+    def test_are_told_of_and_have_no_rotation(self, fit, dictionary, images, keys):
         for lam, count in ((1e3, 7), (1e-3, 0)):
             landmarks = images.landmarks.copy()
             landmarks[2] = 0.0  # fails, and is not told of a second time
             some = replace(images, landmarks=landmarks)
-            found, outcomes = fit(tmp_path, dictionary, some, **keys, **{"lambda": lam})
+            found, outcomes = fit(dictionary, some, **keys, **{"lambda": lam})
             assert list(failures(outcomes)) == ["image2"]
             empty = ~(np.ptp(found.shapes, axis=2) > 0).any(axis=1) & (np.arange(8) != 2)
             told = [str(w) for outcome in outcomes for w in outcome.warnings if "empty" in str(w)]
@@ -169,10 +156,10 @@ class TestEmptyShapes:
                     middle = found.landmarks_fitted[empty].mean(axis=2)
                     np.testing.assert_allclose(middle, images.landmarks[empty].mean(axis=2))
 
-    def test_lambda_max_is_the_border(self, fit, tmp_path, dictionary, images, atoms):
+    def test_lambda_max_is_the_border(self, fit, dictionary, images, atoms):
         one = images.take([1])
         largest = nuclear_norm(normalise(one.landmarks).points @ atoms.swapaxes(1, 2)).max()
         for factor, count in ((1.01, 1), (0.99, 0)):
-            _, outcomes = fit(tmp_path, dictionary, one, **{"lambda": factor * largest})
-            told = [str(w) for outcome in outcomes for w in outcome.warnings]
+            _, outcomes = fit(dictionary, one, **{"lambda": factor * largest})
+            told = texts(outcomes)
             assert len(told) == count

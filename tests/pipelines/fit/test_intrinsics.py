@@ -13,6 +13,7 @@ from shapefit.geometry.pinhole import Camera
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import LandmarkSet, open_landmarks, read_shapes, write_dictionary
 from shapefit.pipelines.fit.camera import all_aside, find_camera
+from tests.pipelines.told import failures, warnings
 
 N = 4
 MATRIX = np.array([[800.0, 0, 320], [0, 810, 240], [0, 0, 1]])
@@ -150,15 +151,15 @@ def dictionary(tmp_path, made_cars):
 
 
 @pytest.fixture
-def fit(fit, failures, project, dictionary, tmp_path):
+def fit(fit, project, dictionary):
     """Return what fits the views through a camera: the result and the warnings."""
 
     def fitted(**camera):
         views = project / "sample_data" / "cars_views.h5"
         keys = {"method": "convex+refine", "lam": 1.0, "camera": camera}
-        found, outcomes = fit(tmp_path, dictionary, views, **keys)
+        found, outcomes = fit(dictionary, views, **keys)
         assert not failures(outcomes)
-        return found, [warning for outcome in outcomes for warning in outcome.warnings]
+        return found, warnings(outcomes)
 
     return fitted
 

@@ -24,6 +24,7 @@ from shapefit.io import (
 )
 from shapefit.pipelines.fit import chain as lifting_chain
 from shapefit.pipelines.learn_dict import run as learn_dict
+from tests.pipelines.told import done, warnings
 
 NAMES = tuple(f"point{j}" for j in range(10))
 MODELS = ("golf", "jetta", "passat", "polo", "up")
@@ -67,13 +68,9 @@ def run(fit, tmp_path, models, images):
 
     def run(dictionary=models, views=images, leave_out="true_model", **keys):
         write_dictionary(tmp_path / "dict.h5", dictionary)
-        return fit(tmp_path, tmp_path / "dict.h5", views, leave_out=leave_out, **keys)
+        return fit(tmp_path / "dict.h5", views, leave_out=leave_out, **keys)
 
     return run
-
-
-def warnings(outcomes):
-    return [warning for outcome in outcomes for warning in outcome.warnings]
 
 
 def check_same(one, other, rows=slice(None), other_rows=slice(None)):
@@ -166,7 +163,7 @@ def test_chunks_make_no_difference_but_to_starts(run, monkeypatch):
     monkeypatch.setattr("shapefit.pipelines.fit.plan.STRETCH", 1)
     parts, outcomes = run(method="mean-shape", chunk=2)
     assert len(outcomes) == 6
-    assert sum(outcome.done for outcome in outcomes) == 9
+    assert done(outcomes) == 9
     check_same(whole, parts)
 
 
@@ -323,8 +320,8 @@ def test_real_cars_are_fitted_as_by_a_dictionary_learned_without_them(fit, real_
         return config.output
 
     dictionary = learned(models, "all.h5")
-    whole, _ = fit(tmp_path, dictionary, cars, leave_out="true_model")
+    whole, _ = fit(dictionary, cars, leave_out="true_model")
     assert read_dictionary(dictionary).k == 34
-    expected, _ = fit(tmp_path, learned(models.take(others), "others.h5"), cars.take(shown))
+    expected, _ = fit(learned(models.take(others), "others.h5"), cars.take(shown))
     check_same(whole, expected, np.flatnonzero(shown))
     np.testing.assert_array_equal(whole.coefficients[shown][:, others], expected.coefficients)

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from shapefit.geometry.lens import complete, distort
-from shapefit.io import landmark_writer, open_landmarks, write_dictionary
+from shapefit.io import open_landmarks, write_dictionary
 from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.fit.camera import doubts, straightened
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import run as run_verify
+from tests.io.files import save
+from tests.pipelines.told import failures
 
 MATRIX = np.array([[800.0, 0, 640], [0, 820, 360], [0, 0, 1]])
 LENS = np.array([-0.25, 0.08, 0.002, -0.001, 0.0])
@@ -49,7 +51,7 @@ def fit(fit, tmp_path, made_cars):
 
     def fitted(images, **settings):
         write_dictionary(tmp_path / "cars.h5", made_cars)
-        result, outcomes = fit(tmp_path, tmp_path / "cars.h5", images, **settings)
+        result, outcomes = fit(tmp_path / "cars.h5", images, **settings)
         return result, [text for outcome in outcomes for text in outcome.warnings]
 
     return fitted
@@ -92,12 +94,11 @@ def test_verify_knows_what_was_removed(views, fit, tmp_path):
 
     def verify(name):
         request = Request(tmp_path / "result.h5", tmp_path / "cars.h5", (tmp_path / name,))
-        return [failure.item for outcome in run_verify(request) for failure in outcome.failures]
+        return list(failures(run_verify(request)))
 
     assert verify("views.h5") == []
     shifted = bent.landmarks + 1e-3 * (np.arange(4) == 2)[:, None, None]
-    with landmark_writer(tmp_path / "shifted.h5") as writer:
-        writer.append(replace(bent, landmarks=shifted))
+    save(tmp_path / "shifted.h5", replace(bent, landmarks=shifted))
     assert "c" in verify("shifted.h5")
 
 

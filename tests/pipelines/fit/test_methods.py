@@ -26,14 +26,12 @@ class TestFamily:
         few = images.take([0, 6])  # the ones that show this atom
         few.landmarks[np.arange(2), 0, np.arange(2)] += 30
         wrong = np.eye(2, 10, dtype=bool)
-        found, _ = fit(
-            tmp_path, one, few, outliers={"method": loss, "threshold": 0.2}, **{"lambda": 0.01}
-        )
+        found, _ = fit(one, few, outliers={"method": loss, "threshold": 0.2}, **{"lambda": 0.01})
         judged = found.extras["outliers"].astype(bool)
         assert judged[wrong].all()
         # its pull is bounded, not ended: another landmark may come to lie beyond
         assert (judged & ~wrong).sum() <= (1 if loss == "sparse-error" else 0)
-        plain, _ = fit(tmp_path, one, few)
+        plain, _ = fit(one, few)
         assert "outliers" not in plain.extras
         good = ~wrong
         robust, squared = (
@@ -42,25 +40,23 @@ class TestFamily:
         )
         assert robust < (0.5 if loss == "l1" else 3.0) < squared
 
-    def test_the_exact_loss_leaves_no_residual(self, fit, tmp_path, dictionary, images):
-        found, _ = fit(tmp_path, dictionary, images, loss="exact", solver={"tolerance": 1e-8})
+    def test_the_exact_loss_leaves_no_residual(self, fit, dictionary, images):
+        found, _ = fit(dictionary, images, loss="exact", solver={"tolerance": 1e-8})
         assert found.extras["residual"].max() < 1e-8
 
-    def test_lambda_follows_the_noise(self, fit, tmp_path, dictionary, images):
-        low, _ = fit(tmp_path, dictionary, images, **{"lambda": "auto", "noise": 0.5})
-        high, _ = fit(tmp_path, dictionary, images, **{"lambda": "auto", "noise": 1.0})
+    def test_lambda_follows_the_noise(self, fit, dictionary, images):
+        low, _ = fit(dictionary, images, **{"lambda": "auto", "noise": 0.5})
+        high, _ = fit(dictionary, images, **{"lambda": "auto", "noise": 1.0})
         np.testing.assert_allclose(high.extras["lambda"], 2 * low.extras["lambda"])
         np.testing.assert_allclose(
             low.extras["lambda"] * low.scale, low.extras["lambda"][0] * low.scale[0]
         )
 
-    def test_the_time_is_that_of_solving_all_chunks(
-        self, fit, tmp_path, dictionary, views, monkeypatch
-    ):
+    def test_the_time_is_that_of_solving_all_chunks(self, fit, dictionary, views, monkeypatch):
         """By a clock that ticks once whenever it is looked at."""
         clock = SimpleNamespace(perf_counter=itertools.count().__next__)
         monkeypatch.setattr("shapefit.pipelines.fit.run.time", clock)
-        found, _ = fit(tmp_path, dictionary, views, chunk=64)
+        found, _ = fit(dictionary, views, chunk=64)
         assert found.attributes["solve_seconds"] == 4
         assert found.attributes["images_per_second"] == pytest.approx(193 / 4)
 
@@ -112,7 +108,7 @@ def test_signed_coefficients_may_meet_bases(project, tmp_path):
     ids=["missing", "empty", "coincident", "underflow"],
 )
 def test_pmp_refuses_a_dictionary_whose_limbs_have_no_length(
-    fit, tmp_path, dictionary, images, edges, size, found
+    fit, dictionary, images, edges, size, found
 ):
     plain = read_dictionary(dictionary)
     mean = plain.mean_shape * size
@@ -120,7 +116,7 @@ def test_pmp_refuses_a_dictionary_whose_limbs_have_no_length(
     edges = None if edges is None else np.asarray(edges)
     write_dictionary(dictionary, replace(plain, mean_shape=mean, edges=edges))
     with pytest.raises(InputError) as error:
-        fit(tmp_path, dictionary, images, method="pmp")
+        fit(dictionary, images, method="pmp")
     assert str(error.value) == (
         f"{dictionary}: {found}: the limbs whose lengths pmp keeps; "
         "learn it with `method: pca-bases` from shapes with edges"

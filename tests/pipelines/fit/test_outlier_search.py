@@ -14,6 +14,7 @@ from shapefit.io import open_landmarks, write_dictionary
 from shapefit.pipelines.fit import outlier_search
 from shapefit.pipelines.fit.outlier_search import choose_search, find_seeds
 from shapefit.pipelines.imperfections import corrupt
+from tests.pipelines.told import failures
 
 METHODS = ("ransac", "truncated")
 
@@ -27,13 +28,13 @@ def views(project):
 
 
 @pytest.fixture
-def run(fit, tmp_path, made_cars, failures):
+def run(fit, tmp_path, made_cars):
     """Return the function that fits images of a record; it gives the result and the failures."""
 
     def run(images, **keys):
         write_dictionary(tmp_path / "dict.h5", made_cars)
         keys = {"method": "convex+refine"} | keys
-        found, outcomes = fit(tmp_path, tmp_path / "dict.h5", images, **keys)
+        found, outcomes = fit(tmp_path / "dict.h5", images, **keys)
         return found, failures(outcomes)
 
     return run

@@ -12,8 +12,9 @@ from shapefit.config.loader import load_config
 from shapefit.evaluation import metrics
 from shapefit.geometry.cameras import turntable
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import LandmarkSet, landmark_writer, read_results, read_shapes
+from shapefit.io import LandmarkSet, read_results, read_shapes
 from shapefit.pipelines.fit import run as fit
+from tests.io.files import save
 
 CONFIGS = Path(__file__).resolve().parents[3] / "configs" / "people"
 
@@ -29,8 +30,7 @@ def lift(people_of_86, tmp_path_factory):
         images = LandmarkSet(
             landmarks=landmarks, landmark_names=shapes.landmark_names, items=shapes.items
         )
-        with landmark_writer(folder / "landmarks.h5") as writer:
-            writer.append(images)
+        save(folder / "landmarks.h5", images)
         arguments = {
             "landmarks": [str(folder / "landmarks.h5")],
             "dictionary": str(people_of_86),

@@ -12,6 +12,7 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, write_dictionary
 from shapefit.pipelines import verify
+from tests.pipelines.told import failures
 
 
 @pytest.fixture
@@ -49,16 +50,16 @@ def test_a_prior_that_is_none_is_refused(with_prior, dataset, value, found):
         read_dictionary(with_prior)
 
 
-def test_a_dictionary_without_a_prior_names_the_command(fit, tmp_path, dictionary, images):
+def test_a_dictionary_without_a_prior_names_the_command(fit, dictionary, images):
     write_dictionary(dictionary, replace(read_dictionary(dictionary), prior=None))
     with pytest.raises(InputError, match=r"no `prior`.*learn-dict.*prior: \{components: 16\}"):
-        fit(tmp_path, dictionary, images, method="posterior")
+        fit(dictionary, images, method="posterior")
 
 
-def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, tmp_path, with_prior, images):
+def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, with_prior, images):
     keys = {"method": "posterior", "posterior": {"covariance": True}}
     keys |= {"camera": {"model": "weak-perspective"}}
-    found, _ = fit(tmp_path, with_prior, images, **keys)
+    found, _ = fit(with_prior, images, **keys)
     covariance = found.extras["shape_covariance"]
     assert covariance.shape == (8, 30, 30)
     variance = np.diagonal(covariance, axis1=1, axis2=2).reshape(8, 10, 3)
@@ -71,43 +72,41 @@ def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, tmp_path, wit
     assert ((found.extras["plausibility"] >= 0) & (found.extras["plausibility"] <= 1)).all()
     assert set(found.status) == {"converged"}
     larger = replace(images, landmarks=10 * images.landmarks)
-    grown, _ = fit(tmp_path, with_prior, larger, **keys)
+    grown, _ = fit(with_prior, larger, **keys)
     assert grown.shape_sd == pytest.approx(10 * found.shape_sd, rel=1e-4)
 
 
-def test_noise_widens_and_a_covariance_of_each_landmark_takes_its_place(
-    fit, tmp_path, with_prior, images
-):
+def test_noise_widens_and_a_covariance_of_each_landmark_takes_its_place(fit, with_prior, images):
     keys = {"method": "posterior", "camera": {"model": "weak-perspective"}}
-    plain, _ = fit(tmp_path, with_prior, images, **keys)
-    noisy, _ = fit(tmp_path, with_prior, images, noise=2.0, **keys)
+    plain, _ = fit(with_prior, images, **keys)
+    noisy, _ = fit(with_prior, images, noise=2.0, **keys)
     assert np.median(noisy.shape_sd[:, :2]) > np.median(plain.shape_sd[:, :2])
     each = np.tile(4.0 * np.eye(2), (8, 10, 1, 1))
     told = replace(images, extras={**images.extras, "landmark_covariance": each})
-    same, _ = fit(tmp_path, with_prior, told, **keys)
+    same, _ = fit(with_prior, told, **keys)
     assert same.shapes == pytest.approx(noisy.shapes)
     wrong = replace(images, extras={"landmark_covariance": -each})
-    fit(tmp_path, with_prior, wrong, method="convex")  # which does not use it
+    fit(with_prior, wrong, method="convex")  # which does not use it
     with pytest.raises(InputError, match="negative variance"):
-        fit(tmp_path, with_prior, wrong, method="posterior")
+        fit(with_prior, wrong, method="posterior")
 
 
 @pytest.mark.parametrize("method", ["posterior", "sequences"])
-def test_what_confidences_above_one_do_is_told(fit, tmp_path, with_prior, images, method):
+def test_what_confidences_above_one_do_is_told(fit, with_prior, images, method):
     known = read_dictionary(with_prior)
     write_dictionary(with_prior, replace(known, edges=np.array([[0, 1], [1, 2]])))
     sure = replace(images, confidence=np.full((8, 10), 3.0))
     given = {"least_score": None}
-    _, outcomes = fit(tmp_path, with_prior, sure, method=method, posterior=given)
+    _, outcomes = fit(with_prior, sure, method=method, posterior=given)
     told = {w for out in outcomes for w in map(str, out.warnings) if "confidences above 1" in w}
     (warning,) = told
     assert "more precise than the model otherwise believes" in warning
     assert "lambda" not in warning
 
 
-def test_implausible_images_are_reported_and_keep_their_status(fit, tmp_path, with_prior, images):
+def test_implausible_images_are_reported_and_keep_their_status(fit, with_prior, images):
     found, outcomes = fit(
-        tmp_path, with_prior, images, method="posterior", posterior={"implausible": 0.999999}
+        with_prior, images, method="posterior", posterior={"implausible": 0.999999}
     )
     (doubt,) = [doubt for out in outcomes for doubt in out.doubts]
     assert doubt.text == "implausible landmarks"
@@ -117,21 +116,18 @@ def test_implausible_images_are_reported_and_keep_their_status(fit, tmp_path, wi
     assert set(found.status) == {"converged"}
 
 
-def test_images_are_trusted_unless_something_speaks_against_it(fit, tmp_path, with_prior, images):
-    found, outcomes = fit(
-        tmp_path, with_prior, images, method="posterior",
+def test_images_are_trusted_unless_something_speaks_against_it(fit, with_prior, images):
+    found, outcomes = fit(with_prior, images, method="posterior",
         posterior={"implausible": 0, "widest": 100},
     )  # fmt: skip
     assert found.extras["trusted"].all()
     assert not any(out.doubts for out in outcomes)
 
 
-def test_images_without_enough_landmarks_fail_alone(fit, tmp_path, with_prior, images, failures):
+def test_images_without_enough_landmarks_fail_alone(fit, with_prior, images):
     landmarks = images.landmarks.copy()
     landmarks[2, :, 2:] = np.nan
-    found, outcomes = fit(
-        tmp_path, with_prior, replace(images, landmarks=landmarks), method="posterior"
-    )
+    found, outcomes = fit(with_prior, replace(images, landmarks=landmarks), method="posterior")
     assert list(failures(outcomes)) == ["image2"]
     assert np.isnan(found.shapes[2]).all()
     assert np.isnan(found.shape_sd[2]).all()
@@ -141,18 +137,18 @@ def test_images_without_enough_landmarks_fail_alone(fit, tmp_path, with_prior, i
 def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     """Images far from a long lens are those of weak perspective; a proof and a place come along."""
     keys = {"method": "posterior", "posterior": {"covariance": True}}
-    weak, _ = fit(tmp_path, with_prior, images, camera={"model": "weak-perspective"}, **keys)
+    weak, _ = fit(with_prior, images, camera={"model": "weak-perspective"}, **keys)
     camera = {"model": "perspective", "focal": 1e7, "principal_point": [100.0, 50.0]}
-    found, outcomes = fit(tmp_path, with_prior, images, camera=camera, **keys)
+    found, outcomes = fit(with_prior, images, camera=camera, **keys)
     assert found.shapes == pytest.approx(weak.shapes, abs=1e-3)
     assert found.shape_sd == pytest.approx(weak.shape_sd, rel=1e-3, abs=1e-4)
     assert found.landmarks_fitted == pytest.approx(weak.shapes[:, :2], abs=1e-3)
     assert found.extras["camera_translation"][:, 2] == pytest.approx(1e7 / found.scale, rel=1e-6)
     with h5py.File(tmp_path / "result.h5") as file:
         assert np.isfinite(file["dual"][:]).all()
-    assert not any(outcome.failures for outcome in outcomes)
+    assert not failures(outcomes)
     near = {"model": "perspective", "focal": 60.0, "principal_point": [80.0, 50.0]}
-    other, _ = fit(tmp_path, with_prior, images, camera=near, **keys)
+    other, _ = fit(with_prior, images, camera=near, **keys)
     assert np.abs(other.landmarks_fitted - other.shapes[:, :2]).max() > 0.1
     names = ("shape_covariance", "camera_translation", "focal", "principal_point")
     assert all(np.isfinite(other.extras[name]).all() for name in names)
@@ -160,10 +156,10 @@ def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
 
 def test_a_result_through_a_camera_passes_verification(fit, tmp_path, with_prior, images):
     camera = {"model": "perspective", "focal": 60.0, "principal_point": [80.0, 50.0]}
-    fit(tmp_path, with_prior, images, method="posterior", camera=camera)
+    fit(with_prior, images, method="posterior", camera=camera)
     request = verify.Request(tmp_path / "result.h5", with_prior, ())
     outcomes = list(verify.run(request))
-    assert not any(outcome.failures for outcome in outcomes)
+    assert not failures(outcomes)
     with h5py.File(tmp_path / "result.h5", "a") as file:
         file["camera_translation"][2, 2] *= 1.01
     outcomes = list(verify.run(request))

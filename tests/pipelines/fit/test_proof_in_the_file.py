@@ -33,7 +33,7 @@ def files(fit, tmp_path, rng):
     )
     dictionary = tmp_path / "dictionary.h5"
     write_dictionary(dictionary, Dictionary(atoms, NAMES, normalise(atoms.mean(0)).points))
-    fit(tmp_path, dictionary, images, lam=0.3, transforms=True)
+    fit(dictionary, images, lam=0.3, transforms=True)
     return tmp_path / "result.h5", atoms
 
 

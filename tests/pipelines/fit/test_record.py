@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from shapefit.config import FitConfig
-from shapefit.io import landmark_writer, open_landmarks, read_results, write_dictionary
+from shapefit.io import open_landmarks, read_results, write_dictionary
 from shapefit.io.extras import Extras
 from shapefit.pipelines.fit.record import OF_A_RESULT
 from shapefit.pipelines.fit.run import run
+from tests.io.files import save
+from tests.pipelines.told import warnings
 
 
 @pytest.fixture
@@ -23,8 +25,7 @@ def fit(project, made_cars, tmp_path):
 
     def fit(per_item=None, output="result.h5", **keys):
         cameras = {"camera_matrix": images.extras["camera_matrix"]}
-        with landmark_writer(tmp_path / "views.h5") as writer:
-            writer.append(replace(images, extras=Extras(per_item, cameras)))
+        save(tmp_path / "views.h5", replace(images, extras=Extras(per_item, cameras)))
         config = FitConfig(
             landmarks=[str(tmp_path / "views.h5")],
             dictionary=str(tmp_path / "dictionary.h5"),
@@ -32,7 +33,7 @@ def fit(project, made_cars, tmp_path):
             **keys,
         )
         outcomes = list(run(config))
-        told = [line for outcome in outcomes for line in outcome.warnings]
+        told = warnings(outcomes)
         return read_results(config.output), told
 
     return fit

@@ -35,7 +35,7 @@ class TestInputsThatAreRefused:
         old = tmp_path / "result.h5"
         old.write_text("old")
         with pytest.raises(InputError, match=message):
-            fit(tmp_path, dictionary, text)
+            fit(dictionary, text)
         assert old.read_text() == "old"
         assert sorted(p.name for p in tmp_path.iterdir()) == [
             "dictionary.h5",
@@ -46,7 +46,7 @@ class TestInputsThatAreRefused:
     def test_a_dictionary_that_is_none(self, fit, tmp_path, images, write):
         other = write(tmp_path / "other.h5", images)
         with pytest.raises(InputError, match="shapefit-dictionary"):
-            fit(tmp_path, other, images)
+            fit(other, images)
 
     def test_an_output_folder_that_cannot_be_made(self, tmp_path, dictionary, images, write):
         config = FitConfig(
@@ -87,7 +87,7 @@ def warnings(fit, tmp_path, rng):
             landmark_names=NAMES,
             items=tuple(map(str, range(n))),
         )
-        _, outcomes = fit(tmp_path, tmp_path / "d.h5", images)
+        _, outcomes = fit(tmp_path / "d.h5", images)
         return [warning for outcome in outcomes for warning in outcome.warnings]
 
     return told

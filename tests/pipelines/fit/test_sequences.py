@@ -15,7 +15,6 @@ from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import (
     LandmarkSet,
-    landmark_writer,
     open_landmarks,
     read_dictionary,
     read_results,
@@ -27,6 +26,7 @@ from shapefit.pipelines import verify
 from shapefit.pipelines.evaluate import run as evaluating
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learning
+from tests.io.files import save
 
 
 @pytest.fixture(scope="module")
@@ -61,8 +61,7 @@ def images_of(path):
 
 
 def written(path, images):
-    with landmark_writer(path) as writer:
-        writer.append(images)
+    save(path, images)
     return path
 
 

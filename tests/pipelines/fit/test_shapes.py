@@ -12,6 +12,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.lifting.methods import METHODS
+from tests.pipelines.told import done, failures
 
 PRIORLESS = [name for name, m in METHODS.items() if "prior" not in {n.name for n in m.needs}]
 """Methods that the plain dictionary of these tests serves; the others have tests of their own."""
@@ -28,9 +29,9 @@ def scaled(images, factor):
 
 class TestShapes:
     def test_an_exact_image_gives_its_shape_rotation_and_place(
-        self, fit, tmp_path, dictionary, images, atoms, rotations, failures
+        self, fit, dictionary, images, atoms, rotations
     ):
-        found, outcomes = fit(tmp_path, dictionary, images, **{"lambda": 1e-4})
+        found, outcomes = fit(dictionary, images, **{"lambda": 1e-4})
         assert failures(outcomes) == {}
         truth = 20 * rotations @ atoms[np.arange(8) % 6]
         truth[:, :2] += np.array([100.0, 50.0])[:, None]
@@ -42,17 +43,17 @@ class TestShapes:
         assert (found.unit, found.y_axis) == ("px", "down")
 
     def test_hidden_landmarks_are_filled_in_without_bias(
-        self, fit, tmp_path, dictionary, images, atoms, rotations
+        self, fit, dictionary, images, atoms, rotations
     ):
         seen = images.landmarks.copy()
         images.landmarks[np.arange(8), :, np.arange(8)] = np.nan
         images.landmarks[np.arange(8), :, np.arange(8) - 1] = np.nan
-        found, _ = fit(tmp_path, dictionary, images, **{"lambda": 1e-5})
+        found, _ = fit(dictionary, images, **{"lambda": 1e-5})
         np.testing.assert_allclose(found.landmarks_fitted, seen, atol=0.02)
         depth = 20 * (rotations @ atoms[np.arange(8) % 6])[:, 2]
         np.testing.assert_allclose(found.shapes[:, 2], depth, atol=0.1)
 
-    def test_a_landmark_counts_by_its_confidence(self, fit, tmp_path, dictionary, images):
+    def test_a_landmark_counts_by_its_confidence(self, fit, dictionary, images):
         """The wrong landmark 3 is followed where it is sure, and hardly where it is not."""
         images.landmarks[:, :, 3] += 6.0
         confidence, left = np.ones((8, 10)), []
@@ -62,15 +63,13 @@ class TestShapes:
                 landmarks=images.landmarks, confidence=confidence, landmark_names=NAMES,
                 items=images.items,
             )  # fmt: skip
-            found, _ = fit(tmp_path, dictionary, views)
+            found, _ = fit(dictionary, views)
             residual = (found.landmarks_fitted - images.landmarks)[:, :, 3]
             left.append(np.linalg.norm(residual, axis=1))
         assert (left[0] > 1.5 * left[1]).all()
         assert (left[1] > 1.5 * left[2]).all()
 
-    def test_what_lies_under_a_confidence_of_zero_is_irrelevant(
-        self, fit, tmp_path, dictionary, images
-    ):
+    def test_what_lies_under_a_confidence_of_zero_is_irrelevant(self, fit, dictionary, images):
         confidence = np.ones((8, 10))
         confidence[:, 3] = 0
         first = LandmarkSet(
@@ -82,14 +81,14 @@ class TestShapes:
         second = LandmarkSet(
             landmarks=garbage, confidence=confidence, landmark_names=NAMES, items=images.items
         )
-        a, _ = fit(tmp_path, dictionary, first)
-        b, _ = fit(tmp_path, dictionary, second)
+        a, _ = fit(dictionary, first)
+        b, _ = fit(dictionary, second)
         np.testing.assert_array_equal(a.shapes, b.shapes)
         seen = np.where(confidence[:, :, None] > 0, images.landmarks.swapaxes(1, 2), np.nan)
         np.testing.assert_array_equal(a.extras["landmarks"], seen)
         np.testing.assert_array_equal(b.extras["landmarks"], seen)
 
-    def test_permuted_landmarks_simply_work(self, fit, tmp_path, dictionary, images):
+    def test_permuted_landmarks_simply_work(self, fit, dictionary, images):
         order = [3, 1, 4, 0, 5, 9, 2, 6, 8, 7]
         permuted = LandmarkSet(
             landmarks=images.landmarks[:, :, order],
@@ -97,24 +96,24 @@ class TestShapes:
             items=images.items,
             extras={"corrupted": np.eye(8, 10, dtype=bool)[:, order]},
         )
-        a, _ = fit(tmp_path, dictionary, images)
-        b, _ = fit(tmp_path, dictionary, permuted)
+        a, _ = fit(dictionary, images)
+        b, _ = fit(dictionary, permuted)
         np.testing.assert_array_equal(a.shapes, b.shapes)
         np.testing.assert_array_equal(b.extras["corrupted"].astype(bool), np.eye(8, 10))
         assert b.landmark_names == NAMES
 
     @pytest.mark.parametrize("factor", [2.0**-30, 2.0**53])
-    def test_powers_of_two_scale_to_the_last_bit(self, fit, tmp_path, dictionary, images, factor):
-        a, _ = fit(tmp_path, dictionary, images)
-        b, _ = fit(tmp_path, dictionary, scaled(images, factor))
+    def test_powers_of_two_scale_to_the_last_bit(self, fit, dictionary, images, factor):
+        a, _ = fit(dictionary, images)
+        b, _ = fit(dictionary, scaled(images, factor))
         np.testing.assert_array_equal(b.shapes, a.shapes * factor)
         np.testing.assert_array_equal(b.coefficients, a.coefficients)
 
     @pytest.mark.parametrize("factor", [1e-9, 9.46e15])
-    def test_units_from_nanometres_to_light_years(self, fit, tmp_path, dictionary, images, factor):
+    def test_units_from_nanometres_to_light_years(self, fit, dictionary, images, factor):
         keys = {"solver": {"tolerance": 1e-11}}
-        a, _ = fit(tmp_path, dictionary, images, **keys)
-        b, _ = fit(tmp_path, dictionary, scaled(images, factor), **keys)
+        a, _ = fit(dictionary, images, **keys)
+        b, _ = fit(dictionary, scaled(images, factor), **keys)
         np.testing.assert_allclose(b.shapes / factor, a.shapes, rtol=1e-5, atol=1e-3)
         np.testing.assert_allclose(b.objective, a.objective, rtol=1e-10)
 
@@ -129,12 +128,12 @@ class TestShapes:
         ],
         ids=str,
     )
-    def test_chunks_and_threads_do_not_change_a_bit(self, fit, tmp_path, dictionary, views, keys):
-        base, outcomes = fit(tmp_path, dictionary, views, threads=1, **keys)
+    def test_chunks_and_threads_do_not_change_a_bit(self, fit, dictionary, views, keys):
+        base, outcomes = fit(dictionary, views, threads=1, **keys)
         assert [outcome.done for outcome in outcomes] == [193, 0]
         for others in ({"threads": 2}, {"chunk": 1}, {"chunk": 100}, {"chunk": 192, "threads": 2}):
-            again, outcomes = fit(tmp_path, dictionary, views, **others, **keys)
-            assert sum(outcome.done for outcome in outcomes) == 193
+            again, outcomes = fit(dictionary, views, **others, **keys)
+            assert done(outcomes) == 193
             assert len(outcomes) > 2 or "chunk" not in others
             for name in ("shapes", "landmarks_fitted", "coefficients", "rotation", "objective"):
                 found = getattr(again, name)
@@ -144,8 +143,8 @@ class TestShapes:
             for name in again.extras:
                 np.testing.assert_array_equal(again.extras[name], base.extras[name], name)
 
-    def test_further_datasets_and_provenance_are_carried(self, fit, tmp_path, dictionary, images):
-        found, _ = fit(tmp_path, dictionary, images, transforms=True)
+    def test_further_datasets_and_provenance_are_carried(self, fit, dictionary, images):
+        found, _ = fit(dictionary, images, transforms=True)
         np.testing.assert_array_equal(found.extras["true_rotation"], images.extras["true_rotation"])
         np.testing.assert_array_equal(found.extras["camera_matrix"], np.eye(3))
         assert found.sequences == images.sequences
@@ -155,22 +154,18 @@ class TestShapes:
         assert inputs == {"views.h5", "dictionary.h5"}
 
     @pytest.mark.parametrize("method", PRIORLESS)
-    def test_zero_images_give_zero_results(
-        self, fit, tmp_path, dictionary, atoms, method, failures
-    ):
+    def test_zero_images_give_zero_results(self, fit, dictionary, atoms, method):
         edges = np.array([[0, 1], [1, 2]])
         prior = read_dictionary(dictionary).prior
         write_dictionary(dictionary, Dictionary(atoms, NAMES, atoms[0], edges=edges, prior=prior))
         empty = LandmarkSet(landmarks=np.empty((0, 2, 10)), landmark_names=NAMES, items=())
-        found, outcomes = fit(tmp_path, dictionary, empty, method=method)
+        found, outcomes = fit(dictionary, empty, method=method)
         assert found.shapes.shape == (0, 3, 10)
         assert failures(outcomes) == {}
 
     @pytest.mark.parametrize("method", ["convex+refine", "alternate", "mean-shape"])
-    def test_every_method_gives_shapes_on_the_landmarks(
-        self, fit, tmp_path, dictionary, images, method, failures
-    ):
-        found, outcomes = fit(tmp_path, dictionary, images, method=method)
+    def test_every_method_gives_shapes_on_the_landmarks(self, fit, dictionary, images, method):
+        found, outcomes = fit(dictionary, images, method=method)
         assert failures(outcomes) == {}
         assert np.isfinite(found.shapes).all()
         assert found.attributes["method"] == method

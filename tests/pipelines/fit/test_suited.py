@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from shapefit.config import load_config
-from shapefit.io import landmark_writer, read_dictionary, write_dictionary
+from shapefit.io import read_dictionary, write_dictionary
 from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.fit.suited import ENOUGH, find_suited
+from tests.io.files import save
 
 NAMES = tuple("abcd")
 
@@ -27,8 +28,7 @@ def suited(tmp_path):
             items=tuple(map(str, range(n))),
             sequences=sequences,
         )
-        with landmark_writer(tmp_path / "images.h5") as writer:
-            writer.append(images)
+        save(tmp_path / "images.h5", images)
         files = {"landmarks": (str(tmp_path / "images.h5"),), "dictionary": str(dictionary)}
         files["output"] = str(tmp_path / "result.h5")
         return find_suited(load_config("fit", None, overrides, files))

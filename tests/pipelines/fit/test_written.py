@@ -11,10 +11,12 @@ from shapefit.config import load_config
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import landmark_writer, read_dictionary, read_results, write_dictionary
+from shapefit.io import read_dictionary, read_results, write_dictionary
 from shapefit.io.skeletons import PEOPLE
 from shapefit.pipelines.convert import run as convert
 from shapefit.pipelines.fit.run import run as fit
+from tests.io.files import save
+from tests.pipelines.told import texts
 
 EDGES = np.array([[0, 1], [1, 2], [2, 3]])
 
@@ -23,8 +25,7 @@ EDGES = np.array([[0, 1], [1, 2], [2, 3]])
 def films(tmp_path, images):
     """Write the images, two sequences of four, at 10 Hz."""
     path = tmp_path / "views.h5"
-    with landmark_writer(path) as writer:
-        writer.append(replace(images, frame_rate=10.0))
+    save(path, replace(images, frame_rate=10.0))
     return path
 
 
@@ -85,7 +86,7 @@ def test_an_unknown_frame_rate_is_one_warning(project, tmp_path):
     overrides = ("keypoints=body_25", "method=sequences")
     given = {"landmarks": [project / "sample_data/openpose"], "dictionary": "people"}
     config = load_config("fit", None, overrides, {"output": tmp_path / "walk.trc", **given})
-    said = [str(text) for outcome in fit(config) for text in outcome.warnings]
+    said = texts(fit(config))
     (warning,) = [text for text in said if "frame rate" in text]
     assert "of the training shapes, and times are numbers of frames; set" in warning
 

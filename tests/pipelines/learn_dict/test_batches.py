@@ -18,6 +18,7 @@ from shapefit.io import columns, open_shapes, read_dictionary, read_shapes, writ
 from shapefit.io import memory as free_memory
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict.batches import find_training_batches
+from tests.pipelines.told import failures, texts
 
 MIRROR = {f"r{name}": f"l{name}" for name in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")}
 
@@ -48,14 +49,6 @@ def learned(tmp_path):
         return outcomes, read_dictionary(output)
 
     return run
-
-
-def texts(outcomes):
-    return [str(warning) for outcome in outcomes for warning in outcome.warnings]
-
-
-def failures(outcomes):
-    return {f.item: f.reason for outcome in outcomes for f in outcome.failures}
 
 
 def same_bits(one, other):

@@ -15,6 +15,7 @@ from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import ShapeSet, read_dictionary, read_shapes, write_shapes
 from shapefit.pipelines.learn_dict import run as learn_dict
+from tests.pipelines.told import warnings
 
 FACES = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
 
@@ -50,10 +51,6 @@ def make(tmp_path, models):
         return read_dictionary(config.output), outcomes
 
     return run
-
-
-def warnings(outcomes):
-    return [warning for outcome in outcomes for warning in outcome.warnings]
 
 
 def metric(dictionary, points):

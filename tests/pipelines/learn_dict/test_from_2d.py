@@ -13,13 +13,13 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.io import (
     LandmarkSet,
     ShapeSet,
-    landmark_writer,
     read_dictionary,
     read_results,
     write_shapes,
 )
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
+from tests.io.files import save
 
 N, P = 60, 10
 
@@ -44,8 +44,7 @@ def learn(tmp_path):
             landmark_names=tuple(f"p{j}" for j in range(landmarks.shape[2])),
             items=tuple(f"image{i}" for i in range(len(landmarks))),
         )
-        with landmark_writer(tmp_path / "images.h5") as writer:
-            writer.append(replace(images, **(further or {})))
+        save(tmp_path / "images.h5", replace(images, **(further or {})))
         given = {"shapes": tmp_path / "images.h5", "output": tmp_path / "dict.h5", "k": 5}
         return list(learn_dict.run(LearnDictConfig(**given | changes)))
 

@@ -10,11 +10,12 @@ from shapefit.errors import InputError
 from shapefit.io import read_dictionary, read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.learn_dict.run import run
+from tests.pipelines.told import texts
 
 
 def learn(path, output, **settings):
     config = LearnDictConfig.model_validate({"shapes": [path], "output": output, **settings})
-    warnings = [str(text) for outcome in run(config) for text in outcome.warnings]
+    warnings = texts(run(config))
     return read_dictionary(output), warnings
 
 

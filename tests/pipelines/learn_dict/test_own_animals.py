@@ -10,9 +10,10 @@ import pytest
 
 from shapefit.config import FitConfig, LearnDictConfig
 from shapefit.evaluation.metrics import similarity, truth_scale
-from shapefit.io import landmark_writer, open_landmarks, read_results, read_shapes
+from shapefit.io import open_landmarks, read_results, read_shapes
 from shapefit.pipelines.fit.run import run as run_fit
 from shapefit.pipelines.learn_dict.run import run as run_learn_dict
+from tests.io.files import save
 
 pytestmark = pytest.mark.real_data
 
@@ -66,8 +67,7 @@ def test_half_of_a_recording_lifts_the_rest(tmp_path, real_data, name, truth, wr
     for _ in run_learn_dict(learn):
         pass
     last = np.arange(n - round(0.4 * n), n)
-    with landmark_writer(tmp_path / "landmarks.h5") as writer:
-        writer.append(images.take(last))
+    save(tmp_path / "landmarks.h5", images.take(last))
     fit = FitConfig.model_validate(
         {
             "landmarks": [tmp_path / "landmarks.h5"],

@@ -24,6 +24,7 @@ from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict import training_shapes
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 from shapefit.pipelines.outcome import Note
+from tests.pipelines.told import failures, warnings
 
 NAMES = ("hip", "neck", "head", "left hand", "right hand")
 EDGES = np.array([[0, 1], [1, 2], [1, 3], [1, 4]])
@@ -64,14 +65,6 @@ def config(tmp_path, shapes):
 def learned(config):
     outcomes = list(learn_dict.run(config))
     return outcomes, read_dictionary(config.output)
-
-
-def failures(outcomes):
-    return {f.item: f.reason for outcome in outcomes for f in outcome.failures}
-
-
-def warnings(outcomes):
-    return [warning for outcome in outcomes for warning in outcome.warnings]
 
 
 class TestDictionary:

@@ -19,6 +19,7 @@ from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts.run import run
 from shapefit.stores import lock
+from tests.pipelines.told import done
 
 NAMES = tuple("abcdefgh")
 DATASETS = ("item", "shapes", "dual", "coefficients", "objective")
@@ -50,10 +51,6 @@ def fit(store, output: str = "", *overrides: str):
     }
     config = load_config("fit", None, ("partition=100", *overrides), arguments)
     return list((run if isinstance(config.output, ResultFolder) else fit_whole)(config))
-
-
-def done(outcomes) -> int:
-    return sum(outcome.done for outcome in outcomes)
 
 
 def failures(outcomes) -> list:

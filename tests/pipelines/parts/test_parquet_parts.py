@@ -22,6 +22,8 @@ from shapefit.pipelines.parts.plan import plan_parts
 from shapefit.pipelines.parts.run import run
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import run as verify
+from tests.io.files import save
+from tests.pipelines.told import done, failures, texts
 
 NAMES = tuple("abcdefgh")
 
@@ -43,8 +45,7 @@ def folder(tmp_path, rng, monkeypatch) -> Path:
         sequences=tuple(f"clip {n // 60}" for n in range(500)),
     )
     for suffix in ("h5", "parquet"):
-        with landmark_writer(Path(f"images.{suffix}")) as writer:
-            writer.append(images)
+        save(Path(f"images.{suffix}"), images)
     return tmp_path
 
 
@@ -56,7 +57,7 @@ def config(landmarks: str, output: str, *overrides: str):
 def fit(landmarks: str, output: str, *overrides: str) -> int:
     """Run fit; return how many images it lifted."""
     pipeline = run if output.endswith("/") else fit_whole
-    return sum(outcome.done for outcome in pipeline(config(landmarks, output, *overrides)))
+    return done(pipeline(config(landmarks, output, *overrides)))
 
 
 def rows(landmarks: str, *overrides: str) -> list[tuple[int, int] | None]:
@@ -135,14 +136,14 @@ def test_items_in_two_parts_are_found(folder):
         writer.append(LandmarkSet(landmarks=points, landmark_names=NAMES, items=("i7",)))
     arguments = {"landmarks": ("images.parquet", "more.parquet"), "dictionary": "dict.h5"}
     loaded = load_config("fit", None, ("part_format=parquet",), {**arguments, "output": "out/"})
-    warnings = [str(each) for outcome in run(loaded) for each in outcome.warnings]
+    warnings = texts(run(loaded))
     assert any("'i7' in part-00000.parquet and part-00001.parquet" in text for text in warnings)
 
 
 def test_proofs_in_parquet_are_verified(folder):
     fit("images.parquet", "out/", "partition=100", "part_format=parquet", "proof=true")
     outcomes = list(verify(Request(Path("out").resolve(), Path("dict.h5"))))
-    assert sum(outcome.done for outcome in outcomes) == 500
+    assert done(outcomes) == 500
     assert not [failure for outcome in outcomes for failure in outcome.failures]
     path = Path("out/part-00001.parquet")
     table = pq.read_table(path).replace_schema_metadata(pq.read_metadata(path).metadata)
@@ -152,7 +153,7 @@ def test_proofs_in_parquet_are_verified(folder):
     column = table.schema.get_field_index("dual")
     pq.write_table(table.set_column(column, table.schema.field(column), lists), path)
     outcomes = list(verify(Request(path.resolve(), Path("dict.h5"))))
-    assert [failure.item for outcome in outcomes for failure in outcome.failures] == ["i192"]
+    assert list(failures(outcomes)) == ["i192"]
 
 
 def test_eval_says_the_same_of_both_formats(folder, rng):

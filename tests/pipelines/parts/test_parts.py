@@ -15,13 +15,15 @@ from shapefit.config import dump_config, load_config
 from shapefit.config.paths import ResultFolder
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
-from shapefit.io import landmark_writer, write_dictionary, write_shapes
+from shapefit.io import write_dictionary, write_shapes
 from shapefit.io.hdf5 import trial
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts import part
 from shapefit.pipelines.parts import run as parts
 from shapefit.pipelines.parts.run import run
+from tests.io.files import save
+from tests.pipelines.told import done
 
 NAMES = tuple("abcdefgh")
 
@@ -42,8 +44,7 @@ def folder(tmp_path, rng, monkeypatch) -> Path:
 def write(name: str, points: np.ndarray, first: int) -> None:
     """Write images that are numbered from the first."""
     items = tuple(f"i{n}" for n in range(first, first + len(points)))
-    with landmark_writer(Path(name)) as writer:
-        writer.append(LandmarkSet(landmarks=points, landmark_names=NAMES, items=items))
+    save(Path(name), LandmarkSet(landmarks=points, landmark_names=NAMES, items=items))
 
 
 def fit(output: str, *overrides: str):
@@ -51,10 +52,6 @@ def fit(output: str, *overrides: str):
     arguments = {"landmarks": ("one.h5", "two.h5"), "dictionary": "dict.h5", "output": output}
     pipeline = run if output.endswith("/") else fit_whole
     return list(pipeline(load_config("fit", None, overrides, arguments)))
-
-
-def done(outcomes) -> int:
-    return sum(outcome.done for outcome in outcomes)
 
 
 def manifest() -> dict:

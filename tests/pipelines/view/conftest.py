@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from shapefit.config import ViewConfig
-from shapefit.io import LandmarkSet, ResultSet, ShapeSet, landmark_writer, result_writer
+from shapefit.io import LandmarkSet, ResultSet, ShapeSet, result_writer
 from shapefit.pipelines.view.run import run
+from tests.io.files import save
 
 NAMES = ("a", "b", "c", "d", "e")
 
@@ -48,8 +49,7 @@ def desk(tmp_path, rng):
 
     def landmarks(name="landmarks.h5", n=6, **fields):
         settings = {"landmark_names": NAMES, "items": tuple(f"i{i}" for i in range(n)), **fields}
-        with landmark_writer(tmp_path / name) as writer:
-            writer.append(LandmarkSet(landmarks=shapes(n)[:, :2], **settings))
+        save(tmp_path / name, LandmarkSet(landmarks=shapes(n)[:, :2], **settings))
         return tmp_path / name
 
     def view(*files, **settings):
