@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from shapefit.geometry.rotations import turn_about_axis
 from shapefit.io import read_shapes
 from shapefit.io.skeletons import PEOPLE
+from shapefit.io.written.morphs import quaternions
 from tests.io.files import save
 from tests.io.written.test_bvh import MILLIMETRE, NAMES
 
@@ -81,6 +83,12 @@ def test_between_frames_rotations_take_the_short_way(tmp_path, throw):
         if channel["target"]["path"] == "rotation":
             q = file.array(animation["samplers"][channel["sampler"]]["output"])
             assert (q[1:] * q[:-1]).sum(axis=1).min() > 0.9
+
+
+def test_a_body_that_turns_twice_has_no_jump():
+    q = quaternions(turn_about_axis(1, np.linspace(0, 4 * np.pi, 101)))
+    assert (q[1:] * q[:-1]).sum(axis=1).min() > 0.99
+    np.testing.assert_allclose(q[50], -q[0], atol=1e-9)  # as one turn has it
 
 
 def test_the_skin_follows_its_bones(tmp_path, throw):
