@@ -154,3 +154,11 @@ test("long names lose their middle", () => {
   assert.equal(list.shortened("recording_of_monday/person 1/000123", 20), "recordi…son 1/000123");
   assert.equal(list.shortened("short", 20), "short");
 });
+
+test("individuals of one moment are found from each other's frames", () => {
+  const moments = { type: "u4", shape: [5], data: base64(Uint32Array.of(0, 1, 2, 2, 1)) };
+  const sequences = [{ name: "v/a", start: 0 }, { name: "v/b", start: 3 }, { name: "w", start: 5 }];
+  const open = scene.open({ items: ["a0", "a1", "a2", "b2", "b1", "w"], sequences, moments, meshes: [], layers: [], landmarks: [] });
+  assert.deepEqual([0, 1, 2, 3].map(open.together), [[], [1, 4], [2, 3], [2, 3]]);
+  assert.deepEqual([0, 1, 2].map(open.group), [[0, 1], [0, 1], []]);
+});

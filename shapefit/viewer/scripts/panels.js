@@ -76,8 +76,10 @@ const panels = (() => {
     const frames = framesOf(data, view);
     const many = frames.length > 1;
     const shown = data.layers.filter((layer) => view.shown.has(layer));
+    const guide = data.layers.find((layer) => layer.hasCamera); // others were laid onto its shapes
+    const inSpace = (layer, frame) => (layer.hasCamera ? layer : guide ?? layer).inSpace(frame, layer.points(frame));
     const bodies = shown.flatMap((layer) => frames.map((frame) => ({
-      layer, frame, points: many ? layer.inSpace(frame) : layer.points(frame), mesh: view.mesh && !many ? layer.mesh(frame) : null,
+      layer, frame, points: many ? inSpace(layer, frame) : layer.points(frame), mesh: view.mesh && !many ? layer.mesh(frame) : null,
       colour: look.layer(colourOf(data, layer, frame)),
     })));
     const known = ({ points }) => points.some(Number.isFinite);
@@ -102,10 +104,10 @@ const panels = (() => {
       [across, tall] = geometry.halves(room, view.pitch);
       up = ((room.low + room.high) / 2) * Math.cos((view.pitch * Math.PI) / 180);
     } else {
-      const box = geometry.reach(geometry.turn(gathered.filled, rotation, gathered.centre));
-      const turned = geometry.turn(gathered.filled, rotation, gathered.centre);
-      for (let i = 0; i < turned.length; i += 3) if (Number.isFinite(turned[i])) across = Math.max(across, Math.abs(turned[i]));
-      [tall, up] = [(box.high - box.low) / 2, (box.high + box.low) / 2];
+      const seen = geometry.turn(gathered.filled, rotation, gathered.centre).filter((_, i) => i % 3 < 2);
+      const box = geometry.box(seen);
+      across = Math.abs(box.middle[0]) + box.halves[0];
+      [tall, up] = [box.halves[1], box.middle[1]];
     }
     const least = 1e-9 * gathered.radius;
     return { zoom: 2 * FILL * Math.min(width / 2 / Math.max(across, least), height / 2 / Math.max(tall, least)), up };

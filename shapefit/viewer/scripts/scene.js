@@ -87,9 +87,8 @@ const scene = (() => {
       }
       return values.filter((_, i) => i % 3 < 2);
     }
-    /** Where the points are among those of others: x and y as in the image, or where the camera has them. */
-    function inSpace(frame) {
-      const values = points(frame);
+    /** Where the camera has points of this layer, or as they are: in one space with other individuals. */
+    function inSpace(frame, values) {
       if (!camera) return values;
       const [placed, at] = [pose(frame), camera(frame)];
       return values.map((value, i) => (value - placed[10 + (i % 3)]) / placed[9] + at[i % 3]);
@@ -99,6 +98,7 @@ const scene = (() => {
       role: layer.role,
       points,
       inSpace,
+      hasCamera: Boolean(camera),
       unit: (frame) => (camera ? pose(frame)[9] : 1),
       pose,
       mesh,

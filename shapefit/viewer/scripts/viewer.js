@@ -311,7 +311,7 @@
   /** A tick for each individual of the scene, in its colour; the one whose frames are shown stays. */
   function fillIndividuals() {
     const group = data.group(data.sequenceOf(view.frame));
-    const ticks = group.length < 2 || data.layers.length > 1 ? [] : group.map((index) => {
+    const ticks = group.length < 2 || data.layers.filter(({ role }) => role !== "truth").length > 1 ? [] : group.map((index) => {
       const [patch, name] = [document.createElement("i"), document.createElement("bdi")];
       patch.style.background = `var(--${panels.colourOf(data, data.layers[0], data.sequences[index].start)})`;
       name.textContent = data.sequences[index].name.split("/").pop();
