@@ -1,14 +1,15 @@
 """Classes learned from 2D landmarks alone, against published figures and goals, in one table.
 
 `python -m benchmarks.from_2d --data FOLDER [CASE ...]` learns, fits with the defaults of both
-commands, judges by the truth, and writes results/from_2d/index.md. e3D is the mean of
-||X - X^|| / ||X|| over the frames, centroids removed; `similarity` the normalised error of `eval`.
+commands, judges by the truth, and writes results/from_2d/index.md, where cases that were not called keep their
+rows. e3D is the mean of ||X - X^|| / ||X|| over the frames, centroids removed; `similarity` the normalised error of `eval`.
 One sign of depth is chosen per class. Seconds are those of the processor, one thread.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import resource
 import subprocess
@@ -28,6 +29,7 @@ from shapefit.io.records import concatenate
 
 Floats = NDArray[np.float64]
 FOLDER = Path("results/from_2d")
+ROW = "row.json"
 FRAMES = 150
 MISSING, NOISE = 0.1, 0.02
 LEFT_OUT = ("KneeL", "ArmR", "ElbowR")
@@ -233,11 +235,13 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("cases", nargs="*", help="names of cases; all by default")
     given = parser.parse_args()
-    rows = []
     for case in CASES:
         if not given.cases or case.name in given.cases:
-            rows.append(measure(case, given.data))
-            print(" | ".join(rows[-1]), flush=True)
+            row = measure(case, given.data)
+            (FOLDER / case.name / ROW).write_text(json.dumps(row), encoding="utf-8")
+            print(" | ".join(row), flush=True)
+    measured = [FOLDER / case.name / ROW for case in CASES]
+    rows = [json.loads(path.read_text(encoding="utf-8")) for path in measured if path.exists()]
     header = ("case", "published", "goal", "error", "", "seconds")
     (FOLDER / "index.md").write_text(markdown_table(header, rows) + "\n", encoding="utf-8")
 

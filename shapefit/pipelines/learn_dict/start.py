@@ -25,6 +25,9 @@ from shapefit.pipelines.outcome import Outcome
 PARTS = 5
 """Parts of the images, whole sequences where there are some, of which one judges."""
 
+LEAST_GAIN = 0.01
+"""Log density of a hidden landmark that the adapted prior must bring, beyond its standard error."""
+
 BELIEVED = 0.5
 """Chance that a landmark is not gross, as the start has it, below which it is hidden."""
 
@@ -77,13 +80,13 @@ def adapt_to_landmarks(
     before, after = predict_hidden(judged, seen_start), predict_hidden(judged, joints.see(trial))
     gain = after.log_density - before.log_density
     gain = gain[np.isfinite(gain)]
-    least = gain.std() / np.sqrt(len(gain)) if len(gain) else np.nan
+    deviation = gain.std() / np.sqrt(len(gain)) if len(gain) else np.nan
     said = (
         f"hidden landmarks of {counted(len(judged), 'image')} left out predicted to "
         f"{after.error:.4f} of the size of an image, {before.error:.4f} by the start, log density "
-        f"{gain.mean():+.3f} +- {least:.3f}"
+        f"{gain.mean():+.3f} +- {deviation:.3f}"
     )
-    if not gain.mean() > least:
+    if not gain.mean() > deviation + LEAST_GAIN:
         fix = "take the start as it is, or give more images"
         raise input_error(place, f"the start is as good without them: {said}", fix)
     whole = yield from adapted(np.ones(len(some), bool))
