@@ -1,9 +1,10 @@
 """Classes learned from 2D landmarks alone, against published figures and goals, in one table.
 
 `python -m benchmarks.from_2d --data FOLDER [CASE ...]` learns, fits with the defaults of both
-commands, judges by the truth, and writes results/from_2d/index.md, where cases that were not called keep their
-rows. e3D is the mean of ||X - X^|| / ||X|| over the frames, centroids removed; `similarity` the normalised error of `eval`.
-One sign of depth is chosen per class. Seconds are those of the processor, one thread.
+commands, judges by the truth, and writes results/from_2d/index.md, where other cases keep
+their rows. e3D is the mean of ||X - X^|| / ||X|| over the frames, centroids removed;
+`similarity` the normalised error of `eval`. One sign of depth is chosen per class. Seconds are
+those of the processor, one thread.
 """
 
 from __future__ import annotations

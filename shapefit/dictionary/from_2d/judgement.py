@@ -31,8 +31,8 @@ class Judgement:
     """Root mean square errors of hidden landmarks, in the size of the shapes; and the verdict.
 
     gain is the log evidence a landmark of the model beyond that of the flat one; turn is the angle
-    between the outermost directions of view, in degrees, seen from the shape; mean_error is the
-    standard error of a coordinate of the mean shape.
+    between the outermost directions of view, in degrees, seen from the shape. apart is how far the
+    shapes are from those that each half of the images has by itself, mean ||X - X'|| / ||X||.
     """
 
     learned: float
@@ -40,16 +40,17 @@ class Judgement:
     flat: float
     gain: float
     turn: float
-    mean_error: float
+    apart: float
     verdict: str
 
     @property
     def fine(self) -> bool:
-        """Whether a class was learned."""
-        return self.verdict == LEARNED
+        """Whether a class was learned, be it doubtful."""
+        return self.verdict != ALIKE
 
 
 LEARNED = "learned"
+DOUBTFUL = "learned, but doubtful"
 ALIKE = "views too alike: depth is not determined"
 
 
@@ -58,10 +59,9 @@ def judge(images: Images, state: State) -> Judgement:
     some = images[evenly(len(images), SAMPLE)]
     hidden = hide(some.weights > 0)
     known = replace(some, weights=np.where(hidden, 0.0, some.weights))
+    n, p = known.weights.shape
+    rigid = rigid_state(known)
     W = complete(known, RANK)
-    n, _, p = W.shape
-    (views,) = find_views(W, (min(RANK, p - 1),))
-    rigid = first_state(known, W, views)
     one_view = Views(np.broadcast_to(np.eye(3), (n, 3, 3)).copy(), np.zeros(n))
     *_, flat = improve(known, first_state(known, W, one_view), ROUNDS, turning=False)
     *_, learned = improve(known, rigid, ROUNDS)
@@ -71,18 +71,48 @@ def judge(images: Images, state: State) -> Judgement:
         return float(np.sqrt((apart**2).mean())) if apart.size else float("nan")
 
     forward = state.views.rotation[:, 2]
+    apart = halves_apart(known, learned)
     closest = np.abs(forward @ forward[evenly(len(forward), SAMPLE)].T).min()
     gain = (learned.objective - price_of_views(known, learned) - flat.objective) / (n * p)
     size = np.linalg.svd(state.model.mean, compute_uv=False)
+    deep = gain > GAIN and size[2] > THIN * size[0]
+    deforms = np.sqrt(learned.model.covariance.trace()) / np.linalg.norm(learned.model.mean)
     return Judgement(
         learned=error(learned),
         rigid=error(rigid),
         flat=error(flat),
         gain=gain,
         turn=float(np.degrees(np.arccos(min(closest, 1.0)))),
-        mean_error=float(np.sqrt(np.diag(state.model.covariance).mean() / len(images))),
-        verdict=LEARNED if gain > GAIN and size[2] > THIN * size[0] else ALIKE,
+        apart=apart,
+        verdict=ALIKE if not deep else LEARNED if apart < deforms else DOUBTFUL,
     )
+
+
+def rigid_state(images: Images) -> State:
+    """Return the rigid model of the images."""
+    W = complete(images, RANK)
+    (views,) = find_views(W, (min(RANK, W.shape[2] - 1),))
+    return first_state(images, W, views)
+
+
+def halves_apart(images: Images, learned: State) -> float:
+    """mean ||X - X'|| / ||X||, X' as learned from the half of the images, in their order, with X.
+
+    The error of what was learned is less where the halves show the same poses from other sides.
+    Near and far of a half may be exchanged.
+    """
+    n, found = len(images), []
+    for half in (np.arange(n // 2), np.arange(n // 2, n)):
+        *_, by_itself = improve(images[half], rigid_state(images[half]), ROUNDS)
+        X, tried = learned.in_camera[half], by_itself.in_camera
+        size = np.linalg.norm(X, axis=(1, 2))
+        mirrored = tried * np.array([1.0, 1.0, -1.0])[:, None]
+        found.append(
+            min(
+                float((np.linalg.norm(X - Y, axis=(1, 2)) / size).mean()) for Y in (tried, mirrored)
+            )
+        )
+    return float(np.mean(found))
 
 
 def price_of_views(images: Images, state: State) -> float:

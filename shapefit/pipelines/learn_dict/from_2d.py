@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.dictionary.from_2d.judgement import Judgement, judge
+from shapefit.dictionary.from_2d.judgement import DOUBTFUL, Judgement, judge
 from shapefit.dictionary.from_2d.learning import State, learn
 from shapefit.dictionary.from_2d.model import Images
 from shapefit.dictionary.mixture import Mixture
@@ -78,12 +78,7 @@ def learn_from_landmarks(
     )
     yield Outcome(
         line=f"{counted(len(some), 'image')}: {judgement.verdict}; {report(judgement)}",
-        warnings=()
-        if flip
-        else (
-            "near and far cannot be distinguished in 2D landmarks alone: look at some shapes, "
-            "and set `flip=true` if near is far",
-        ),
+        warnings=tuple(find_doubts(judgement, flip)),
     )
     lifted = np.where(some.seen()[:, None], images.landmarks, np.nan)
     return Learned(replace(some, landmarks=lifted), shapes, state, judgement, flip)
@@ -148,13 +143,27 @@ def gaussian_prior(learned: Learned, mean: Floats) -> dict[str, Any]:
     return {"prior": prior, "misfit": np.array([max(model.noise / scale**2, LEAST_MISFIT)])}
 
 
+def find_doubts(found: Judgement, flip: bool) -> Iterator[str]:
+    """Say what may be wrong with shapes that were learned."""
+    if found.verdict == DOUBTFUL:
+        yield (
+            f"depth is doubtful: each half of the images by itself gives shapes {found.apart:.2f} "
+            "of their size apart, more than shapes differ: give the same poses from more sides"
+        )
+    if not flip:
+        yield (
+            "near and far cannot be distinguished in 2D landmarks alone: look at some shapes, "
+            "and set `flip=true` if near is far"
+        )
+
+
 def report(found: Judgement) -> str:
     """Say how well hidden landmarks were predicted, and what the views are worth."""
     return (
         f"hidden landmarks predicted to {found.learned:.3f} of the size of a shape (rigid "
         f"{found.rigid:.3f}, flat {found.flat:.3f}), evidence of depth {found.gain:.2f} per "
-        f"landmark, views up to {found.turn:.0f} degrees apart, mean shape known to "
-        f"{found.mean_error:.4f}"
+        f"landmark, views up to {found.turn:.0f} degrees apart, each half of the images by itself "
+        f"{found.apart:.3f} off"
     )
 
 

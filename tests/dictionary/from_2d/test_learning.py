@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.from_2d.factorisation import complete, find_views
-from shapefit.dictionary.from_2d.judgement import ALIKE, judge
+from shapefit.dictionary.from_2d.judgement import ALIKE, LEARNED, judge
 from shapefit.dictionary.from_2d.learning import learn
+from shapefit.dictionary.from_2d.model import Images
+from shapefit.geometry.rotations import turn_about_axis
 from tests.dictionary.from_2d.conftest import relative_error
 
 
@@ -46,3 +48,20 @@ def test_depth_is_judged_determined_where_views_turn_only(plant):
     front = replace(made.images, landmarks=object_frame[:, :2])
     *_, state = learn(front)
     assert judge(front, state).verdict == ALIKE
+
+
+@pytest.mark.parametrize(("turn", "learned"), [(150, False), (1500, True)])
+def test_halves_disagree_where_each_pose_is_seen_from_one_side(rng, turn, learned):
+    n, p = 80, 20
+    time = np.linspace(0, 1, n)[:, None]
+    bends = np.sin(2 * np.pi * (time * [1.0, 1.37, 2.1] + rng.random(3)))
+    mean, modes = rng.standard_normal((3, p)), 0.3 * rng.standard_normal((3, 3, p))
+    shapes = mean + np.einsum("nk,kip->nip", bends, modes)
+    shapes -= shapes.mean(axis=2, keepdims=True)
+    shapes = turn_about_axis(1, np.radians(np.linspace(0, turn, n))) @ shapes
+    images = Images(shapes[:, :2], np.ones((n, p)), np.zeros(n, np.intp))
+    *_, state = learn(images)
+    found = judge(images, state)
+    assert (found.verdict == LEARNED) == learned
+    assert relative_error(state.in_camera, shapes) < found.apart
+    assert (found.apart < 0.1) == learned

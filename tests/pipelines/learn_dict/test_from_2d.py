@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import FitConfig, LearnDictConfig
+from shapefit.dictionary.from_2d.judgement import DOUBTFUL, LEARNED, Judgement
 from shapefit.errors import InputError
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import (
@@ -19,6 +20,7 @@ from shapefit.io import (
 )
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
+from shapefit.pipelines.learn_dict.from_2d import find_doubts
 from tests.io.files import save
 
 N, P = 60, 10
@@ -127,6 +129,15 @@ def test_images_that_do_not_determine_depth_end_with_the_verdict(
     with pytest.raises(InputError, match=verdict):
         learn(make(class_of_shapes, rng))
     assert not (tmp_path / "dict.h5").exists()
+
+
+def test_doubtful_depth_and_the_mirror_image_are_said():
+    found = Judgement(0.01, 0.2, 0.02, 0.3, 90.0, 0.4, DOUBTFUL)
+    assert found.fine
+    doubtful, mirrored = find_doubts(found, flip=False)
+    assert "each half of the images by itself gives shapes 0.40" in doubtful
+    assert "near and far" in mirrored
+    assert not list(find_doubts(replace(found, verdict=LEARNED), flip=True))
 
 
 def test_landmarks_that_no_image_shows_are_named(learn, class_of_shapes):
