@@ -155,7 +155,8 @@ def _open(
         if read is stored_file:
             file = stored_file(path, form, gaps=gaps, part=part, without=without)
             return _hiding(file, options.likelihood_below)
-        records = read(*((paths,) if known.together else paths), **_unknown(form, gaps))
+        further = {"gaps": gaps} if form is SHAPES else {}
+        records = read(*((paths,) if known.together else paths), **further)
         if known.together:
             records, notes = records
     if form is SHAPES:
@@ -167,11 +168,6 @@ def _open(
     stated = getattr(records, "y_axis", None) if known.states_y_axis else None
     file = SourceFile.held(name, records, notes=notes, y_axis=stated)
     return _hiding(file, options.likelihood_below)
-
-
-def _unknown(form: Format, gaps: bool) -> dict[str, bool]:
-    """Return what readers of shapes take beside a path: whether landmarks may be unknown."""
-    return {"gaps": gaps} if form is SHAPES else {}
 
 
 def _renamed(files: Sequence[SourceFile[Any]], options: InputOptions) -> list[SourceFile[Any]]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import InputError, input_error, listed
+from shapefit.errors import input_error, listed
 from shapefit.geometry.lens import COEFFICIENTS, complete
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io.sources import require_file
@@ -130,16 +130,11 @@ def _check_matrix(matrix: Floats, place: str) -> None:
     """Raise InputError for a matrix that no camera without skew has."""
     rest = matrix - np.diag(np.diag(matrix))
     rest[:2, 2] = 0.0
-    if not (matrix[0, 0] > 0 and matrix[1, 1] > 0 and np.allclose(matrix[2], [0, 0, 1])):
-        raise _impossible(matrix, place)
-    if np.abs(rest).max() > 1e-6 * np.abs(matrix).max():
-        raise _impossible(matrix, place)
-
-
-def _impossible(matrix: Floats, place: str) -> InputError:
-    rows = ", ".join(" ".join(f"{x:g}" for x in row) for row in matrix)
-    fix = "give a matrix with rows fx 0 cx, 0 fy cy, 0 0 1 (no skew)"
-    return input_error(place, f"an impossible camera matrix, {rows}", fix)
+    proper = matrix[0, 0] > 0 and matrix[1, 1] > 0 and np.allclose(matrix[2], [0, 0, 1])
+    if not proper or np.abs(rest).max() > 1e-6 * np.abs(matrix).max():
+        rows = ", ".join(" ".join(f"{x:g}" for x in row) for row in matrix)
+        fix = "give a matrix with rows fx 0 cx, 0 fy cy, 0 0 1 (no skew)"
+        raise input_error(place, f"an impossible camera matrix, {rows}", fix)
 
 
 def _rotation(given: Floats, place: str) -> Floats:

@@ -7,14 +7,13 @@ column is the number of the frame, or the path of an image, which may be split i
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error, printable
@@ -46,11 +45,10 @@ FIX = "write a number, or leave the cell empty where the landmark is missing"
 
 @dataclass(frozen=True)
 class _Rows:
-    """Frames in a row: what they are called, their numbers (n, columns), and their lines."""
+    """Frames in a row: what they are called, and their numbers (n, columns)."""
 
     labels: list[str]
     values: Floats
-    lines: Integers
 
 
 def record(paths: tuple[Path, ...]) -> Recording:
@@ -120,15 +118,15 @@ class _Table:
 
     def _blocks(self) -> Iterator[Instances]:
         """Read all frames."""
-        images = None if self._is_numbered else iter(self._image_labels())
+        images: Iterator[str] | None = None
+        if not self._is_numbered:
+            every = [label for rows in self._rows() for label in rows.labels]
+            images = iter(image_labels(every))
         start = 0
         for rows in _gathered(self._rows()):
             labels = rows.labels if images is None else [next(images) for _ in rows.labels]
             yield self._layout.instances(rows.values[:, self._columns], start, labels)
             start += len(rows.labels)
-
-    def _image_labels(self) -> tuple[str, ...]:
-        return image_labels([label for rows in self._rows() for label in rows.labels])
 
     def _sections(self) -> tuple[Section, Iterator[Section]]:
         """Return a first section that has all lines of names, and the others."""
@@ -160,7 +158,7 @@ class _Table:
         if values is None or not np.isfinite(values[:, 0]).all():
             return None
         labels = [number_label(place) for place in values[:, 0].tolist()]
-        return _Rows(labels, values, np.arange(section.line, section.line + len(lines)))
+        return _Rows(labels, values)
 
     def _slow(self, section: Section, problems: Problems) -> _Rows:
         """Read any section, and say what is wrong with its cells."""
@@ -179,7 +177,7 @@ class _Table:
             columns = list(zip(*(row for _, row in rows), strict=True))
             lines = np.array([line for line, _ in rows], np.int64)
         if not columns:
-            return _Rows([], np.empty((0, self._width)), lines)
+            return _Rows([], np.empty((0, self._width)))
         values = np.full((len(lines), self._width), np.nan)
         for column in self._columns.tolist():
             numbers = read_numbers(columns[column])
@@ -187,8 +185,12 @@ class _Table:
                 cells = ["" if cell.strip() in ABSENT else cell for cell in columns[column]]
                 numbers = read_numbers(cells)
             values[:, column] = numbers.values
-            self._tell(problems, column, lines, columns[column], numbers.strange)
-        return _Rows(self._labels(columns, lines), values, lines)
+            told = {}
+            for row in np.flatnonzero(numbers.strange):
+                found = f"column {column + 1} is {printable(columns[column][row])!r}"
+                told[int(lines[row])] = f"{self._name}:{lines[row]}: {found}; {FIX}"
+            problems.add(list(told), told.__getitem__)
+        return _Rows(self._labels(columns, lines), values)
 
     def _labels(self, columns: Columns, lines: Integers) -> list[str]:
         parts = [[cell.strip() for cell in column] for column in columns[: self._indices]]
@@ -201,22 +203,6 @@ class _Table:
             found = f"the frame is {printable(parts[0][row])!r}, and others are numbers"
             raise input_error(f"{self._name}:{lines[row]}", found, "number the frames")
         return [number_label(value) for value in numbers.values.tolist()]
-
-    def _tell(
-        self,
-        problems: Problems,
-        column: int,
-        lines: Integers,
-        cells: Iterable[str],
-        strange: NDArray[np.bool_],
-    ) -> None:
-        texts = dict(zip(lines.tolist(), cells, strict=True))
-        problems.add(
-            lines[strange],
-            lambda line: (
-                f"{self._name}:{line}: column {column + 1} is {printable(texts[line])!r}; {FIX}"
-            ),
-        )
 
 
 def _gathered(parts: Iterator[_Rows]) -> Iterator[_Rows]:
@@ -235,7 +221,6 @@ def _joined(held: list[_Rows]) -> _Rows:
     return _Rows(
         [label for rows in held for label in rows.labels],
         np.concatenate([rows.values for rows in held]),
-        np.concatenate([rows.lines for rows in held]),
     )
 
 
