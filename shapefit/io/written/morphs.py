@@ -76,12 +76,15 @@ def add_morph(scene: Scene, morph: Morph, times: Floats, name: str, material: in
     }
     first = morph.weights[0].tolist()
     mesh = scene.add("meshes", name=name, primitives=[primitive], weights=first)
-    node = scene.add("nodes", name=name, mesh=mesh)
-    at = scene.store(times)
-    scene.animate(node, "weights", at, morph.weights.ravel())
-    scene.animate(node, "scale", at, np.repeat(morph.scale[:, None], 3, axis=1))
-    scene.animate(node, "rotation", at, quaternions(morph.rotation))
-    scene.animate(node, "translation", at, morph.translation)
+    moves = {
+        "scale": np.repeat(morph.scale[:, None], 3, axis=1),
+        "rotation": quaternions(morph.rotation),
+        "translation": morph.translation,
+    }
+    still = {path: values[0].tolist() for path, values in moves.items()}
+    node, at = scene.add("nodes", name=name, mesh=mesh, **still), scene.store(times)
+    for path, values in {**moves, "weights": morph.weights.ravel()}.items():
+        scene.animate(node, path, at, values)
     return node
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from shapefit.cli.main import run
 
 from shapefit.io import read_shapes
@@ -60,6 +61,11 @@ def test_vertices_are_where_the_landmarks_are(project, fitted, tmp_path):
         mixed = base + np.tensordot(weights[frame], targets, axes=1)
         moved = mixed[vertex] @ move[:3, :3].T + move[:3, 3]
         np.testing.assert_allclose(moved, truth[frame].T, atol=MILLIMETRE)
+
+
+def test_trimesh_shows_a_car_of_the_size_of_one(fitted):
+    extent = np.ptp(trimesh.load(fitted / "cars.glb").bounds, axis=0)
+    assert 3 < np.linalg.norm(extent) < 7
 
 
 def test_fit_writes_the_same_at_once(fitted):
