@@ -216,6 +216,22 @@ def coverage(report: Path) -> list[str]:
     return [texts.get(method, "") for method in WITH_BARS]
 
 
+def write_page(
+    folder: Path, title: str, head: list[str], rows: list[list[str]], regions: list[list[str]]
+) -> None:
+    """Write index.md: rows of `cells` under the head, and then those of `coverage`; print it."""
+    table = markdown_table(head, rows)
+    bars = markdown_table([head[0], *WITH_BARS], regions)
+    text = (
+        f"{title}\n\nMean similarity error, normalised.\n\n{table}\n\nShare of the "
+        "truth inside the 50% and the 90% ellipsoids of the error bars, and the mean width of the "
+        f"latter, normalised.\n\n{bars}\n"
+    )
+    with atomic_path(folder / "index.md") as path:
+        path.write_text(text, encoding="utf-8")
+    print(text)
+
+
 def main() -> None:
     """Measure all cases and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -232,16 +248,7 @@ def main() -> None:
             rows.append([case.name, *cells(report, given.methods)])
             regions.append([case.name, *coverage(report)])
             print(" | ".join(rows[-1]), flush=True)
-    table = markdown_table(["set", *given.methods], rows)
-    bars = markdown_table(["set", *WITH_BARS], regions)
-    text = (
-        f"# Detected landmarks\n\nMean similarity error, normalised.\n\n{table}\n\nShare of the "
-        "truth inside the 50% and the 90% ellipsoids of the error bars, and the mean width of the "
-        f"latter, normalised.\n\n{bars}\n"
-    )
-    with atomic_path(FOLDER / "index.md") as path:
-        path.write_text(text, encoding="utf-8")
-    print(text)
+    write_page(FOLDER, "# Detected landmarks", ["set", *given.methods], rows, regions)
 
 
 if __name__ == "__main__":

@@ -24,13 +24,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.detected import CONFIGS, cells, coverage, run
-from shapefit.evaluation.tables.document import markdown_table
+from benchmarks.detected import CONFIGS, cells, coverage, run, write_page
 from shapefit.io import landmark_writer, read_shapes, write_shapes
 from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import SKELETONS, THETA, people_parts
-from shapefit.io.whole.atomic import atomic_path
 
 Floats = NDArray[np.float64]
 
@@ -228,16 +226,7 @@ def main() -> None:
         rows.append([f"subject {body}", *cells(report, given.methods)])
         regions.append([f"subject {body}", *coverage(report)])
         print(" | ".join(rows[-1] + regions[-1][1:]), flush=True)
-    table = markdown_table(["body", *given.methods], rows)
-    bars = markdown_table(["body", "posterior", "sequences"], regions)
-    text = (
-        f"# Footage\n\nMean similarity error, normalised.\n\n{table}\n\nShare of the truth inside "
-        "the 50% and the 90% ellipsoids, and the mean width of the latter, normalised.\n\n"
-        f"{bars}\n"
-    )
-    with atomic_path(FOLDER / "index.md") as path:
-        path.write_text(text, encoding="utf-8")
-    print(text)
+    write_page(FOLDER, "# Footage", ["body", *given.methods], rows, regions)
 
 
 if __name__ == "__main__":
