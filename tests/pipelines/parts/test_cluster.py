@@ -19,18 +19,15 @@ import numpy as np
 import pytest
 
 from shapefit.config import load_config
-from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, counted
-from shapefit.io import landmark_writer, write_dictionary
-from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.parts import cluster as module
 from shapefit.pipelines.parts.part import Done, Job
 from shapefit.pipelines.parts.plan import Part
+from tests.pipelines.parts.made import make_dictionary, make_images
 
 pytestmark = pytest.mark.slow
 
 BIN = Path(sys.executable).parent
-NAMES = tuple("abcdefgh")
 PARTS, SIZE = 10, 64
 SLOW = ("--set", "method=alternate", "--set", "alternation.views=1000")
 LIMIT = 60
@@ -53,14 +50,8 @@ def data(tmp_path_factory) -> Path:
     """A folder with a dictionary, landmarks, and their result in one run."""
     folder = tmp_path_factory.mktemp("cluster")
     rng = np.random.default_rng(0)
-    atoms = rng.normal(size=(6, 3, len(NAMES)))
-    atoms -= atoms.mean(axis=2, keepdims=True)
-    write_dictionary(folder / "dict.h5", Dictionary(atoms, NAMES, atoms[0]))
-    count = PARTS * SIZE
-    points = rng.normal(size=(count, 2, len(NAMES)))
-    with landmark_writer(folder / "views.h5") as writer:
-        items = tuple(f"i{n}" for n in range(count))
-        writer.append(LandmarkSet(landmarks=points, landmark_names=NAMES, items=items))
+    make_dictionary(folder / "dict.h5", rng)
+    make_images(folder / "views.h5", rng.normal(size=(PARTS * SIZE, 2, 8)))
     done = fit(folder, "whole.h5")
     assert done.returncode == 0, done.stderr
     return folder

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import tracemalloc
+from itertools import combinations
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from shapefit.config import load_config
-from shapefit.dictionary.model import Dictionary
-from shapefit.io import landmark_writer, name_index, write_dictionary
-from shapefit.io.records import LandmarkSet
+from shapefit.io import name_index
 from shapefit.pipelines.parts import equal_items
-from shapefit.pipelines.parts.equal_items import find_equal
+from shapefit.pipelines.parts.equal_items import Span, find_equal, overlapping
 from shapefit.pipelines.parts.run import run
-
-NAMES = tuple("abcdef")
+from tests.pipelines.parts.made import make_dictionary, make_images
+from tests.pipelines.told import texts
 
 
 @pytest.fixture
@@ -83,16 +84,12 @@ def test_memory_is_that_of_a_block(tmp_path, monkeypatch):
 
 def test_a_run_reports_them(tmp_path, rng, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    atoms = rng.normal(size=(4, 3, 6))
-    write_dictionary(Path("dict.h5"), Dictionary(atoms, NAMES, atoms[0]))
-    for name, start in (("one", 0), ("two", 8)):
-        with landmark_writer(Path(f"{name}.h5")) as writer:
-            items = tuple(f"i{n}" for n in range(start, start + 10))
-            points = rng.normal(size=(10, 2, 6))
-            writer.append(LandmarkSet(landmarks=points, landmark_names=NAMES, items=items))
+    make_dictionary(Path("dict.h5"), rng)
+    for name, start in (("one.h5", 0), ("two.h5", 8)):
+        make_images(name, rng.normal(size=(10, 2, 8)), start)
     inputs = {"landmarks": ("one.h5", "two.h5"), "dictionary": "dict.h5", "output": "out/"}
     outcomes = list(run(load_config("fit", None, (), inputs)))
-    (warning,) = [str(w) for outcome in outcomes for w in outcome.warnings if "part" in str(w)]
+    (warning,) = [told for told in texts(outcomes) if "part" in told]
     assert warning.startswith("2 items in more than one part")
     assert "'i8' in part-00000.h5 and part-00001.h5" in warning
     with h5py.File("out/part-00001.h5") as file:
@@ -100,3 +97,41 @@ def test_a_run_reports_them(tmp_path, rng, monkeypatch):
     assert {path.name for path in Path("out").iterdir()} == {
         *("manifest.json", ".lock", "part-00000.h5", "part-00001.h5")
     }
+
+
+names = st.text("ab01/", min_size=1, max_size=4)
+
+
+@given(st.lists(st.lists(names, min_size=1, max_size=5), max_size=8))
+def test_no_pair_with_a_common_name_is_left_out(parts):
+    groups = overlapping({key: Span.of(items) for key, items in enumerate(parts)})
+    together = {frozenset(pair) for group in groups for pair in combinations(group, 2)}
+    for a, b in combinations(range(len(parts)), 2):
+        if set(parts[a]) & set(parts[b]):
+            assert frozenset((a, b)) in together
+
+
+@pytest.mark.parametrize(
+    "form", ["image{:06}", "image{}", "{}.jpg"], ids=["fixed width", "numbers", "files"]
+)
+def test_numbered_images_are_apart(form):
+    parts = {
+        start: [form.format(n) for n in range(start, start + 250)] for start in range(0, 5000, 250)
+    }
+    assert overlapping({key: Span.of(items) for key, items in parts.items()}) == []
+
+
+def test_folders_are_apart():
+    cameras = {key: [f"{key}/{n}" for n in range(0, 2000, 7)] for key in ("a", "bee", "c")}
+    assert overlapping({key: Span.of(items) for key, items in cameras.items()}) == []
+
+
+def test_only_those_that_may_share_a_name_are_together():
+    parts = {1: "ad", 2: "be", 3: "x", 4: "yz", 5: "z"}
+    groups = overlapping({key: Span.of(items) for key, items in parts.items()})
+    assert sorted(map(sorted, groups)) == [[1, 2], [4, 5]]
+
+
+@given(st.lists(names, min_size=1), st.lists(names, min_size=1))
+def test_a_span_of_two_is_that_of_all(one, two):
+    assert Span.of(one) | Span.of(two) == Span.of([*one, *two])

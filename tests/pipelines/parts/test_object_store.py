@@ -12,31 +12,24 @@ import pytest
 
 from shapefit.config import load_config
 from shapefit.config.paths import ResultFolder
-from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
-from shapefit.io import landmark_writer, write_dictionary
-from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts.run import run
 from shapefit.stores import lock
+from tests.pipelines.parts.made import NAMES, make_dictionary, make_images
 from tests.pipelines.told import done
 
-NAMES = tuple("abcdefgh")
 DATASETS = ("item", "shapes", "dual", "coefficients", "objective")
 
 
 @pytest.fixture
 def store(bucket, tmp_path, rng, monkeypatch):
     """A bucket with a dictionary and 300 images in two files, which are in this folder, too."""
-    atoms = rng.normal(size=(6, 3, 8))
-    atoms -= atoms.mean(axis=2, keepdims=True)
     monkeypatch.chdir(tmp_path)
-    write_dictionary(Path("dict.h5"), Dictionary(atoms, NAMES, atoms[0]))
+    make_dictionary(Path("dict.h5"), rng)
     points = rng.normal(size=(300, 2, 8))
-    for name, rows in (("one", slice(0, 200)), ("two", slice(200, 300))):
-        with landmark_writer(Path(f"{name}.h5")) as writer:
-            items = tuple(f"i{n}" for n in range(300))[rows]
-            writer.append(LandmarkSet(landmarks=points[rows], landmark_names=NAMES, items=items))
+    make_images("one.h5", points[:200])
+    make_images("two.h5", points[200:], 200)
     for name in ("dict.h5", "one.h5", "two.h5"):
         bucket.files.put_file(name, f"{bucket.name}/{name}")
     return bucket
@@ -197,10 +190,8 @@ def test_a_part_of_a_large_file_fetches_a_part_of_it(store, reopened, rng, monke
     from shapefit.stores.locations import location
 
     count = 40_000
-    with landmark_writer(Path("large.h5")) as writer:
-        items = tuple(f"image{n:06}" for n in range(count))
-        points = rng.normal(size=(count, 2, 8))
-        writer.append(LandmarkSet(landmarks=points, landmark_names=NAMES, items=items))
+    points = rng.normal(size=(count, 2, 8))
+    make_images("large.h5", points, 100_000)
     store.files.put_file("large.h5", f"{store.name}/large.h5")
     real, fetched = core._fetch_range, []
 

@@ -10,42 +10,32 @@ import pyarrow.parquet as pq
 import pytest
 
 from shapefit.config import load_config
-from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
-from shapefit.io import landmark_writer, read_results, write_dictionary, write_shapes
+from shapefit.io import read_results, write_shapes
 from shapefit.io.layout import RESULTS
 from shapefit.io.parquet import writing
-from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.io.records import ShapeSet
 from shapefit.pipelines.evaluate.run import run as evaluate
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts.plan import plan_parts
 from shapefit.pipelines.parts.run import run
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import run as verify
-from tests.io.files import save
+from tests.pipelines.parts.made import NAMES, make_dictionary, make_images
 from tests.pipelines.told import done, failures, texts
-
-NAMES = tuple("abcdefgh")
 
 
 @pytest.fixture
 def folder(tmp_path, rng, monkeypatch) -> Path:
     """A folder with a dictionary, and 500 images in HDF5 and in Parquet, in groups of 192."""
-    atoms = rng.normal(size=(6, 3, 8))
-    atoms -= atoms.mean(axis=2, keepdims=True)
-    write_dictionary(tmp_path / "dict.h5", Dictionary(atoms, NAMES, atoms[0]))
+    make_dictionary(tmp_path / "dict.h5", rng)
     points = rng.normal(size=(500, 2, 8))
     points[::7, :, 3] = np.nan
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(writing, "MOST_ROWS", 192)
-    images = LandmarkSet(
-        landmarks=points,
-        landmark_names=NAMES,
-        items=tuple(f"i{n}" for n in range(500)),
-        sequences=tuple(f"clip {n // 60}" for n in range(500)),
-    )
+    sequences = tuple(f"clip {n // 60}" for n in range(500))
     for suffix in ("h5", "parquet"):
-        save(Path(f"images.{suffix}"), images)
+        make_images(f"images.{suffix}", points, sequences=sequences)
     return tmp_path
 
 
@@ -131,9 +121,7 @@ def test_another_format_of_parts_replaces_those_of_the_first(folder):
 
 
 def test_items_in_two_parts_are_found(folder):
-    with landmark_writer(Path("more.parquet")) as writer:
-        points = np.ones((1, 2, 8)) * np.arange(8)
-        writer.append(LandmarkSet(landmarks=points, landmark_names=NAMES, items=("i7",)))
+    make_images("more.parquet", np.ones((1, 2, 8)) * np.arange(8), 7)
     arguments = {"landmarks": ("images.parquet", "more.parquet"), "dictionary": "dict.h5"}
     loaded = load_config("fit", None, ("part_format=parquet",), {**arguments, "output": "out/"})
     warnings = texts(run(loaded))

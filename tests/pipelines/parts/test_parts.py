@@ -13,38 +13,27 @@ from shapefit.cli.main import run as shapefit
 
 from shapefit.config import dump_config, load_config
 from shapefit.config.paths import ResultFolder
-from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
-from shapefit.io import write_dictionary, write_shapes
+from shapefit.io import write_shapes
 from shapefit.io.hdf5 import trial
-from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.io.records import ShapeSet
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts import part
 from shapefit.pipelines.parts import run as parts
-from shapefit.pipelines.parts.run import run
-from tests.io.files import save
+from shapefit.pipelines.parts.run import run, tell_pace
+from tests.pipelines.parts.made import NAMES, make_dictionary, make_images
 from tests.pipelines.told import done
-
-NAMES = tuple("abcdefgh")
 
 
 @pytest.fixture
 def folder(tmp_path, rng, monkeypatch) -> Path:
     """A folder with a dictionary and 500 images in two files."""
-    atoms = rng.normal(size=(6, 3, 8))
-    atoms -= atoms.mean(axis=2, keepdims=True)
-    write_dictionary(tmp_path / "dict.h5", Dictionary(atoms, NAMES, atoms[0]))
+    make_dictionary(tmp_path / "dict.h5", rng)
     points = rng.normal(size=(500, 2, 8))
     monkeypatch.chdir(tmp_path)
-    write("one.h5", points[:400], 0)
-    write("two.h5", points[400:], 400)
+    make_images("one.h5", points[:400])
+    make_images("two.h5", points[400:], 400)
     return tmp_path
-
-
-def write(name: str, points: np.ndarray, first: int) -> None:
-    """Write images that are numbered from the first."""
-    items = tuple(f"i{n}" for n in range(first, first + len(points)))
-    save(Path(name), LandmarkSet(landmarks=points, landmark_names=NAMES, items=items))
 
 
 def fit(output: str, *overrides: str):
@@ -198,7 +187,7 @@ def test_a_failing_part_is_listed_and_the_others_are_done(folder, monkeypatch):
 
 def test_a_corrupt_part_among_a_hundred(folder, rng):
     for number in range(100):
-        write(f"many-{number:02}.h5", rng.normal(size=(3, 2, 8)), 3 * number)
+        make_images(f"many-{number:02}.h5", rng.normal(size=(3, 2, 8)), 3 * number)
     whole = Path("many-37.h5").read_bytes()
     Path("many-37.h5").write_bytes(whole[: len(whole) // 2])
     arguments = {"landmarks": "many-*.h5", "dictionary": "dict.h5", "output": "out/"}
@@ -312,3 +301,17 @@ def test_a_dry_run_prints_a_line_per_part(folder, capsys):
     assert "rows 256 to 399" in printed
     assert told.rstrip().endswith("3 parts to do, 0 done")
     assert len(told.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("numbers", "line"),
+    [
+        ((0, 1, 0, 0, 0, 0.0), "0 of 1 part done"),
+        ((12, 40, 1, 20_000, 10, 10.0), "12 of 40 parts done, 1 failed, 2,000 images/s, 27 s left"),
+        ((2, 40, 0, 20_000, 2, 60.0), "2 of 40 parts done, 333 images/s, 19 min left"),
+        ((1, 1001, 0, 3600, 1, 36.0), "1 of 1001 parts done, 100 images/s, 10.0 h left"),
+        ((9, 10, 1, 900, 9, 1.0), "9 of 10 parts done, 1 failed, 900 images/s"),
+    ],
+)
+def test_tells(numbers, line):
+    assert tell_pace(*numbers) == line
