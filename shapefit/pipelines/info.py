@@ -43,6 +43,9 @@ CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 FEWEST_JOINTS = 6
 """Of people that landmarks are recognised by."""
 
+PEOPLE_ALONE = {f"{side}{joint}" for side in "lr" for joint in ("wrist", "ankle")}
+"""Joints of which one must be there: animals with four legs have the others, too."""
+
 LISTED_FILES = 3
 """Of one recording that a command names one by one."""
 
@@ -248,8 +251,9 @@ def _following(
     files = [paths[0].parent / f"*{paths[0].suffix}"] if len(paths) > LISTED_FILES else paths
     what = " ".join(map(_typed, files))
     if kind == "landmarks":
-        known = set(names) & set(PEOPLE) | set(people_joints(names))
-        with_what = "-d people" if len(known) >= FEWEST_JOINTS else "-d DICT.h5"
+        known = set(names) & set(PEOPLE) | {*people_joints(names).values()}
+        person = len(known) >= FEWEST_JOINTS and bool(known & PEOPLE_ALONE)
+        with_what = "-d people" if person else "-d DICT.h5"
         return f"shapefit fit {what} {with_what} -o result.h5{more}"
     return f"shapefit learn-dict {what} -o dict.h5{more}"
 

@@ -38,6 +38,11 @@ def test_shapes():
     assert told["go on with"].startswith("shapefit learn-dict ")
 
 
+def test_an_animal_is_no_person():
+    told = lines(info(SAMPLES / "animal_walk.csv").note)  # it has hips, knees, shoulders, elbows
+    assert told["go on with"].split()[3:5] == ["-d", "DICT.h5"]
+
+
 def test_landmarks():
     told = lines(info(SAMPLES / "cars_views.h5").note)
     assert told["images"] == "108"
