@@ -30,9 +30,6 @@ def main() -> NoReturn:
     # Threads are the core's. On a busy machine those of BLAS wait for one another: a fit of
     # sequences took 9 times as long with two of them as with one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # To look for plugins pydantic reads what every installed package says of itself: a tenth of
-    # the time that one image takes.
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     from .main import main as run_command_line
 
     run_command_line()

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 STATUS = (Status.CONVERGED, Status.ITERATION_LIMIT, Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 """What the codes of the kernels of local methods mean."""
 
+CORRELATION = "shape_correlation"
+"""Dataset (n, p, 3) of the correlations of x with y, x with z and y with z of each landmark."""
+
 
 @dataclass(frozen=True)
 class ConvexProof:

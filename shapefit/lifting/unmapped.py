@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.lifting.estimate import CORRELATION
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.posterior.method import CORRELATION
 
 Floats = NDArray[np.float64]
 

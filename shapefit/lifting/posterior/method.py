@@ -11,15 +11,12 @@ from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.pinhole import Camera, project
-from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation
+from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.plausibility import find_plausibility
 from shapefit.lifting.posterior.posterior import Gross, Posterior, find_posterior
 from shapefit.lifting.posterior.rays import face, find_rays, place, stretch_noise
 from shapefit.lifting.posterior.starts import find_starts
-
-CORRELATION = "shape_correlation"
-"""Dataset (n, p, 3) of the correlations of x with y, x with z and y with z of each landmark."""
 
 NEARLY_EXACT = 3e-3
 """Misfit below which landmarks look gross from any view but the right one."""

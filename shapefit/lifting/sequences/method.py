@@ -9,10 +9,10 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.lifting.estimate import Estimate
+from shapefit.lifting.estimate import CORRELATION, Estimate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import Settings
-from shapefit.lifting.posterior.method import CORRELATION, lift_to_posterior
+from shapefit.lifting.posterior.method import lift_to_posterior
 from shapefit.lifting.sequences.clips import Clips, Motion, parts, refine_clips, says_something
 from shapefit.lifting.sequences.common_error import KEPT, SHARE, add_common_error, nearest_known
 from shapefit.lifting.sequences.observations import MOST_MODES
