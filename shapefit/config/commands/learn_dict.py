@@ -71,8 +71,9 @@ class PriorConfig(ConfigModel):
     """Share of the covariance of all shapes in that of a component of average size."""
     floor: float = Field(default=0.01, gt=0)
     """Variance of every coordinate beyond that of the shapes, which are normalised."""
-    copies: int = Field(default=1, ge=1, le=100)
-    """Number of copies of each shape, each varied at random."""
+    copies: int | None = Field(default=None, ge=1, le=100)
+    """Number of copies of each shape, each varied at random; by default 1, and with `stretch` or
+    `exchange` 2, or as many as give 1500 shapes of fewer."""
     stretch: float = Field(default=0.0, ge=0, le=1)
     """Standard deviation of the logarithm of the lengths of bones (the edges of the shapes, a
     tree): other bodies."""

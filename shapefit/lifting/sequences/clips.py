@@ -33,7 +33,7 @@ larger, bones are not rigid, landmarks are grossly wrong, or the prior is too su
 NEAR = 0.3
 """The same where bones hardly turn (`LEAST_TURN`) and no length was measured: lengths then fit what
 the images have wrong alike. Of footage of six bodies, whole or down to the hips, clips below it end
-with 0.88 of the error of their images, and clips between it and `FARTHEST` with 1."""
+with 0.89 of the error of their images, and clips between it and `FARTHEST` with 0.99."""
 
 STILL = 0.15
 """Turn (`find_turn`) below which such a sequence is only steadied: the noise of detectors alone

@@ -20,6 +20,9 @@ from shapefit.pipelines.learn_dict.training_shapes import (
     chosen_landmarks,
 )
 
+FEWEST_COPIES, MOST_COPIES, ENOUGH = 2, 100, 1500
+"""Copies of each shape that is varied, and how many shapes are enough for a mixture."""
+
 
 def learn_prior(
     training: TrainingShapes, options: PriorConfig, aligned: TrainingOptions
@@ -33,7 +36,8 @@ def learn_prior(
         there = counted(len(training), "shape")
         found = f"{options.components} components are more than the {there} to learn from"
         raise input_error("prior.components", found, "lower it, or give more shapes")
-    weights = np.tile(find_weights(training, options.weights), options.copies)
+    copies = find_copies(len(training), options)
+    weights = np.tile(find_weights(training, options.weights), copies)
     shapes = vary_shapes(training, options, aligned)
     learned = learn_mixture(
         shapes,
@@ -49,7 +53,7 @@ def learn_prior(
             shapes,
             np.tile(
                 find_groups(training.original.sequences, len(training), options.folds),
-                options.copies,
+                copies,
             ),
             options.components,
             shrinkage=options.shrinkage,
@@ -58,6 +62,15 @@ def learn_prior(
         )
         note += f", log likelihood of a shape left out {likelihood:.2f}"
     return learned.mixture, note
+
+
+def find_copies(number: int, options: PriorConfig) -> int:
+    """Return the copies of each of so many shapes: as set, or enough of varied ones."""
+    if options.copies is not None:
+        return options.copies
+    if not (options.stretch or options.exchange):
+        return 1
+    return min(max(FEWEST_COPIES, ENOUGH // number), MOST_COPIES)
 
 
 def find_weights(training: TrainingShapes, name: str | None) -> Floats:
@@ -78,7 +91,8 @@ def find_weights(training: TrainingShapes, name: str | None) -> Floats:
 def vary_shapes(training: TrainingShapes, options: PriorConfig, aligned: TrainingOptions) -> Floats:
     """Return the shapes to learn from (copies n, 3, p), normalised and turned onto their mean."""
     shapes = training.alignment.shapes
-    if options.copies == 1 and not (options.stretch or options.exchange):
+    copies = find_copies(len(shapes), options)
+    if copies == 1 and not (options.stretch or options.exchange):
         return shapes
     edges, points = training.original.edges, shapes.shape[2]
     try:
@@ -91,7 +105,7 @@ def vary_shapes(training: TrainingShapes, options: PriorConfig, aligned: Trainin
     varied = vary(
         shapes,
         skeleton,
-        copies=options.copies,
+        copies=copies,
         stretch=options.stretch,
         exchange=options.exchange,
         partners=training.dictionary.mirror_index,

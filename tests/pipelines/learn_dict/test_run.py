@@ -11,6 +11,7 @@ import pytest
 
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
+from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.learning import learn
 from shapefit.dictionary.origin import origin_of
 from shapefit.dictionary.pca_bases import principal_components
@@ -22,6 +23,7 @@ from shapefit.io import ShapeSet, digest, read_dictionary, read_shapes, write_sh
 from shapefit.io.joined import Source
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict import training_shapes
+from shapefit.pipelines.learn_dict.prior import find_copies
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 from shapefit.pipelines.outcome import Note
 from tests.pipelines.told import failures, warnings
@@ -391,3 +393,17 @@ def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
     first = read_shapes(config.shapes).shapes[0]
     first = normalise(first).points
     np.testing.assert_allclose(rotation_onto(first, dictionary.mean_shape), np.eye(3), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("number", "keys", "copies"),
+    [
+        (100, {"stretch": 0.15}, 15),
+        (6712, {"exchange": 0.5}, 2),
+        (1, {"stretch": 0.1}, 100),
+        (100, {}, 1),
+        (100, {"stretch": 0.1, "copies": 4}, 4),
+    ],
+)
+def test_few_shapes_are_varied_more_often(number, keys, copies):
+    assert find_copies(number, PriorConfig(**keys)) == copies
