@@ -5,6 +5,7 @@ Needs chromium and chromedriver, and selenium of the extra `test-all`.
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,10 +45,10 @@ PHOTOGRAPHS = (
 def main() -> None:
     """Make the pages anew and take each picture."""
     options = webdriver.ChromeOptions()
-    options.binary_location = "/usr/bin/chromium"
+    options.binary_location = shutil.which("chromium") or "chromium"
     for flag in FLAGS:
         options.add_argument(flag)
-    driver = webdriver.Chrome(options=options, service=Service("/usr/bin/chromedriver"))
+    driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
     try:
         driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", SIZE)
         driver.execute_cdp_cmd("Emulation.setEmulatedMedia", MOTIONLESS)
