@@ -49,10 +49,12 @@ def shapes(rng):
 
 @pytest.fixture
 def config(tmp_path, shapes):
-    """Return a function that makes a config; its shapes are those of the fixture."""
+    """Return a function that makes a config; the shapes given stay those of its file."""
     write_shapes(tmp_path / "train.h5", shapes)
 
-    def make(**changes):
+    def make(given=None, **changes):
+        if given is not None:
+            write_shapes(tmp_path / "train.h5", given)
         settings = {
             "shapes": str(tmp_path / "train.h5"),
             "output": str(tmp_path / "dict.h5"),
@@ -130,8 +132,7 @@ class TestDictionary:
     def test_where_shapes_lie_and_how_large_they_are_does_not_matter(self, config, shapes):
         _, before = learned(config())
         moved = replace(shapes, shapes=1000 * shapes.shapes - 7)
-        write_shapes(config().shapes[0], moved)
-        _, after = learned(config())
+        _, after = learned(config(moved))
         np.testing.assert_allclose(after.atoms, before.atoms, atol=1e-9)
 
     def test_the_order_of_landmarks_is_that_of_the_shapes(self, config, shapes):
@@ -141,8 +142,7 @@ class TestDictionary:
         permuted = replace(
             shapes, shapes=shapes.shapes[..., order], landmark_names=names, edges=None
         )
-        write_shapes(config().shapes[0], permuted)
-        _, after = learned(config())
+        _, after = learned(config(permuted))
         assert after.landmark_names == names
         np.testing.assert_allclose(after.atoms, before.atoms[..., order], atol=1e-9)
 
@@ -175,17 +175,14 @@ class TestEvery:
         assert every_nth(sequences, globs) == [0, 3, 4, 6, 9, 10, 11]
         assert every_nth(sequences, {"*": 3}) == every_nth(sequences, 3)
 
-    def test_the_rest_is_not_learned_from(self, config, shapes, tmp_path):
+    def test_the_rest_is_not_learned_from(self, config, shapes):
         _, thinned = learned(config(every=3))
-        write_shapes(tmp_path / "train.h5", shapes.take([0, 3, 6, 9, 10, 13, 16, 19, 22, 25, 28]))
-        _, expected = learned(config())
+        _, expected = learned(config(shapes.take([0, 3, 6, 9, 10, 13, 16, 19, 22, 25, 28])))
         np.testing.assert_array_equal(thinned.atoms, expected.atoms)
 
-    def test_without_sequences_all_are_one(self, config, shapes, tmp_path):
-        write_shapes(tmp_path / "train.h5", replace(shapes, sequences=None))
-        _, thinned = learned(config(every=4))
-        write_shapes(tmp_path / "train.h5", shapes.take(slice(0, 30, 4)))
-        _, expected = learned(config())
+    def test_without_sequences_all_are_one(self, config, shapes):
+        _, thinned = learned(config(replace(shapes, sequences=None), every=4))
+        _, expected = learned(config(shapes.take(slice(0, 30, 4))))
         np.testing.assert_array_equal(thinned.atoms, expected.atoms)
 
 
@@ -261,54 +258,50 @@ class TestPcaBases:
         assert [o.done for o in outcomes] == [0, 1, 1, 0]
         assert outcomes[-1].written == (config().output,)
 
-    def test_a_sequence_that_stands_still_adds_none(self, config, shapes, tmp_path):
+    def test_a_sequence_that_stands_still_adds_none(self, config, shapes):
         points = shapes.shapes.copy()
         points[:10] = points[0]
-        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
-        outcomes, dictionary = learned(config(method="pca-bases", bases=3))
+        outcomes, dictionary = learned(
+            config(replace(shapes, shapes=points), method="pca-bases", bases=3)
+        )
         assert [o.note for o in outcomes[1:]] == ["0 bases of walk", "3 bases of run", "3 bases"]
         assert dictionary.k == 3
 
-    def test_without_sequences_all_are_one(self, config, shapes, tmp_path):
-        write_shapes(tmp_path / "train.h5", replace(shapes, sequences=None))
-        outcomes, dictionary = learned(config(method="pca-bases", bases=3))
+    def test_without_sequences_all_are_one(self, config, shapes):
+        outcomes, dictionary = learned(
+            config(replace(shapes, sequences=None), method="pca-bases", bases=3)
+        )
         assert [o.note for o in outcomes[1:]] == ["3 bases", "3 bases"]
         assert dictionary.k == 3
 
-    def test_need_shapes_that_differ(self, config, shapes, tmp_path):
+    def test_need_shapes_that_differ(self, config, shapes):
         still = replace(shapes, shapes=np.repeat(shapes.shapes[:1], 30, axis=0))
-        write_shapes(tmp_path / "train.h5", still)
         with pytest.raises(InputError, match=r"shapes: .* all alike; give sequences that move"):
-            list(learn_dict.run(config(method="pca-bases")))
+            list(learn_dict.run(config(still, method="pca-bases")))
 
-    def test_need_motion_beyond_rounding(self, config, shapes, tmp_path):
+    def test_need_motion_beyond_rounding(self, config, shapes):
         of_sequence = np.array([shapes.sequences.index(name) for name in shapes.sequences])
         still = shapes.shapes[of_sequence].astype(np.float32).astype(np.float64)
-        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=still))
         with pytest.raises(InputError, match=r"shapes: .* all alike; give sequences that move"):
-            list(learn_dict.run(config(method="pca-bases")))
+            list(learn_dict.run(config(replace(shapes, shapes=still), method="pca-bases")))
 
-    def test_need_shapes(self, config, shapes, tmp_path):
-        write_shapes(tmp_path / "train.h5", shapes.take([]))
+    def test_need_shapes(self, config, shapes):
         with pytest.raises(InputError, match="0 shapes"):
-            list(learn_dict.run(config(method="pca-bases")))
+            list(learn_dict.run(config(shapes.take([]), method="pca-bases")))
 
-    def test_k_has_no_say(self, config, shapes, tmp_path):
-        write_shapes(tmp_path / "train.h5", shapes.take(slice(0, 8)))
-        _, dictionary = learned(config(method="pca-bases"))
+    def test_k_has_no_say(self, config, shapes):
+        _, dictionary = learned(config(shapes.take(slice(0, 8)), method="pca-bases"))
         assert dictionary.k <= 7
 
 
 class TestFailures:
-    def test_shapes_of_one_point_are_left_out(self, config, shapes, tmp_path):
+    def test_shapes_of_one_point_are_left_out(self, config, shapes):
         points = shapes.shapes.copy()
         points[4] = points[4, :, :1]
-        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
-        outcomes, dictionary = learned(config())
+        outcomes, dictionary = learned(config(replace(shapes, shapes=points)))
         assert failures(outcomes) == {"item4": "all its landmarks are at one point"}
         assert [len(o.failures) for o in outcomes] == [1, 0, 0, 0, 0, 0]
-        write_shapes(tmp_path / "train.h5", shapes.take(np.arange(30) != 4))
-        _, expected = learned(config())
+        _, expected = learned(config(shapes.take(np.arange(30) != 4)))
         np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
 
     def test_shapes_that_are_not_finite_are_left_out(self, config, shapes, monkeypatch):
@@ -320,11 +313,10 @@ class TestFailures:
         assert failures(outcomes) == dict.fromkeys(("item4", "item7"), "a coordinate is not finite")
         assert np.isfinite(dictionary.atoms).all()
 
-    def test_a_shape_whose_squares_vanish_is_left_out(self, config, shapes, tmp_path):
+    def test_a_shape_whose_squares_vanish_is_left_out(self, config, shapes):
         points = shapes.shapes.copy()
         points[4] *= 1e-160
-        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
-        outcomes, dictionary = learned(config())
+        outcomes, dictionary = learned(config(replace(shapes, shapes=points)))
         ((item, reason),) = failures(outcomes).items()
         assert (item, reason.partition(", within")[0]) == (
             "item4",
@@ -332,11 +324,10 @@ class TestFailures:
         )
         assert np.isfinite(dictionary.atoms).all()
 
-    def test_shapes_that_are_not_kept_cannot_fail(self, config, shapes, tmp_path):
+    def test_shapes_that_are_not_kept_cannot_fail(self, config, shapes):
         points = shapes.shapes.copy()
         points[4] = 0
-        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
-        outcomes, _ = learned(config(every=3))
+        outcomes, _ = learned(config(replace(shapes, shapes=points), every=3))
         assert failures(outcomes) == {}
 
 
@@ -345,23 +336,20 @@ class TestRefusals:
         with pytest.raises(InputError, match=r"k: 31 atoms .* 30 shapes .*; lower k"):
             list(learn_dict.run(config(k=31)))
 
-    def test_failed_shapes_do_not_count(self, config, shapes, tmp_path):
+    def test_failed_shapes_do_not_count(self, config, shapes):
         points = shapes.shapes.copy()
         points[4] = 0
-        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
         with pytest.raises(InputError, match="29 shapes"):
-            list(learn_dict.run(config(k=30)))
+            list(learn_dict.run(config(replace(shapes, shapes=points), k=30)))
 
-    def test_no_shapes(self, config, shapes, tmp_path):
-        write_shapes(tmp_path / "train.h5", shapes.take([]))
+    def test_no_shapes(self, config, shapes):
         with pytest.raises(InputError, match="0 shapes"):
-            list(learn_dict.run(config(k=1)))
+            list(learn_dict.run(config(shapes.take([]), k=1)))
 
-    def test_no_shape_that_can_be_used(self, config, shapes, tmp_path):
+    def test_no_shape_that_can_be_used(self, config, shapes):
         points = np.repeat(shapes.shapes[:, :, :1], shapes.shapes.shape[2], axis=2)
-        write_shapes(tmp_path / "train.h5", replace(shapes, shapes=points))
         with pytest.raises(InputError, match=r"0 shapes.*; item0, for one: all its landmarks are"):
-            list(learn_dict.run(config(k=1)))
+            list(learn_dict.run(config(replace(shapes, shapes=points), k=1)))
 
     def test_an_output_folder_that_cannot_be_made_is_seen_before_any_work(self, config, tmp_path):
         (tmp_path / "none").touch()
