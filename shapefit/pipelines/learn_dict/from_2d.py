@@ -66,9 +66,10 @@ def learn_from_landmarks(
         yield Outcome(done=1, unit="round", note=f"evidence {per:.3f} a coordinate")
     assert state is not None
     judgement = judge(images, state)
+    size = float(np.median(spread(some.landmarks, some.seen())))
     if not judgement.fine:
         fix = "give images from more sides: the camera or the body must turn, and not be flat"
-        raise input_error(place, f"{judgement.verdict} ({report(judgement)})", fix)
+        raise input_error(place, f"{judgement.verdict} ({report(judgement, size)})", fix)
     shapes = ShapeSet(
         shapes=flipped(state.in_camera, flip),
         landmark_names=some.landmark_names,
@@ -77,7 +78,7 @@ def learn_from_landmarks(
         frame_rate=some.frame_rate,
     )
     yield Outcome(
-        line=f"{counted(len(some), 'image')}: {judgement.verdict}; {report(judgement)}",
+        line=f"{counted(len(some), 'image')}: {judgement.verdict}; {report(judgement, size)}",
         warnings=tuple(find_doubts(judgement, flip)),
     )
     lifted = np.where(some.seen()[:, None], images.landmarks, np.nan)
@@ -157,10 +158,14 @@ def find_doubts(found: Judgement, flip: bool) -> Iterator[str]:
         )
 
 
-def report(found: Judgement) -> str:
-    """Say how well hidden landmarks were predicted, and what the views are worth."""
+def report(found: Judgement, size: float) -> str:
+    """Say how well hidden landmarks were predicted, and what the views are worth.
+
+    size of a shape in the unit of the landmarks, pixels as a rule.
+    """
     return (
-        f"hidden landmarks predicted to {found.learned:.3f} of the size of a shape (rigid "
+        f"hidden landmarks predicted to {size * found.learned:.3g} in the unit of the landmarks, "
+        f"{found.learned:.3f} of the size of a shape (rigid "
         f"{found.rigid:.3f}, flat {found.flat:.3f}), evidence of depth {found.gain:.2f} per "
         f"landmark, views up to {found.turn:.0f} degrees apart, each half of the images by itself "
         f"{found.apart:.3f} off"
