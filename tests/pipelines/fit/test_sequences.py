@@ -21,10 +21,12 @@ from shapefit.io import (
     read_shapes,
     write_dictionary,
 )
+from shapefit.lifting.sequences import clips
 from shapefit.pipelines import projection as projecting
 from shapefit.pipelines import verify
 from shapefit.pipelines.evaluate import run as evaluating
 from shapefit.pipelines.fit import run as fit
+from shapefit.pipelines.fit.motion import find_known
 from shapefit.pipelines.learn_dict import run as learning
 from tests.io.files import save
 
@@ -333,3 +335,29 @@ def test_a_file_without_factors_is_refused(people, tmp_path, text, found):
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=found):
         fitted(people, people / "views.h5", method="posterior", posterior={"calibration": path})
+
+
+@pytest.mark.parametrize(
+    ("turn", "near", "refined"),
+    [(0.29, 1e9, True), (0.29, 0.0, False), (0.14, 1e9, False), (0.31, 0.0, True)],
+)
+def test_bones_that_hardly_turn_must_move_their_images_little(
+    people, monkeypatch, turn, near, refined
+):
+    monkeypatch.setattr(clips, "find_turn", lambda seen, model: turn)
+    monkeypatch.setattr(clips, "NEAR", near)
+    monkeypatch.setattr(clips, "FARTHEST", 1e9)
+    found, _ = fitted(people, people / "views.h5")
+    assert np.isfinite(found.extras["sequence_noise"]).all() == refined
+
+
+def test_lengths_of_other_bodies_leave_the_size_free(people, rng):
+    dictionary = read_dictionary(people / "dictionary.h5")
+    e = len(dictionary.edges)
+    A = rng.standard_normal((e, e))
+    known = find_known(replace(dictionary, edge_covariance=A @ A.T + np.eye(e)))
+    np.testing.assert_allclose(known.precision @ np.ones(e), 0, atol=1e-12)
+    assert np.linalg.eigvalsh(known.precision)[1] > 1e-3
+    np.testing.assert_array_equal(known.usual, dictionary.edge_length)
+    assert not known.measured
+    assert find_known(replace(dictionary, edge_covariance=None)) is None
