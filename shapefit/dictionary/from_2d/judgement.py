@@ -22,6 +22,9 @@ GAIN = 0.05
 A body before a camera at rest brings up to 0.1, one that turns by 60 degrees 0.4.
 """
 
+SAME = 0.5
+"""Share of what shapes differ from their mean, up to which those of halves count as the same."""
+
 THIN = 0.05
 """Depth of the mean shape, as a share of its width, below which a class is flat."""
 
@@ -84,7 +87,7 @@ def judge(images: Images, state: State) -> Judgement:
         gain=gain,
         turn=float(np.degrees(np.arccos(min(closest, 1.0)))),
         apart=apart,
-        verdict=ALIKE if not deep else LEARNED if apart < deforms else DOUBTFUL,
+        verdict=ALIKE if not deep else LEARNED if apart < SAME * deforms else DOUBTFUL,
     )
 
 

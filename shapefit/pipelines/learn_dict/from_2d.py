@@ -149,7 +149,7 @@ def find_doubts(found: Judgement, flip: bool) -> Iterator[str]:
     if found.verdict == DOUBTFUL:
         yield (
             f"depth is doubtful: each half of the images by itself gives shapes {found.apart:.2f} "
-            "of their size apart, more than shapes differ: give the same poses from more sides"
+            "of their size apart, which is much of what shapes differ: give poses from more sides"
         )
     if not flip:
         yield (
