@@ -5,12 +5,14 @@
 
 namespace shapefit {
 
-// Precisions C^-1 of covariances C, and log det C, where `there` is set; else they stay as they are.
+// Precisions (factor C + more I)^-1 of covariances C, and log det, where `there` is set.
 struct PrecisionData {
     Arguments& from;
-    Blocks<double> matrices = from("matrices", "n K d d");  // C, and then C^-1
+    Blocks<const double> covariances = from("covariances", "n K d d");  // C
+    Matrix<const double> factor = from("factor", "n K");  // 0 where C is not known
+    Matrix<const double> more = from("more", "n K");
     Matrix<const bool> there = from("there", "n K");
-    Matrix<const double> more = from("more", "n K");  // added to the diagonal of C
+    Blocks<double> precisions = from("precisions", "n K d d");
     Matrix<double> log_det = from("log_det", "n K");
 };
 

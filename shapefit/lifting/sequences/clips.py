@@ -203,8 +203,9 @@ def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
         start=clips.points[clip] / unit,
         log_evidence=np.where(known[:, None], clips.modes.log_evidence[clip], -np.inf),
         means=means,
-        covariances=clips.modes.covariance[clip] * (grow**2)[:, None, None, None],
+        covariances=clips.modes.covariance[clip],
         misfit=clips.misfit,
+        grow=grow,
     )
 
 

@@ -73,11 +73,12 @@ def observe(
     means: Floats,
     covariances: Floats,
     misfit: float,
+    grow: Floats | float = 1.0,
 ) -> Observations:
     """Lay out the modes of t frames, all in one unit.
 
     log_evidence (t, k), -inf where a frame has fewer modes; means (t, k, 3, p); covariances
-    (t, k, 3p, 3p). A frame without modes starts between its neighbours. Raises ValueError where
+    (t, k, 3p, 3p), to be multiplied by grow^2 (t,). A frame without modes starts between its neighbours. Raises ValueError where
     no frame has any.
     """
     t, k = log_evidence.shape[0], min(MOST_MODES, log_evidence.shape[1])
@@ -91,7 +92,8 @@ def observe(
     log_share = log_share - np.log(np.exp(log_share).sum(axis=1, keepdims=True))
     mean = np.where(there[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d))
     precision, log_det = find_precisions(
-        np.where(there[..., None, None], covariances[:, :k], 0.0),
+        covariances[:, :k],
+        np.where(there, np.reshape(grow, (-1, 1)) ** 2, 0.0),
         np.where(there, DEPTH_VARIANCE, UNSEEN_VARIANCE),
         there | ~known[:, None] & (np.arange(k) == 0),
     )
@@ -110,15 +112,24 @@ def observe(
 
 
 def find_precisions(
-    covariances: Floats, more: Floats, there: NDArray[np.bool_]
+    covariances: Floats, factor: Floats, more: Floats, there: NDArray[np.bool_]
 ) -> tuple[Floats, Floats]:
-    """Inverses of C + more I, written over C (t, k, d, d), and its log determinants (t, k).
+    """Inverses (t, k, d, d) of factor C + more I, and the log determinants (t, k) of these.
 
-    more (t, k); only those that are `there` (t, k), the others are as they were, with 0.
+    factor, more (t, k); a factor of 0 takes C for 0. Only those that are `there` (t, k), the others
+    are 0.
     """
-    log_det = np.zeros(there.shape)
-    core.find_precisions(matrices=covariances, there=there, more=more, log_det=log_det, threads=1)
-    return covariances, log_det
+    precisions, log_det = np.zeros(covariances.shape), np.zeros(there.shape)
+    core.find_precisions(
+        covariances=covariances,
+        factor=factor,
+        more=more,
+        there=there,
+        precisions=precisions,
+        log_det=log_det,
+        threads=1,
+    )
+    return precisions, log_det
 
 
 def fill(points: Floats, known: NDArray[np.bool_]) -> Floats:
