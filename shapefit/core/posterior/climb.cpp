@@ -6,7 +6,9 @@ namespace {
 constexpr double LONGEST = 0.5;    // step, in radians and log s
 constexpr double FIRST_DAMPING = 1e-3, EASE = 0.1, HARDEN = 8, MOST_DAMPING = 1e7;
 constexpr long EARLY = 3;  // times that beliefs come from the other landmarks, at the start
-constexpr double ROUNDING = 1e-4;    // of a value in half precision
+// Of a value.
+template <class Lanes>
+constexpr double ROUNDING = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-9;
 constexpr double DIFFERENCE = 2e-7;  // of the Hessian, to one side
 
 template <class Lanes>
@@ -178,7 +180,7 @@ void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
         find_likelihood(data, seen, pack, space.view, space.belief, false, true, space.likelihood,
                         space.found, space.next);
         const Lanes gain = space.found.value - at.found.value;
-        const Lanes kept = at.moving * indicate(gain + all<Lanes>(ROUNDING));
+        const Lanes kept = at.moving * indicate(gain + all<Lanes>(ROUNDING<Lanes>));
         for (int i = 0; i < VIEW; ++i) change[i] = space.found.gradient[i] - at.found.gradient[i];
         for (int e = 0; e < VIEW * VIEW; ++e)
             mended[e] = data.chance > 0 ? space.found.curvature[e] : at.curvature[e];
@@ -208,6 +210,7 @@ void finish(const PosteriorData& data, const Observed<Number<Lanes>>& seen,
     orthonormalise(at.view.R);
     look(at.view, at.found);
     take_last_step(at);
+    for (long j = 0; j < seen.m; ++j) at.belief()[j] = space.next[j];
     look(at.view, at.found);
     Lanes* H = at.curvature;
     for (int i = 0; i < VIEW; ++i) {
@@ -230,6 +233,10 @@ template void begin(const PosteriorData&, const Observed<float>&, const Pack<Sin
                     ClimbSpace<SingleLanes>&, Climb<SingleLanes>&);
 template void climb(const PosteriorData&, const Observed<float>&, const Pack<SingleLanes>&, long,
                     ClimbSpace<SingleLanes>&, Climb<SingleLanes>&);
+template void begin(const PosteriorData&, const Observed<double>&, const Pack<Lanes>&,
+                    ClimbSpace<Lanes>&, Climb<Lanes>&);
+template void climb(const PosteriorData&, const Observed<double>&, const Pack<Lanes>&, long,
+                    ClimbSpace<Lanes>&, Climb<Lanes>&);
 template void finish(const PosteriorData&, const Observed<double>&, const Pack<Lanes>&,
                      ClimbSpace<Lanes>&, Climb<Lanes>&);
 

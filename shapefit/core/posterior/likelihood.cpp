@@ -298,7 +298,7 @@ void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, con
         const Lanes density = by_others ? predict(N, q, a, D) : -log_size - 0.5 * expected;
         const Lanes odds = kept + density - gross;
         const Lanes steep = larger(smaller(odds, all<Lanes>(40.0)), all<Lanes>(-40.0));
-        next[j] = larger(1.0 / (1.0 + exponential(-steep)), all<Lanes>(LEAST_BELIEF));
+        next[j] = larger(1.0 / (1.0 + exponential(-steep)), all<Lanes>(LEAST_BELIEF<Lanes>));
         found.value += rest * (log_size + gross) + q * kept - (1.0 + q) * logarithm(q) -
                        rest * logarithm(rest + all<Lanes>(1e-30));
         found.surprise += rest * 2.0 * larger(kept - log_size - gross, Lanes{});

@@ -29,7 +29,9 @@ namespace shapefit::SHAPEFIT_LEVEL {
 constexpr int VIEW = 4;             // numbers of theta
 constexpr double TAU_SQUARE = 900;  // variance of the translation in the unit of shapes: wide
 constexpr double LEAST_CURVATURE = 1;  // of a view: none is less certain than a radian
-constexpr double LEAST_BELIEF = 1e-6;
+// Beside what N / q takes away from D^-1 the rest must still count, see `predict`.
+template <class Lanes>
+constexpr double LEAST_BELIEF = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-6;
 
 // Where row i of a lower triangle begins.
 [[gnu::always_inline]] inline long corner(long i) { return i * (i + 1) / 2; }

@@ -31,7 +31,7 @@ struct Combination {
 
 // The maximum on which climb i ended, with its evidence.
 void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) {
-    const Climbs<Lanes>& climbs = search.arrived.climbs;
+    const Climbs<Lanes>& climbs = search.arrived;
     Climb<Lanes>& at = climbs[i];
     const long lane = i % WIDTH;
     double L[VIEW][VIEW], log_det = 0;
@@ -48,7 +48,7 @@ void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) 
     mode.component = climbs.pair[i] % data.means.size[0];
     for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
     mode.log_scale = at.view.log_scale[lane];
-    for (long j = 0; j < search.arrived.seen.m; ++j) mode.belief[j] = at.belief()[j][lane];
+    for (long j = 0; j < search.late.seen.m; ++j) mode.belief[j] = at.belief()[j][lane];
     mode.surprise = at.found.surprise[lane];
     mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
                         0.5 * (VIEW * LOG_TWO_PI - log_det);
@@ -176,13 +176,13 @@ void find_posterior(const PosteriorData& data, Range range) {
             data.mode_component[image][i] = -1;
             data.mode_log_evidence[image][i] = -INFINITE;
         }
-        const Observed<double>& seen = search.arrived.seen;
-        observe(data, image, search.arrived.seen);
-        search.arrived.climbs.count = 0;
+        const Observed<double>& seen = search.late.seen;
+        observe(data, image, search.late.seen);
+        search.arrived.count = 0;
         if (seen.m >= 3) data.rounds[image] = climb_all(data, image, NEGLIGIBLE + LAPLACE, search);
-        for (long i = 0; i < search.arrived.climbs.count; ++i)
+        for (long i = 0; i < search.arrived.count; ++i)
             weigh(data, search, i, combination.modes[i]);
-        const long kept = rank(combination, search.arrived.climbs.count);
+        const long kept = rank(combination, search.arrived.count);
         if (kept)
             combine(data, image, seen, combination, kept);
         else

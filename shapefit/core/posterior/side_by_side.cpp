@@ -4,15 +4,16 @@ namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
 constexpr long ROUNDS = 2;  // after which ranks are closed
+constexpr long QUICK = 10;  // rounds in half precision; what takes longer starts again in full
 constexpr double HOPE = 2;  // how many times what a step promises a climb may still gain
 
 // The components of one block of lanes.
 template <class Lanes>
-void fetch(const Components& components, long b, Side<Lanes>& side) {
+void fetch(const Components& components, long b, const Climbs<Lanes>& climbs, Side<Lanes>& side) {
     constexpr int WIDTH = width<Lanes>;
     const Observed<Number<Lanes>>& seen = side.seen;
     const Pack<Lanes>& pack = side.pack;
-    const long* pair = side.climbs.pair + b * WIDTH;
+    const long* pair = climbs.pair + b * WIDTH;
     const double *mean[WIDTH], *C[WIDTH];
     for (int lane = 0; lane < WIDTH; ++lane) {
         mean[lane] = components.means[pair[lane] % components.count].data;
@@ -57,23 +58,17 @@ double first_scale(const PosteriorData& data, const Observed<double>& seen, cons
     return larger(overlap / larger(square, TINY), larger(least, TINY));
 }
 
-// A climb for every start and component.
-void place(const PosteriorData& data, long image, Search& search) {
-    const long K = data.means.size[0];
-    Climbs<SingleLanes>& going = search.going.climbs;
-    going.count = search.arrived.climbs.count = 0;
-    for (long i = 0; i < data.starts.size[1]; ++i) {
-        const double* R = data.starts[image][i].data;
-        if (!is_finite(R[0])) continue;
-        for (long k = 0; k < K; ++k) {
-            const long lane = going.count % width<SingleLanes>;
-            LaneView<SingleLanes>& view = going[going.count].view;
-            for (int e = 0; e < 9; ++e) view.R[e][lane] = static_cast<float>(R[e]);
-            view.log_scale[lane] = static_cast<float>(log(first_scale(data, search.arrived.seen, R, k)));
-            going.pair[going.count++] = K * i + k;
-        }
-    }
-    going.pad();
+// One more climb, from its start.
+template <class Lanes>
+void place(const PosteriorData& data, long image, long pair, const Observed<double>& seen,
+           Climbs<Lanes>& climbs) {
+    const long K = data.means.size[0], lane = climbs.count % width<Lanes>;
+    const double* R = data.starts[image][pair / K].data;
+    LaneView<Lanes>& view = climbs[climbs.count].view;
+    for (int e = 0; e < 9; ++e) view.R[e][lane] = static_cast<Number<Lanes>>(R[e]);
+    const double s = first_scale(data, seen, R, pair % K);
+    view.log_scale[lane] = static_cast<Number<Lanes>>(log(s));
+    climbs.pair[climbs.count++] = pair;
 }
 
 template <class Lanes>
@@ -83,20 +78,43 @@ double value_of(const PosteriorData& data, const Climbs<Lanes>& climbs, long i) 
 }
 
 // Those that have arrived leave, and so do those without hope to come near the best.
-void close_ranks(const PosteriorData& data, double least, bool last, Search& search) {
-    Climbs<SingleLanes>& going = search.going.climbs;
+template <class Lanes>
+void close_ranks(const PosteriorData& data, double least, Climbs<Lanes>& going, Search& search) {
     const long count = going.count;
     going.count = 0;
     for (long i = 0; i < count; ++i) {
-        const Climb<SingleLanes>& at = going[i];
-        const long lane = i % width<SingleLanes>;
+        const Climb<Lanes>& at = going[i];
+        const long lane = i % width<Lanes>;
         if (!(value_of(data, going, i) + HOPE * at.hope[lane] > least)) continue;
-        if (at.moving[lane] > 0 && !last)
+        if (at.moving[lane] > 0)
             going.append(going, i);
         else
-            search.arrived.climbs.append(going, i);
+            search.arrived.append(going, i);
     }
     going.pad();
+}
+
+// At most so many rounds for all that have been placed; returns the steps taken.
+template <class Lanes>
+long go_on(const PosteriorData& data, long rounds, double margin, double& best, Side<Lanes>& going,
+           Search& search) {
+    long steps = 0;
+    going.climbs.pad();
+    for (long b = 0; b < going.climbs.blocks(); ++b) {
+        fetch(search.components, b, going.climbs, going);
+        begin(data, going.seen, going.pack, going.space, going.climbs.block(b));
+    }
+    for (;; rounds -= ROUNDS) {
+        for (long i = 0; i < going.climbs.count; ++i)
+            best = larger(best, value_of(data, going.climbs, i));
+        close_ranks(data, best - margin, going.climbs, search);
+        if (!going.climbs.count || rounds <= 0) return steps;
+        for (long b = 0; b < going.climbs.blocks(); ++b) {
+            fetch(search.components, b, going.climbs, going);
+            climb(data, going.seen, going.pack, ROUNDS, going.space, going.climbs.block(b));
+        }
+        steps += ROUNDS * going.climbs.count;
+    }
 }
 
 }  // namespace
@@ -149,38 +167,37 @@ Side<Lanes>::Side(Workspace& workspace, const PosteriorData& data)
       climbs(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
 
 Search::Search(Workspace& workspace, const PosteriorData& data)
-    : components(workspace, data), going(workspace, data), arrived(workspace, data) {}
+    : components(workspace, data),
+      going(workspace, data),
+      late(workspace, data),
+      arrived(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
 
 long climb_all(const PosteriorData& data, long image, double margin, Search& search) {
     Side<SingleLanes>& going = search.going;
-    Side<Lanes>& arrived = search.arrived;
-    long steps = 0;
+    Side<Lanes>& late = search.late;
+    Climbs<Lanes>& arrived = search.arrived;
     double best = -INFINITE;
     observe(data, image, going.seen);
-    place(data, image, search);
-    for (long b = 0; b < going.climbs.blocks(); ++b) {
-        fetch(search.components, b, going);
-        begin(data, going.seen, going.pack, going.space, going.climbs.block(b));
-    }
-    for (long rounds = 0;; rounds += ROUNDS) {
-        for (long i = 0; i < going.climbs.count; ++i)
-            best = larger(best, value_of(data, going.climbs, i));
-        close_ranks(data, best - margin, rounds >= data.most_rounds, search);
-        if (!going.climbs.count) break;
-        for (long b = 0; b < going.climbs.blocks(); ++b) {
-            fetch(search.components, b, going);
-            climb(data, going.seen, going.pack, ROUNDS, going.space, going.climbs.block(b));
-        }
-        steps += ROUNDS * going.climbs.count;
-    }
-    const long count = arrived.climbs.count;
-    arrived.climbs.count = 0;
+    going.climbs.count = late.climbs.count = arrived.count = 0;
+    for (long i = 0; i < data.starts.size[1]; ++i)
+        if (is_finite(data.starts[image][i].data[0]))
+            for (long k = 0; k < data.means.size[0]; ++k)
+                place(data, image, data.means.size[0] * i + k, late.seen, going.climbs);
+    long steps = go_on(data, QUICK, margin, best, going, search);
+    for (long i = 0; i < going.climbs.count; ++i)
+        place(data, image, going.climbs.pair[i], late.seen, late.climbs);
+    best = -INFINITE;
+    for (long i = 0; i < arrived.count; ++i) best = larger(best, value_of(data, arrived, i));
+    steps += go_on(data, data.most_rounds, margin, best, late, search);
+    for (long i = 0; i < late.climbs.count; ++i) arrived.append(late.climbs, i);
+    const long count = arrived.count;
+    arrived.count = 0;
     for (long i = 0; i < count; ++i)
-        if (value_of(data, arrived.climbs, i) > best - margin) arrived.climbs.append(arrived.climbs, i);
-    arrived.climbs.pad();
-    for (long b = 0; b < arrived.climbs.blocks(); ++b) {
-        fetch(search.components, b, arrived);
-        finish(data, arrived.seen, arrived.pack, arrived.space, arrived.climbs.block(b));
+        if (value_of(data, arrived, i) > best - margin) arrived.append(arrived, i);
+    arrived.pad();
+    for (long b = 0; b < arrived.blocks(); ++b) {
+        fetch(search.components, b, arrived, late);
+        finish(data, late.seen, late.pack, late.space, arrived.block(b));
     }
     return steps;
 }

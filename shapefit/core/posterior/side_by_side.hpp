@@ -43,13 +43,14 @@ struct Side {
     Climbs<Lanes> climbs;
 };
 
-// The way up in half precision, the end in full.
+// A short way up in half precision; the end, and a long way, in full.
 struct Search {
     Search(Workspace& workspace, const PosteriorData& data);
 
     Components components;
     Side<SingleLanes> going;
-    Side<Lanes> arrived;
+    Side<Lanes> late;
+    Climbs<Lanes> arrived;
 };
 
 // Climb from all starts of an image under every component. What has `arrived` is not further than

@@ -78,8 +78,8 @@ def observe(
     """Lay out the modes of t frames, all in one unit.
 
     log_evidence (t, k), -inf where a frame has fewer modes; means (t, k, 3, p); covariances
-    (t, k, 3p, 3p), to be multiplied by grow^2 (t,). A frame without modes starts between its neighbours. Raises ValueError where
-    no frame has any.
+    (t, k, 3p, 3p), to be multiplied by grow^2 (t,). A frame without modes starts between its
+    neighbours. Raises ValueError where no frame has any.
     """
     t, k = log_evidence.shape[0], min(MOST_MODES, log_evidence.shape[1])
     d = 3 * landmarks.shape[2]
