@@ -177,9 +177,6 @@ MIXTURES = 4
 
 IMAGES_PER_COMPONENT, MOST_COMPONENTS = 150, 32
 
-HOPELESS = 1.3
-"""Factor of the error from which a mixture is no start for a better one."""
-
 CLOSE = 1.1
 """Factor of the Gaussian's error up to which a mixture of several is kept.
 
@@ -219,10 +216,9 @@ def relift(
             line=f"prior of {counted(number, 'component')}: hidden landmarks {found:.4f} off, "
             f"{error:.4f} before; {'kept' if kept else 'left out'}"
         )
-        if found > HOPELESS * error:
+        if not kept:  # no round after such a one was ever better, and some were read wrongly
             break
-        if kept:
-            best, error, of_best = mixed, found, shapes
+        best, error, of_best = mixed, found, shapes
         lifted = lift_by(images, mixed, method).shapes
         grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(shapes.shapes, axis=(1, 2))
         fine = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
