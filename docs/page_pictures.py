@@ -27,23 +27,23 @@ DRAWN = "setTimeout(arguments[0], 300)"
 
 @dataclass(frozen=True)
 class Photograph:
-    """Of the page of one result: an item, and how far the shape is turned, in degrees."""
+    """Of the page of one result of the demo: an item, how far the shape is turned, in degrees."""
 
     name: str
-    result: Path
+    result: str
     item: str
     yaw: float
     pitch: float = 14.0
 
 
 PHOTOGRAPHS = (
-    Photograph("walk", DEMO / "walk.h5", "openpose/person 1/20", 30),
-    Photograph("view", DEMO / "cars/result.h5", "pickup_1/view_4", 25),
+    Photograph("walk", "walk.h5", "openpose/person 1/20", 30),
+    Photograph("view", "cars/result.h5", "pickup_1/view_4", 25),
 )
 
 
-def main() -> None:
-    """Make the pages anew and take each picture."""
+def photograph(demo: Path, images: Path) -> None:
+    """Make the pages of the results in `demo` anew and take each picture into `images`."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or "chromium"
     for flag in FLAGS:
@@ -55,7 +55,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             for each in PHOTOGRAPHS:
                 page = Path(folder) / f"{each.name}.html"
-                list(run(ViewConfig(files={each.name: (each.result,)}, output=page)))
+                list(run(ViewConfig(files={each.name: (demo / each.result,)}, output=page)))
                 driver.get(page.as_uri())
                 driver.execute_script(
                     "shapefit.go(shapefit.data.items.indexOf(arguments[0]));"
@@ -63,10 +63,10 @@ def main() -> None:
                     *(each.item, each.yaw, each.pitch),
                 )
                 driver.execute_async_script(DRAWN)
-                driver.save_screenshot(str(IMAGES / f"{each.name}.png"))
+                driver.save_screenshot(str(images / f"{each.name}.png"))
     finally:
         driver.quit()
 
 
 if __name__ == "__main__":
-    main()
+    photograph(DEMO, IMAGES)

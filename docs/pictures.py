@@ -14,9 +14,12 @@ PROJECT = Path(__file__).resolve().parents[1]
 SHOWN = ("walk", "box", "throw")
 
 
-def main() -> None:
-    """Draw one frame each of a few activities: landmarks, estimate and truth in a novel view."""
-    results = read_results(PROJECT / "results/demo/result.h5")
+def draw(demo: Path, images: Path) -> None:
+    """Draw one frame each of a few activities: landmarks, estimate and truth in a novel view.
+
+    demo is the folder of the results, images that of the picture.
+    """
+    results = read_results(demo / "result.h5")
     truth = read_shapes([PROJECT / "sample_data/people_test.h5"])
     edges = truth.edges
     assert edges is not None
@@ -37,8 +40,8 @@ def main() -> None:
             )
         )
     figure = skeleton_picture(poses, edges, results.y_axis)
-    figure.savefig(PROJECT / "docs/images/people.png", dpi=110)
+    figure.savefig(images / "people.png", dpi=110)
 
 
 if __name__ == "__main__":
-    main()
+    draw(PROJECT / "results/demo", PROJECT / "docs/images")
