@@ -85,7 +85,7 @@ def frame_files(paths: Sequence[Path], folder: str) -> list[FrameFile]:
 
 
 def folder_of(paths: Sequence[Path], suffix: str, but: str = "") -> tuple[str, str, Sequence[Path]]:
-    """Return what messages call a folder or the files in it, the name of its video, and the files.
+    """Return how messages name a folder, or the files in it, the name of its video, and the files.
 
     Of a folder that is given as a whole the file `but` is left out.
     Raises InputError as `files_in`.

@@ -40,7 +40,7 @@ class Job:
 class Done:
     """What became of a part; `error` says why it has no result.
 
-    outcome   what is told of it: its images, and the first failures and warnings
+    outcome   what is known of it: its images, and the first failures and warnings
     state     of its result, once that is written
     passing   whether another try, or another machine, may do better
     """
