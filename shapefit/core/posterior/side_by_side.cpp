@@ -4,7 +4,7 @@ namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
 constexpr long ROUNDS = 2;  // after which ranks are closed
-constexpr long QUICK = 10;  // rounds in half precision; what takes longer starts again in full
+constexpr long QUICK = 16;  // rounds in half precision; what takes longer starts again in full
 constexpr double HOPE = 2;  // how many times what a step promises a climb may still gain
 
 // The components of one block of lanes.
