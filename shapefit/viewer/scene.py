@@ -93,7 +93,8 @@ class Scene:
 
     sequences maps names to the first frame of each, in order; seen (n, 2, p) are the observed
     landmarks, nan where hidden, or None; outliers (n, p). sides says of each landmark whether it is
-    in the middle (0), on the left (1) or on the right (2). moments (n,) are equal for frames of
+    in the middle (0), on the left (1) or on the right (2), or on one side and the other where they are
+    not named. moments (n,) are equal for frames of
     different individuals that were seen at once, and 0 for others. notes say what the page lacks.
     """
 
@@ -109,6 +110,7 @@ class Scene:
     seen: Floats | None = None
     outliers: NDArray[np.bool_] | None = None
     sides: Sequence[int] = ()
+    sides_named: bool = True
     moments: Integers | None = None
     meshes: Sequence[MeshSet] = ()
     pictures: Mapping[int, Picture] = field(default_factory=dict)
@@ -132,6 +134,7 @@ def as_json(scene: Scene) -> dict[str, Any]:
         "landmarks": list(scene.landmarks),
         "edges": scene.edges.tolist(),
         "sides": list(scene.sides) if any(scene.sides) else None,
+        "sidesNamed": scene.sides_named,
         "moments": None if scene.moments is None else block_of_integers(scene.moments, "u4"),
         "items": list(scene.items),
         "sequences": [{"name": name, "start": start} for name, start in scene.sequences],

@@ -31,7 +31,7 @@ from shapefit.pipelines.view.layers import (
 )
 from shapefit.pipelines.view.moments import find_moments
 from shapefit.pipelines.view.pictures import embed, find_images
-from shapefit.pipelines.view.sides import find_sides
+from shapefit.pipelines.view.sides import find_sides, halves
 from shapefit.viewer.scene import Layer, MeshSet, Picture, Scene
 
 MOST_MESHES = 200
@@ -57,8 +57,12 @@ def assemble(
     truth = read_truth(config, results, frames, landmarks) if config.truth else None
     observed = (each.of_frames.get("landmarks") for each in found)
     seen = _first_known(own.swapaxes(1, 2) for own in observed if own is not None)
-    layers, meshes, edges = _layers(config, found, seen, truth, landmarks, notes)
+    known = _dictionaries(config, found, notes)
+    layers, meshes, edges = _layers(found, known, seen, truth, landmarks, notes)
     _note_what_lacks(layers, seen, edges, notes)
+    sides = find_sides(landmarks)
+    named = any(sides)
+    pairs = (halves(dictionary, landmarks) for _, dictionary in known if dictionary is not None)
     images = any(one.kind != "shapes" for one in every)
     unsaid = config.input.y_axis if images else "up"
     y_axis = agreed("y_axis", [(str(one.path), one.y_axis) for one in every], unsaid)
@@ -74,7 +78,8 @@ def assemble(
         frame_rate=_frame_rate(config, found, frames),
         seen=seen,
         outliers=_outliers(results),
-        sides=find_sides(landmarks),
+        sides=sides if named else next(filter(any, pairs), ()),
+        sides_named=named,
         moments=find_moments(found, frames),
         meshes=meshes,
         pictures=_pictures(config, frames, notes),
@@ -83,8 +88,8 @@ def assemble(
 
 
 def _layers(
-    config: ViewConfig,
     found: Sequence[Gathered],
+    known: Sequence[tuple[Path | None, Dictionary | None]],
     seen: Floats | None,
     truth: Truth | None,
     landmarks: Sequence[str],
@@ -93,14 +98,16 @@ def _layers(
     """Results first, then what is laid onto the first of them, the truth last."""
     layers: list[Layer] = []
     meshes: list[MeshSet] = []
-    edges: list[NDArray[np.int64] | None] = []
+    edges = [
+        renamed_edges(dictionary.edges, dictionary.landmark_names, landmarks)
+        for _, dictionary in known
+        if dictionary is not None
+    ]
     dictionaries: dict[Path, int] = {}
     results = [each for each in found if each.kind == "result"]
-    for each in results:
+    for each, (path, dictionary) in zip(results, known, strict=False):
         layer = result_layer(each, seen)
-        path, dictionary = _dictionary(config, each, notes)
         if dictionary is not None and path is not None:
-            edges.append(renamed_edges(dictionary.edges, dictionary.landmark_names, landmarks))
             if dictionary.mesh_vertices is not None and dictionary.mesh_faces is not None:
                 if obstacle := mesh_obstacle(each, dictionary):
                     notes.append(f"{each.name} has no mesh: {obstacle}.")
@@ -112,9 +119,6 @@ def _layers(
         layers.append(
             layer if truth is None else with_error(layer, truth.points, truth.shapes.unit)
         )
-    if not results and config.dictionary is not None:
-        known = read_dictionary(config.dictionary)
-        edges.append(renamed_edges(known.edges, known.landmark_names, landmarks))
     others: list[Layer] = []
     for each in (each for each in found if each.kind == "shapes"):
         rows = np.array([f if f in each.mesh_vertices else -1 for f in range(len(each.points))])
@@ -133,7 +137,7 @@ def _layers(
         notes.append(f"Aligned with {results[0].name} by the best similarity: {laid}.")
         others = [laid_onto(layer, target) for layer in others]
     edges += [each.edges for each in found]
-    edges += [np.array(known) for known in [edges_of(landmarks)] if known]
+    edges += [np.array(usual) for usual in [edges_of(landmarks)] if usual]
     return layers + others, meshes, next((each for each in edges if each is not None), None)
 
 
@@ -149,20 +153,28 @@ def _first_known(arrays: Iterable[Floats]) -> Floats | None:
     return known
 
 
-def _dictionary(
-    config: ViewConfig, result: Gathered, notes: list[str]
-) -> tuple[Path | None, Dictionary | None]:
-    """Return the dictionary of a result: that of the config, else that of the fit."""
+def _dictionaries(
+    config: ViewConfig, found: Sequence[Gathered], notes: list[str]
+) -> list[tuple[Path | None, Dictionary | None]]:
+    """Return the dictionary of each result: that of the config, else that of the fit.
+
+    The one of the config is there where there is no result, too.
+    """
+    results = [each for each in found if each.kind == "result"]
     if config.dictionary is not None:
-        return config.dictionary, read_dictionary(config.dictionary)
-    path, found = fit_dictionary(result.attributes)
-    if isinstance(found, Dictionary):
-        return path, found
-    if path is not None:
-        notes.append(
-            f"{result.name}: its dictionary {path.name} {found}; -d DICT.h5 names another."
-        )
-    return None, None
+        return [(config.dictionary, read_dictionary(config.dictionary))] * max(1, len(results))
+    known: list[tuple[Path | None, Dictionary | None]] = []
+    for result in results:
+        path, dictionary = fit_dictionary(result.attributes)
+        if isinstance(dictionary, Dictionary):
+            known.append((path, dictionary))
+            continue
+        if path is not None:
+            notes.append(
+                f"{result.name}: its dictionary {path.name} {dictionary}; -d DICT.h5 names another."
+            )
+        known.append((None, None))
+    return known
 
 
 def _add_meshes(

@@ -326,7 +326,7 @@
 
   /** Left and right have colours that the page explains where one layer is shown alone. */
   function showSides() {
-    $("sides").hidden = !data.sides || view.shown.size !== 1 || panels.framesOf(data, view).length > 1;
+    $("sides").hidden = !data.sides || !data.sidesNamed || view.shown.size !== 1 || panels.framesOf(data, view).length > 1;
     const [layer] = view.shown;
     if (layer) $("left-mark").style.background = `var(--${panels.colourOf(data, layer, view.frame)})`;
   }
