@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error, listed
-from shapefit.io.extras import Array, Extras
+from shapefit.io.extras import EDGES, Array, Extras
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import Direction
 from shapefit.io.problems import Axis, check_magnitudes
@@ -39,6 +39,10 @@ def common_head(
         _check_same_datasets(heads)
     else:
         heads = [(place, head.arrange(names, place)) for place, head in heads]
+    if isinstance(first, LandmarkSet):
+        lines = (_edges(head) for _, head in heads)
+        known = next((each for each in lines if each is not None), None)
+        heads = [(place, _with_edges(head, known)) for place, head in heads]
     if isinstance(first, ShapeSet):
         meshes = [(place, head.mesh_vertices) for place, head in heads]
         sizes = [(place, None if m is None else np.array(m.shape[1:])) for place, m in meshes]
@@ -72,7 +76,20 @@ def conform(part: Any, head: Any, place: str) -> Any:
         return part.arrange(head.landmark_names, place).replaced(**changes, edges=head.edges)
     if head.confidence is not None and part.confidence is None:
         changes["confidence"] = np.ones((len(part), len(part.landmark_names)))
-    return part.replaced(**changes, y_axis=head.y_axis).arrange(head.landmark_names, place)
+    part = part.replaced(**changes, y_axis=head.y_axis).arrange(head.landmark_names, place)
+    return _with_edges(part, _edges(head))
+
+
+def _edges(images: LandmarkSet) -> Array | None:
+    return Extras.of(images.extras, len(images)).whole.get(EDGES)
+
+
+def _with_edges(images: LandmarkSet, edges: Array | None) -> LandmarkSet:
+    """Return images whose edges are those of the first file that has any."""
+    if edges is None:
+        return images
+    extras = Extras.of(images.extras, len(images))
+    return images.replaced(extras=Extras(extras.per_item, {**extras.whole, EDGES: edges}))
 
 
 def agreed(what: str, stated: Sequence[tuple[str, Text | None]], default: Text) -> Text:

@@ -24,6 +24,9 @@ OF_THE_FILE = {
     "removed_distortion": 1,
 }
 
+EDGES = "edges"
+"""Dataset (e, 2) of landmarks and of results: pairs of landmarks that a line joins."""
+
 OUTLIERS, CORRUPTED = "outliers", "corrupted"
 """Datasets (n, p) of the landmarks that a fit judged wrong, and of those that were made wrong."""
 LABELS = (OUTLIERS, CORRUPTED)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error
-from shapefit.io.extras import LABELS, LANDMARK_COVARIANCE, Extras
+from shapefit.io.extras import EDGES, LABELS, LANDMARK_COVARIANCE, Extras
 from shapefit.io.landmark_names import match_landmarks, renamed
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Format, fit_axes
 
@@ -199,9 +199,10 @@ class LandmarkSet(Records):
     ) -> LandmarkSet:
         """Return the same images with the landmarks `names`, in that order.
 
-        Landmarks that this set lacks are unseen (NaN, confidence 0) and have no label; extras but
-        `LABELS` stay as they are. Where this set has a landmark that `names` lacks, `leave_out`
-        leaves it out; without, that is an InputError at `place`.
+        Landmarks that this set lacks are unseen (NaN, confidence 0) and have no label; edges
+        join the landmarks that they joined; extras but these and `LABELS` stay as they are. Where
+        this set has a landmark that `names` lacks, `leave_out` leaves it out; without, that is an
+        InputError at `place`.
         """
         names = tuple(names)
         if names == self.landmark_names:
@@ -226,12 +227,17 @@ class LandmarkSet(Records):
         if covariance is not None and covariance.shape[:2] == self.landmarks.shape[::2]:
             moved = arranged(np.moveaxis(covariance, 1, -1), 0)
             labels[LANDMARK_COVARIANCE] = np.moveaxis(moved, -1, 1)
+        whole = dict(extras.whole)
+        if EDGES in whole:
+            position = np.full(len(self.landmark_names), -1)
+            position[own] = columns
+            whole[EDGES] = _edges_between(whole[EDGES], position)
         return replace(
             self,
             landmarks=arranged(self.landmarks, np.nan),
             confidence=None if self.confidence is None else arranged(self.confidence, 0),
             landmark_names=names,
-            extras=extras | labels,
+            extras=Extras({**extras.per_item, **labels}, whole),
         )
 
 
@@ -330,6 +336,18 @@ def _pieces(counts: Integers, rows: NDArray[np.intp]) -> NDArray[np.intp]:
     ends = np.cumsum(counts)
     pieces = [np.arange(ends[row] - counts[row], ends[row]) for row in rows]
     return np.concatenate([np.empty(0, dtype=np.intp), *pieces])
+
+
+def _edges_between(edges: NDArray[Any], position: NDArray[np.intp]) -> NDArray[Any]:
+    """Return edges (e, 2) between landmarks that are now at `position`, -1 for those left out.
+
+    What is no such dataset stays as it is.
+    """
+    if edges.ndim != 2 or edges.shape[1] != 2 or edges.dtype.kind not in "iu":
+        return edges
+    inside = edges[((edges >= 0) & (edges < len(position))).all(axis=1)]
+    moved = position[inside]
+    return moved[(moved >= 0).all(axis=1)]
 
 
 def _mirror_index(index: NDArray[Any], p: int, place: str) -> NDArray[Any]:

@@ -93,9 +93,9 @@ class Scene:
 
     sequences maps names to the first frame of each, in order; seen (n, 2, p) are the observed
     landmarks, nan where hidden, or None; outliers (n, p). sides says of each landmark whether it is
-    in the middle (0), on the left (1) or on the right (2), or on one side and the other where they are
-    not named. moments (n,) are equal for frames of
-    different individuals that were seen at once, and 0 for others. notes say what the page lacks.
+    in the middle (0), on the left (1) or on the right (2), or on one side and the other where it is
+    not known which is which (`sides_named`). moments (n,) are equal for frames of different
+    individuals that were seen at once, and 0 for others. notes say what the page lacks.
     """
 
     title: str

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags
 from shapefit.errors import abbreviate, counted, input_error, listed
-from shapefit.io.extras import Extras
+from shapefit.io.extras import EDGES, Extras
 from shapefit.io.foreign.recording import FRACTION, Instances, Recording, stacked
 from shapefit.io.foreign.selection import Chosen, choose
 from shapefit.io.joined import SourceFile
@@ -106,6 +106,8 @@ def landmark_file(recording: Recording, options: InputOptions) -> SourceFile[Lan
     read = choose(recording, options)
     survey = _survey(recording, read)
     whole = dict(recording.extras)
+    if recording.edges:
+        whole[EDGES] = np.array(recording.edges, dtype=np.int64)
 
     def record(chosen: Chosen) -> LandmarkSet:
         confidence = chosen.confidence

@@ -30,6 +30,7 @@ from shapefit.io.motion.text import read_plain
 from shapefit.io.problems import Problems
 from shapefit.io.sources import source_name
 from shapefit.io.trackers.columns import Layout, arrange
+from shapefit.io.trackers.deeplabcut_project import skeleton_edges
 from shapefit.io.trackers.frame_names import image_labels, number_label
 from shapefit.io.trackers.reading import BLOCK_FRAMES
 
@@ -99,6 +100,7 @@ class _Table:
             blocks=self._blocks,
             individuals=layout.individuals,
             notes=layout.notes,
+            edges=skeleton_edges(self._path, layout.landmarks),
             unit="px" if layout.dimensions == 2 else "unknown",
         )
 

@@ -20,6 +20,7 @@ from shapefit.errors import input_error, listed, printable
 from shapefit.io.foreign.recording import Instances, Recording, video_name
 from shapefit.io.sources import HDF5_SIGNATURE
 from shapefit.io.trackers.columns import Layout, arrange
+from shapefit.io.trackers.deeplabcut_project import skeleton_edges
 from shapefit.io.trackers.frame_names import image_labels, number_labels
 from shapefit.io.trackers.reading import DAMAGED, TrackerFile, frame_ranges, text
 from shapefit.io.trackers.recognition import look
@@ -127,6 +128,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         blocks=lambda: _read(path, key, blocks, layout, labels),
         individuals=layout.individuals,
         notes=layout.notes,
+        edges=skeleton_edges(path, layout.landmarks),
         frames=frames,
         unit="px" if layout.dimensions == 2 else "unknown",
     )

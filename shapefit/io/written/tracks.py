@@ -8,7 +8,7 @@ import numpy as np
 
 from shapefit.arrays import Integers
 from shapefit.errors import abbreviate, input_error
-from shapefit.io.extras import METRES_PER_UNIT, Extras
+from shapefit.io.extras import EDGES, METRES_PER_UNIT, Extras
 from shapefit.io.foreign.sources import FRAME
 from shapefit.io.records import ResultSet, ShapeSet, concatenate
 from shapefit.io.skeletons import edges_of
@@ -19,9 +19,6 @@ Solid = ShapeSet | ResultSet
 CAMERA_TRANSLATION = "camera_translation"
 EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION = "extrinsic_rotation", "extrinsic_translation"
 """Datasets of the file or of each image: X_camera = R X_world + t, in metres; z away from it."""
-
-EDGES = "edges"
-"""Dataset (e, 2) of results: pairs of landmarks that a line joins."""
 
 KEPT = (
     *(EDGES, METRES_PER_UNIT, CAMERA_TRANSLATION, EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION),

@@ -107,15 +107,19 @@ def _layers(
     results = [each for each in found if each.kind == "result"]
     for each, (path, dictionary) in zip(results, known, strict=False):
         layer = result_layer(each, seen)
-        if dictionary is not None and path is not None:
-            if dictionary.mesh_vertices is not None and dictionary.mesh_faces is not None:
-                if obstacle := mesh_obstacle(each, dictionary):
-                    notes.append(f"{each.name} has no mesh: {obstacle}.")
-                else:
-                    if path not in dictionaries:
-                        dictionaries[path] = len(meshes)
-                        meshes.append(MeshSet(dictionary.mesh_vertices, dictionary.mesh_faces))
-                    layer = with_mesh(layer, each, dictionaries[path])
+        if (
+            path is not None
+            and dictionary is not None
+            and dictionary.mesh_vertices is not None
+            and dictionary.mesh_faces is not None
+        ):
+            if obstacle := mesh_obstacle(each, dictionary):
+                notes.append(f"{each.name} has no mesh: {obstacle}.")
+            else:
+                if path not in dictionaries:
+                    dictionaries[path] = len(meshes)
+                    meshes.append(MeshSet(dictionary.mesh_vertices, dictionary.mesh_faces))
+                layer = with_mesh(layer, each, dictionaries[path])
         layers.append(
             layer if truth is None else with_error(layer, truth.points, truth.shapes.unit)
         )

@@ -52,6 +52,43 @@ def test_points_confidence_and_names(tmp_path, points, confidence, read, name, m
     assert (found.unit, found.y_axis) == ("px", "down")
 
 
+@pytest.mark.parametrize("name", ["table.csv", "table.h5", "fixed.h5"])
+def test_edges_of_a_deeplabcut_project(tmp_path, points, confidence, read, name):
+    """Pairs and chains of `skeleton`, without the names that the table has not."""
+    place = tmp_path / "labeled-data/walk" / name
+    place.parent.mkdir(parents=True)
+    WRITERS[name](place, points, confidence)
+    assert "edges" not in read(place).extras
+    project = tmp_path / "config.yaml"
+    project.write_text("skeleton:\n- [point0, point2]\n- - point2\n  - point1\n  - tail\n- [3]\n")
+    np.testing.assert_array_equal(read(place).extras["edges"], [[0, 2], [2, 1]])
+    for text in ("skeleton: [", "skeleton: 3", "- skeleton", "scorer: me"):
+        project.write_text(text)
+        assert "edges" not in read(place).extras
+
+
+def test_edges_go_with_their_landmarks(tmp_path, points, confidence, read):
+    made.write_deeplabcut_csv(tmp_path / "a.csv", points, confidence)
+    (tmp_path / "config.yaml").write_text("skeleton: [[point0, point1, point2, point3]]")
+    found = read(tmp_path / "a.csv")
+    edges = [{found.landmark_names[end] for end in edge} for edge in found.extras["edges"]]
+    names = found.landmark_names[:0:-1]
+    moved = found.arrange((*names, "more"), leave_out=True)
+    expected = [edge for edge in edges if found.landmark_names[0] not in edge]
+    assert 0 < len(expected) < len(edges)
+    assert [{moved.landmark_names[end] for end in e} for e in moved.extras["edges"]] == expected
+
+
+def test_files_with_and_without_edges_are_joined(tmp_path, points, confidence):
+    for name, writer in (("a.csv", made.write_deeplabcut_csv), ("b.nwb", made.write_nwb)):
+        writer(tmp_path / name, points, confidence)
+    with open_landmarks([tmp_path / "a.csv", tmp_path / "b.nwb"]) as source:
+        parts = list(source.chunks(5))
+    assert len(parts) > 2
+    for part in parts:
+        np.testing.assert_array_equal(part.extras["edges"], parts[0].extras["edges"])
+
+
 def test_items_are_video_individual_frame(tmp_path, points, confidence, read):
     made.write_deeplabcut_csv(tmp_path / "v.csv", points, confidence)
     found = read(tmp_path / "v.csv")

@@ -23,9 +23,10 @@ def fit(project, made_cars, tmp_path):
     with open_landmarks([project / "sample_data" / "cars_views.h5"]) as source:
         images = next(source.chunks(3))
 
-    def fit(per_item=None, output="result.h5", **keys):
-        cameras = {"camera_matrix": images.extras["camera_matrix"]}
-        save(tmp_path / "views.h5", replace(images, extras=Extras(per_item, cameras)))
+    def fit(per_item=None, output="result.h5", edges=None, **keys):
+        whole = {"camera_matrix": images.extras["camera_matrix"]}
+        whole |= {} if edges is None else {"edges": np.array(edges)}
+        save(tmp_path / "views.h5", replace(images, extras=Extras(per_item, whole)))
         config = FitConfig(
             landmarks=[str(tmp_path / "views.h5")],
             dictionary=str(tmp_path / "dictionary.h5"),
@@ -54,6 +55,12 @@ def test_every_dataset_of_a_fit_is_known_as_such(fit, keys):
     found, told = fit(**keys)
     assert found.extras.keys() - {"camera_matrix", "edges"} <= OF_A_RESULT
     assert not [line for line in told if "that a result uses" in line]
+
+
+def test_a_dictionary_without_edges_leaves_those_of_the_landmarks(fit, made_cars, tmp_path):
+    write_dictionary(tmp_path / "dictionary.h5", replace(made_cars, edges=None))
+    found, _ = fit(edges=[[0, 1], [2, 5]])
+    np.testing.assert_array_equal(found.extras["edges"], [[0, 1], [2, 5]])
 
 
 def test_datasets_of_the_landmarks_do_not_pass_for_those_of_the_fit(fit):
