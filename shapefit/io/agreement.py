@@ -40,9 +40,9 @@ def common_head(
     else:
         heads = [(place, head.arrange(names, place)) for place, head in heads]
     if isinstance(first, LandmarkSet):
-        lines = (_edges(head) for _, head in heads)
-        known = next((each for each in lines if each is not None), None)
-        heads = [(place, _with_edges(head, known)) for place, head in heads]
+        stated = (_edges(head) for _, head in heads)
+        lines = next((each for each in stated if each is not None), None)
+        heads = [(place, _with_edges(head, lines)) for place, head in heads]
     if isinstance(first, ShapeSet):
         meshes = [(place, head.mesh_vertices) for place, head in heads]
         sizes = [(place, None if m is None else np.array(m.shape[1:])) for place, m in meshes]
