@@ -106,7 +106,9 @@ def run_command(
     in_parts = isinstance(getattr(config, "output", None), ResultFolder)
     name = spec.in_parts if in_parts else spec.pipeline
     pipeline = importlib.import_module(f"shapefit.pipelines.{name}").run
-    gc.enable()
+    if not gc.isenabled():
+        gc.freeze()  # or the first look for cycles goes through all that was imported
+        gc.enable()
     report = Report(spec.name, spec.unit, quiet=quiet, verbose=verbose)
     follow(pipeline(config), report, shows_notes=not spec.prints_note)
     if spec.prints_note:

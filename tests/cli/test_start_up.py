@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -130,6 +131,20 @@ def test_help_imports_nothing_heavy(arguments):
 @pytest.mark.parametrize("module", NOT_FOR_A_FIT_OF_CSV)
 def test_a_fit_of_csv_does_not_import(of_a_fit, module):
     assert module not in of_a_fit
+
+
+def test_no_cycles_are_looked_for_in_what_was_imported():
+    script = (
+        "import gc, sys; gc.disable()\n"
+        "from shapefit.cli.main import run\n"
+        "code = run(sys.argv[1:]); print(gc.isenabled(), gc.get_freeze_count()); sys.exit(code)"
+    )
+    image = Path(__file__).parents[2] / "sample_data/one_person.csv"
+    command = [sys.executable, "-c", script, "info", str(image)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    enabled, frozen = done.stdout.splitlines()[-1].split()
+    assert enabled == "True"
+    assert int(frozen) > 10_000
 
 
 def test_a_fit_of_csv_imports_what_it_needs(of_a_fit):
