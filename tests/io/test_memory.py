@@ -96,6 +96,22 @@ def test_shapes_can_be_read_in_chunks_where_they_do_not_fit_as_a_whole(
         assert sum(map(len, source.chunks(100))) == 2000
 
 
+def test_a_check_reads_as_many_rows_as_fit_in_a_block(tmp_path, monkeypatch):
+    rows, row_bytes = 3000, 192
+    write_shapes(
+        tmp_path / "many.h5",
+        ShapeSet(np.zeros((rows, 3, 4)), tuple("abcd"), tuple(map(str, range(rows)))),
+    )
+    monkeypatch.setattr(reader, "BLOCK_BYTES", 400_000)
+    with Hdf5Reader(tmp_path / "many.h5", SHAPES) as file:
+        sizes = [len(block) for block in file.read_blocks("shapes")]
+        part = [len(block) for block in file.read_blocks("shapes", slice(1000, 1500))]
+        assert sum(sizes) == rows
+        assert 1 < len(sizes) < 5
+        assert sizes[0] * row_bytes <= 400_000
+        assert part == [500]
+
+
 def test_items_that_nobody_wrote_are_not_read_one_by_one(sparse, problems):
     path = sparse(n=MANY)
     assert problems(read_shapes, [path]) == (f"{path}:/item: was never written; name every item",)

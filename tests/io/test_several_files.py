@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from shapefit.io import open_landmarks, read_shapes, write_shapes
+from shapefit.io.hdf5.reading import Hdf5Reader
+from shapefit.io.kinds import opening
 from shapefit.io.name_index import ItemList, check_unique_items
 from tests.io.files import save
 
@@ -320,3 +322,29 @@ def test_datasets_of_files_that_are_nan_in_the_same_places_agree(tmp_path, landm
         found = source.whole()
     assert found.items == landmarks.items[:2]
     np.testing.assert_array_equal(found.extras["camera_matrix"], matrix)
+
+
+@pytest.mark.parametrize(("most_held", "readings"), [(8, 2), (7, 6)])
+def test_names_of_few_items_are_read_once(
+    tmp_path, landmarks, same, monkeypatch, most_held, readings
+):
+    """All files together: 4 items in each of two."""
+    one = landmarks.take(slice(0, 4))
+    two = replace(one, items=tuple(f"{item} again" for item in one.items))
+    paths = [tmp_path / "one.h5", tmp_path / "two.h5"]
+    for path, images in zip(paths, (one, two), strict=True):
+        save(path, images)
+    read, found = Hdf5Reader._values, []
+
+    def counted(self, name, rows):
+        values = read(self, name, rows)
+        found.extend([name] if len(values) else [])
+        return values
+
+    monkeypatch.setattr(Hdf5Reader, "_values", counted)
+    monkeypatch.setattr(opening, "MOST_HELD", most_held)
+    with open_landmarks(paths) as source:
+        first, second = source.file_chunks(4)
+    assert found.count("item") == readings
+    same(first, one)
+    same(second, two)

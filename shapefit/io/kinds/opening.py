@@ -32,6 +32,9 @@ PROOFS = PROOF + TREES
 UNNEEDED = ("iterations", "mesh_vertices")
 """Datasets that nothing is claimed of."""
 
+MOST_HELD = 1 << 16
+"""Items of all files together whose names are held, some MB; those of more are read again."""
+
 
 def open_landmarks(
     paths: Sequence[Path], options: InputOptions = AS_THEY_ARE, rows: slice | None = None
@@ -45,7 +48,10 @@ def open_landmarks(
     of the one HDF5 or Parquet file that are given out: nothing else of it is read.
     """
     groups = group_inputs(paths, options)
-    files = [_open(LANDMARKS, known, own, options, part=rows) for known, own in groups]
+    held = MOST_HELD // len(groups)
+    files = [
+        _open(LANDMARKS, known, own, options, part=rows, most_held=held) for known, own in groups
+    ]
     files[0] = replace(files[0], notes=files[0].notes + mixture(groups))
     return LandmarkSource(_renamed(files, options), options.y_axis)
 
@@ -136,6 +142,7 @@ def _open(
     gaps: bool = False,
     part: slice | None = None,
     without: Collection[Dataset] = (),
+    most_held: int = 0,
 ) -> SourceFile[Any]:
     """Open a file of any format; one that is read whole gives out parts of what was read."""
     path, name = paths[0], source_name(paths[0])
@@ -153,7 +160,9 @@ def _open(
     else:
         read = find_reader(path, form.kind)
         if read is stored_file:
-            file = stored_file(path, form, gaps=gaps, part=part, without=without)
+            file = stored_file(
+                path, form, gaps=gaps, part=part, without=without, most_held=most_held
+            )
             return _hiding(file, options.likelihood_below)
         further = {"gaps": gaps} if form is SHAPES else {}
         records = read(*((paths,) if known.together else paths), **further)

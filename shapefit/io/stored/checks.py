@@ -44,14 +44,20 @@ class Datasets(Protocol):
 
 
 def check_values(
-    reader: Datasets, form: Format, *, gaps: bool = False, part: slice | None = None
+    reader: Datasets,
+    form: Format,
+    *,
+    gaps: bool = False,
+    part: slice | None = None,
+    items: Sequence[str] | None = None,
 ) -> None:
     """Raise InputError for items without a name, and values that cannot be computed with.
 
-    With `gaps` a landmark of a shape may be unknown. Only the rows of `part` are looked at. What
-    results hold is checked where it is read.
+    With `gaps` a landmark of a shape may be unknown. Only the rows of `part` are looked at; `items`
+    are the names of these, where they were read before. What results hold is checked where it is
+    read.
     """
-    check_named(reader, reader.read_blocks("item", part))
+    check_named(reader, reader.read_blocks("item", part) if items is None else [items])
     if form is LANDMARKS:
         fix = "write NaN where the landmark is unseen"
         _check(reader, "landmarks", reader.read_blocks("landmarks", part), np.isinf, fix)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -50,17 +51,23 @@ def stored_file(
     gaps: bool = False,
     part: slice | None = None,
     without: Collection[Dataset] = (),
+    most_held: int = 0,
 ) -> SourceFile[Any]:
     """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
 
-    With `gaps` a landmark of a shape may be unknown. Raises InputError for what is wrong with it.
+    With `gaps` a landmark of a shape may be unknown. The names of at most so many items are read
+    once and held, those of more whenever they are needed. Raises InputError for what is wrong with
+    it.
     """
 
     @contextmanager
     def opened() -> Iterator[Callable[[slice], Records]]:
         with open_stored(path, form) as reader:
             yield lambda rows: read_rows(
-                reader, slice(start + rows.start, start + rows.stop), without
+                reader,
+                slice(start + rows.start, start + rows.stop),
+                without,
+                items=None if items is None else items[rows],
             )
 
     def texts(name: str) -> Iterator[tuple[str, ...]]:
@@ -69,26 +76,40 @@ def stored_file(
 
     with open_stored(path, form) as reader:
         start, stop, _ = (part or slice(None)).indices(reader.count)
-        check_values(reader, form, gaps=gaps, part=part)
+        held = stop - start <= most_held
+        items = tuple(chain.from_iterable(reader.read_blocks("item", part))) if held else None
+        check_values(reader, form, gaps=gaps, part=part, items=items)
         return SourceFile(
             str(path),
             read_rows(reader, slice(0), without),
             stop - start,
-            ItemList(lambda: texts("item"), lambda row: reader.place("item", start + row)),
+            ItemList(
+                lambda: texts("item") if items is None else [items],
+                lambda row: reader.place("item", start + row),
+            ),
             opened,
             sequences=lambda: texts("sequence"),
             y_axis=reader.y_axis,
         )
 
 
-def read_rows(reader: StoredReader, rows: slice, without: Collection[Dataset] = ()) -> Any:
-    """Return the records of these items, but for some datasets."""
+def read_rows(
+    reader: StoredReader,
+    rows: slice,
+    without: Collection[Dataset] = (),
+    *,
+    items: tuple[str, ...] | None = None,
+) -> Any:
+    """Return the records of these items, but for some datasets; `items` are names at hand."""
     kind = KINDS[reader.form.name]
     said: dict[str, Any] = {"unit": reader.unit, "frame_rate": reader.frame_rate}
     if kind is not ShapeSet:
         said["y_axis"] = reader.y_axis or "down"
     if kind is ResultSet:
         said["attributes"] = reader.attributes
+    if items is not None:
+        said["items"] = items
+        without = [*without, *(known for known in reader.form.datasets if known.name == "item")]
     fields = reader.fields(rows, without=without)
     found = kind(**fields, extras=reader.extras(rows), **said)  # type: ignore[call-arg]
     return found if kind is ResultSet else found.with_whole_points()

@@ -163,8 +163,11 @@ class StoredReader(ABC):
 
     def read_blocks(self, name: str, part: slice | None = None) -> Iterator[Any]:
         """Read a dataset per item, or the rows of a part of it, at most some MB at a time."""
-        rows = max(1, min(BLOCK, BLOCK_BYTES // max(self._bytes(name, slice(1)), 1)))
         start, stop, _ = (part or slice(None)).indices(self.count)
+        most = max(1, min(BLOCK, stop - start))
+        # Of many rows at once: a chunk of the file is counted with them, however few they are.
+        taken = self._bytes(name, slice(start, start + most))
+        rows = max(1, min(most, most * BLOCK_BYTES // max(taken, 1)))
         return (
             self.read(name, slice(row, min(row + rows, stop))) for row in range(start, stop, rows)
         )
