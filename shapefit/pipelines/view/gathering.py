@@ -99,14 +99,14 @@ def _take(
     n, p = len(gathered.points), gathered.points.shape[2]
 
     def put(name: str, values: Any) -> None:
-        if values is not None:
+        if values is not None and len(values) == len(frames):  # else of the file, not of its items
             values = np.asarray(values, dtype=np.float64)
             whole = gathered.of_frames.setdefault(name, np.full((n, *values.shape[1:]), np.nan))
             whole[frames] = values
 
     def put_landmarks(name: str, values: Any, expected: tuple[int, ...]) -> None:
         """Put values (rows, p, ...) of the file's landmarks under those of the page."""
-        if values is None or values.shape[1:] != (len(columns), *expected):
+        if values is None or values.shape != (len(frames), len(columns), *expected):
             return
         whole = gathered.of_frames.setdefault(name, np.full((n, p, *expected), np.nan))
         whole[np.ix_(frames, columns)] = np.asarray(values, dtype=np.float64)

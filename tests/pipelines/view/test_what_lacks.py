@@ -33,6 +33,11 @@ def test_without_observed_landmarks(desk):
     assert made.data["flat"]
 
 
+def test_datasets_with_other_rows_than_the_file_has_items_are_left_out(desk):
+    extras = {"landmarks": np.zeros((5, 5, 2)), "frame": np.arange(5.0)}
+    assert desk.view(desk.result(extras=extras)).data["seen"] is None
+
+
 def test_the_landmark_file_gives_the_observed_landmarks(desk):
     made = desk.view(desk.result(extras={}), desk.landmarks())
     assert "observed" not in made.notes
