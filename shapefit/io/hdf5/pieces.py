@@ -12,6 +12,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.errors import input_error
+
 TEXT = 100
 """Bytes of a short text in memory, and of the place where it is held."""
 
@@ -59,17 +61,26 @@ def size_in_memory(stored: Stored, rows: slice | tuple[()]) -> int:
 MOST_CHUNKS = 10_000
 """That are read at once: HDF5 takes some 6 kB for each, whatever it holds."""
 
+MOST_AT_ONCE = 1_000_000
+"""Chunks of rows that are wanted together: more take HDF5 ten seconds and up."""
+
 Place = tuple[slice, ...]
 
 
 def read_rows(stored: Stored, rows: slice | tuple[()]) -> Any:
-    """Return these rows of a dataset, texts as str; `()` is all of it, a scalar too."""
+    """Return these rows of a dataset, texts as str; `()` is all of it, a scalar too.
+
+    Raises InputError where they lie in more chunks than `MOST_AT_ONCE`.
+    """
     source = stored.dataset.asstr() if stored.text else stored.dataset
     chunks, shape = stored.chunks, stored.shape
     if not chunks or _count(shape, chunks) <= MOST_CHUNKS:
         return source[rows]
     start, stop, _ = (rows if isinstance(rows, slice) else slice(None)).indices(shape[0])
     wanted = (max(stop - start, 0), *shape[1:])
+    if (count := _count(wanted, chunks)) > MOST_AT_ONCE:
+        place = f"{stored.dataset.file.filename}:{stored.dataset.name}"
+        raise input_error(place, f"lies in {count} chunks", "store it in larger ones")
     values: NDArray[Any] = np.empty(wanted, object if stored.text else stored.dataset.dtype)
     for piece in _pieces(wanted, chunks):
         first = piece[0]

@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
+from shapefit.errors import InputError
 from shapefit.io.hdf5 import pieces
 from shapefit.io.hdf5.pieces import Stored, read_rows
 
@@ -66,3 +67,12 @@ with h5py.File("{tmp_path}/many.h5") as file:
 print(int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) < 400_000)
 """
     assert run_python(script).stdout == "True\n"
+
+
+def test_rows_in_too_many_chunks_are_refused(dataset, monkeypatch):
+    monkeypatch.setattr(pieces, "MOST_CHUNKS", 2)
+    monkeypatch.setattr(pieces, "MOST_AT_ONCE", 3)
+    made = Stored.of(dataset(np.zeros((4, 2)), chunks=(1, 2)))
+    assert read_rows(made, slice(1, 4)).shape == (3, 2)
+    with pytest.raises(InputError, match=r"\.h5:/\w+: lies in 4 chunks; store it in larger ones$"):
+        read_rows(made, ())
