@@ -165,6 +165,9 @@ def record(paths: tuple[Path, ...]) -> Recording:
     """Return the images of a table. Raises InputError where it can be understood in two ways."""
     path = paths[0]
     text = _decoded(read_whole(path)).replace("\r\n", "\n").replace("\r", "\n")
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise input_error(f"{path}:{line}", "is not text (a zero byte)", "save it as CSV in UTF-8")
     columns = understand(text.partition("\n")[0])
     if columns is None:
         raise input_error(path, "does not name columns of landmarks", "see docs/formats.md")

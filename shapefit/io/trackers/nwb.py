@@ -55,6 +55,9 @@ class Series:
     def times(self, file: TrackerFile) -> Floats:
         """Return the time of each point. Raises InputError for times that do not increase."""
         if self.start is not None:
+            if not np.isfinite(self.start):
+                fix = "store the time of the first point"
+                raise input_error(file.place(f"{self.group}/starting_time"), "is no number", fix)
             return self.start + np.arange(self.count) / (self.rate or 1.0)
         name = f"{self.group}/timestamps"
         file.check_shape(name, (self.count,))

@@ -172,6 +172,7 @@ def test_arrays_of_something_else(tmp_path, found, words):
         ("frame,joint,x,y\nlast,a,1,2\n", "the frame 'last' is no whole number"),
         ("frame,joint,x,y,score\n0,a,1,2,-1\n", "has a confidence of -1"),
         (WIDE + "1,2,3\n", r"csv:4: has 3 cells for 5 columns"),
+        (WIDE + "1,\0,3,4,5\n", r"csv:4: is not text \(a zero byte\); save it as CSV in UTF-8$"),
     ],
 )
 def test_what_is_unsure_is_an_error_that_shows_what_was_understood(tmp_path, text, words):

@@ -319,6 +319,10 @@ def test_nwb_files_without_poses_and_with_times_that_do_not_increase(write, prob
     path = write("poses.nwb")
     with h5py.File(path, "a") as file:
         series = file["processing/behavior/animal0/point1"]
+        series["starting_time"][()] = np.nan
+    assert "point1/starting_time: is no number; store the time" in problem(path)
+    with h5py.File(path, "a") as file:
+        series = file["processing/behavior/animal0/point1"]
         del series["starting_time"]
         series["timestamps"] = [0.0, 1, 2, 2, 3, 4, 5]
     assert "timestamps: does not increase" in problem(path)
