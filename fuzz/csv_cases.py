@@ -98,7 +98,8 @@ def spoiled_csv(rng: Random, path: Path) -> None:
     """Spoil a CSV file."""
     rows = [line.split(",") for line in path.read_text().splitlines()]
     for _ in range(rng.choice((0, 1, 1, 2, 3))):
-        rng.choice(CHANGES)(rng, rows)
+        if rows[0]:  # a header without any column cannot be spoiled further
+            rng.choice(CHANGES)(rng, rows)
     text = "\n".join(",".join(row) for row in rows) + "\n"
     data = text.encode("utf-8", "surrogatepass")
     if rng.random() < 0.4:
