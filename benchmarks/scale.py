@@ -125,6 +125,7 @@ def simulate(images: int, machines: int, partition: int, known: Constants) -> Ru
 def measure_client() -> float:
     """Return the processor's seconds of client and scheduler for a part without work."""
     from shapefit.config import FitConfig, load_config
+    from shapefit.pipelines.outcome import Outcome
     from shapefit.pipelines.parts import cluster
     from shapefit.pipelines.parts.part import Done, Job
     from shapefit.pipelines.parts.plan import Part
@@ -136,12 +137,12 @@ def measure_client() -> float:
         parts = [Part(number, (views,), (0, 100), ()) for number in range(MEASURED_PARTS)]
 
         def no_work(job: Job) -> Done:
-            return Done(job.part, images=1)
+            return Done(job.part, Outcome(done=1))
 
         with patch.object(cluster, "fit_part", no_work), cluster.connected(config) as client:
             began = time.process_time()
             jobs = [Job(part, config, Path(name)) for part in parts]
-            done = sum(each.images for each in cluster.on_cluster(client, jobs))
+            done = sum(each.outcome.done for each in cluster.on_cluster(client, jobs))
             return (time.process_time() - began) / done
 
 
