@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from sample_data.animal import EDGES, FRAME_RATE, LANDMARKS, MIRROR, Dog, Floats, perform, places
-from sample_data.storage import write_hdf5
+from sample_data.storage import write_shapes
 
 SEED = 20150607
 ACTIVITIES = {
@@ -54,15 +54,9 @@ def dog_like(rng: np.random.Generator) -> Dog:
 
 
 def write_clips(path: Path, clips: dict[str, Floats]) -> None:
-    write_hdf5(
+    write_shapes(
         path,
-        attributes={
-            "format": "shapefit-shapes",
-            "version": 1,
-            "unit": "m",
-            "up_axis": "y",
-            "frame_rate": FRAME_RATE,
-        },
+        attributes={"frame_rate": FRAME_RATE},
         texts={
             "landmark_names": LANDMARKS,
             "item": [

@@ -15,7 +15,7 @@ from sample_data.car_landmarks import counterparts, landmark_vertices, lines
 from sample_data.car_models import MODELS
 from sample_data.car_parts import Part, assemble, parts_of
 from sample_data.car_views import camera_matrix, look
-from sample_data.storage import write_csv, write_hdf5
+from sample_data.storage import write_csv, write_hdf5, write_shapes
 
 SEED = 20150608
 DECIMALS = 4
@@ -38,15 +38,9 @@ def assemble_car(parts: Mapping[str, Part]) -> Part:
 def write_cars(path: Path, cars: Mapping[str, Part], spots: Mapping[str, int]) -> None:
     names = list(spots)
     vertices = np.stack([car.vertices for car in cars.values()])
-    write_hdf5(
+    write_shapes(
         path,
-        attributes={
-            "format": "shapefit-shapes",
-            "version": 1,
-            "unit": "m",
-            "up_axis": "y",
-            "frame": "car: x to its left, y up from the ground, z forward",
-        },
+        attributes={"frame": "car: x to its left, y up from the ground, z forward"},
         texts={"landmark_names": names, "item": list(cars)},
         arrays={
             "shapes": vertices[:, list(spots.values())],

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sample_data.motions import ACTIVITIES, FRAME_RATE, mirrored, perform
 from sample_data.skeleton import EDGES, JOINTS, Proportions, joints
-from sample_data.storage import write_csv, write_hdf5
+from sample_data.storage import write_csv, write_shapes
 
 Floats = NDArray[np.float64]
 
@@ -79,15 +79,9 @@ def clips(
 
 
 def write_clips(path: Path, made: Sequence[Clip]) -> None:
-    write_hdf5(
+    write_shapes(
         path,
-        attributes={
-            "format": "shapefit-shapes",
-            "version": 1,
-            "unit": "m",
-            "up_axis": "y",
-            "frame_rate": FRAME_RATE,
-        },
+        attributes={"frame_rate": FRAME_RATE},
         texts={
             "landmark_names": JOINTS,
             "item": [item for clip in made for item in clip.items],

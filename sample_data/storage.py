@@ -29,6 +29,17 @@ def write_hdf5(
             _compressed(file, name, array.astype(np.int32 if whole else np.float32))
 
 
+def write_shapes(
+    path: Path,
+    attributes: Mapping[str, str | int | float],
+    texts: Mapping[str, Sequence[str]],
+    arrays: Mapping[str, NDArray[np.generic]],
+) -> None:
+    """Write shapes in metres, y up, with further root attributes, as `write_hdf5` does."""
+    own = {"format": "shapefit-shapes", "version": 1, "unit": "m", "up_axis": "y"}
+    write_hdf5(path, {**own, **attributes}, texts, arrays)
+
+
 def write_csv(
     path: Path,
     landmark_names: Sequence[str],
