@@ -89,10 +89,16 @@ def _decode(data: bytes, line: int, name: str) -> Section:
     except UnicodeDecodeError as error:
         line += data.count(b"\n", 0, error.start)
         raise input_error(f"{name}:{line}", "is not UTF-8 text", fix) from error
-    if "\0" in text:
-        line += data.count(b"\n", 0, data.index(b"\0"))
-        raise input_error(f"{name}:{line}", "is not text (a zero byte)", fix)
+    refuse_zero_bytes(text, name, line)
     return Section(data, text, line)
+
+
+def refuse_zero_bytes(text: str, name: str, line: int) -> None:
+    """Raise InputError for the line of a zero byte in a text that begins with this line."""
+    if "\0" in text:
+        line += text.count("\n", 0, text.index("\0"))
+        fix = "save it as CSV in UTF-8"
+        raise input_error(f"{name}:{line}", "is not text (a zero byte)", fix)
 
 
 COMMA, LINE_END = b",\n"

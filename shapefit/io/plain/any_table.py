@@ -17,7 +17,7 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, abbreviate, input_error, printable
 from shapefit.io.csv.numbers import read_numbers
-from shapefit.io.csv.text import bad_line
+from shapefit.io.csv.text import bad_line, refuse_zero_bytes
 from shapefit.io.foreign.recording import Recording, video_name
 from shapefit.io.motion.recognition import is_anipose
 from shapefit.io.plain.point_rows import of_bodies
@@ -165,9 +165,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
     """Return the images of a table. Raises InputError where it can be understood in two ways."""
     path = paths[0]
     text = _decoded(read_whole(path)).replace("\r\n", "\n").replace("\r", "\n")
-    if "\0" in text:
-        line = text.count("\n", 0, text.index("\0")) + 1
-        raise input_error(f"{path}:{line}", "is not text (a zero byte)", "save it as CSV in UTF-8")
+    refuse_zero_bytes(text, str(path), 1)
     columns = understand(text.partition("\n")[0])
     if columns is None:
         raise input_error(path, "does not name columns of landmarks", "see docs/formats.md")

@@ -16,7 +16,7 @@ from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import PosteriorOptions
 from shapefit.pipelines.fit.chain import fit_images
-from shapefit.pipelines.fit.plan import plan_fit
+from shapefit.pipelines.fit.plan import find_misfit, plan_fit
 
 SAMPLE = 500
 """Images by which dictionaries are compared."""
@@ -35,14 +35,16 @@ class Predicted:
 
 def lift_by(images: LandmarkSet, dictionary: Dictionary, method: str) -> Lifting:
     """Lift images as `fit` does with its defaults; they have the landmarks of the dictionary."""
-    config = FitConfig.model_construct(
+    plan = plan_fit(_config(method), dictionary, dictionary.landmark_names)
+    return fit_images(images, dictionary, plan.lift)
+
+
+def _config(method: str) -> FitConfig:
+    return FitConfig.model_construct(
         landmarks=(Path("landmarks"),),
         dictionary=Path("dictionary"),
         output=Path("result.h5"),
         method=method,
-    )
-    return fit_images(
-        images, dictionary, plan_fit(config, dictionary, dictionary.landmark_names).lift
     )
 
 
@@ -61,7 +63,7 @@ def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> Predicted:
     size = spread(some.landmarks, seen)[:, None]
     apart = (found.shapes[:, :2] - some.landmarks) / size[..., None]
     options = PosteriorOptions()
-    misfit = options.misfit if dictionary.misfit is None else float(dictionary.misfit[0])
+    misfit = find_misfit(_config("posterior"), dictionary)
     variance = (found.scale[:, None, None] / size[..., None] * deviation[:, :2]) ** 2 + misfit
     normal = np.exp(-0.5 * (apart**2 / variance).sum(axis=1)) / (
         2 * np.pi * np.sqrt(variance.prod(axis=1))
