@@ -16,6 +16,7 @@ import argparse
 import heapq
 import random
 import time
+from collections import deque
 from dataclasses import dataclass, fields
 from itertools import product
 from pathlib import Path
@@ -141,7 +142,7 @@ def measure_client() -> float:
 
         with patch.object(cluster, "fit_part", no_work), cluster.connected(config) as client:
             began = time.process_time()
-            jobs = [Job(part, config, Path(name)) for part in parts]
+            jobs = deque(Job(part, config, Path(name)) for part in parts)
             done = sum(each.outcome.done for each in cluster.on_cluster(client, jobs))
             return (time.process_time() - began) / done
 

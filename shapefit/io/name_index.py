@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import blake2b
 from itertools import chain
 from pathlib import Path
 
@@ -62,8 +63,12 @@ class NameIndex:
 
     def add(self, names: Sequence[str]) -> None:
         """Add names; the first ever has the row 0."""
-        self._waiting.append(hashed(names))
-        self._count += len(names)
+        self.add_hashes(hashed(names))
+
+    def add_hashes(self, hashes: Hashes) -> None:
+        """Add names by their hashes, those of all by one function."""
+        self._waiting.append(hashes)
+        self._count += len(hashes)
         if self._count - len(self._hashes) >= RUN:
             self._sort_waiting()
 
@@ -133,6 +138,12 @@ def index_of(folder: Path | None, blocks: Iterable[Sequence[str]]) -> NameIndex:
 def hashed(names: Sequence[str]) -> Hashes:
     """Return the hash of each name, which is another one in every run of the program."""
     return np.fromiter(map(hash, names), np.int64, len(names)).view(np.uint64)
+
+
+def stable_hashes(names: Iterable[str]) -> Hashes:
+    """Return another hash of each name, the same in all processes."""
+    encoded = (name.encode("utf-8", "surrogatepass") for name in names)
+    return np.frombuffer(b"".join(blake2b(e, digest_size=8).digest() for e in encoded), np.uint64)
 
 
 def repetitions(

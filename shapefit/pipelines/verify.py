@@ -10,6 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -136,17 +137,20 @@ def find_parts(request: Request) -> tuple[list[Part], tuple[Failure, ...]]:
         found = "is a folder without results"
         raise input_error(result, found, "name a result in it") from None
     there = files_in(result)
-    wrong = false_list(folder.entries, there)
+    wrong = false_list(folder, there)
     own: dict[tuple[str, ...], tuple[Path, ...]] = {}
     if request.landmarks:
         inputs = list(dict.fromkeys(entry.inputs for entry in folder.entries))
-        given = [paths for _, paths in group_inputs(request.landmarks, AS_THEY_ARE)]
-        if len(inputs) != len(given):
+        groups = group_inputs(request.landmarks, AS_THEY_ARE)
+        given = iter([path for _, paths in groups for path in paths])
+        own = {each: tuple(islice(given, len(each))) for each in inputs}
+        made, more = sum(map(len, inputs)), len(list(given))
+        own = {each: paths for each, paths in own.items() if len(each) == len(paths)}
+        if more or len(own) < len(inputs):
             found = (
-                f"the parts were made from {counted(len(inputs), 'recording')}, not {len(given)}"
+                f"the parts were made from {counted(made, 'file')}, not {len(request.landmarks)}"
             )
             wrong.append(("landmarks", found))
-        own = dict(zip(inputs, given, strict=False))
         wrong += false_ends(folder, own)
     parts = [
         Part(result / entry.file, own.get(entry.inputs, ()), entry, folder)

@@ -17,7 +17,9 @@ False_ = tuple[str, str]
 """What is stated falsely, and how it is."""
 
 MANIFEST = "manifest.json"
-VERSION = 1
+VERSION, OLD = 2, 1
+"""In the first version each part had the next number, now that of its first input."""
+
 PART = re.compile(r"part-(\d{5,})\.\w+")
 
 COMPARED = {
@@ -47,11 +49,15 @@ class Entry:
 
 @dataclass(frozen=True)
 class Folder:
-    """What a manifest states: digests of the config and the dictionary, and the parts."""
+    """What a manifest states: digests of the config and the dictionary, and the parts.
+
+    one_by_one: whether each part has the next number; else that of its first input.
+    """
 
     config: str
     dictionary: str
     entries: tuple[Entry, ...]
+    one_by_one: bool = False
 
 
 def read_folder(manifest: Path, text: bytes) -> Folder:
@@ -70,9 +76,11 @@ def read_folder(manifest: Path, text: bytes) -> Folder:
             entries.append(
                 Entry(str(each["file"]), inputs, first, sizes, images, failed, size, spans)
             )
-        if content["version"] != VERSION:
+        if content["version"] not in (VERSION, OLD):
             raise ValueError(f"its version is {content['version']}")
-        return Folder(str(content["config"]), str(content["dictionary"]), tuple(entries))
+        one_by_one = content["version"] == OLD
+        said = str(content["config"]), str(content["dictionary"])
+        return Folder(*said, tuple(entries), one_by_one)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         found = f"is not a manifest of results ({type(error).__name__}: {error})"
         raise input_error(manifest, found, "fit again") from None
@@ -104,14 +112,15 @@ def _by_length(name: str) -> tuple[int, str]:
     return len(name), name
 
 
-def false_list(entries: Sequence[Entry], there: Mapping[str, int]) -> list[False_]:
+def false_list(folder: Folder, there: Mapping[str, int]) -> list[False_]:
     """Return what is wrong with the list of parts: their order, their rows, and what is there.
 
     there: the files in the folder, with their bytes.
     """
-    wrong: list[False_] = [] if entries else [("manifest", "lists no part")]
+    wrong: list[False_] = [] if folder.entries else [("manifest", "lists no part")]
     reached: dict[tuple[str, ...], int] = {}
-    for number, entry in enumerate(entries):
+    number = 0
+    for entry in folder.entries:
         match = PART.fullmatch(entry.file)
         if match is None or int(match[1]) != number:
             found = f"stands where part {number} should: a part is missing, or has another name"
@@ -125,7 +134,8 @@ def false_list(entries: Sequence[Entry], there: Mapping[str, int]) -> list[False
                 (entry.file, f"begins at row {first} of {entry.inputs[0]}: rows are missing")
             )
         reached[entry.inputs] = last
-    listed = {entry.file for entry in entries}
+        number += 1 if entry.rows or folder.one_by_one else len(entry.inputs)
+    listed = {entry.file for entry in folder.entries}
     strange = sorted(name for name in there if PART.fullmatch(name) and name not in listed)
     return wrong + [(name, "is not in the manifest") for name in strange]
 

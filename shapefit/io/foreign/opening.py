@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from shapefit.io.foreign.table import FileFormat
 from shapefit.io.formats import FORMATS, find_format
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import source_name
+from shapefit.stores.shelf import on_threads
 
 
 def group_inputs(
@@ -20,8 +22,8 @@ def group_inputs(
 ) -> list[tuple[FileFormat, tuple[Path, ...]]]:
     """Return the inputs in order, each with its format; files that are one recording together."""
     groups: dict[tuple[str, str], tuple[FileFormat, list[Path]]] = {}
-    for path in paths:
-        known = find_format(path, options.format)
+    formats = on_threads(partial(find_format, name=options.format), paths)
+    for path, known in zip(paths, formats, strict=True):
         shared = known.together and not path.is_dir()
         key = (known.title, str(path.parent)) if shared else ("", str(path))
         groups.setdefault(key, (known, []))[1].append(path)

@@ -6,9 +6,9 @@ import json
 import logging
 import os
 import time
-from collections.abc import Iterable, Iterator
+from collections import deque
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from itertools import islice
 from typing import Any
 
 from shapefit.config import FitConfig
@@ -127,16 +127,16 @@ def introduce(client: Any) -> str:
     return f"Dask: {workers}" + (f"; dashboard: {link}" if link else "")
 
 
-def on_cluster(client: Any, jobs: Iterable[Job]) -> Iterator[Done]:
+def on_cluster(client: Any, jobs: deque[Job]) -> Iterator[Done]:
     """Do the jobs on the workers of a cluster; yield what became of each, as they end.
 
+    Jobs are taken from the front; others may be added behind them meanwhile.
     A worker that dies has its part done by another one, and so has one that fails for what may
     pass, as a full disk. A part that fails again and again is reported with its error. Raises
     InputError where the scheduler is lost, and for workers without this version of shapefit.
     """
     from distributed import CancelledError, as_completed
 
-    waiting = iter(jobs)
     parts: dict[str, tuple[Job, tuple[str, ...]]] = {}
     address = client.scheduler.address
 
@@ -147,8 +147,12 @@ def on_cluster(client: Any, jobs: Iterable[Job]) -> Iterator[Done]:
         parts[future.key] = job, failed_on
         return future
 
-    first = islice(waiting, AHEAD * max(1, sum(client.nthreads().values())))
-    ended = as_completed(map(submitted, first))
+    most = AHEAD * max(1, sum(client.nthreads().values()))
+
+    def next_ones() -> list[Any]:
+        return [submitted(jobs.popleft()) for _ in range(min(len(jobs), most - len(parts)))]
+
+    ended = as_completed(next_ones())
     for future in ended:
         job, failed_on = parts.pop(future.key)
         if future.status == "error":
@@ -167,7 +171,7 @@ def on_cluster(client: Any, jobs: Iterable[Job]) -> Iterator[Done]:
                 ended.add(submitted(job, (*failed_on, next(iter(workers), ""))))
                 continue
             yield done
-        ended.update(map(submitted, islice(waiting, 1)))
+        ended.update(next_ones())
 
 
 def _check_worker(error: BaseException, place: str) -> None:

@@ -7,7 +7,7 @@ parts whose names lie apart in either order have no name in common, and are not 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 from shapefit.io.columns import nearest_folder
 from shapefit.io.layout import RESULTS
-from shapefit.io.name_index import Equal, find_equal_names
+from shapefit.io.name_index import Equal, NameIndex, find_equal_names, stable_hashes
 from shapefit.io.stored.files import open_stored
 
 Key = TypeVar("Key")
@@ -78,10 +78,23 @@ def _split(group: Sequence[Key], spans: Mapping[Key, Span], order: Order) -> Ite
         yield together
 
 
-def find_equal(parts: Sequence[Path]) -> Equal:
-    """Return the items that are in two or more of these results, all in one folder."""
-    if not parts:
+def find_equal_items(spans: Mapping[Path, Span], met: NameIndex, lifted: Collection[Path]) -> Equal:
+    """Return the items that are in two or more results, all in one folder.
+
+    met: the stable hashes of the names in the results that were just `lifted`. Of others they are
+    read where these may share a name, and those in question all where two hashes are the same.
+    """
+    groups = overlapping(spans)
+    for part in (part for group in groups for part in group if part not in lifted):
+        for block in _items(part):
+            met.add_hashes(stable_hashes(block))
+    if not groups or not any(map(len, met.repeated())):
         return Equal(0, ())
+    return sum((find_equal(sorted(group)) for group in groups), Equal(0, ()))
+
+
+def find_equal(parts: Sequence[Path]) -> Equal:
+    """Return the items that are in two or more of these results, which are read."""
     lists = {part: partial(_items, part) for part in parts}
     return find_equal_names(lists, nearest_folder(parts[0]))
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -11,19 +13,26 @@ from typing import Any
 
 from shapefit import __version__
 from shapefit.config.paths import MANIFEST, ResultFolder
-from shapefit.errors import InputError, counted, input_error, path_text
+from shapefit.errors import InputError, counted, input_error
 from shapefit.io.kinds.opening import open_results
 from shapefit.io.memory import in_words
-from shapefit.io.whole.atomic import atomic_path
+from shapefit.io.whole.atomic import atomic_path, storage_errors, write_all
 from shapefit.io.whole.folder import check_folder
-from shapefit.pipelines.parts.equal_items import Span
+from shapefit.pipelines.parts.equal_items import Span, by_length
 from shapefit.pipelines.parts.plan import Part
 from shapefit.stores.reading import read_bytes
 from shapefit.stores.shelf import find_state
 from shapefit.stores.urls import UrlPath
 
-VERSION = 1
+VERSION, OLD = 2, 1
+"""In the first version parts were numbered one by one, now by their first input."""
+
 LOCK = ".lock"
+TAIL = "]}\n"
+"""Of a manifest, in the place of which the next entry is written."""
+
+SHARE_OF_WRITING = 0.05
+"""Of the time of a run that rewriting a long manifest in a store may take."""
 
 BATCH = 4096
 """Images of a result that was touched that are read at a time."""
@@ -40,12 +49,13 @@ class Manifest:
 
     terms: Mapping[str, str]
     parts: dict[str, Entry] = field(default_factory=dict)
+    due: float = 0.0
 
     def holds(self, part: Part) -> bool:
         """Whether a part is done, and its inputs are as they were."""
         known = self.parts.get(part.file)
         return known is not None and all(
-            known.get(key) == value for key, value in describe(part).items()
+            known.get(key) == value for key, value in part.describe().items()
         )
 
     def spans(self, folder: Path) -> dict[Path, Span]:
@@ -57,32 +67,51 @@ class Manifest:
         }
 
     def write(self, path: Path) -> None:
-        """Write the manifest, whole or not at all."""
-        content = {
-            "version": VERSION,
-            "shapefit": __version__,
-            **self.terms,
-            "parts": [{"file": name, **entry} for name, entry in sorted(self.parts.items())],
-        }
-        with atomic_path(path) as temporary:
-            temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        """Write the manifest, whole or not at all, with a line for each part."""
+        said = {"version": VERSION, "shapefit": __version__, **self.terms}
+        lines = [_line(name, self.parts[name]) for name in sorted(self.parts, key=by_length)]
+        with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+            file.write(json.dumps(said)[:-1] + ', "parts": [\n' + ",".join(lines) + TAIL)
+
+    def add(self, name: str, entry: Entry, path: Path) -> None:
+        """Add a part, and write its line behind the others.
+
+        An object of a store cannot grow: it is written anew, as often as takes little of the time.
+        """
+        first = not self.parts
+        self.parts[name] = entry
+        if isinstance(path, UrlPath):
+            began = time.monotonic()
+            if began >= self.due:
+                self.write(path)
+                now = time.monotonic()
+                self.due = now + (now - began) / SHARE_OF_WRITING
+            return
+        with storage_errors(path, None), path.open("r+b", buffering=0) as file:
+            file.seek(-len(TAIL), os.SEEK_END)
+            line = ("" if first else ",") + _line(name, entry) + TAIL
+            write_all(file, line.encode())
 
 
-def describe(part: Part) -> Entry:
-    """Return what a part is made of, as the manifest says it."""
-    return {
-        "inputs": [path_text(path) for path in part.inputs],
-        "rows": None if part.rows is None else list(part.rows),
-        "sizes": [size for size, _ in part.state],
-        "changed": [changed for _, changed in part.state],
-    }
+def _line(name: str, entry: Entry) -> str:
+    return json.dumps({"file": name, **entry}) + "\n"
+
+
+def parse(text: bytes) -> Any:
+    """Return what a manifest holds, but for a last line that was not written to its end."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        if not text.endswith(b"}\n"):
+            text = text[: max(text.rindex(start) for start in (b"\n,", b"\n{") if start in text)]
+        return json.loads(text + TAIL.encode())
 
 
 def read_manifest(path: Path) -> Manifest | None:
     """Read a manifest; None where there is none. Raises InputError where it is something else."""
     try:
-        content = json.loads(read_bytes(path))
-        if content["version"] != VERSION:
+        content = parse(read_bytes(path))
+        if content["version"] not in (VERSION, OLD):
             found = f"is a manifest of version {content['version']}, this is version {VERSION}"
             raise input_error(path, found, "choose another folder")
         parts = {entry.pop("file"): entry for entry in content["parts"]}

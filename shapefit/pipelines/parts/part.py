@@ -11,6 +11,7 @@ from typing import Any
 from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.errors import InputError, input_error
+from shapefit.io.name_index import stable_hashes
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, add_up
 from shapefit.pipelines.parts.equal_items import Span
@@ -42,6 +43,7 @@ class Done:
 
     outcome   what is known of it: its images, and the first failures and warnings
     state     of its result, once that is written
+    span      of the names of its images, and the stable hashes of these
     passing   whether another try, or another machine, may do better
     """
 
@@ -51,6 +53,7 @@ class Done:
     seconds: float = 0.0
     state: State = (0, "")
     span: Span | None = None
+    hashes: bytes = b""
     error: str | None = None
     passing: bool = False
 
@@ -89,6 +92,7 @@ def _fit(job: Job, began: float) -> Done:
     rows = None if job.part.rows is None else slice(*job.part.rows)
     images, failed = 0, 0
     span: Span | None = None
+    hashes: list[bytes] = []
     failures: list[Failure] = []
     warnings: dict[str, str | Counted] = {}
     doubts: dict[str, str | Counted] = {}
@@ -100,6 +104,7 @@ def _fit(job: Job, began: float) -> Done:
             if outcome.items:
                 met = Span.of(outcome.items)
                 span = span | met if span else met
+                hashes.append(stable_hashes(outcome.items).tobytes())
             failures += outcome.failures[: MOST_TOLD - len(failures)]
             add_up(warnings, outcome.warnings, MOST_TOLD)
             add_up(doubts, (replace(doubt, items=()) for doubt in outcome.doubts))
@@ -117,7 +122,7 @@ def _fit(job: Job, began: float) -> Done:
         warnings=tuple(warnings.values()),
         doubts=tuple(doubt for doubt in doubts.values() if isinstance(doubt, Counted)),
     )
-    return Done(job.part, told, failed, time.perf_counter() - began, state, span)
+    return Done(job.part, told, failed, time.perf_counter() - began, state, span, b"".join(hashes))
 
 
 def describe(error: BaseException) -> str:

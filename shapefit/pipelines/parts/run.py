@@ -8,19 +8,26 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import get_args
+
+import numpy as np
 
 from shapefit.config import FitConfig
 from shapefit.config.commands.fit import PartFormat
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError, abbreviate, counted, input_error, printable
 from shapefit.io import digest, open_landmarks, read_dictionary
-from shapefit.io.formats import FORMATS, find_writer
+from shapefit.io.columns import nearest_folder
+from shapefit.io.foreign.opening import group_inputs
+from shapefit.io.formats import FORMATS, find_format, find_writer
 from shapefit.io.layout import RESULTS
-from shapefit.io.name_index import Equal
+from shapefit.io.name_index import Equal, NameIndex
+from shapefit.io.sources import is_stream
 from shapefit.pipelines.fit.plan import read_options
 from shapefit.pipelines.fit.settle import FIRST, plan_settling
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
@@ -31,11 +38,10 @@ from shapefit.pipelines.parts.cluster import (
     on_cluster,
     wants_cluster,
 )
-from shapefit.pipelines.parts.equal_items import find_equal, overlapping
+from shapefit.pipelines.parts.equal_items import find_equal_items
 from shapefit.pipelines.parts.manifest import (
     Manifest,
     damage_of,
-    describe,
     held_folder,
     read_manifest,
 )
@@ -51,38 +57,38 @@ OF_THE_RUN = (
 )
 """Keys that do not change what a part holds."""
 
-SHARE_OF_WRITING = 0.05
-"""Of the time of a run that rewriting a long manifest may take."""
-
 
 def run(config: FitConfig) -> Iterator[Outcome]:
     """Lift landmarks part by part into the folder that is the output."""
     folder = config.output
     assert isinstance(folder, ResultFolder), "the output is a folder"
     check_parts(config)
-    parts = plan_parts(config)
-    config = settle_first(config, parts)
+    config = settle_first(config)
     terms = find_terms(config)
+    known = read_manifest(folder.manifest)
+    done = known.parts.values() if known is not None and known.terms == terms else ()
+    parts = plan_parts(config, done)
     if config.dry_run:
-        manifest = _known(folder, terms)[0]
-        yield _dry(parts, manifest)
+        yield _dry(parts, _known(folder, terms)[0])
         return
     with held_folder(folder.path):
         yield from _run(config, folder, parts, terms)
 
 
-def settle_first(config: FitConfig, parts: Sequence[Part]) -> FitConfig:
-    """Return the config with nothing left open that the first images settle for all parts.
+def settle_first(config: FitConfig) -> FitConfig:
+    """Return the config with nothing left open that the first recording settles for all parts.
 
-    Where they cannot be read the first part reports it, and each settles its own.
+    Where it cannot be read its part reports it, and each settles its own.
     """
-    if not parts:
-        return config
-    rows = parts[0].rows
-    first = None if rows is None else slice(rows[0], min(rows[1], rows[0] + FIRST))
-    dictionary = read_dictionary(config.dictionary)
+    dictionary, options = read_dictionary(config.dictionary), read_options(config)
+    inputs = config.landmarks
     try:
-        with open_landmarks(parts[0].inputs, read_options(config), first) as source:
+        known = find_format(inputs[0], options.format)
+        folder = inputs[0].parent
+        near = [path for path in inputs if path.parent == folder] if known.together else inputs[:1]
+        ((known, first), *_) = group_inputs(near, options)
+        rows = None if known.reader is None else slice(0, FIRST)
+        with open_landmarks(first, options, rows) as source:
             return plan_settling(config, dictionary)(source)[0]
     except InputError:
         return config
@@ -91,6 +97,9 @@ def settle_first(config: FitConfig, parts: Sequence[Part]) -> FitConfig:
 def check_parts(config: FitConfig) -> None:
     """Raise InputError for what cannot be done part by part, and for a library that is missing."""
     assert isinstance(config.output, ResultFolder)
+    if any(map(is_stream, config.landmarks)):
+        found = "standard input cannot be divided into parts"
+        raise input_error("landmarks", found, "save it to a file and name that")
     find_writer(config.output.manifest, RESULTS.kind, config.part_format)
     for key in ("export", "pictures"):
         if getattr(config, key).folder is not None:
@@ -145,71 +154,76 @@ def _lost(part: Part, error: str) -> Failure:
 
 
 def _run(
-    config: FitConfig, folder: ResultFolder, parts: Sequence[Part], terms: dict[str, str]
+    config: FitConfig, folder: ResultFolder, planned: Sequence[Part], terms: dict[str, str]
 ) -> Iterator[Outcome]:
     manifest, again = _known(folder, terms)
-    _drop_stale(parts, manifest)
-    todo = [part for part in parts if not manifest.holds(part)]
+    parts = {part.file: part for part in planned}
+    manifest.parts = {file: manifest.parts[file] for file in parts if manifest.holds(parts[file])}
+    alone = {"threads": 1} if wants_cluster(config) and config.threads == 0 else {}
+    shared = config.model_copy(update={"landmarks": (), **alone})  # each part names its own
+    job = partial(Job, config=shared, folder=folder.path)
+    todo = deque(job(part) for file, part in parts.items() if file not in manifest.parts)
     warnings = () if again is None else (again,)
     before = len(parts) - len(todo)
     note = f"{before} of {counted(len(parts), 'part')} done before"
     yield Outcome(warnings=warnings, note=note)
     lost: list[Failure] = []
-    reached, images = before, 0
-    began_all = wrote = time.monotonic()
-    took = 0.0
+    images = 0
+    lifted, met = set[Path](), NameIndex(nearest_folder(folder.path))
+    began = time.monotonic()
 
     def pace() -> str:
-        seconds = time.monotonic() - began_all
-        return tell_pace(reached, len(parts), len(lost), images, reached - before, seconds)
+        reached, seconds = len(manifest.parts), time.monotonic() - began
+        return tell_pace(reached, len(parts), len(lost), images, len(lifted), seconds)
 
+    manifest.write(folder.manifest)
     try:
-        for done in _do(config, [Job(part, config, folder.path) for part in todo]):
+        for done in _do(config, todo):
             if isinstance(done, str):
                 yield Outcome(line=done)
                 continue
             if done.error is not None:
-                lost.append(_lost(done.part, done.error))
+                smaller = () if done.passing else tuple(done.part.divide())
+                todo.extend(map(job, smaller))
+                parts |= {part.file: part for part in smaller}
+                lost += () if smaller else (_lost(done.part, done.error),)
                 yield Outcome(note=pace())
                 continue
-            reached, images = reached + 1, images + done.outcome.done
-            manifest.parts[done.part.file] = describe(done.part) | done.entry()
-            if time.monotonic() - wrote >= took / SHARE_OF_WRITING:
-                began = time.monotonic()
-                manifest.write(folder.manifest)
-                wrote = time.monotonic()
-                took = wrote - began
+            images += done.outcome.done
+            lifted.add(folder.path / done.part.file)
+            met.add_hashes(np.frombuffer(done.hashes, np.uint64))
+            entry = done.part.describe() | done.entry()
+            manifest.add(done.part.file, entry, folder.manifest)
             yield replace(done.outcome, note=pace())
     finally:
         manifest.write(folder.manifest)
     _remove_stale(folder.path, parts)
     yield Outcome(
         failures=tuple(lost),
-        warnings=_warn_of_equal(folder.path, manifest),
-        note=f"{reached} of {counted(len(parts), 'part')} done",
+        warnings=_warn_of_equal(find_equal_items(manifest.spans(folder.path), met, lifted)),
+        note=f"{len(manifest.parts)} of {counted(len(parts), 'part')} done",
         written=(folder.manifest,),
     )
 
 
-def _warn_of_equal(folder: Path, manifest: Manifest) -> tuple[Counted, ...]:
-    """Warn of items that are in two parts; read only those whose names may be in another, too."""
-    found = [find_equal(sorted(group)) for group in overlapping(manifest.spans(folder))]
-    equal = sum(found, Equal(0, ()))
+def _warn_of_equal(equal: Equal) -> tuple[Counted, ...]:
+    """Warn of items that are in two parts."""
     if not equal.count:
         return ()
     text = "in more than one part: `eval` cannot tell them apart"
     return (Counted(equal.count, "item", text, worst=str(equal)),)
 
 
-def _do(config: FitConfig, jobs: Sequence[Job]) -> Iterator[Done | str]:
-    """Do the jobs, on a cluster, which is introduced by one line, or one after the other."""
+def _do(config: FitConfig, jobs: deque[Job]) -> Iterator[Done | str]:
+    """Do jobs, on a cluster, which is introduced by one line, or one after the other.
+
+    Those that are added meanwhile are done, too.
+    """
     if not jobs or not wants_cluster(config):
-        yield from map(_tried, jobs)
+        while jobs:
+            yield _tried(jobs.popleft())
         return
     with connected(config) as client:
-        if config.threads == 0:  # a worker's threads are the cluster's
-            one = config.model_copy(update={"threads": 1})
-            jobs = [Job(job.part, one, job.folder) for job in jobs]
         yield introduce(client)
         yield from on_cluster(client, jobs)
 
@@ -220,15 +234,8 @@ def _tried(job: Job, retries: int = RETRIES) -> Done:
     return _tried(job, retries - 1) if done.passing and retries else done
 
 
-def _drop_stale(parts: Sequence[Part], manifest: Manifest) -> None:
-    """Forget the parts of an earlier run that this one does not have, or has to do again."""
-    own = {part.file for part in parts if manifest.holds(part)}
-    manifest.parts = {name: entry for name, entry in manifest.parts.items() if name in own}
-
-
-def _remove_stale(folder: Path, parts: Sequence[Part]) -> None:
+def _remove_stale(folder: Path, own: Collection[str]) -> None:
     """Remove the results of an earlier run that this one does not have."""
-    own = {part.file for part in parts}
     suffixes = {FORMATS[name].suffixes[0] for name in get_args(PartFormat)}
     for name in files_in(folder):
         is_part = name.startswith("part-") and PurePosixPath(name).suffix in suffixes

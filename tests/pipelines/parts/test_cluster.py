@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -355,7 +356,7 @@ def test_a_part_that_fails_is_tried_three_times(cluster, job, tmp_path, monkeypa
 
     monkeypatch.setattr(module, "fit_part", raises)
     with Client(cluster.address) as client:
-        (done,) = module.on_cluster(client, [job])
+        (done,) = module.on_cluster(client, deque([job]))
     assert (done.part, done.error) == (job.part, error)
     assert tries.read_text() == "..."
 
@@ -376,7 +377,7 @@ def test_a_worker_of_another_version_ends_the_run(cluster, job):
         Client(cluster.address) as client,
         pytest.raises(InputError, match=r"is a worker with shapefit .*, but `fit` is version 0\.0"),
     ):
-        list(module.on_cluster(client, [replace(job, version="0.0")]))
+        list(module.on_cluster(client, deque([replace(job, version="0.0")])))
 
 
 def test_workers_without_shapefit_end_the_run():

@@ -87,6 +87,13 @@ def test_parts_have_the_bits_of_a_local_run(store):
     same_as_on_a_disk(store)
 
 
+def test_small_objects_are_a_part_together(store):
+    assert done(fit(store, "", "partition=100000")) == 300
+    assert names(store) == parts(1)
+    assert done(fit(store, "", "partition=100000")) == 0
+    same_as_on_a_disk(store)
+
+
 def test_one_file_to_the_store(store):
     assert done(fit(store, f"{store.url}/whole.h5")) == 300
     fit(store, "local.h5")

@@ -191,7 +191,7 @@ def test_a_corrupt_part_among_a_hundred(folder, rng):
     whole = Path("many-37.h5").read_bytes()
     Path("many-37.h5").write_bytes(whole[: len(whole) // 2])
     arguments = {"landmarks": "many-*.h5", "dictionary": "dict.h5", "output": "out/"}
-    config = load_config("fit", None, (), arguments)
+    config = load_config("fit", None, ("partition=3",), arguments)
     outcomes = list(run(config))
     (failure,) = [failure for outcome in outcomes for failure in outcome.failures]
     assert failure.item == "part-00037.h5"

@@ -67,4 +67,4 @@ def test_a_sequence_that_goes_on_after_another_is_refused():
 def test_other_methods_take_them():
     one, two = written("one.h5", ["a"]), written("two.h5", ["a"])
     arguments = {"landmarks": (one, two), "dictionary": "people", "output": "out/"}
-    assert len(plan_parts(load_config("fit", None, (), arguments))) == 2
+    assert len(plan_parts(load_config("fit", None, ("partition=1",), arguments))) == 2

@@ -86,7 +86,7 @@ def test_a_lie_of_the_folder_is_found_or_named(folder, verify, dictionaries, key
 
     edit(folder, lie)
     if key == "version":
-        with pytest.raises(InputError, match="its version is 2"):
+        with pytest.raises(InputError, match="its version is 3"):
             verify(folder, dictionaries["cars"])
         return
     found = verify(folder, dictionaries["cars"])
