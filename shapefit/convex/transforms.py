@@ -45,7 +45,7 @@ class Transforms:
     ) -> Transforms:
         """Put lists in which each image has its `count` from `first` on in the order of images."""
         place = np.repeat(first - starts_of(count), count) + np.arange(count.sum())
-        return cls(count, atom[place], blocks[place], k)
+        return cls(count, atom[place], blocks.take(place, axis=0), k)
 
     @classmethod
     def joined(cls, parts: Sequence[Transforms]) -> Transforms:

@@ -32,7 +32,8 @@ def metres_per_unit(shapes: Floats, dictionary: Dictionary) -> Floats | None:
         assert dictionary.edges is not None
         assert dictionary.edge_length is not None
         i, j = dictionary.edges.T
-        extent = np.linalg.norm(shapes[:, :, i] - shapes[:, :, j], axis=1).sum(axis=1)
+        sides = (shapes[:, a].take(i, axis=1) - shapes[:, a].take(j, axis=1) for a in range(3))
+        extent = np.sqrt(sum(side**2 for side in sides)).sum(axis=1)
         size = float(dictionary.edge_length.sum())
     else:
         assert dictionary.atom_scale is not None

@@ -114,6 +114,8 @@ def lift(
         problem = replace(problem, camera=near)
     found = estimator(replace(problem, noise=noise))
     for status, reason in REASONS.items():
+        if status not in found.status:
+            continue
         ended = np.fromiter((each is status for each in found.status), bool, len(fine))
         failures |= dict.fromkeys(np.flatnonzero(ended & fine).tolist(), reason)
         fine &= ~ended

@@ -59,13 +59,16 @@ class BitWriter {
   public:
     explicit BitWriter(uint64_t* out) : out_(out) {}
 
-    void put(Code code) {
-        word_ |= static_cast<uint64_t>(code.bits) << used_;
-        used_ += code.count;
+    void put(Code code) { put(code.bits, code.count); }
+
+    // At most 63 bits.
+    void put(uint64_t bits, int count) {
+        word_ |= bits << used_;
+        used_ += count;
         if (used_ < 64) return;
         out_[words_++] = word_;
         used_ -= 64;
-        word_ = code.bits >> (code.count - used_);
+        word_ = bits >> (count - used_);
     }
 
     void fill_byte() { put({0, (8 - used_ % 8) % 8}); }
@@ -92,6 +95,20 @@ void put_zeros(BitWriter& writer, long bytes) {
     for (; bytes > 0; --bytes) writer.put(LITERALS[0]);
 }
 
+// The bytes of a number as they are, four codes at a time.
+void put_number(BitWriter& writer, uint64_t number) {
+    for (int half = 0; half < 2; ++half) {
+        uint64_t bits = 0;
+        int count = 0;
+        for (int b = 0; b < ZERO_BYTES / 2; ++b, number >>= 8) {
+            const Code code = LITERALS[number & 0xff];
+            bits |= static_cast<uint64_t>(code.bits) << count;
+            count += code.count;
+        }
+        writer.put(bits, count);
+    }
+}
+
 }  // namespace
 
 long deflate(const DeflateData& data) {
@@ -108,10 +125,9 @@ long deflate(const DeflateData& data) {
             second += first * ZERO_BYTES * static_cast<uint64_t>(i - start);
             continue;
         }
-        for (uint64_t rest = data.numbers[i++], b = 0; b < ZERO_BYTES; ++b, rest >>= 8) {
-            writer.put(LITERALS[rest & 0xff]);
+        put_number(writer, data.numbers[i]);
+        for (uint64_t rest = data.numbers[i++], b = 0; b < ZERO_BYTES; ++b, rest >>= 8)
             second += first += rest & 0xff;
-        }
     }
     writer.put(symbol_code(256));
     writer.fill_byte();
