@@ -20,7 +20,11 @@ struct Kernels {
     void (*code)(const CodingData&, Range);
     void (*find_objectives)(const MisfitData&, Range);
     void (*alternate)(const AlternationData&, Range);
+    void (*combine)(const CombinationData&, Range);
+    void (*place)(const PlacementData&, Range);
     void (*find_pose)(const PoseData&, Range);
+    void (*find_shape_moments)(const MomentsData&, Range);
+    void (*turn_in_plane)(const ViewsData&, Range);
     void (*find_consensus)(const ConsensusData&, Range);
     void (*find_posterior)(const PosteriorData&, Range);
     void (*pursue)(const PursuitData&, Range);

@@ -8,6 +8,7 @@
 #include "dictionary/atom_update.hpp"
 #include "dictionary/coding.hpp"
 #include "lifting/alternation.hpp"
+#include "lifting/placement.hpp"
 #include "lifting/pose.hpp"
 #include "lifting/reconstruction.hpp"
 #include "lifting/rotation_step.hpp"
@@ -44,7 +45,11 @@ const Level table = {
             .code = code,
             .find_objectives = find_objectives,
             .alternate = alternate,
+            .combine = combine,
+            .place = place,
             .find_pose = find_pose,
+            .find_shape_moments = find_shape_moments,
+            .turn_in_plane = turn_in_plane,
             .find_consensus = find_consensus,
             .find_posterior = find_posterior,
             .pursue = pursue,

@@ -20,7 +20,7 @@ def lift_convex(problem: Problem, settings: Settings) -> Estimate:
     )
     residual = solution.residual
     if settings.orthogonal:  # the shapes are not those that the program was solved with
-        placed = fit_translation(problem, found.shapes[:, :2], solution.translation)
+        placed = fit_translation(problem, found.shapes, solution.translation)
         residual = placed.residual
     return Estimate(
         shapes=found.shapes,

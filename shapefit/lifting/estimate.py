@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution, Status
@@ -93,8 +94,8 @@ class Estimate:
     further: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def status_words(self) -> NDArray[np.object_]:
-        """Return the words of all statuses (n,)."""
-        words = {id(each): each.value for each in Status}  # `value` and hashes take ten times as long
+        """Return the words of all statuses (n,); to ask each one takes ten times as long."""
+        words = {id(each): each.value for each in Status}
         return np.array([words[id(each)] for each in self.status], dtype=object)
 
     def in_unit(self, grow: Floats | float = 1.0, shrink: Floats | float = 1.0) -> Estimate:
@@ -129,26 +130,24 @@ class Placement:
 def fit_translation(
     problem: Problem, projected: Floats, translation: Floats | None = None
 ) -> Placement:
-    """argmin_T 1/2 ||Omega o (W - S - T 1^T)||_F^2 for projected shapes S (n, 2, p), or a given T.
+    """argmin_T 1/2 ||Omega o (W - S - T 1^T)||_F^2 for projected shapes S, or a given T.
 
-    T is the mean of W - S with the weights squared.
+    T is the mean of W - S with the weights squared. S (n, 2, p); further rows do not count.
     """
-    square = problem.weights**2
-    total = square.sum(axis=1)
-    seen = total > 0
-    share = np.divide(square, total[:, None], out=np.zeros_like(square), where=seen[:, None])
-
-    def centre(points: Floats) -> Floats:
-        return np.where(seen[:, None], np.einsum("nap,np->na", points, share), np.nan)
-
-    def misfit(points: Floats, middle: Floats) -> Floats:
-        return 0.5 * ((points - middle[..., None]) ** 2 * square[:, None]).sum(axis=(1, 2))
-
-    W = problem.landmarks
-    T = centre(W - projected) if translation is None else translation
-    left, whole = misfit(W - projected, T), misfit(W, centre(W))
-    share_left = np.divide(left, whole, out=np.zeros_like(left), where=whole != 0)
-    return Placement(T, left, np.sqrt(share_left))
+    n = len(problem.landmarks)
+    T = np.empty((n, 2)) if translation is None else np.array(translation, np.float64)
+    misfit, residual = np.empty(n), np.empty(n)
+    core.place(
+        landmarks=problem.landmarks,
+        weights=problem.weights,
+        shapes=np.ascontiguousarray(projected),
+        is_known=translation is not None,
+        translation=T,
+        misfit=misfit,
+        residual=residual,
+        threads=1,
+    )
+    return Placement(T, misfit, residual)
 
 
 def replace_rows(some: Estimate, rows: NDArray[np.intp], whole: Estimate) -> Estimate:

@@ -130,7 +130,7 @@ def matching_pursuit(
     c = scale[:, None] * found.coefficients
     S = combine(c, problem.atoms) + (scale * found.mean_coefficient)[:, None, None] * mean_shape
     shapes = rotation @ S
-    placed = fit_translation(problem, shapes[:, :2])
+    placed = fit_translation(problem, shapes)
     return Estimate(
         shapes=shapes,
         translation=placed.translation,

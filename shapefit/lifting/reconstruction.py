@@ -79,12 +79,16 @@ def reconstruct(
     return Reconstruction(shapes, M.spread(sizes), rotation, active, tight)
 
 
-def combine(coefficients: Floats, atoms: Floats) -> Floats:
-    """sum_i c_i B_i for each image; c (n, k), atoms B (k, 3, p) -> (n, 3, p).
-
-    One product per image: a single one for all would round by how many there are, and results
-    would depend on how the images are divided.
-    """
-    n, (k, three, p) = len(coefficients), atoms.shape
-    shapes: Floats = (coefficients[:, None, :] @ atoms.reshape(k, three * p)).reshape(n, three, p)
+def combine(coefficients: Floats, atoms: Floats, rotation: Floats | None = None) -> Floats:
+    """R sum_i c_i B_i for each image; c (n, k), atoms B (k, 3, p), R (n, 3, 3) -> (n, 3, p)."""
+    n = len(coefficients)
+    shapes = np.empty((n, *atoms.shape[1:]))
+    turned = np.broadcast_to(np.eye(3), (n, 3, 3)) if rotation is None else rotation
+    core.combine(
+        coefficients=np.ascontiguousarray(coefficients),
+        atoms=np.ascontiguousarray(atoms),
+        rotation=np.ascontiguousarray(turned),
+        shapes=shapes,
+        threads=1,
+    )
     return shapes

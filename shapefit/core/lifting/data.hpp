@@ -48,6 +48,45 @@ struct ReconstructionData {
     Vector<bool> tight = from("tight", "n");  // whether their transforms are all orthogonal
 };
 
+// S = R sum_i c_i B_i, for each image.
+struct CombinationData {
+    Arguments& from;
+    Matrix<const double> coefficients = from("coefficients", "n k");  // c
+    Tensor<const double> atoms = from("atoms", "k 3 p");  // B
+    Tensor<const double> rotation = from("rotation", "n 3 3");  // R
+    Tensor<double> shapes = from("shapes", "n 3 p");  // S
+};
+
+// argmin_T 1/2 ||Omega o (W - S - T 1^T)||_F^2, for each image.
+struct PlacementData {
+    Arguments& from;
+    Tensor<const double> landmarks = from("landmarks", "n 2 p");  // W
+    Matrix<const double> weights = from("weights", "n p");  // Omega
+    Tensor<const double> shapes = from("shapes", "n d p");  // S, its first two rows
+    bool is_known = from("is_known");  // T is given
+    Matrix<double> translation = from("translation", "n 2");  // T, nan where nothing is seen
+    Vector<double> misfit = from("misfit", "n");  // the value at T
+    Vector<double> residual = from("residual", "n");  // its root beside that of the centred W
+};
+
+// What a pose depends on: P = S Omega^2 S^T and D = W Omega^2 S^T about the weighted means.
+struct MomentsData {
+    Arguments& from;
+    Tensor<const double> landmarks = from("landmarks", "n 2 p");  // W
+    Matrix<const double> weights = from("weights", "n p");  // Omega
+    Matrix<const double> shape = from("shape", "3 p");  // S
+    Tensor<double> shape_moments = from("shape_moments", "n 3 3");  // P
+    Tensor<double> landmarks_by_shape = from("landmarks_by_shape", "n 2 3");  // D
+};
+
+// Views turned about their optical axes until <D, Rbar> is largest.
+struct ViewsData {
+    Arguments& from;
+    Tensor<const double> landmarks_by_shape = from("landmarks_by_shape", "n 2 3");  // D
+    Tensor<const double> views = from("views", "v 3 3");
+    Blocks<double> turned = from("turned", "n v 3 3");
+};
+
 // argmin 1/2 ||w - s Rbar S||_F^2 over rotations and s >= 0, for each image.
 struct PoseData {
     Arguments& from;

@@ -37,7 +37,8 @@ void mirror(double* H) {
 
 }  // namespace
 
-Misfit rotation_step(const ShapeMoments& moments, double* R) {
+// As one function: its parts are short, and hand each other a few numbers through memory else.
+[[gnu::flatten]] Misfit rotation_step(const ShapeMoments& moments, double* R) {
     const double *P = moments.P, *D = moments.D;
     double g[3], H[9], step[3], trial[9], trial_g[3], trial_H[9];
     const double trace = P[0] + P[4] + P[8];

@@ -19,7 +19,11 @@ NB_MODULE(_core, module) {
     define(module, "code", kernel.code);
     define(module, "find_objectives", kernel.find_objectives);
     define(module, "alternate", kernel.alternate);
+    define(module, "combine", kernel.combine);
+    define(module, "place", kernel.place);
     define(module, "find_pose", kernel.find_pose);
+    define(module, "find_shape_moments", kernel.find_shape_moments);
+    define(module, "turn_in_plane", kernel.turn_in_plane);
     define(module, "find_consensus", kernel.find_consensus);
     define(module, "find_posterior", kernel.find_posterior);
     define(module, "pursue", kernel.pursue);

@@ -86,7 +86,7 @@ def find_modes(
         objective=value,
         threads=threads,
     )
-    shapes = R @ combine(c, problem.atoms)
+    shapes = combine(c, problem.atoms, R)
     none = Modes(np.zeros((0, 3, 3)), np.zeros(0), shapes[:0], complete=False, valleys=0)
     found = [none] * len(known)
     ends = np.cumsum(count)

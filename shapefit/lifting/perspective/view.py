@@ -69,7 +69,7 @@ def refine_view(
     )
     n = len(landmarks)
     c, R, t = found.coefficients, found.rotation, found.translation
-    S = R @ combine(c, dictionary.atoms)
+    S = combine(c, dictionary.atoms, R)
     depth = camera.sign * t[:, 2]
     scale = np.sqrt(seen.focal.prod(axis=1)) / depth
     origin = seen.centre + seen.focal * t[:, :2] / depth[:, None]

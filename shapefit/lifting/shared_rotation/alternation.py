@@ -65,4 +65,5 @@ def alternate(
         threads=threads,
     )
     rotation[~coefficients.any(axis=1)] = np.nan
-    return Alternation(coefficients, rotation, rounds, tuple(STATUS[code] for code in codes))
+    status = tuple(map(STATUS.__getitem__, codes.tolist()))
+    return Alternation(coefficients, rotation, rounds, status)

@@ -56,7 +56,7 @@ def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
     known = pose.size > 0
     R = np.where(known[:, None, None], pose.rotation, 0.0)
     shapes = pose.size[:, None, None] * (R @ settings.mean_shape)
-    placed = fit_translation(problem, shapes[:, :2])
+    placed = fit_translation(problem, shapes)
     return Estimate(
         shapes=shapes,
         translation=placed.translation,
@@ -153,8 +153,8 @@ def describe(
 ) -> Estimate:
     """Lay out shapes S = R sum_i c_i B_i for c (n, k) and R (n, 3, 3), nan where it is unknown."""
     R = np.where(np.isfinite(rotation), rotation, 0.0)
-    shapes = R @ combine(coefficients, problem.atoms)
-    placed = fit_translation(problem, shapes[:, :2])
+    shapes = combine(coefficients, problem.atoms, R)
+    placed = fit_translation(problem, shapes)
     return Estimate(
         shapes=shapes,
         translation=placed.translation,

@@ -45,9 +45,14 @@ def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
     views (v, 3, 3); landmarks_by_shape D = w S^T (n, 2, 3). What it finds is the best rotation
     for that optical axis, at any scale.
     """
-    A = np.einsum("nab,vcb->nvac", landmarks_by_shape, views[:, :2])
-    angle = np.arctan2(A[..., 1, 0] - A[..., 0, 1], A[..., 0, 0] + A[..., 1, 1])
-    return rotation_about(np.array([0.0, 0.0, 1.0]), angle) @ views
+    turned = np.empty((len(landmarks_by_shape), *views.shape))
+    core.turn_in_plane(
+        landmarks_by_shape=landmarks_by_shape,
+        views=np.ascontiguousarray(views),
+        turned=turned,
+        threads=1,
+    )
+    return turned
 
 
 def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
@@ -55,12 +60,17 @@ def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
 
     They are all that a pose depends on; shape S (3, p). Zero for an image without landmarks.
     """
-    square = problem.weights**2
-    total = square.sum(axis=1)
-    share = square / np.where(total > 0, total, 1.0)[:, None]
-    S = shape - np.einsum("ap,np->na", shape, share)[..., None]
-    weighted = square[:, None] * S
-    return weighted @ S.swapaxes(1, 2), problem.landmarks @ weighted.swapaxes(1, 2)
+    n = len(problem.landmarks)
+    P, D = np.empty((n, 3, 3)), np.empty((n, 2, 3))
+    core.find_shape_moments(
+        landmarks=problem.landmarks,
+        weights=problem.weights,
+        shape=np.ascontiguousarray(shape),
+        shape_moments=P,
+        landmarks_by_shape=D,
+        threads=1,
+    )
+    return P, D
 
 
 def find_pose(problem: Problem, shape: Floats, views: Floats, *, threads: int = 0) -> Pose:
