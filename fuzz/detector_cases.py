@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from copy import deepcopy
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -49,13 +50,13 @@ def _spoil_json(rng: Random, found: Any) -> None:
         found = found[key]
     kind = rng.random()
     if kind < 0.6:
-        found[last] = rng.choice(VALUES)
+        found[last] = deepcopy(rng.choice(VALUES))  # since it may be spoiled next
     elif kind < 0.8:
         del found[last]
     elif isinstance(found, list):
-        found.insert(last, found[last])
+        found.insert(last, deepcopy(found[last]))
     else:
-        found[rng.choice(KEYS)] = rng.choice(VALUES)
+        found[rng.choice(KEYS)] = deepcopy(rng.choice(VALUES))
 
 
 def make(rng: Random, folder: Path) -> tuple[str, ...]:

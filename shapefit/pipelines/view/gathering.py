@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from shapefit.errors import input_error
 from shapefit.io import ShapeSource, open_shapes
 from shapefit.io.foreign.sources import FRAME
 from shapefit.io.kinds.listing import AnyRecords, Listing, read_chunks
+from shapefit.io.layout import NUMPY_KINDS
 from shapefit.io.options import input_options
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.lifting.verdict import DOUBT
@@ -99,14 +100,14 @@ def _take(
     n, p = len(gathered.points), gathered.points.shape[2]
 
     def put(name: str, values: Any) -> None:
-        if values is not None and len(values) == len(frames):  # else of the file, not of its items
+        if _is_number(values) and values.shape[:1] == frames.shape:  # else it is of the file
             values = np.asarray(values, dtype=np.float64)
             whole = gathered.of_frames.setdefault(name, np.full((n, *values.shape[1:]), np.nan))
             whole[frames] = values
 
     def put_landmarks(name: str, values: Any, expected: tuple[int, ...]) -> None:
         """Put values (rows, p, ...) of the file's landmarks under those of the page."""
-        if values is None or values.shape != (len(frames), len(columns), *expected):
+        if not _is_number(values) or values.shape != (len(frames), len(columns), *expected):
             return
         whole = gathered.of_frames.setdefault(name, np.full((n, p, *expected), np.nan))
         whole[np.ix_(frames, columns)] = np.asarray(values, dtype=np.float64)
@@ -135,6 +136,10 @@ def _take(
         gathered.edges = columns[edges] if inside else gathered.edges
 
 
+def _is_number(values: NDArray[Any] | None) -> TypeGuard[NDArray[Any]]:
+    return values is not None and values.dtype.kind in NUMPY_KINDS["number"]
+
+
 def _visible(records: LandmarkSet) -> Floats:
     """Landmarks (n, p, 2), nan where hidden or without any confidence."""
     landmarks = records.landmarks.swapaxes(1, 2)
@@ -158,9 +163,7 @@ def _take_result(
     for name in NUMBERS:
         put(name, getattr(records, name))
     for name in (*CAMERA, *JUDGEMENTS):
-        values = extras.get(name)
-        if values is not None and values.dtype.kind in "biuf":
-            put(name, values)
+        put(name, extras.get(name))
 
 
 @dataclass(frozen=True)

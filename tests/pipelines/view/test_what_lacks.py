@@ -33,8 +33,17 @@ def test_without_observed_landmarks(desk):
     assert made.data["flat"]
 
 
-def test_datasets_with_other_rows_than_the_file_has_items_are_left_out(desk):
-    extras = {"landmarks": np.zeros((5, 5, 2)), "frame": np.arange(5.0)}
+@pytest.mark.parametrize(
+    "extras",
+    [
+        {"landmarks": np.zeros((5, 5, 2)), "frame": np.arange(5.0)},
+        {"landmarks": np.zeros((6, 5, 2), complex), "frame": np.full(6, "first", dtype=object)},
+        {"frame": np.array(3.0)},
+    ],
+    ids=["other rows", "no real numbers", "scalar"],
+)
+@pytest.mark.filterwarnings("error")
+def test_datasets_that_do_not_fit_the_items_are_left_out(desk, extras):
     assert desk.view(desk.result(extras=extras)).data["seen"] is None
 
 
