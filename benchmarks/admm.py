@@ -13,8 +13,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.certificate import certify_transforms
 from shapefit.arrays import Floats
-from shapefit.convex.certificate import certify_transforms
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution, Status
 from shapefit.convex.spectral_norm import sum_and_difference

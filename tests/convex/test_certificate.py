@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from shapefit.convex.certificate import certify_transforms, lambda_max
+from benchmarks.certificate import certify_transforms, lambda_max
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Status

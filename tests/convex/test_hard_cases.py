@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from shapefit.convex.certificate import lambda_max
+from benchmarks.certificate import lambda_max
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.geometry.rotations import random_rotations

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.convex.certificate import certify_transforms
+from benchmarks.certificate import certify_transforms
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Solution, Status

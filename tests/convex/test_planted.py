@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.admm import solve_admm
-from shapefit.convex.certificate import certify_transforms
+from benchmarks.certificate import certify_transforms
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Status

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +10,8 @@ import orjson
 
 from shapefit.arrays import Floats
 from shapefit.geometry.joint_rotations import Rig
-from shapefit.io.layout import Format
-from shapefit.io.options import OutputOptions
 from shapefit.io.written.motion import Motion
-from shapefit.io.written.outputs import MotionWriter, by_individual, motion_output
+from shapefit.io.written.outputs import by_individual, motion_output
 from shapefit.io.written.rig import node_names, rigged
 
 TIP = 0.25
@@ -24,13 +21,6 @@ DECIMALS = 6
 """Of metres and degrees."""
 
 TURNS = "Zrotation Xrotation Yrotation"
-
-
-def bvh_output(
-    target: Path, form: Format, options: OutputOptions
-) -> AbstractContextManager[MotionWriter]:
-    """Give a writer to BVH files, one per individual, that appear on a clean exit."""
-    return motion_output(target, options, write_bvh, by_individual, prepare=rigged)
 
 
 def write_bvh(path: Path, motions: Sequence[Motion]) -> None:
@@ -43,6 +33,9 @@ def write_bvh(path: Path, motions: Sequence[Motion]) -> None:
     with path.open("wb") as file:
         file.write("".join(f"{line}\n" for line in _header(motion, motion.rig)).encode())
         file.write(text.replace(b"],[", b"\n").replace(b",", b" ") + b"\n")
+
+
+bvh_output = motion_output(write_bvh, by_individual, prepare=rigged)
 
 
 def find_angles(rotations: Floats) -> Floats:

@@ -38,7 +38,7 @@ def c3d_output(
     Raises InputError, before any work, where ezc3d is not installed.
     """
     load_ezc3d()
-    return motion_output(target, options, write_c3d, by_individual, "mm")
+    return motion_output(write_c3d, by_individual, "mm")(target, form, options)
 
 
 def load_ezc3d() -> Any:

@@ -5,27 +5,17 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
 import orjson
 
-from shapefit.io.layout import Format
-from shapefit.io.options import OutputOptions
 from shapefit.io.written.motion import Motion
-from shapefit.io.written.outputs import MotionWriter, motion_output
+from shapefit.io.written.outputs import motion_output
 
 SCORER = "shapefit"
 BLOCK = 4096
 """Frames that are made text at a time."""
-
-
-def table_output(
-    target: Path, form: Format, options: OutputOptions
-) -> AbstractContextManager[MotionWriter]:
-    """Give a writer to such tables, one per video, that appear on a clean exit."""
-    return motion_output(target, options, write_table, by_video)
 
 
 def by_video(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
@@ -47,6 +37,9 @@ def write_table(path: Path, motions: Sequence[Motion]) -> None:
         file.write(_header(motions))
         for start in range(first, last, BLOCK):
             file.write(_lines(motions, start, min(start + BLOCK, last)))
+
+
+table_output = motion_output(write_table, by_video)
 
 
 def _header(motions: Sequence[Motion]) -> bytes:

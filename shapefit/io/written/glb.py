@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,13 +11,11 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.geometry.bone_tree import find_bones
 from shapefit.geometry.joint_rotations import Rig, find_places
-from shapefit.io.layout import Format
-from shapefit.io.options import OutputOptions
 from shapefit.io.written.deeplabcut_3d import by_video
 from shapefit.io.written.gltf import Scene
 from shapefit.io.written.morphs import add_morph, quaternions
 from shapefit.io.written.motion import Motion
-from shapefit.io.written.outputs import MotionWriter, motion_output
+from shapefit.io.written.outputs import motion_output
 from shapefit.io.written.rig import node_names, rigged
 from shapefit.meshes.wireframe import tubes
 
@@ -27,13 +24,6 @@ THICKNESS = 0.03
 
 COLOURS = ((0.3, 0.47, 0.66), (0.9, 0.5, 0.2), (0.35, 0.63, 0.35), (0.75, 0.35, 0.55))
 """Of one individual after the other, and again."""
-
-
-def glb_output(
-    target: Path, form: Format, options: OutputOptions
-) -> AbstractContextManager[MotionWriter]:
-    """Give a writer to GLB files, one per video, that appear on a clean exit."""
-    return motion_output(target, options, write_glb, by_video, prepare=prepared)
 
 
 def prepared(motions: Sequence[Motion], place: str) -> tuple[list[Motion], str]:
@@ -68,6 +58,9 @@ def write_glb(path: Path, motions: Sequence[Motion]) -> None:
         mesh, skin = _skin(scene, rig, here, name, material)
         roots += [here, scene.add("nodes", name=name, mesh=mesh, skin=skin)]
     scene.write(path, roots)
+
+
+glb_output = motion_output(write_glb, by_video, prepare=prepared)
 
 
 def _add_nodes(scene: Scene, rig: Rig, names: Sequence[str], times: Floats) -> int:

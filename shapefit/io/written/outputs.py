@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path, PurePosixPath
 
 from shapefit.errors import input_error
+from shapefit.io.layout import Format
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_path, check_output
@@ -27,6 +28,8 @@ Prepare = Callable[[Sequence[Motion], str], tuple[list[Motion], str]]
 
 Group = Callable[[Sequence[Motion]], dict[str, list[Motion]]]
 """Parts motions by file: what its name ends with -> those that it holds."""
+
+Output = Callable[[Path, Format, OutputOptions], AbstractContextManager["MotionWriter"]]
 
 
 class MotionWriter:
@@ -51,40 +54,39 @@ class MotionWriter:
         return [find_motion(track, self._options, place) for track in tracks]
 
 
-@contextmanager
 def motion_output(
-    target: Path,
-    options: OutputOptions,
-    write: Write,
-    group: Group,
-    unit: str = "m",
-    prepare: Prepare | None = None,
-) -> Iterator[MotionWriter]:
-    """Give a writer to files that appear on a clean exit: `target`, or one for each group.
+    write: Write, group: Group, unit: str = "m", prepare: Prepare | None = None
+) -> Output:
+    """Return what gives a writer to files that appear on a clean exit: `target`, or one per group.
 
-    Several are named after the target: man.trc becomes man_NAME.trc. Raises InputError where they
-    cannot be written; those of an earlier run then stay as they were.
+    Several are named after the target: man.trc becomes man_NAME.trc. What is returned raises
+    InputError where they cannot be written; those of an earlier run then stay as they were.
     """
-    if is_stream(target):
-        found = "files of this format cannot go to standard output"
-        raise input_error("output", found, "name a file")
-    if isinstance(target, UrlPath):
-        found = "motion can be several files, which do not appear together in an object store"
-        raise input_error(target, found, "write it to this machine, and copy it there")
-    check_output(target)
-    writer = MotionWriter(options)
-    yield writer
-    motions, note = writer.motions(str(target)), ""
-    if prepare is not None:
-        motions, note = prepare(motions, str(target))
-    files = _files(target, group(motions), write)
-    if len(files) == 1:
-        with atomic_path(target) as path:
-            write(path, motions)
-    else:
-        _write_staged(target, files)
-    paths = [target] if len(files) == 1 else [target.parent / name for name in files]
-    writer.summary = _summary(motions, paths, unit, note)
+
+    @contextmanager
+    def output(target: Path, form: Format, options: OutputOptions) -> Iterator[MotionWriter]:
+        if is_stream(target):
+            found = "files of this format cannot go to standard output"
+            raise input_error("output", found, "name a file")
+        if isinstance(target, UrlPath):
+            found = "motion can be several files, which do not appear together in an object store"
+            raise input_error(target, found, "write it to this machine, and copy it there")
+        check_output(target)
+        writer = MotionWriter(options)
+        yield writer
+        motions, note = writer.motions(str(target)), ""
+        if prepare is not None:
+            motions, note = prepare(motions, str(target))
+        files = _files(target, group(motions), write)
+        if len(files) == 1:
+            with atomic_path(target) as path:
+                write(path, motions)
+        else:
+            _write_staged(target, files)
+        paths = [target] if len(files) == 1 else [target.parent / name for name in files]
+        writer.summary = _summary(motions, paths, unit, note)
+
+    return output
 
 
 def by_individual(motions: Sequence[Motion]) -> dict[str, list[Motion]]:

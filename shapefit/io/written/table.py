@@ -2,57 +2,35 @@
 
 from __future__ import annotations
 
-from shapefit.io.foreign.table import FileFormat
+from typing import Any
 
-_ROOM = "shapefit.io.written"
+from shapefit.io.foreign.table import EITHER, FileFormat
+
+
+def _motion(title: str, suffixes: tuple[str, ...], writer: str, **further: Any) -> FileFormat:
+    """Return the entry of files in metres; the writer is named below `shapefit.io.written`."""
+    return FileFormat(
+        title=title,
+        suffixes=suffixes,
+        writer=f"shapefit.io.written.{writer}",
+        writes=("shapes", "result"),
+        in_metres=True,
+        by_sequence=True,
+        **further,
+    )
+
 
 FORMATS: dict[str, FileFormat] = {
-    "bvh": FileFormat(
-        title="a BVH file",
-        suffixes=(".bvh",),
-        writer=f"{_ROOM}.bvh:bvh_output",
-        writes=("shapes", "result"),
-        in_metres=True,
-        by_sequence=True,
-    ),
-    "c3d": FileFormat(
-        title="a C3D file",
-        suffixes=(".c3d",),
-        writer=f"{_ROOM}.c3d:c3d_output",
-        writes=("shapes", "result"),
-        in_metres=True,
-        by_sequence=True,
-    ),
+    "bvh": _motion("a BVH file", (".bvh",), "bvh:bvh_output"),
+    "c3d": _motion("a C3D file", (".c3d",), "c3d:c3d_output"),
     "coco": FileFormat(
         title="a JSON file",
         suffixes=(".json",),
-        writer=f"{_ROOM}.coco_json:json_output",
-        writes=("landmarks", "shapes", "result"),
+        writer="shapefit.io.written.coco_json:json_output",
+        writes=(*EITHER, "result"),
         points_only=False,
     ),
-    "deeplabcut-3d": FileFormat(
-        title="a DeepLabCut 3D CSV",
-        suffixes=(),
-        writer=f"{_ROOM}.deeplabcut_3d:table_output",
-        writes=("shapes", "result"),
-        in_metres=True,
-        by_sequence=True,
-    ),
-    "glb": FileFormat(
-        title="a GLB file",
-        suffixes=(".glb",),
-        writer=f"{_ROOM}.glb:glb_output",
-        writes=("shapes", "result"),
-        in_metres=True,
-        atom_meshes=True,
-        by_sequence=True,
-    ),
-    "trc": FileFormat(
-        title="a TRC file",
-        suffixes=(".trc",),
-        writer=f"{_ROOM}.trc:trc_output",
-        writes=("shapes", "result"),
-        in_metres=True,
-        by_sequence=True,
-    ),
+    "deeplabcut-3d": _motion("a DeepLabCut 3D CSV", (), "deeplabcut_3d:table_output"),
+    "glb": _motion("a GLB file", (".glb",), "glb:glb_output", atom_meshes=True),
+    "trc": _motion("a TRC file", (".trc",), "trc:trc_output"),
 }

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
 import orjson
 
 from shapefit.errors import printable
-from shapefit.io.layout import Format
-from shapefit.io.options import OutputOptions
 from shapefit.io.written.motion import Motion
-from shapefit.io.written.outputs import MotionWriter, by_individual, motion_output
+from shapefit.io.written.outputs import by_individual, motion_output
 
 BLOCK = 4096
 """Frames that are made text at a time."""
@@ -21,13 +18,6 @@ BLOCK = 4096
 COLUMNS = (
     "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame OrigNumFrames"
 )
-
-
-def trc_output(
-    target: Path, form: Format, options: OutputOptions
-) -> AbstractContextManager[MotionWriter]:
-    """Give a writer to TRC files, one per individual, that appear on a clean exit."""
-    return motion_output(target, options, write_trc, by_individual)
 
 
 def write_trc(path: Path, motions: Sequence[Motion]) -> None:
@@ -41,6 +31,9 @@ def write_trc(path: Path, motions: Sequence[Motion]) -> None:
         file.write("".join(f"{line}\n" for line in _header(motion)).encode())
         for start in range(0, len(motion.points), BLOCK):
             file.write(_lines(motion, slice(start, start + BLOCK)))
+
+
+trc_output = motion_output(write_trc, by_individual)
 
 
 def _header(motion: Motion) -> Iterator[str]:

@@ -16,6 +16,7 @@ from shapefit.io.layout import LANDMARKS, RESULTS
 from shapefit.io.options import OutputOptions
 from shapefit.io.writing import record_writer
 from shapefit.io.written import outputs, trc
+from shapefit.io.written.outputs import by_individual, motion_output
 from tests.io.files import save
 
 
@@ -67,7 +68,7 @@ def test_a_full_disk(tmp_path, several, one, monkeypatch, problems):
         if one or motions[0].name == "b":
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(trc, "write_trc", fill)
+    monkeypatch.setattr(trc, "trc_output", motion_output(fill, by_individual))
     (line,) = problems(save, tmp_path / "man.trc", record)
     assert "cannot be written: No space left on device; free some space" in line
     assert sorted(os.listdir(tmp_path)) == ["man.trc", "man_a.trc"]
