@@ -19,6 +19,9 @@ from shapefit.dictionary.mixture import Mixture
 
 KMEANS_ROUNDS = 20
 
+LEAST_SHAPES = 1e-3
+"""Shapes of a component below which it is left out: it has died, and would only mislead."""
+
 
 @dataclass(frozen=True)
 class LearnedMixture:
@@ -43,8 +46,8 @@ def learn_mixture(
     shrinkage in [0, 1): the share of G in the covariance of a component of average size;
     floor > 0: variance of every coordinate beyond that of the shapes. The start is k-means with
     the seeds of k-means++ drawn from a fixed stream: equal shapes give equal mixtures. Ends where
-    a round raises the objective by no more than `tolerance` a shape. Raises ValueError for more
-    components than shapes.
+    a round raises the objective by no more than `tolerance` a shape. Components that no shape
+    belongs to any more are left out. Raises ValueError for more components than shapes.
     """
     X = np.ascontiguousarray(shapes.reshape(len(shapes), -1))
     w = np.ones(len(X)) if weights is None else np.asarray(weights, np.float64)
@@ -65,12 +68,19 @@ def learn_mixture(
             break
         share = np.exp(density - total[:, None])
         mixture = maximise(X, share * w[:, None], G, kappa, floor)
-    return LearnedMixture(mixture, np.array(trace))
+    return LearnedMixture(alive(mixture, len(X)), np.array(trace))
+
+
+def alive(mixture: Mixture, n: int) -> Mixture:
+    """Return the mixture of n shapes without the components that none of them belongs to."""
+    kept = mixture.weights * n > LEAST_SHAPES
+    weights = mixture.weights[kept]
+    return Mixture(weights / weights.sum(), mixture.means[kept], mixture.covariances[kept])
 
 
 def maximise(X: Floats, share: Floats, G: Floats, kappa: float, floor: float) -> Mixture:
     """Return the best mixture for shares (n, K) of the shapes X (n, d) in the components."""
-    count = np.maximum(share.sum(axis=0), 1e-9)
+    count = np.maximum(share.sum(axis=0), 1e-300)
     means = (share.T @ X) / count[:, None]
     eye = np.eye(X.shape[1])
     covariances = np.stack(

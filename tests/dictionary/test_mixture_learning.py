@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.mixture import Mixture
-from shapefit.dictionary.mixture_learning import cross_validate, learn_mixture
+from shapefit.dictionary.mixture_learning import alive, cross_validate, learn_mixture, maximise
 
 
 def draw(n: int, seed: int = 0, p: int = 3):
@@ -38,6 +38,17 @@ def test_no_round_lowers_the_objective(shrinkage):
     trace = learn_mixture(shapes, 6, shrinkage=shrinkage, floor=0.05, tolerance=0.0).trace
     assert len(trace) > 5
     assert (np.diff(trace) >= -1e-8 * np.abs(trace[1:])).all()
+
+
+def test_a_component_that_dies_keeps_its_mean_and_is_left_out():
+    shapes, _ = draw(50)
+    X = shapes.reshape(50, -1)
+    share = np.column_stack([np.ones(50), 1e-13 * (np.arange(50) < 5)])
+    found = maximise(X, share, np.eye(9), 1.0, 0.01)
+    np.testing.assert_allclose(found.means[1], shapes[:5].mean(axis=0))
+    left = alive(found, 50)
+    np.testing.assert_allclose(left.means, found.means[:1])
+    np.testing.assert_allclose(left.weights, 1.0)
 
 
 @pytest.mark.slow

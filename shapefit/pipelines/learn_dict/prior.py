@@ -47,7 +47,7 @@ def learn_prior(
         weights=weights,
         max_rounds=options.max_rounds,
     )
-    note = f"prior of {counted(options.components, 'component')}"
+    note = f"prior of {counted(len(learned.mixture), 'component')}"
     if options.folds > 1:
         likelihood = cross_validate(
             shapes,
