@@ -5,6 +5,10 @@ with a flat prior, the landmarks less s P R mu, r, have
 
     M = diag(I, 0) + B^T v^-1 B,   z^ = M^-1 B^T v^-1 r,   alpha = v^-1 (r - B z^),
     log p = -1/2 (r^T alpha + log |M| + sum 2 log(2 pi v_j)),
+    log p_j = -1/2 (a^T A^-1 a / v_j - log |A|) - log(2 pi v_j),  A = I - B_j M^-1 B_j^T / v_j,
+
+with a = (r - B z^)_j and p_j what the other landmarks say of landmark j, seen; for a gross one
+A^-1 = I + B_j M^-1 B_j^T / v_j,
 
 and the landmarks of the shape x_j = mu_j + V_j z + (s rho / v_j) (P R)^T (r - B z)_j.
 """
@@ -15,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shapefit.dictionary.from_2d.model import Floats, Gaussian, Images, Views
+from shapefit.dictionary.from_2d.model import Floats, Gaussian, Images, Mask, Views
 from shapefit.geometry.rotations import exponential
 
 DIRECTIONS = 4
@@ -23,6 +27,9 @@ DIRECTIONS = 4
 
 FLAT = 1e-9
 """Precision of the translation before the image is seen."""
+
+GROSS = np.log(0.02 / (1 - 0.02) * 0.05)
+"""Log density of a gross landmark, with the odds that it is one."""
 
 LONGEST = 0.3
 """Step of a view, in radians and log s."""
@@ -44,10 +51,12 @@ class Expected:
 
     inverse M^-1 (n, q + 2, q + 2) and gain (n, p) = s^2 rho / v, from which covariances follow;
     gradient (n, 4) and information (n, 4, 4) of the log density by the view; misfit (n,), the sum
-    over the seen landmarks of omega^2 E |e|^2.
+    over the seen landmarks of omega^2 E |e|^2. doubt (n, p) is the log density that an image gains
+    where one landmark becomes gross, or a gross one is believed.
     """
 
     log_density: Floats
+    doubt: Floats
     shapes: Floats
     deformation: Floats
     translation: Floats
@@ -70,9 +79,9 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     PR = views.rotation[:, :2]
     sPR = s[:, None, None] * PR
     omega = images.weights
-    seen = omega > 0
+    seen, there = images.seen, omega > 0
     rest = (s**2 * model.rest)[:, None]
-    v = rest + model.noise / np.where(seen, omega, 1.0) ** 2
+    v = rest + model.noise / np.where(there, omega, 1.0) ** 2
     u = np.where(seen, 1.0 / v, 0.0)
     V = model.modes.transpose(1, 0, 2)  # (p, 3, q)
     B = np.empty((n, p, 2, q + 2))
@@ -80,7 +89,7 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     B[..., q:] = np.eye(2)
     flat = B.reshape(n, 2 * p, q + 2)
     mean = np.einsum("nci,ip->ncp", sPR, model.mean)
-    r = np.where(seen[:, None], images.landmarks - mean, 0.0).transpose(0, 2, 1)  # (n, p, 2)
+    r = np.where(there[:, None], images.landmarks - mean, 0.0).transpose(0, 2, 1)  # (n, p, 2)
     uB = (u[:, :, None, None] * B).reshape(n, 2 * p, q + 2)
     M = uB.transpose(0, 2, 1) @ flat
     M[:, np.arange(q), np.arange(q)] += 1.0
@@ -95,6 +104,7 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
         + np.linalg.slogdet(M)[1]
         + 2 * np.where(seen, np.log(2 * np.pi * v), 0.0).sum(axis=1)
     )
+    log_density += GROSS * (there & ~seen).sum(axis=1)
     gain = rest * u
     shapes = (
         model.mean
@@ -103,9 +113,11 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     )
     # the view: d log p = alpha^T dA x^ - tr(dA C A^T Sigma^-1), of which the second takes the
     # blocks of each landmark with itself
-    K = inverse @ uB.transpose(0, 2, 1)  # (n, q + 2, 2p)
+    BM = (flat @ inverse).reshape(n, p, 2, q + 2)
+    H = BM @ B.transpose(0, 1, 3, 2)  # what the others leave open of a landmark
+    BK = u[:, :, None, None] * H
+    K = (u[:, :, None, None] * BM).reshape(n, 2 * p, q + 2).transpose(0, 2, 1)
     own = np.einsum("nqpc,piq->npic", K[:, :q].reshape(n, q, p, 2), V, optimize=True)
-    BK = np.einsum("npcq,nqpd->npcd", B, K.reshape(n, q + 2, p, 2), optimize=True)
     stays = (gain / s[:, None])[:, :, None, None] * (np.eye(2) - BK)
     own += np.einsum("nci,npcd->npid", PR, stays, optimize=True)
     D = s[:, None, None, None] * np.einsum("oca,nai->noci", TURNS, views.rotation)
@@ -122,13 +134,37 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     gradient[:, 3] -= apart / model.spread
     information[:, 3, 3] += 1 / model.spread
     share = np.where(seen, 1 - gain, 0.0)
+    doubt = np.where(there, doubt_of(left, H, v, seen), -np.inf)
     of_view = np.einsum("npcc->np", BK) * v
     misfit = (
         omega**2 * share**2 * ((left**2).sum(axis=2) + of_view) + 2 * omega**2 * share * rest
     ).sum(axis=1)
     return Expected(
-        log_density, shapes, z[:, :q], z[:, q:], inverse, gain, gradient, information, misfit
+        log_density, doubt, shapes, z[:, :q], z[:, q:], inverse, gain, gradient, information, misfit
     )
+
+
+def doubt_of(left: Floats, H: Floats, v: Floats, seen: Mask) -> Floats:
+    """Log density gained where the belief in one landmark changes; see `Expected` for the rest."""
+    A = np.eye(2) + np.where(seen, -1 / v, 1 / v)[..., None, None] * H
+    size = A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2
+    size = np.maximum(size, 1e-12)
+    a, b = left[..., 0], left[..., 1]
+    square = A[..., 1, 1] * a**2 - 2 * A[..., 0, 1] * a * b + A[..., 0, 0] * b**2
+    alone = -0.5 * square / (size * v) - np.log(2 * np.pi * v)
+    alone += np.where(seen, 0.5, -0.5) * np.log(size)
+    gained: Floats = np.where(seen, GROSS - alone, alone - GROSS)
+    return gained
+
+
+def change_belief(images: Images, doubt: Floats) -> Mask:
+    """Change the belief in the most doubtful landmark of each image; half stay believed."""
+    seen, rows = images.seen, np.arange(len(images))
+    few = 2 * seen.sum(axis=1) <= (images.weights > 0).sum(axis=1) + 1
+    most = np.where(few[:, None] & seen, -np.inf, doubt).argmax(axis=1)
+    gross = (images.weights > 0) & ~seen
+    gross[rows, most] ^= np.where(few[:, None] & seen, -np.inf, doubt)[rows, most] > 0
+    return gross
 
 
 def scatter(found: Expected, views: Views, model: Gaussian) -> Floats:

@@ -10,28 +10,45 @@ from __future__ import annotations
 
 import numpy as np
 
-from shapefit.dictionary.from_2d.model import Floats, Images, Views
+from shapefit.dictionary.from_2d.model import Floats, Images, Mask, Views
 from shapefit.geometry.rotations import complete_rotation
 
 COMPLETION_ROUNDS = 30
 UPGRADE_ROUNDS = 30
 
+FAR, NEAR = 4.0, 0.02
+"""A landmark is gross, at first, so many medians from where the factors have it; or so many times
+a share of the size of a shape, if that is more."""
+
+MOST = 0.25
+"""Share of the landmarks of an image beyond which they show a rare pose, and none is gross."""
+
 SAME_SIZE = 1.0
 """Weight of the size of an image beside the angle and the ratio of its axes."""
 
 
-def complete(images: Images, rank: int) -> Floats:
-    """Return the landmarks (n, 2, p), centred, hidden ones as factors of the rank have them."""
-    seen = (images.weights > 0)[:, None]
-    count = np.maximum(seen.sum(axis=2, keepdims=True), 1)
-    W = np.where(seen, images.landmarks, 0.0)
-    W = np.where(seen, W - W.sum(axis=2, keepdims=True) / count, 0.0)
-    for k in range(COMPLETION_ROUNDS if not seen.all() else 0):
+def complete(images: Images, rank: int) -> tuple[Floats, Mask]:
+    """Return the landmarks (n, 2, p), centred, and which are gross (n, p).
+
+    Hidden and gross ones are as factors of the rank have them; these are found by turns.
+    """
+    w, there = images.landmarks, images.weights > 0
+    seen, placed = there, np.zeros_like(w)
+    for k in range(COMPLETION_ROUNDS + 1):
+        count = np.maximum(seen.sum(axis=1), 1)[:, None, None]
+        middle = np.where(seen[:, None], w - placed, 0.0).sum(axis=2, keepdims=True) / count
+        W = np.where(seen[:, None], w - middle, placed)
+        W = W - W.mean(axis=2, keepdims=True)
+        if k == COMPLETION_ROUNDS:
+            break
         flat = W.reshape(-1, W.shape[2])
         leading = np.linalg.eigh(flat.T @ flat)[1][:, -min(3 + k // 3, rank) :]
-        W = np.where(seen, W, (flat @ leading @ leading.T).reshape(W.shape))
-        W = W - W.mean(axis=2, keepdims=True)
-    return W
+        placed = (flat @ leading @ leading.T).reshape(W.shape)
+        apart = np.linalg.norm(w - middle - placed, axis=1)
+        near = apart < FAR * max(float(np.median(apart[there])), NEAR)
+        rare = (there & ~near).sum(axis=1) > MOST * there.sum(axis=1)
+        seen = there & (near | rare[:, None])
+    return W, there & ~seen
 
 
 def find_views(W: Floats, ranks: tuple[int, ...]) -> list[Views]:

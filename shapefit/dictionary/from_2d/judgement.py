@@ -59,12 +59,12 @@ ALIKE = "views too alike: depth is not determined"
 
 def judge(images: Images, state: State) -> Judgement:
     """Judge what was learned of the images by a sample of them, part of whose landmarks hide."""
-    some = images[evenly(len(images), SAMPLE)]
+    some = images.hiding(state.gross)[evenly(len(images), SAMPLE)]
     hidden = hide(some.weights > 0)
-    known = replace(some, weights=np.where(hidden, 0.0, some.weights))
+    known = some.hiding(hidden)
     n, p = known.weights.shape
     rigid = rigid_state(known)
-    W = complete(known, RANK)
+    W, _ = complete(known, RANK)
     one_view = Views(np.broadcast_to(np.eye(3), (n, 3, 3)).copy(), np.zeros(n))
     *_, flat = improve(known, first_state(known, W, one_view), ROUNDS, turning=False)
     *_, learned = improve(known, rigid, ROUNDS)
@@ -93,9 +93,9 @@ def judge(images: Images, state: State) -> Judgement:
 
 def rigid_state(images: Images) -> State:
     """Return the rigid model of the images."""
-    W = complete(images, RANK)
+    W, gross = complete(images, RANK)
     (views,) = find_views(W, (min(RANK, W.shape[2] - 1),))
-    return first_state(images, W, views)
+    return first_state(replace(images, gross=gross), W, views)
 
 
 def halves_apart(images: Images, learned: State) -> float:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from shapefit.dictionary.from_2d.expectation import climb, expect, scatter
+from shapefit.dictionary.from_2d.expectation import change_belief, climb, expect, scatter
 from shapefit.dictionary.from_2d.factorisation import complete, find_views
 from shapefit.dictionary.from_2d.maximisation import maximise
 from shapefit.dictionary.from_2d.model import (
@@ -22,6 +22,7 @@ from shapefit.dictionary.from_2d.model import (
     Gaussian,
     Images,
     Indices,
+    Mask,
     Views,
     choose,
     evenly,
@@ -54,7 +55,7 @@ BLOCK = 256
 
 @dataclass(frozen=True)
 class State:
-    """Views, the model that follows from them, damping of their steps (n,).
+    """Views, the model that follows from them, damping of their steps (n,); gross (n, p).
 
     shapes (n, 3, p) and the objective are those of the views under the model before.
     """
@@ -63,6 +64,7 @@ class State:
     model: Gaussian
     damping: Floats
     shapes: Floats
+    gross: Mask
     objective: float = -np.inf
 
     @property
@@ -78,7 +80,8 @@ def learn(images: Images) -> Iterator[State]:
 
     Starts are judged by the objective after some rounds with images that lie evenly.
     """
-    W = complete(images, max(RANKS))
+    W, gross = complete(images, max(RANKS))
+    images = replace(images, gross=gross)
     ranks = tuple(sorted({min(rank, images.landmarks.shape[2] - 1) for rank in RANKS}))
     starts = find_views(W, ranks)
     some = evenly(len(images), TRIAL_IMAGES)
@@ -108,7 +111,7 @@ def improve(
 
 
 def first_state(images: Images, W: Floats, views: Views) -> State:
-    """Return the rigid model of completed landmarks W (n, 2, p) in given views."""
+    """Return the rigid model of completed landmarks W (n, 2, p) in given views, gross as given."""
     n, _, p = W.shape
     A = np.exp(views.log_scale)[:, None, None] * views.rotation[:, :2]
     mean = np.asarray(np.linalg.lstsq(A.reshape(2 * n, 3), W.reshape(2 * n, p))[0], np.float64)
@@ -116,7 +119,8 @@ def first_state(images: Images, W: Floats, views: Views) -> State:
     left = max(float(((W - A @ mean) ** 2).mean()), EXACT**2)
     size = sequence_means(views.log_scale, images.sequence)
     model = Gaussian(mean, np.zeros((3, p, 0)), left, left / 2, size, SPREAD**2)
-    return State(views, model, np.full(n, 0.1), np.broadcast_to(mean, (n, 3, p)))
+    gross = np.zeros((n, p), bool) if images.gross is None else images.gross
+    return State(views, model, np.full(n, 0.1), np.broadcast_to(mean, (n, 3, p)), gross)
 
 
 def learn_round(images: Images, state: State, *, still: bool) -> State:
@@ -124,17 +128,19 @@ def learn_round(images: Images, state: State, *, still: bool) -> State:
     n, p = images.weights.shape
     model, damping = state.model, state.damping.copy()
     rotation, log_scale = state.views.rotation.copy(), state.views.log_scale.copy()
-    shapes, density = np.empty((n, 3, p)), 0.0
+    shapes, gross, density = np.empty((n, 3, p)), state.gross.copy(), 0.0
     covariance, misfit = np.zeros((3 * p, 3 * p)), 0.0
     for at in range(0, n, BLOCK):
         rows = slice(at, at + BLOCK)
-        block, views = images[rows], state.views[rows]
+        block, views = replace(images[rows], gross=gross[rows]), state.views[rows]
         found = expect(block, views, model)
+        doubted = change_belief(block, found.doubt)
+        tried = views if still else climb(views, found, damping[rows])
+        then = expect(replace(block, gross=doubted), tried, model)
+        better = then.log_density > found.log_density
+        found, views = choose(better, then, found), choose(better, tried, views)
+        gross[rows] = np.where(better[:, None], doubted, gross[rows])
         if not still:
-            tried = climb(views, found, damping[rows])
-            then = expect(block, tried, model)
-            better = then.log_density > found.log_density
-            found, views = choose(better, then, found), choose(better, tried, views)
             damping[rows] = np.clip(np.where(better, 0.3, 10.0) * damping[rows], 1e-3, 1e3)
         rotation[rows], log_scale[rows], shapes[rows] = (
             views.rotation,
@@ -146,7 +152,7 @@ def learn_round(images: Images, state: State, *, still: bool) -> State:
         misfit += float(found.misfit.sum())
     mean = shapes.mean(axis=0)
     apart = (shapes - mean).reshape(n, 3 * p)
-    noise = misfit / (2 * int((images.weights > 0).sum()))
+    noise = misfit / (2 * int(((images.weights > 0) & ~gross).sum()))
     size = sequence_means(log_scale, images.sequence)
     spread = float((((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2)
     following = replace(
@@ -161,6 +167,7 @@ def learn_round(images: Images, state: State, *, still: bool) -> State:
         following,
         damping,
         shapes,
+        gross,
         density + prior,
     )
 

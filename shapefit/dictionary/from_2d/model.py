@@ -4,7 +4,8 @@
     x_n  = mu + V z_n + d_n,               z_n ~ N(0, I),  d_n ~ N(0, rho I),
     log s_n ~ N(log size of the sequence, tau^2),
 
-P takes the first two rows, t is any translation. Close to the Procrustean normal distribution of
+P takes the first two rows, t is any translation. A landmark is gross with the chance epsilon; then
+it falls with the density u per area. Close to the Procrustean normal distribution of
 Lee, Cho, Choi and Oh (CVPR 2013) and to the model of Torresani, Hertzmann and Bregler (PAMI 2008).
 """
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 Record = TypeVar("Record", bound=Any)
 
 
@@ -25,18 +27,31 @@ Record = TypeVar("Record", bound=Any)
 class Images:
     """n images: landmarks w (n, 2, p), weights omega (n, p), 0 where hidden, sequence (n,).
 
-    The landmarks of each sequence, numbered from 0, are of comparable size.
+    The landmarks of each sequence, numbered from 0, are of comparable size, and lie anywhere where
+    they are gross (n, p), None for nowhere.
     """
 
     landmarks: Floats
     weights: Floats
     sequence: Indices
+    gross: Mask | None = None
 
     def __len__(self) -> int:
         return len(self.landmarks)
 
     def __getitem__(self, rows: slice | Indices) -> Images:
-        return Images(self.landmarks[rows], self.weights[rows], self.sequence[rows])
+        gross = None if self.gross is None else self.gross[rows]
+        return Images(self.landmarks[rows], self.weights[rows], self.sequence[rows], gross)
+
+    @property
+    def seen(self) -> Mask:
+        """Landmarks (n, p) that have a weight and are not gross."""
+        there = self.weights > 0
+        return there if self.gross is None else there & ~self.gross
+
+    def hiding(self, landmarks: Mask) -> Images:
+        """Return the images with these landmarks (n, p) hidden, and none that is gross."""
+        return Images(self.landmarks, np.where(landmarks, 0.0, self.weights), self.sequence)
 
 
 @dataclass(frozen=True)
@@ -69,7 +84,7 @@ class Gaussian:
         return found
 
 
-def choose(mask: NDArray[np.bool_], yes: Record, no: Record) -> Record:
+def choose(mask: Mask, yes: Record, no: Record) -> Record:
     """Return the record whose rows are those of `yes` where the mask (n,) is True, else of `no`."""
 
     def rows(name: str) -> Floats:
@@ -84,8 +99,8 @@ def evenly(n: int, most: int) -> Indices:
     return np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.intp))
 
 
-def hide(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def hide(seen: Mask) -> Mask:
     """Choose a tenth of the seen landmarks (n, p), at random; enough of an image stays."""
     hidden = seen & (np.random.default_rng(0).random(seen.shape) < 0.1)
-    chosen: NDArray[np.bool_] = hidden & ((seen & ~hidden).sum(axis=1, keepdims=True) > 3)
+    chosen: Mask = hidden & ((seen & ~hidden).sum(axis=1, keepdims=True) > 3)
     return chosen

@@ -26,6 +26,9 @@ from shapefit.pipelines.outcome import Outcome
 FEWEST_SEEN = 4
 """Landmarks of an image that say something of shapes: any three fit."""
 
+FAR_OUT = 4.0
+"""Medians of the distance from the middle of an image up to which landmarks count for its size."""
+
 LEAST_MISFIT = 1e-4
 """Variance of a normalised coordinate: where less is believed, a landmark a little off is gross."""
 
@@ -77,11 +80,14 @@ def learn_from_landmarks(
         sequences=some.sequences,
         frame_rate=some.frame_rate,
     )
+    believed = some.seen() & ~state.gross
+    gross = f"{int(state.gross.sum())} of {counted(int(some.seen().sum()), 'landmark')}"
     yield Outcome(
-        line=f"{counted(len(some), 'image')}: {judgement.verdict}; {report(judgement, size)}",
+        line=f"{counted(len(some), 'image')}: {judgement.verdict}; {report(judgement, size)}; "
+        f"{gross} gross and set aside",
         warnings=tuple(find_doubts(judgement, flip)),
     )
-    lifted = np.where(some.seen()[:, None], images.landmarks, np.nan)
+    lifted = np.where(believed[:, None], images.landmarks, np.nan)
     return Learned(replace(some, landmarks=lifted), shapes, state, judgement, flip)
 
 
@@ -107,16 +113,24 @@ def check_all_seen(given: LandmarkSet, place: str) -> None:
 
 
 def images_of(given: LandmarkSet) -> Images:
-    """Bring the landmarks of each sequence, or of each image without one, to the size 1."""
-    normalised = normalise(given.landmarks, given.seen())
+    """Bring the landmarks of each sequence, or of each image without one, to the size 1.
+
+    Of an image, landmarks that lie far out do not count, as gross ones do.
+    """
+    w, seen = given.landmarks, given.seen()
+    middle = np.nanmedian(np.where(seen[:, None], w, np.nan), axis=2, keepdims=True)
+    apart = np.where(seen, np.linalg.norm(w - middle, axis=1), np.nan)
+    reach = FAR_OUT * np.nanmedian(apart, axis=1, keepdims=True)
+    near = seen & ((apart <= reach) | (reach == 0))
+    normalised = normalise(w, near)
     size = normalised.scale
     sequence = np.zeros(len(given), np.intp)
     if given.sequences is not None:
         sequence = np.unique(np.array(given.sequences, dtype=str), return_inverse=True)[1]
         squares = np.bincount(sequence, size**2) / np.bincount(sequence)
         size = np.sqrt(squares)[sequence]
-    w = normalised.points * (normalised.scale / size)[:, None, None]
-    return Images(w, given.weights(), sequence)
+    placed = np.where(seen[:, None], w - normalised.centroid[..., None], 0.0)
+    return Images(placed / size[:, None, None], given.weights(), sequence)
 
 
 def flipped(shapes: Floats, flip: bool) -> Floats:

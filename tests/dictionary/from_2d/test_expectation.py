@@ -1,5 +1,7 @@
 """The expectation against dense Gaussians, and its gradient against differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -63,6 +65,20 @@ def test_log_density_is_that_of_the_landmarks_up_to_the_wide_translation(planted
     exact = np.array([dense(planted, i)[2] for i in range(4)])
     flat = np.log(WIDE)  # of both coordinates: 2 / 2 log WIDE
     np.testing.assert_allclose(found.log_density - of_scale, exact + flat, atol=1e-3)
+
+
+def test_doubt_is_what_the_density_gains_where_one_belief_changes(planted):
+    gross = np.zeros(planted.images.weights.shape, bool)
+    gross[:, 1] = planted.images.weights[:, 1] > 0
+    images = replace(planted.images, gross=gross)
+    found = expect(images, planted.views, planted.model)
+    for i, j in np.argwhere(planted.images.weights > 0):
+        changed = gross.copy()
+        changed[i, j] ^= True
+        then = expect(replace(images, gross=changed), planted.views, planted.model)
+        gain = then.log_density[i] - found.log_density[i]
+        assert found.doubt[i, j] == pytest.approx(gain, rel=1e-6, abs=1e-6)
+    assert np.isneginf(found.doubt[planted.images.weights == 0]).all()
 
 
 def test_gradient_is_that_of_the_log_density(planted):

@@ -23,7 +23,7 @@ def test_planted_shapes_are_recovered_and_the_objective_never_falls(plant, noise
 
 def test_rigid_shapes_give_the_views_of_the_truth(plant):
     made = plant(60, deviation=0.0)
-    W = complete(made.images, 5)
+    W, _ = complete(made.images, 5)
     (views,) = find_views(W, (3,))
     between = views.rotation[1:] @ views.rotation[:-1].swapaxes(1, 2)
     truth = made.views.rotation[1:] @ made.views.rotation[:-1].swapaxes(1, 2)
@@ -35,8 +35,8 @@ def test_rigid_shapes_give_the_views_of_the_truth(plant):
 def test_hidden_landmarks_of_few_factors_are_completed(plant):
     made = plant(100, modes=1)
     hidden = replace(made.images, weights=(np.arange(1200).reshape(100, 12) % 10 > 0) * 1.0)
-    whole = complete(made.images, 6)
-    apart = complete(hidden, 6) - whole
+    whole, _ = complete(made.images, 6)
+    apart = complete(hidden, 6)[0] - whole
     assert np.sqrt((apart**2).mean()) < 0.05 * whole.std()
 
 
@@ -65,3 +65,27 @@ def test_halves_disagree_where_each_pose_is_seen_from_one_side(rng, turn, learne
     assert (found.verdict == LEARNED) == learned
     assert relative_error(state.in_camera, shapes) < found.apart
     assert (found.apart < 0.1) == learned
+
+
+def spoil(images, share, rng):
+    """Throw some landmarks anywhere within their image; return which, too."""
+    bad = rng.random(images.weights.shape) < share
+    low, high = (edge(images.landmarks, axis=2, keepdims=True) for edge in (np.min, np.max))
+    anywhere = low + (high - low) * rng.random(images.landmarks.shape)
+    return replace(images, landmarks=np.where(bad[:, None], anywhere, images.landmarks)), bad
+
+
+def test_gross_landmarks_are_found_and_the_objective_never_falls(plant, rng):
+    made = plant(100, p=24, noise=0.01)
+    spoilt, bad = spoil(made.images, 0.05, rng)
+    states = list(learn(spoilt))
+    assert (np.diff([state.objective for state in states]) > 0).all()
+    gross = states[-1].gross
+    assert (gross & bad).sum() > 0.9 * bad.sum()
+    assert not (gross & ~bad).any()
+    assert relative_error(states[-1].in_camera, made.shapes) < 0.03
+
+
+def test_no_landmark_of_clean_images_is_gross(plant):
+    *_, state = learn(plant(100, p=24, noise=0.01).images)
+    assert not state.gross.any()
