@@ -5,14 +5,13 @@
 
 namespace shapefit {
 
-// Precisions (factor C + more I)^-1 of covariances C, and log det, where `there` is set.
+// Precisions (factor C + more I)^-1 in the place of covariances C, and log det, where `there` is set.
 struct PrecisionData {
     Arguments& from;
-    Blocks<const double> covariances = from("covariances", "n K d d");  // C
+    Blocks<double> matrices = from("matrices", "n K d d");
     Matrix<const double> factor = from("factor", "n K");  // 0 where C is not known
     Matrix<const double> more = from("more", "n K");
     Matrix<const bool> there = from("there", "n K");
-    Blocks<double> precisions = from("precisions", "n K d d");
     Matrix<double> log_det = from("log_det", "n K");
 };
 

@@ -7,14 +7,13 @@
 namespace shapefit::SHAPEFIT_LEVEL {
 
 void find_precisions(const PrecisionData& data, Range range) {
-    const long K = data.there.size[1], d = data.covariances.size[2], D = padded(d);
+    const long K = data.there.size[1], d = data.matrices.size[2], D = padded(d);
     Workspace workspace;
     double *S = workspace.zeros<double>(D * D), *V = workspace.zeros<double>(D * D);
     for (long image = range.first; image < range.last; ++image)
         for (long k = 0; k < K; ++k) {
             if (!data.there[image][k]) continue;
-            const double *C = data.covariances[image][k].data, factor = data.factor[image][k];
-            double* P = data.precisions[image][k].data;
+            double *C = data.matrices[image][k].data, factor = data.factor[image][k];
             for (long i = 0; i < D; ++i)
                 for (long j = 0; j < D; ++j)
                     S[i * D + j] = i >= d || j >= d ? (i == j ? 1.0 : 0.0)
@@ -25,7 +24,7 @@ void find_precisions(const PrecisionData& data, Range range) {
             multiply_out(V, S, D, D);
             mirror(S, D, D);
             for (long i = 0; i < d; ++i)
-                for (long j = 0; j < d; ++j) P[i * d + j] = S[i * D + j];
+                for (long j = 0; j < d; ++j) C[i * d + j] = S[i * D + j];
         }
 }
 

@@ -26,10 +26,22 @@ def find_plausibility(surprise: Floats, seen: NDArray[np.integer], believed: Flo
     or fewer, which any view fits, and where there is no posterior. It is 0 where more are seen,
     but fewer than 3 believed.
     """
-    from scipy.special import chdtrc
-
-    freedom = 2.0 * np.asarray(seen) - VIEWED
-    some = freedom > 0
-    p: Floats = np.where(some, chdtrc(np.where(some, freedom, 1.0), surprise), np.nan)
+    pairs = np.asarray(seen) - VIEWED // 2
+    some = pairs > 0
+    p: Floats = np.where(some, exceeds(surprise, pairs), np.nan)
     p = np.where(some & (believed < FEWEST_BELIEVED), 0.0, p)
     return np.where(np.isnan(surprise), np.nan, p)
+
+
+def exceeds(square: Floats, pairs: NDArray[np.integer]) -> Floats:
+    """P(chi^2 > x) (n,) with 2 k degrees of freedom: exp(-x/2) sum_(i < k) (x/2)^i / i!.
+
+    square x (n,) and pairs k (n,). The terms are sums of logarithms, for exp(-x/2) alone may be 0.
+    """
+    half = np.maximum(square, 0.0) / 2
+    term, total = -half, np.exp(-half)
+    with np.errstate(divide="ignore"):
+        for i in range(1, int(pairs.max(initial=0))):
+            term = term + np.log(half / i)
+            total += np.where(i < pairs, np.exp(term), 0.0)
+    return np.minimum(total, 1.0)

@@ -78,8 +78,8 @@ def observe(
     """Lay out the modes of t frames, all in one unit.
 
     log_evidence (t, k), -inf where a frame has fewer modes; means (t, k, 3, p); covariances
-    (t, k, 3p, 3p), to be multiplied by grow^2 (t,). A frame without modes starts between its
-    neighbours. Raises ValueError where no frame has any.
+    (t, k, 3p, 3p), to be multiplied by grow^2 (t,), in whose memory the precisions then stand. A
+    frame without modes starts between its neighbours. Raises ValueError where no frame has any.
     """
     t, k = log_evidence.shape[0], min(MOST_MODES, log_evidence.shape[1])
     d = 3 * landmarks.shape[2]
@@ -92,7 +92,7 @@ def observe(
     log_share = log_share - np.log(np.exp(log_share).sum(axis=1, keepdims=True))
     mean = np.where(there[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d))
     precision, log_det = find_precisions(
-        covariances[:, :k],
+        np.ascontiguousarray(covariances[:, :k]),
         np.where(there, np.reshape(grow, (-1, 1)) ** 2, 0.0),
         np.where(there, DEPTH_VARIANCE, UNSEEN_VARIANCE),
         there | ~known[:, None] & (np.arange(k) == 0),
@@ -116,20 +116,14 @@ def find_precisions(
 ) -> tuple[Floats, Floats]:
     """Inverses (t, k, d, d) of factor C + more I, and the log determinants (t, k) of these.
 
-    factor, more (t, k); a factor of 0 takes C for 0. Only those that are `there` (t, k), the others
-    are 0.
+    factor, more (t, k); a factor of 0 takes C for 0. They are written over
+    those C (t, k, d, d) that are `there` (t, k): of long sequences these take most of the memory.
     """
-    precisions, log_det = np.zeros(covariances.shape), np.zeros(there.shape)
+    log_det = np.zeros(there.shape)
     core.find_precisions(
-        covariances=covariances,
-        factor=factor,
-        more=more,
-        there=there,
-        precisions=precisions,
-        log_det=log_det,
-        threads=1,
+        matrices=covariances, factor=factor, more=more, there=there, log_det=log_det, threads=1
     )
-    return precisions, log_det
+    return covariances, log_det
 
 
 def fill(points: Floats, known: NDArray[np.bool_]) -> Floats:

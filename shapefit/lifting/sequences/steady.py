@@ -12,7 +12,6 @@ sequences that know no better.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solveh_banded
 
 from shapefit.arrays import Floats
 
@@ -26,6 +25,8 @@ def steady(means: Floats, deviations: Floats, acceleration: Floats) -> Floats:
 
     acceleration a (p,); two frames at least must be known.
     """
+    from scipy.linalg import solveh_banded  # which few sequences need
+
     t, _, p = means.shape
     weight = 1 / (find_jitter(means, deviations)[:, None] * deviations**2)
     fixed = np.zeros((3, t))
