@@ -49,6 +49,18 @@ def test_an_unknown_level_says_which_there_are():
     )
 
 
+def test_an_unknown_level_is_an_error_of_the_user(project):
+    """A command that lifts ends with exit code 2, and one line."""
+    landmarks, dictionary = "sample_data/one_person.csv", "sample_data/people_train.h5"
+    fit = ["-m", "shapefit", "fit", landmarks, "-d", dictionary, "-o", "-"]
+    refused = at_level("x86_64_v9", fit, cwd=project)
+    assert refused.returncode == 2
+    assert refused.stderr == (
+        "Error: SHAPEFIT_LEVEL is x86_64_v9; this build and processor have "
+        f"{', '.join(core.LEVELS)}; set it to one of these, or unset it\n"
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("level", [level for level in core.LEVELS if level != core.LEVEL])
 def test_the_solvers_pass_at_every_other_level(level, project):
