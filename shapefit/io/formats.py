@@ -138,9 +138,12 @@ def _find_folder_format(path: Path) -> FileFormat:
     raise input_error(path, f"it is a folder{looked}", f"name the files in it, e.g. '{path}/*.h5'")
 
 
-def find_reader(path: Path, kind: str) -> Callable[..., Any]:
-    """Return what reads records of a kind from this file. Raises InputError where nothing does."""
-    known = find_format(path)
+def find_reader(path: Path, kind: str, known: FileFormat | None = None) -> Callable[..., Any]:
+    """Return what reads records of a kind from this file, whose format may be known.
+
+    Raises InputError where nothing does.
+    """
+    known = known or find_format(path)
     if kind not in known.readers:
         titles = listed(each.title for each in FORMATS.values() if kind in each.readers)
         found = f"is {known.title}, not {titles}" if path.is_file() else "is not a file on a disk"

@@ -62,14 +62,15 @@ class SourceFile(Generic[Record]):
 class Source(Generic[Record]):
     """The items of one or more files; a context manager, which closes the files.
 
-    `head` has all but the items: their landmarks, unit, datasets. y_axis is where y points in
-    files that do not say it.
+    `head` has all but the items: their landmarks, unit, datasets; `count` is how many items there
+    are. y_axis is where y points in files that do not say it.
     """
 
     def __init__(self, files: Sequence[SourceFile[Record]], y_axis: Direction = "down") -> None:
         """Take files; raises InputError for items that occur twice, and for files that differ."""
         self._files = files
         self._running: list[Generator[Record, None, None]] = []
+        self.count = sum(file.count for file in files)
         self.head: Record = self._checked_head(y_axis)
 
     def _checked_head(self, y_axis: Direction) -> Record:
@@ -84,11 +85,6 @@ class Source(Generic[Record]):
     def states_y_axis(self) -> bool:
         """Whether a file says where y points."""
         return any(file.y_axis is not None for file in self._files)
-
-    @property
-    def count(self) -> int:
-        """Number of items."""
-        return sum(file.count for file in self._files)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from shapefit.errors import input_error
 from shapefit.io.memory import check_fits, in_words
+from shapefit.stores.reading import read_head
 from shapefit.stores.shelf import find_state
 from shapefit.stores.urls import UrlPath
 
@@ -35,6 +36,14 @@ def is_stream(path: Path) -> bool:
 def source_name(path: Path) -> str:
     """Name of the input in messages."""
     return "standard input" if is_stream(path) else str(path)
+
+
+def begins_with(path: Path, *signatures: bytes) -> bool:
+    """Whether a file, here or in a store, begins with one of these bytes; pipes are left alone."""
+    try:
+        return path.is_file() and read_head(path, 8).startswith(signatures)
+    except OSError:  # who opens the file reports it
+        return False
 
 
 def require_file(path: Path) -> None:

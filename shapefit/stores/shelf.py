@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import tempfile
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import Context, ContextVar, copy_context
@@ -37,6 +38,7 @@ class Shelf:
     copies: dict[UrlPath, Path] = field(default_factory=dict)
     opened: dict[UrlPath, IO[bytes]] = field(default_factory=dict)
     folder: tempfile.TemporaryDirectory[str] | None = None
+    making: threading.Lock = field(default_factory=threading.Lock)
 
     def remember(self, path: UrlPath, state: State | None) -> None:
         """Note the state of an object; drop what is known of it if that was another one."""
@@ -53,8 +55,8 @@ class Shelf:
 
     def place_for(self, path: UrlPath) -> Path:
         """Return where a new copy goes, in a folder of its own, under the name of the object."""
-        if self.folder is None:
-            self.folder = tempfile.TemporaryDirectory(prefix="shapefit-copies-")
+        with self.making:
+            self.folder = self.folder or tempfile.TemporaryDirectory(prefix="shapefit-copies-")
         return Path(tempfile.mkdtemp(dir=self.folder.name)) / path.name
 
     def forget(self, path: UrlPath) -> None:

@@ -342,7 +342,7 @@ def test_names_of_few_items_are_read_once(
         return values
 
     monkeypatch.setattr(Hdf5Reader, "_values", counted)
-    monkeypatch.setattr(opening, "MOST_HELD", most_held)
+    monkeypatch.setattr(opening, "MOST_HELD", most_held * len(one.landmark_names))
     with open_landmarks(paths) as source:
         first, second = source.file_chunks(4)
     assert found.count("item") == readings

@@ -11,10 +11,11 @@ from pathlib import Path
 from shapefit.errors import input_error, listed
 from shapefit.io.foreign.recording import Recording
 from shapefit.io.foreign.table import FileFormat
-from shapefit.io.formats import FORMATS, find_format
+from shapefit.io.formats import FORMATS, find_format, load
 from shapefit.io.options import InputOptions
-from shapefit.io.sources import source_name
-from shapefit.stores.shelf import on_threads
+from shapefit.io.sources import HDF5_SIGNATURE, begins_with, source_name
+from shapefit.stores.shelf import has_copy, on_threads
+from shapefit.stores.urls import UrlPath
 
 
 def group_inputs(
@@ -22,6 +23,10 @@ def group_inputs(
 ) -> list[tuple[FileFormat, tuple[Path, ...]]]:
     """Return the inputs in order, each with its format; files that are one recording together."""
     groups: dict[tuple[str, str], tuple[FileFormat, list[Path]]] = {}
+    here = [path for path in paths if not isinstance(path, UrlPath) or has_copy(path)]
+    several = [path for path in here if len(here) > 1 and begins_with(path, HDF5_SIGNATURE)]
+    if several:
+        load("shapefit.io.hdf5.trial:try_together")(several)
     formats = on_threads(partial(find_format, name=options.format), paths)
     for path, known in zip(paths, formats, strict=True):
         shared = known.together and not path.is_dir()

@@ -11,9 +11,9 @@ import gc
 import os
 import signal
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -63,11 +63,29 @@ def try_opening(
     state = find_state(path)
     if state is None or not hasattr(os, "fork") or INSTALLED in path.parents:
         return
-    if _is_as_written(path, state):
+    if _is_as_written(path, state) or (path, state) in _sound:
         return
     found = _tried(path, state, walk, library, expands)
     if found is not None:
         raise input_error(path, found, DAMAGED)
+
+
+_sound: set[tuple[Path, State]] = set()
+"""Files that were tried together."""
+
+
+def try_together(paths: Iterable[Path]) -> None:
+    """Let one child walk through several HDF5 files, in a fraction of the time of a child each.
+
+    Where it does not come to its end, each file is tried when it is opened.
+    """
+    found = ((path, find_state(path)) for path in paths)
+    new = [(path, state) for path, state in found if state and not _is_as_written(path, state)]
+    if new and hasattr(os, "fork"):
+        sizes = [state[0] for _, state in new]
+        seconds, memory = SECONDS + sum(sizes) // BYTES_A_SECOND, MEMORY + max(sizes)
+        if _end_of_child(lambda: max(_walk(path) for path, _ in new), seconds, memory) == 0:
+            _sound.update(new)
 
 
 def mark_written(path: Path) -> None:
@@ -96,20 +114,7 @@ def _words(state: State) -> bytes:
 def _tried(path: Path, state: State, walk: Walk | None, library: str, expands: int) -> str | None:
     """Let a child walk through the file; return what became of it, None where all was well."""
     seconds, memory = SECONDS + state[0] // BYTES_A_SECOND, MEMORY + expands * state[0]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # forks of threads: h5py holds its lock
-        # a signal that comes in a fork can be lost
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
-        child = os.fork()
-    if child == 0:
-        _walk_and_exit(path, seconds, memory, walk or _walk)
-    try:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    except BaseException:  # a signal that ends this process
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        raise
+    code = _end_of_child(partial(walk or _walk, path), seconds, memory)
     if code in (-signal.SIGXCPU, -signal.SIGALRM):
         return f"cannot be read ({library} does not come to an end within {seconds} s)"
     if code == NO_MEMORY:
@@ -119,8 +124,26 @@ def _tried(path: Path, state: State, walk: Walk | None, library: str, expands: i
     return f"cannot be read ({library} crashes: {signal.Signals(-code).name})" if code < 0 else None
 
 
-def _walk_and_exit(path: Path, seconds: int, memory: int, walk: Walk) -> NoReturn:
-    """Walk through a file in this process, which does nothing else and leaves without unwinding."""
+def _end_of_child(walk: Callable[[], int], seconds: int, memory: int) -> int:
+    """Walk in a child; return its exit code, or the negative number of the signal that ended it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # forks of threads: h5py holds its lock
+        # a signal that comes in a fork can be lost
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
+        child = os.fork()
+    if child == 0:
+        _walk_and_exit(walk, seconds, memory)
+    try:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    except BaseException:  # a signal that ends this process
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        raise
+
+
+def _walk_and_exit(walk: Callable[[], int], seconds: int, memory: int) -> NoReturn:
+    """Walk in this process, which does nothing else and leaves without unwinding."""
     code = 0
     try:
         gc.disable()
@@ -131,7 +154,7 @@ def _walk_and_exit(path: Path, seconds: int, memory: int, walk: Walk) -> NoRetur
         signal.pthread_sigmask(signal.SIG_SETMASK, ())
         signal.alarm(LONGEST + seconds)
         _limit(seconds, memory)
-        code = walk(path)
+        code = walk()
     except MemoryError:
         code = NO_MEMORY
     finally:

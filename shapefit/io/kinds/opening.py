@@ -32,8 +32,8 @@ PROOFS = PROOF + TREES
 UNNEEDED = ("iterations", "mesh_vertices")
 """Datasets that nothing is claimed of."""
 
-MOST_HELD = 1 << 16
-"""Items of all files together whose names are held, some MB; those of more are read again."""
+MOST_HELD = 1 << 21
+"""Landmarks of all items and files together that are held, some 50 MB; more are read again."""
 
 
 def open_landmarks(
@@ -158,11 +158,10 @@ def _open(
         if not gaps:
             records, notes = without_gaps(records, notes, name)
     else:
-        read = find_reader(path, form.kind)
+        read = find_reader(path, form.kind, known)
         if read is stored_file:
-            file = stored_file(
-                path, form, gaps=gaps, part=part, without=without, most_held=most_held
-            )
+            held: Any = {"most_held": most_held, "known": known}
+            file = stored_file(path, form, gaps=gaps, part=part, without=without, **held)
             return _hiding(file, options.likelihood_below)
         further = {"gaps": gaps} if form is SHAPES else {}
         records = read(*((paths,) if known.together else paths), **further)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import FORMATS, find_format, load
@@ -18,10 +18,16 @@ from shapefit.io.sources import source_name
 from shapefit.io.stored.checks import check_values
 from shapefit.io.stored.reader import StoredReader
 
+if TYPE_CHECKING:
+    from shapefit.io.foreign.table import FileFormat
 
-def open_stored(path: Path, form: Format) -> StoredReader:
-    """Open a file of this layout. Raises InputError where its format holds points only."""
-    known = find_format(path)
+
+def open_stored(path: Path, form: Format, known: FileFormat | None = None) -> StoredReader:
+    """Open a file of this layout, whose format may be known.
+
+    Raises InputError where its format holds points only.
+    """
+    known = known or find_format(path)
     if known.reader is None:
         titles = listed(each.title for each in FORMATS.values() if each.reader is not None)
         found = f"is not {titles}" if path.is_file() else "is not a file on a disk"
@@ -52,41 +58,40 @@ def stored_file(
     part: slice | None = None,
     without: Collection[Dataset] = (),
     most_held: int = 0,
+    known: FileFormat | None = None,
 ) -> SourceFile[Any]:
     """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
 
-    With `gaps` a landmark of a shape may be unknown. The names of at most so many items are read
-    once and held, those of more whenever they are needed. Raises InputError for what is wrong with
-    it.
+    With `gaps` a landmark of a shape may be unknown. Items of at most so many landmarks together
+    are read once and held, those of more whenever they are needed. Raises InputError for what is
+    wrong with it.
     """
 
     @contextmanager
     def opened() -> Iterator[Callable[[slice], Records]]:
-        with open_stored(path, form) as reader:
+        with open_stored(path, form, known) as reader:
             yield lambda rows: read_rows(
-                reader,
-                slice(start + rows.start, start + rows.stop),
-                without,
-                items=None if items is None else items[rows],
+                reader, slice(start + rows.start, start + rows.stop), without
             )
 
     def texts(name: str) -> Iterator[tuple[str, ...]]:
-        with open_stored(path, form) as reader:
+        with open_stored(path, form, known) as reader:
             yield from reader.read_blocks(name, part)
 
-    with open_stored(path, form) as reader:
+    with open_stored(path, form, known) as reader:
         start, stop, _ = (part or slice(None)).indices(reader.count)
-        held = stop - start <= most_held
-        items = tuple(chain.from_iterable(reader.read_blocks("item", part))) if held else None
-        check_values(reader, form, gaps=gaps, part=part, items=items)
+        if (stop - start) * len(reader.landmark_names) <= most_held:
+            items = tuple(chain.from_iterable(reader.read_blocks("item", part)))
+            check_values(reader, form, gaps=gaps, part=part, items=items)
+            records = read_rows(reader, slice(start, stop), without, items=items)
+            places = ItemList(lambda: [items], lambda row: reader.place("item", start + row))
+            return SourceFile.held(str(path), records, places, y_axis=reader.y_axis)
+        check_values(reader, form, gaps=gaps, part=part)
         return SourceFile(
             str(path),
             read_rows(reader, slice(0), without),
             stop - start,
-            ItemList(
-                lambda: texts("item") if items is None else [items],
-                lambda row: reader.place("item", start + row),
-            ),
+            ItemList(lambda: texts("item"), lambda row: reader.place("item", start + row)),
             opened,
             sequences=lambda: texts("sequence"),
             y_axis=reader.y_axis,

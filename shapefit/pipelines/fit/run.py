@@ -34,7 +34,7 @@ from shapefit.pipelines.fit.report import Batch, Report, said_of_y
 from shapefit.pipelines.fit.settle import plan_settling
 from shapefit.pipelines.joints import said_of_names
 from shapefit.pipelines.outcome import Outcome
-from shapefit.stores.shelf import local_copy
+from shapefit.stores.shelf import local_copy, on_threads
 from shapefit.stores.urls import UrlPath
 
 
@@ -44,9 +44,8 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     assert isinstance(output, Path), "a folder is written part by part"
     # A part of a file is known by the manifest: nobody reads the whole file for each part.
     files = (*(config.landmarks if rows is None else ()), config.dictionary)
-    for path in files:
-        if isinstance(path, UrlPath):
-            local_copy(path)  # whose digest takes the whole of it
+    # The digest of an object takes the whole of it.
+    on_threads(local_copy, (path for path in files if isinstance(path, UrlPath)))
     dictionary = read_dictionary(config.dictionary)
     settle, wanted = plan_settling(config, dictionary), plan_exports(config, dictionary)
     seconds, done = 0.0, 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from math import isqrt
 from pathlib import Path
@@ -18,12 +17,11 @@ from shapefit.io.foreign.table import FileFormat
 from shapefit.io.formats import FORMATS, HDF5
 from shapefit.io.layout import LANDMARKS
 from shapefit.io.options import InputOptions
-from shapefit.io.sources import HDF5_SIGNATURE, PARQUET_SIGNATURE
+from shapefit.io.sources import HDF5_SIGNATURE, PARQUET_SIGNATURE, begins_with
 from shapefit.io.stored.files import open_stored
 from shapefit.io.stored.reader import StoredReader
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.plan import read_options
-from shapefit.stores.reading import read_head
 from shapefit.stores.shelf import State, find_state, on_threads
 
 BATCH = 4096
@@ -174,11 +172,8 @@ def _look_into(
     options = read_options(config)
 
     def is_small(path: Path) -> bool:
-        if whole or states[path][0] >= FEWEST_BYTES * config.partition or not path.is_file():
-            return False
-        with suppress(OSError):
-            return read_head(path, 8).startswith((HDF5_SIGNATURE, PARQUET_SIGNATURE))
-        return False
+        small = not whole and states[path][0] < FEWEST_BYTES * config.partition
+        return small and begins_with(path, HDF5_SIGNATURE, PARQUET_SIGNATURE)
 
     def guess(inputs: tuple[Path, ...]) -> int:
         size = sum(states[path][0] for path in inputs)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -83,6 +84,20 @@ def test_sound_files_and_those_of_the_package_are_left_alone(file, monkeypatch):
     os.utime(file)
     with pytest.raises(InputError, match="SIGABRT"):
         try_opening(file)
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_files_that_are_tried_together_are_tried_once(file, tmp_path, monkeypatch, damaged):
+    """Where the child does not come to its end, each is tried when it is opened."""
+    paths = [Path(shutil.copy(file, tmp_path / f"{number}.h5")) for number in range(3)]
+    if damaged:
+        spoil(paths[1], file.stat().st_size - 2000, file.stat().st_size, 255)
+    trial.try_together(paths)
+    tried = []
+    monkeypatch.setattr(trial, "_tried", lambda path, *_: tried.append(path))
+    for path in paths:
+        try_opening(path)
+    assert tried == (paths if damaged else [])
 
 
 def test_a_file_of_this_program_is_trusted_until_it_is_touched(tmp_path, monkeypatch):
