@@ -23,6 +23,9 @@ from shapefit.stores.urls import UrlPath
 
 CHUNK_BYTES = 1 << 18
 CHUNK_ROWS = 64
+FEWEST_WRITTEN = 1024
+"""Items that are written at a time, but for the last: small files come by a hundred."""
+
 CACHE_BYTES = 4 * CHUNK_BYTES
 """Of chunks that HDF5 keeps for each dataset; by default 8 MB, and rows are only appended."""
 
@@ -49,8 +52,11 @@ class Hdf5Writer(StoredWriter):
     def __init__(self, file: FileIO, form: Format) -> None:
         super().__init__(form)
         self._datasets: dict[str, Any] = {}
+        self._chunk_rows: dict[str, int] = {}
+        self._written: dict[str, int] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
-        self._unfilled: dict[str, Array] = {}
+        self._waiting: dict[str, list[Array]] = {}
+        self._held = 0
         self._begun = False
         self._spool = Spool(file)
         self._file = h5py.File(self._spool, "w", rdcc_nbytes=CACHE_BYTES)
@@ -78,40 +84,43 @@ class Hdf5Writer(StoredWriter):
             if getattr(record, dataset.attribute) is not None
         }
         rows |= {name: storable(values) for name, values in further.items()}
+        shapes = {name: values.shape[1:] for name, values in rows.items()}
+        self._shapes = self._shapes or shapes
+        check_alike(shapes, self._shapes)
+        for name, values in rows.items():
+            self._waiting.setdefault(name, []).append(values)
+        self._held += len(rows.get("item", ()))
+        if self._held >= FEWEST_WRITTEN:
+            self._write_waiting()
+
+    def _write_waiting(self, *, last: bool = False) -> None:
+        """Write the rows that wait; of sparse datasets those that fill chunks, before the last."""
+        self._held = 0
+        rows = {name: np.concatenate(values) for name, values in self._waiting.items()}
         with self._spool_errors():
             if not self._begun:
                 self._begin(rows)
                 self._check_spool()
-            check_alike(rows.keys(), self._datasets.keys())
             for name, values in rows.items():
-                dataset = self._datasets[name]
-                start, *rest = self._shapes[name]
-                check_alike(list(values.shape[1:]), rest)
-                self._shapes[name] = (start + len(values), *rest)
-                dataset.id.set_extent(self._shapes[name])
-                if name in self._form.sparse:
-                    self._write_chunks(name, start, values)
-                else:
-                    append_rows(dataset, start, values)
+                dataset, start = self._datasets[name], self._written[name]
+                chunk = self._chunk_rows[name]
+                deflates = len(values) // chunk * chunk if name in self._form.sparse else 0
+                end = deflates if name in self._form.sparse and not last else len(values)
+                self._written[name] = start + end
+                dataset.id.set_extent((start + end, *values.shape[1:]))
+                for at in range(0, deflates, chunk):
+                    place = (start + at,) + (0,) * (values.ndim - 1)
+                    dataset.id.write_direct_chunk(place, deflated(values[at : at + chunk]))
+                append_rows(dataset, start + deflates, values[deflates:end])
+                self._waiting[name] = [values[end:]]
                 self._check_spool()
-
-    def _write_chunks(self, name: str, start: int, values: Array) -> None:
-        """Write the rows of a sparse dataset that fill its chunks, and keep the others."""
-        dataset = self._datasets[name]
-        left = self._unfilled.get(name, values[:0])
-        values, start = np.concatenate([left, values]), start - len(left)
-        rows = dataset.chunks[0]
-        whole = len(values) // rows * rows
-        for at in range(0, whole, rows):
-            place = (start + at,) + (0,) * (values.ndim - 1)
-            dataset.id.write_direct_chunk(place, deflated(values[at : at + rows]))
-        self._unfilled[name] = values[whole:]
 
     def _begin(self, rows: dict[str, Array]) -> None:
         self._begun = True
         for name, values in rows.items():
             self._datasets[name] = self._extendable(name, values)
-            self._shapes[name] = (0, *values.shape[1:])
+            self._chunk_rows[name] = self._datasets[name].chunks[0]
+            self._written[name] = 0
         for dataset in self._form.datasets:
             value = getattr(self._first, dataset.attribute)
             if value is not None and not dataset.grows:
@@ -121,9 +130,7 @@ class Hdf5Writer(StoredWriter):
 
     def _finish(self) -> None:
         self._check_begun()
-        for name, left in self._unfilled.items():
-            if len(left):
-                append_rows(self._datasets[name], self._shapes[name][0] - len(left), left)
+        self._write_waiting(last=True)
         root = self._file.attrs
         root["format"] = self._form.name
         root["version"] = VERSION
@@ -168,9 +175,11 @@ class Hdf5Writer(StoredWriter):
 
 def append_rows(dataset: Any, start: int, values: Array) -> None:
     """Do what `dataset[start:] = values` does in twice the time, or leave texts to that."""
+    if not len(values):
+        return
     if values.dtype.kind == "O":
         dataset[start:] = values
-    elif len(values):
+    else:
         place = dataset.id.get_space()
         place.select_hyperslab((start,) + (0,) * (values.ndim - 1), values.shape)
         rows = h5py.h5s.create_simple(values.shape)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import FORMATS, find_format, load
@@ -18,11 +18,8 @@ from shapefit.io.sources import source_name
 from shapefit.io.stored.checks import check_values
 from shapefit.io.stored.reader import StoredReader
 
-if TYPE_CHECKING:
-    from shapefit.io.foreign.table import FileFormat
 
-
-def open_stored(path: Path, form: Format, known: FileFormat | None = None) -> StoredReader:
+def open_stored(path: Path, form: Format, known: Any = None) -> StoredReader:
     """Open a file of this layout, whose format may be known.
 
     Raises InputError where its format holds points only.
@@ -58,7 +55,7 @@ def stored_file(
     part: slice | None = None,
     without: Collection[Dataset] = (),
     most_held: int = 0,
-    known: FileFormat | None = None,
+    known: Any = None,
 ) -> SourceFile[Any]:
     """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
 
