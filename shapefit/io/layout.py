@@ -133,6 +133,8 @@ AXES = {
     "m": "modes",
     "l": "cells of trees",
     "v": "vertices of trees",
+    "i": "landmarks of the detector",
+    "r": "coordinates of all landmarks",
 }
 
 _LANDMARK_NAMES = Dataset("landmark_names", ("p",), "text", required=True)
@@ -225,6 +227,31 @@ RESULTS = Format(
         *TREES,
     ),
 )
+
+_NUMBERS_OF_A_RESULT: dict[tuple[str | int, ...], str] = {
+    ("n",): "lambda residual active_atoms tight modes_complete metres_per_unit log_evidence "
+    "plausibility trusted sequence_noise",
+    ("n", 2): "focal principal_point",
+    ("n", 3): "camera_translation position",
+    ("n", "p"): "belief outliers",
+    ("n", "p", 2): "landmarks",
+    ("n", "p", 3): "shape_correlation",
+    ("n", "r", "r"): "shape_covariance",
+    ("n", "i", 3): "input_shapes input_shape_sd input_shape_correlation",
+    ("p", "p"): "landmark_map",
+}
+
+FURTHER_OF_RESULTS = (
+    *(
+        Dataset(name, axes)
+        for axes, names in _NUMBERS_OF_A_RESULT.items()
+        for name in names.split()
+    ),
+    Dataset("doubt", ("n",), "text"),
+    Dataset("left_out", ("n",), "text"),
+    Dataset("input_landmark_names", ("i",), "text"),
+)
+"""What a fit can write beside the layout, for records among their `extras`."""
 
 DICTIONARY = Format(
     "shapefit-dictionary",

@@ -29,7 +29,6 @@ from shapefit.lifting.unmapped import as_joints, see_rows
 INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
 INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_names"
 MAP = "landmark_map"
-INPUTS = (INPUT_SHAPES, INPUT_SD, INPUT_CORRELATION, INPUT_NAMES, MAP)
 """Datasets of a result: the landmarks of the files in 3D with their error bars, and A."""
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from shapefit.errors import InputError
+from shapefit.io import read_results
 from shapefit.io.extras import Extras
 from shapefit.io.landmark_names import match_landmarks
 from shapefit.io.records import LandmarkSet, ShapeSet, concatenate
+from tests.io.files import save
 
 
 def test_match_landmarks_finds_every_wanted_name():
@@ -180,3 +184,25 @@ def test_a_mirror_index_belongs_to_the_file_where_there_are_as_many_shapes_as_la
     some = shapes.take([2, 0])
     np.testing.assert_array_equal(some.extras["mirror_index"], partners)
     np.testing.assert_array_equal(some.extras["mass"], [2, 0])
+
+
+@pytest.mark.parametrize("suffix", ["h5", "parquet"])
+@pytest.mark.parametrize(
+    ("name", "values", "wanted"),
+    [
+        ("trusted", np.ones((5, 2)), "store numbers (items)"),
+        ("metres_per_unit", np.ones(5, complex), "store numbers (items)"),
+        ("log_evidence", np.full(5, "high", dtype=object), "store numbers (items)"),
+        ("doubt", np.empty(0, dtype=object), "store UTF-8 text (items)"),
+        ("landmark_map", np.eye(3), "store numbers (landmarks, landmarks)"),
+        ("input_landmark_names", np.arange(4), "store UTF-8 text (landmarks of the detector)"),
+    ],
+)
+def test_what_a_fit_writes_beside_the_layout_has_its_axes(
+    tmp_path, results, suffix, name, values, wanted
+):
+    path = tmp_path / f"result.{suffix}"
+    save(path, results.replaced(extras={name: values}))
+    with pytest.raises(InputError, match=re.escape(wanted)) as caught:
+        read_results(path)
+    assert name in str(caught.value)

@@ -14,11 +14,15 @@ from shapefit.errors import input_error
 from shapefit.io.extras import Extras
 from shapefit.io.layout import (
     AXES,
+    FURTHER_OF_RESULTS,
     PLAIN_ATTRIBUTES,
+    RESULTS,
     UNKNOWN_UNIT,
     VERSION,
     Dataset,
     Format,
+    fit_axes,
+    fits_kind,
     plain_name,
 )
 from shapefit.io.memory import check_fits
@@ -188,13 +192,31 @@ class StoredReader(ABC):
         return {dataset.attribute: self.read(dataset.name, chosen[dataset]) for dataset in chosen}
 
     def extras(self, rows: slice = slice(None)) -> Extras:
-        """Return these rows of the datasets that the layout does not know."""
+        """Return these rows of the datasets that the layout does not know.
+
+        Raises InputError for those of a result that are not as a fit writes them.
+        """
         per_item, whole = self._extra_names
         self._check_fits(dict.fromkeys(per_item, rows) | dict.fromkeys(whole, ()))
-        return Extras(
+        extras = Extras(
             {name: self._values(name, rows) for name in per_item},
             {name: np.asarray(self._values(name, ())) for name in whole},
         )
+        if self.form == RESULTS:
+            self._check_further(extras, len(range(*rows.indices(self.count))))
+        return extras
+
+    def _check_further(self, extras: Extras, count: int) -> None:
+        sizes = {"n": count, "p": len(self.landmark_names)}
+        for dataset in FURTHER_OF_RESULTS:
+            values = extras.get(dataset.name)
+            if values is None:
+                continue
+            kind = "O" if values.dtype.kind == "U" else values.dtype.kind
+            if not fits_kind(kind, dataset) or not fit_axes(dataset.axes, values.shape, sizes):
+                found = f"holds {values.dtype} of the shape {values.shape}"
+                fix = f"{wanted(dataset)}, or remove it"
+                raise input_error(self.place(dataset.name), found, fix)
 
     def _check_fits(self, chosen: Mapping[str, slice | tuple[()]]) -> None:
         """Raise InputError where these rows of datasets are more than memory holds."""

@@ -14,20 +14,12 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.size import has_lengths, knows_size, metres_per_unit
 from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT, Extras, names_apart
-from shapefit.io.layout import RESULTS
+from shapefit.io.layout import FURTHER_OF_RESULTS, RESULTS
 from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
-from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT, TRUSTED, find_doubts
-from shapefit.pipelines.joints import INPUTS
 
-OF_A_RESULT = RESULTS.names | {
-    *("landmarks", "lambda", "residual", "active_atoms", "tight", "outliers"),
-    *("camera_translation", "focal", "principal_point", "position", "left_out"),
-    *("shape_covariance", METRES_PER_UNIT, TRUSTED, DOUBT),
-    *INPUTS,
-    *(name for method in METHODS.values() for name in method.further),
-}
+OF_A_RESULT = RESULTS.names | {dataset.name for dataset in FURTHER_OF_RESULTS}
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
 
 

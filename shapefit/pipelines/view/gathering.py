@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from shapefit.errors import input_error
 from shapefit.io import ShapeSource, open_shapes
 from shapefit.io.foreign.sources import FRAME
 from shapefit.io.kinds.listing import AnyRecords, Listing, read_chunks
-from shapefit.io.layout import NUMPY_KINDS
 from shapefit.io.options import input_options
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.lifting.verdict import DOUBT
@@ -100,14 +99,14 @@ def _take(
     n, p = len(gathered.points), gathered.points.shape[2]
 
     def put(name: str, values: Any) -> None:
-        if _is_number(values) and values.shape[:1] == frames.shape:  # else it is of the file
+        if values is not None:
             values = np.asarray(values, dtype=np.float64)
             whole = gathered.of_frames.setdefault(name, np.full((n, *values.shape[1:]), np.nan))
             whole[frames] = values
 
     def put_landmarks(name: str, values: Any, expected: tuple[int, ...]) -> None:
         """Put values (rows, p, ...) of the file's landmarks under those of the page."""
-        if not _is_number(values) or values.shape != (len(frames), len(columns), *expected):
+        if values is None or values.shape != (len(frames), len(columns), *expected):
             return
         whole = gathered.of_frames.setdefault(name, np.full((n, p, *expected), np.nan))
         whole[np.ix_(frames, columns)] = np.asarray(values, dtype=np.float64)
@@ -120,7 +119,9 @@ def _take(
         if records.mesh_vertices is not None and records.mesh_faces is not None:
             gathered.mesh_vertices |= dict(zip(frames.tolist(), records.mesh_vertices, strict=True))
             gathered.mesh_faces = records.mesh_faces
-    put(FRAME, records.extras.get(FRAME))
+    numbers = records.extras.get(FRAME)
+    if numbers is not None and numbers.shape == frames.shape and numbers.dtype.kind in "iuf":
+        put(FRAME, numbers)
     if isinstance(records, LandmarkSet):
         put_landmarks("landmarks", _visible(records), (2,))
     if isinstance(records, ResultSet):
@@ -134,10 +135,6 @@ def _take(
     if edges is not None and edges.ndim == 2 and edges.shape[1] == 2 and edges.dtype.kind in "iu":
         inside = (edges >= 0).all() and (edges < len(columns)).all()
         gathered.edges = columns[edges] if inside else gathered.edges
-
-
-def _is_number(values: NDArray[Any] | None) -> TypeGuard[NDArray[Any]]:
-    return values is not None and values.dtype.kind in NUMPY_KINDS["number"]
 
 
 def _visible(records: LandmarkSet) -> Floats:

@@ -12,7 +12,6 @@ from shapefit.arrays import Floats
 from shapefit.geometry.length_units import metres_in
 from shapefit.geometry.normalisation import spread
 from shapefit.io import ResultSet
-from shapefit.io.layout import NUMPY_KINDS
 from shapefit.verification.check import Check, check, largest
 from shapefit.verification.rounding import rounding_factor
 
@@ -48,11 +47,10 @@ class Size:
 
 
 def _stated(result: ResultSet, name: str, *axes: int) -> Floats:
-    """Return a dataset (n, *axes); inf throughout where it is absent, no number or misshapen."""
-    values = result.extras.get(name, np.array(np.inf))
+    """Return a dataset (n, *axes); inf throughout where it is absent or has another shape."""
+    values = np.asarray(result.extras.get(name, np.inf), np.float64)
     shape = (len(result.shapes), *axes)
-    fits = values.shape == shape and values.dtype.kind in NUMPY_KINDS["number"]
-    return values.astype(np.float64) if fits else np.full(shape, np.inf)
+    return values if values.shape == shape else np.full(shape, np.inf)
 
 
 def check_metres(result: ResultSet, size: Size) -> list[Check]:

@@ -87,7 +87,7 @@ def test_a_carried_dataset_has_a_name_of_its_own(tmp_path, results):
         "scale": np.full(5, 1.0),
         "input_scale": np.full(5, 2.0),
         "status/reason": np.full(5, 3.0),
-        "shapes": np.full(7, 4.0),
+        "transforms": np.full(7, 4.0),
         "plain/scale": np.full(5, 5.0),
     }
     with result_writer(path) as writer:
@@ -99,7 +99,7 @@ def test_a_carried_dataset_has_a_name_of_its_own(tmp_path, results):
         "input_input_scale": 1.0,
         "input_scale": 2.0,
         "input_status/reason": 3.0,
-        "input_shapes": 4.0,
+        "input_transforms": 4.0,
         "plain/scale": 5.0,
     }
 
