@@ -17,6 +17,7 @@ import numpy as np
 
 from benchmarks.environments import PROJECT, Environment, dependency_bytes, git
 from benchmarks.pairs import Comparison, Turn, compare
+from benchmarks.parts import tile as tile_people
 from benchmarks.processes import spent
 from benchmarks.table import Row, compared
 from shapefit.io import landmark_writer, open_landmarks
@@ -48,6 +49,8 @@ def fit_cases(
         yield case, partial(compare_threads, case, old, new, mocap, folder, repeats)
         case = "sequences end to end"
         yield case, partial(compare_sequences, case, old, new, mocap, folder, min(repeats, 3))
+    case = "fit, 300 files of 100 images, parts, CPU"
+    yield case, partial(compare_files, case, old, new, folder, min(repeats, 3))
     case = "one image, CSV to CSV"
     yield case, partial(compare_one, case, old, new, folder, 3 * repeats)
     case = "import numpy over one image, CSV to CSV"
@@ -106,11 +109,31 @@ def compare_sequences(
     return compared(case, compare(before, now, repeats))
 
 
-def compare_one(case: str, old: Environment, new: Environment, folder: Path, repeats: int) -> Row:
-    """One image from CSV to CSV, against the release before or against the import of NumPy."""
+def compare_files(case: str, old: Environment, new: Environment, folder: Path, repeats: int) -> Row:
+    """Files of 100 images each, to a folder of results: in time of the processor."""
+    dictionary = learn_people(old, folder)
+    for number in range(300):
+        tile_people(folder / f"clip-{number:03}.h5", 100, first=100 * number)
+    command: list[str | Path] = ["fit", "clip-*.h5", "-d", dictionary, "-c", folder / "fit.yaml"]
+
+    def parts(one: Environment) -> Turn:
+        shutil.rmtree(folder / "parts", ignore_errors=True)
+        return timed([one.command, *command, "-o", "parts/"], folder, spent)
+
+    return compared(case, compare(partial(parts, old), partial(parts, new), repeats))
+
+
+def learn_people(old: Environment, folder: Path) -> Path:
+    """Learn the dictionary of the demonstration with the old command."""
     dictionary = folder / "people.h5"
     learning = old.source / "configs/demo/learn-dict.yaml"
     run([old.command, "learn-dict", "-c", learning, "-o", dictionary], folder)
+    return dictionary
+
+
+def compare_one(case: str, old: Environment, new: Environment, folder: Path, repeats: int) -> Row:
+    """One image from CSV to CSV, against the release before or against the import of NumPy."""
+    dictionary = learn_people(old, folder)
     image = PROJECT / "sample_data/one_person.csv"
     command: list[str | Path] = ["fit", image, "-d", dictionary, "-c", folder / "fit.yaml", "-o"]
     before, now = (partial(fit, one, command, folder / "out.csv") for one in (old, new))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isqrt
@@ -105,27 +106,24 @@ def plan_parts(config: FitConfig, done: Iterable[Mapping[str, Any]] = ()) -> lis
     which start from one another's solutions, and between sequences where those are lifted whole.
     Small inputs that follow one another are a part together. Whole inputs that are `done`, by
     their entries in the manifest, and as they were, stay together and are not looked into; but
-    where a recording of several files may have grown, and where sequences are lifted whole, all
-    are. Raises InputError for sequences over two files.
+    where a recording of several files may have grown, and where there are new files of sequences
+    that are lifted whole, all are. Raises InputError for sequences over two files.
     """
     states = {path: find_state(path) or (0, "") for path in config.landmarks}
-    kept = [] if METHODS[config.method].sequences else _kept(states, done, config.partition)
+    kept = _kept(states, done, config.partition)
     inside = {path for piece in kept for path in piece.inputs}
     new = _look_into([path for path in states if path not in inside], states, config)
-    if kept and any(piece.grows for piece in new):
+    if kept and new and (METHODS[config.method].sequences or any(piece.grows for piece in new)):
         kept, new = [], _look_into(list(states), states, config)
     pieces = {piece.inputs[0]: piece for piece in (*kept, *new)}
     ordered = [pieces[path] for path in states if path in pieces]
     _check_sequences(ordered)
     parts: list[Part] = []
-    number = 0
+    number, suffix = 0, FORMATS[config.part_format].suffixes[0]
     for together, rows in _joined(ordered, config.partition):
         inputs = tuple(path for piece in together for path in piece.inputs)
         recordings = tuple(len(piece.inputs) for piece in together)
-        state, suffix = (
-            tuple(states[path] for path in inputs),
-            FORMATS[config.part_format].suffixes[0],
-        )
+        state = tuple(states[path] for path in inputs)
         parts.append(Part(number, inputs, rows, state, suffix, recordings))
         number += len(inputs) if rows is None else 1
     return parts
@@ -139,8 +137,9 @@ def _kept(
     places = {path_text(path): place for place, path in enumerate(paths)}
     kept = []
     for entry in done:
-        place = places.get(entry["inputs"][0], len(paths))
-        inputs = tuple(paths[place : place + len(entry["inputs"])])
+        names = entry.get("inputs") or [""]
+        place = places.get(names[0], len(paths))
+        inputs = tuple(paths[place : place + len(names)])
         told = Part(0, inputs, None, tuple(states[path] for path in inputs)).describe()
         if inputs and told.items() <= entry.items():
             kept.append(Piece(inputs, size))
@@ -169,7 +168,7 @@ def _look_into(
 ) -> list[Piece]:
     """Return what is found of inputs; small files that are known by their first bytes stay shut."""
     whole = METHODS[config.method].sequences
-    options = read_options(config)
+    options, one_at_a_time = read_options(config), threading.Lock()
 
     def is_small(path: Path) -> bool:
         small = not whole and states[path][0] < FEWEST_BYTES * config.partition
@@ -186,7 +185,8 @@ def _look_into(
     def look(group: tuple[FileFormat, tuple[Path, ...]]) -> Piece:
         known, inputs = group
         if known.reader is None:
-            sequences = tuple(_named_sequences(inputs, options)) if whole else ()
+            with one_at_a_time:  # files of text are read whole for their sequences
+                sequences = tuple(_named_sequences(inputs, options)) if whole else ()
             grows = known.together and not inputs[0].is_dir()
             return Piece(inputs, guess(inputs), sequences=sequences, grows=grows)
         try:
@@ -197,8 +197,7 @@ def _look_into(
         except InputError:  # whoever does its part reports it
             return Piece(inputs, config.partition)
 
-    # Files of text are read whole for their sequences, so one at a time.
-    return pieces + (list(map(look, groups)) if whole else on_threads(look, groups))
+    return pieces + on_threads(look, groups)
 
 
 def _between_stretches(reader: StoredReader, size: int) -> list[Rows]:
