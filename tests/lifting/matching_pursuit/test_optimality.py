@@ -87,31 +87,6 @@ class TestCertificate:
             error = np.linalg.norm(w - found.camera[image] @ X) ** 2
             assert found.error[image] == pytest.approx(error, rel=1e-10)
 
-    @pytest.mark.parametrize("most_atoms", range(1, 7))
-    def test_the_limbs_keep_the_sum_of_their_squares(self, noisy, most_atoms):
-        found = noisy.pursue(goal=0.0, most_atoms=most_atoms, most_rounds=3)
-        wanted = noisy.squared_limbs(noisy.mean)
-        np.testing.assert_allclose(noisy.squared_limbs(noisy.mix(found)), wanted, rtol=1e-12)
-
-
-class TestDescent:
-    @pytest.mark.parametrize("most_rounds", [1, 30])
-    def test_no_atom_raises_the_error(self, noisy, most_rounds):
-        errors = [
-            noisy.pursue(goal=0.0, most_atoms=most, most_rounds=most_rounds).error
-            for most in range(7)
-        ]
-        assert (np.diff(errors, axis=0) <= 1e-12).all()
-        assert (errors[-1] < 0.5 * errors[0]).all()
-
-    def test_no_round_raises_the_error(self, noisy):
-        errors = [
-            noisy.pursue(goal=0.0, change=0.0, most_atoms=1, most_rounds=most).error
-            for most in range(1, 12)
-        ]
-        assert (np.diff(errors, axis=0) <= 1e-12).all()
-        assert (errors[-1] < errors[0]).all()
-
 
 class TestPlanted:
     @pytest.mark.parametrize("keys", [{}, {"hidden": 0.15, "weighted": True}])
