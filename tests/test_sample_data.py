@@ -19,8 +19,7 @@ MADE = {
     "make_animal": ("animal_train.h5", "animal_walk.csv", "animal_truth.h5"),
     "make_cars": ("cars.h5", "cars_views.h5", "cars_views.csv"),
 }
-
-
+ACTIVITIES = {"walk", "run", "jump", "box", "wave", "squat", "kick", "throw"}
 ROUNDING = 1e-5
 FOCAL_LENGTH, PRINCIPAL_POINT = 1600.0, np.array([640.0, 480.0])
 
@@ -39,6 +38,10 @@ def images(path):
     with open_landmarks([path]) as source:
         (chunk,) = source.chunks(10**6)
     return chunk
+
+
+def activities(shapes):
+    return [name.partition("_")[0] for name in dict.fromkeys(shapes.sequences)]
 
 
 @pytest.mark.parametrize("script", MADE)
@@ -66,6 +69,15 @@ def test_the_page_names_every_file_and_they_are_small(folder):
     assert sum(path.stat().st_size for path in files) < 3e6
 
 
+@pytest.mark.parametrize(("name", "frames", "clips"), [("train", 120, 2), ("test", 80, 1)])
+def test_people_do_every_activity(folder, name, frames, clips):
+    shapes = read_shapes([folder / f"people_{name}.h5"])
+    assert sorted(activities(shapes)) == sorted(list(ACTIVITIES) * clips)
+    assert len(shapes) == frames * clips * len(ACTIVITIES)
+    assert shapes.edges.shape == (14, 2)
+    assert shapes.landmark_names[:3] == ("pelvis", "rhip", "rknee")
+
+
 def test_nobody_is_in_both_training_and_test(folder):
     training, test = (read_shapes([folder / f"people_{n}.h5"]) for n in ("train", "test"))
     assert not set(training.extras["subject"]) & set(test.extras["subject"])
@@ -87,6 +99,58 @@ def test_bones_keep_their_length_and_people_differ(folder, name):
             assert np.abs(bodies[first] - bodies[second]).max() > 0.01
 
 
+@pytest.mark.parametrize("name", ["train", "truth"])
+def test_a_dog_keeps_its_bones_and_steps_on_the_ground(folder, name):
+    shapes = read_shapes([folder / f"animal_{name}.h5"])
+    start, end = shapes.edges.T
+    lengths = np.linalg.norm(shapes.shapes[..., start] - shapes.shapes[..., end], axis=1)
+    sequences = np.array(shapes.sequences)
+    for sequence in dict.fromkeys(shapes.sequences):
+        rows = sequences == sequence
+        assert np.ptp(lengths[rows], axis=0).max() < 4e-4  # coordinates have four decimals
+        joints = shapes.shapes[rows]
+        assert 0 < joints[:, 1].min() < 0.03
+        assert np.linalg.norm(np.diff(joints, 2, axis=0), axis=1).max() < 0.15
+    mirror = shapes.extras["mirror_index"]
+    np.testing.assert_array_equal(mirror[mirror], np.arange(20))
+
+
+@pytest.mark.parametrize("name", ["train", "test"])
+def test_people_move_smoothly_above_the_ground(folder, name):
+    shapes = read_shapes([folder / f"people_{name}.h5"])
+    assert shapes.shapes[:, 1].min() > 0
+    sequences = np.array(shapes.sequences)
+    for sequence in dict.fromkeys(shapes.sequences):
+        joints = shapes.shapes[sequences == sequence]
+        speed = 24 * np.linalg.norm(np.diff(joints, axis=0), axis=1)
+        assert 0.5 < speed.max() < 13
+        assert np.linalg.norm(np.diff(joints, 2, axis=0), axis=1).max() < 0.45
+
+
+def test_the_tables_of_people_are_frames_of_the_test_set(folder):
+    truth = read_shapes([folder / "people_test.h5"])
+    frames = read_shapes([folder / "people_frames.csv"])
+    where = [truth.items.index(item) for item in frames.items]
+    assert frames.landmark_names == truth.landmark_names
+    np.testing.assert_allclose(frames.shapes, truth.shapes[where], atol=ROUNDING)
+
+    views = images(folder / "people_views.csv")
+    assert len(views) == 12
+    assert set(views.items) <= set(truth.items)
+    assert np.isfinite(views.landmarks[:, 0]).sum(axis=1).min() >= 10
+    assert np.isnan(views.landmarks).any()
+    one = images(folder / "one_person.csv")
+    assert (len(one), np.isfinite(one.landmarks).all()) == (1, True)
+
+
+def test_there_are_cars_of_six_kinds(cars):
+    kinds = [item.partition("_")[0] for item in cars.items]
+    assert len(cars) == 18
+    assert set(kinds) == {"sedan", "hatchback", "estate", "suv", "pickup", "van"}
+    assert min(kinds.count(kind) for kind in kinds) >= 2
+    assert len(cars.landmark_names) >= 40
+
+
 def test_every_mesh_is_closed_and_wound_outward(cars):
     assert cars.mesh_vertices.shape[2] >= 1000
     for vertices in cars.mesh_vertices:
@@ -99,6 +163,14 @@ def test_every_mesh_is_closed_and_wound_outward(cars):
         assert len(parts) == 9  # the body, four wheels, two mirrors, two plates
         assert all(part.volume > 0 for part in parts)
         assert 5 < mesh.volume < 15
+
+
+def test_meshes_have_the_size_of_cars(cars):
+    width, height, length = np.ptp(cars.mesh_vertices, axis=2).T
+    assert ((width > 1.7) & (width < 2.3)).all()
+    assert ((height > 1.3) & (height < 2.1)).all()
+    assert ((length > 3.5) & (length < 5.4)).all()
+    np.testing.assert_allclose(cars.mesh_vertices[:, 1].min(axis=1), 0, atol=1e-4)
 
 
 def test_left_and_right_are_mirror_images(cars):
@@ -121,6 +193,19 @@ def test_landmarks_are_the_same_vertices_on_every_car(cars):
     apart = cars.mesh_vertices[0, :, None, :] - cars.shapes[0, :, :, None]
     vertex = (apart**2).sum(axis=0).argmin(axis=1)
     np.testing.assert_array_equal(cars.mesh_vertices[..., vertex], cars.shapes)
+
+
+def test_landmarks_lie_where_their_names_say(cars):
+    def at(name):
+        return cars.shapes[..., cars.landmark_names.index(name)].T
+
+    assert (at("left_front_wheel")[2] > 1).all()
+    assert (at("left_rear_wheel")[2] < -1).all()
+    assert (at("left_windscreen_top")[1] > at("left_windscreen_bottom")[1] + 0.3).all()
+    assert (at("left_windscreen_top")[2] < at("left_windscreen_bottom")[2] - 0.2).all()
+    assert (at("left_front_light_top_outer")[0] > at("left_front_light_top_inner")[0]).all()
+    assert (at("left_rear_light_bottom_outer")[2] < at("left_rear_wheel")[2]).all()
+    assert (at("left_mirror")[0] > at("left_front_window_corner")[0] + 0.1).all()
 
 
 def test_views_are_pictures_of_the_cars_under_their_true_rotation(folder, cars):

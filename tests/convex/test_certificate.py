@@ -56,6 +56,34 @@ def test_kernel_agrees_with_numpy(
     np.testing.assert_allclose(again.relative_gap, found.relative_gap, rtol=1e-9, atol=1e-12)
 
 
+def test_inputs_are_left_alone(
+    make_problem: Callable[..., Problem], rng: np.random.Generator
+) -> None:
+    problem = make_problem(loss=Loss.ABSOLUTE)
+    point = random_point(problem, rng)
+    copies = [array.copy() for array in point]
+    certify_transforms(problem, *point)
+    for array, copy in zip(point, copies, strict=True):
+        assert (array == copy).all()
+
+
+@pytest.mark.parametrize("loss", [Loss.SQUARED, Loss.ABSOLUTE, Loss.SPARSE_ERROR])
+def test_no_point_lies_below_any_bound(
+    make_problem: Callable[..., Problem], rng: np.random.Generator, loss: Loss
+) -> None:
+    """Weak duality: every P is above every D, near the optimum too."""
+    problem = make_problem(10, loss=loss)
+    best = solve_newton(problem, tolerance=1e-10)
+    for size in (0, 1e-6, 1e-3, 1.0):
+        M, Y, _ = random_point(problem, rng)
+        found = certify_transforms(
+            problem, best.transforms.dense() + size * M, best.dual + size * Y
+        )
+        P, D = found.objective, found.objective * (1 - found.relative_gap)
+        assert (P >= best.objective * (1 - 1e-9)).all()
+        assert (D <= best.objective * (1 + 1e-12)).all()
+
+
 def test_one_landmark_pair_by_hand() -> None:
     """W and the one atom are (1, -1) in their first rows and 0 elsewhere, M is m there.
 
@@ -99,3 +127,13 @@ def test_lambda_max_is_the_least_lambda_with_optimum_zero(
     assert not solve(1 + 1e-12).any()
     assert not solve(10.0).any()
     assert (solve(0.999) > 0).all()
+
+
+def test_lambda_max_ignores_what_is_hidden(make_problem: Callable[..., Problem]) -> None:
+    problem = make_problem(20)
+    hidden = problem.weights[:, None, :] == 0
+    garbage = np.where(hidden, np.nan, problem.landmarks)
+    dirty = Problem(garbage, problem.weights, problem.atoms, problem.lam)
+    assert (lambda_max(dirty) == lambda_max(problem)).all()
+    with pytest.raises(ValueError, match="squared"):
+        lambda_max(make_problem(loss=Loss.ABSOLUTE))

@@ -12,6 +12,7 @@ from benchmarks.certificate import certify_transforms
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Solution, Status
+from shapefit.geometry.rotations import rotation_about
 
 FINE = 1e-10
 
@@ -122,6 +123,20 @@ def test_overflow_is_a_numerical_failure_and_spares_the_next(
     assert found.status == (Status.OPTIMAL, Status.NUMERICAL_FAILURE, Status.OPTIMAL)
 
 
+def test_exact_program_without_a_solution_is_never_optimal(rng: np.random.Generator) -> None:
+    problem = build_problem(
+        rng.standard_normal((5, 2, 9)), rng.standard_normal((1, 3, 9)), 1.0, loss=Loss.EXACT
+    )
+    found = solve_newton(problem)
+    assert Status.OPTIMAL not in found.status
+    assert (found.residual > 0.1).all()
+
+
+def test_no_images() -> None:
+    problem = build_problem(np.zeros((0, 2, 5)), np.ones((2, 3, 5)), 0.1)
+    assert solve_newton(problem).status == ()
+
+
 def test_results_do_not_depend_on_the_threads(
     make_problem: Callable[..., Problem], loss: Loss
 ) -> None:
@@ -148,6 +163,15 @@ def test_garbage_under_the_mask_is_irrelevant(
     assert (one.translation == other.translation).all()
     built = build_problem(dirty, problem.atoms, 0.1, weights=problem.weights, loss=loss)
     assert (built.landmarks == np.where(hidden, 0, problem.landmarks)).all()
+
+
+@pytest.mark.parametrize("loss", [Loss.SQUARED, Loss.EXACT])
+def test_rotation_in_the_image_plane(make_problem: Callable[..., Problem], loss: Loss) -> None:
+    problem = make_problem(20, loss=loss)
+    R = rotation_about(np.array([0, 0, 1.0]), np.array([0.7]))[0, :2, :2]
+    one, other = solve(problem), solve(replace(problem, landmarks=R @ problem.landmarks))
+    np.testing.assert_allclose(other.objective, one.objective, rtol=2 * FINE)
+    assert_same_fit(problem, fitted(problem, other), R @ fitted(problem, one))
 
 
 def test_permutations_of_landmarks_and_atoms(
@@ -274,4 +298,3 @@ def test_landmarks_that_the_atoms_cannot_meet_have_no_gap(rng: np.random.Generat
     found = solve_newton(problem, max_iterations=100)
     assert set(found.status) == {Status.ITERATION_LIMIT}
     assert np.isnan(found.relative_gap).all()
-    assert (found.residual > 0.1).all()

@@ -5,6 +5,7 @@ import pytest
 
 from shapefit.dictionary import atoms as atoms_module
 from shapefit.dictionary.atoms import Products
+from shapefit.geometry.rotations import random_rotations
 
 BOUND = 3.3  # between the norms of the best free atoms
 
@@ -103,6 +104,13 @@ def test_the_start_is_left_alone(shapes, coefficients, start):
     before = start.copy()
     update_atoms(shapes, coefficients, start, 1.0)
     np.testing.assert_array_equal(start, before)
+
+
+def test_atoms_turn_with_the_shapes(shapes, coefficients, start, rng):
+    R = random_rotations(1, rng)[0]
+    turned = update_atoms(R @ shapes, coefficients, R @ start, 1.0)
+    expected = R @ update_atoms(shapes, coefficients, start, 1.0)
+    np.testing.assert_allclose(turned, expected, atol=1e-12)
 
 
 def test_products_do_not_depend_on_where_batches_end(shapes, coefficients, start):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from shapefit.dictionary import batches as batches_module
 from shapefit.dictionary.batches import Coded, code_all, improve, worst_of_all
 from shapefit.dictionary.coding import objectives, sparse_code
 from shapefit.dictionary.learning import evenly, learn, of_norm_one, replace_dead_atoms
@@ -52,6 +53,34 @@ def test_rounds_are_those_of_learning_in_memory(shapes):
     for state, expected in zip(improve(batches, start, BETA, iterations=4), in_memory, strict=True):
         np.testing.assert_allclose(state.atoms, expected.atoms, atol=1e-9)
         np.testing.assert_allclose(state.trace, expected.trace, rtol=1e-12)
+
+
+def test_equal_batches_give_equal_bits(shapes):
+    first, second = (
+        last(improve(np.array_split(shapes, 7), of_norm_one(shapes[:8]), BETA, iterations=3))
+        for _ in range(2)
+    )
+    np.testing.assert_array_equal(first.atoms, second.atoms)
+    np.testing.assert_array_equal(first.trace, second.trace)
+
+
+def test_finds_the_atoms_that_made_the_shapes(rng, monkeypatch):
+    # 2 of 6 atoms a shape. Evenly spaced pure shapes start it near each atom.
+    monkeypatch.setattr(batches_module, "SETTLED", 0.0)
+    atoms = of_norm_one(rng.standard_normal((6, 3, 8)))
+    C = np.zeros((600, 6))
+    for row in C:
+        row[rng.choice(6, 2, replace=False)] = rng.uniform(2, 6, 2)
+    C[evenly(600, 6)] = 0.3 + 4.7 * np.eye(6)
+    shapes = np.tensordot(C, atoms, axes=1)
+    start = of_norm_one(shapes[evenly(600, 6)])
+
+    def apart(found):
+        return 1 - np.diag(np.tensordot(found, atoms, axes=([1, 2], [1, 2])))
+
+    assert apart(start).min() > 1e-3
+    found = last(improve(np.array_split(shapes, 20), start, 1e-3, iterations=300))
+    assert apart(found.atoms).max() < 1e-4
 
 
 class TestEnd:

@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import nnls
 
 from shapefit.dictionary.coding import duality_gaps, objectives, sparse_code
+from shapefit.geometry.rotations import random_rotations
 
 BETA = 0.3
 
@@ -57,6 +58,24 @@ class TestOptimality:
         assert (C > 0).any(axis=1).all()
         assert (C == 0).any(axis=1).all()
 
+    def test_no_duality_gap(self, shapes, atoms):
+        C = sparse_code(shapes, atoms, BETA)
+        gaps = duality_gaps(shapes, atoms, BETA, C)
+        assert (np.abs(gaps) <= 1e-12 * objectives(shapes, atoms, BETA, C)).all()
+
+    def test_planted_optimum(self, rng):
+        # Choose the residual Y, scale the atoms so that <B_i, Y> = beta for those in use and less
+        # for the others; then S = sum c_i B_i + Y has the coefficients c.
+        Y = rng.standard_normal((3, 6))
+        atoms = rng.standard_normal((10, 3, 6))
+        overlap = np.tensordot(atoms, Y, axes=2)
+        used = np.arange(10) < 4
+        wanted = np.where(used, BETA, 0.8 * BETA)
+        atoms *= (wanted / np.abs(overlap) * np.where(used, np.sign(overlap), 1))[:, None, None]
+        c = np.where(used, rng.uniform(1, 3, 10), 0)
+        S = np.tensordot(c, atoms, axes=1) + Y
+        np.testing.assert_allclose(sparse_code(S[None], atoms, BETA)[0], c, atol=1e-10)
+
     @pytest.mark.slow
     def test_agrees_with_scikit_learn(self, shapes, atoms):
         from sklearn.linear_model import Lasso
@@ -77,6 +96,15 @@ class TestOptimality:
 
 
 class TestDualityGap:
+    def test_bounds_what_is_lost_by_any_coefficients(self, shapes, atoms, rng):
+        best = objectives(shapes, atoms, BETA, sparse_code(shapes, atoms, BETA))
+        for size in (0.0, 0.01, 1.0, 100.0):
+            C = size * rng.random((40, 12))
+            lost = objectives(shapes, atoms, BETA, C) - best
+            gaps = duality_gaps(shapes, atoms, BETA, C)
+            assert (gaps >= lost - 1e-10 * (1 + lost)).all()
+            assert (lost > 0).all()
+
     @pytest.mark.parametrize("beta", [BETA, 1e3])
     def test_is_that_of_the_best_dual_along_the_residual(self, shapes, atoms, rng, beta):
         """max over feasible t of D(t R), on a fine grid; t = 1 is not feasible, or not the best."""
@@ -121,16 +149,21 @@ class TestHostileAtoms:
             assert (gaps <= 1e-7 * energy).all(), name
             assert ((C > 0).sum(axis=1) <= 12).all(), name
 
-    def test_from_any_start_the_optimum_uses_independent_atoms(self, rng):
+    def test_atoms_in_use_are_independent(self, rng):
+        shapes = rng.standard_normal((50, 3, 4))
+        for name, atoms in self.families(rng):
+            start = rng.random((50, len(atoms)))
+            for c in sparse_code(shapes, atoms, 0.1, start=start):
+                in_use = flat(atoms)[c > 0]
+                assert np.linalg.matrix_rank(in_use) == len(in_use), name
+
+    def test_a_start_on_dependent_atoms_is_left_for_the_optimum(self, rng):
         shapes = rng.standard_normal((50, 3, 4))
         for name, atoms in self.families(rng):
             start = rng.random((50, len(atoms)))
             C = sparse_code(shapes, atoms, 0.1, start=start)
             gaps = duality_gaps(shapes, atoms, 0.1, C)
             assert (gaps <= 1e-7 * (shapes**2).sum(axis=(1, 2))).all(), name
-            for c in C:
-                in_use = flat(atoms)[c > 0]
-                assert np.linalg.matrix_rank(in_use) == len(in_use), name
 
     def test_atoms_of_norm_0_are_not_used(self, rng):
         atoms = np.concatenate([rng.standard_normal((3, 3, 4)), np.zeros((1, 3, 4))])
@@ -140,9 +173,23 @@ class TestHostileAtoms:
 
 
 class TestProperties:
+    def test_turning_everything_changes_nothing(self, shapes, atoms, rng):
+        R = random_rotations(1, rng)[0]
+        turned = sparse_code(R @ shapes, R @ atoms, BETA)
+        np.testing.assert_allclose(turned, sparse_code(shapes, atoms, BETA), atol=1e-11)
+
+    def test_coefficients_follow_the_order_of_the_atoms(self, shapes, atoms, rng):
+        order = rng.permutation(len(atoms))
+        permuted = sparse_code(shapes, atoms[order], BETA)
+        np.testing.assert_allclose(permuted, sparse_code(shapes, atoms, BETA)[:, order], atol=1e-11)
+
     def test_shapes_are_coded_one_by_one(self, shapes, atoms):
         alone = sparse_code(shapes[7:8], atoms, BETA)[0]
         np.testing.assert_allclose(sparse_code(shapes, atoms, BETA)[7], alone, atol=1e-12)
+
+    def test_joint_scale_of_shapes_and_beta(self, shapes, atoms):
+        scaled = sparse_code(50 * shapes, atoms, 50 * BETA)
+        np.testing.assert_allclose(scaled, 50 * sparse_code(shapes, atoms, BETA), rtol=1e-10)
 
     def test_beta_above_every_overlap_gives_0(self, shapes, atoms):
         highest = (flat(shapes) @ flat(atoms).T).max()
@@ -157,6 +204,11 @@ class TestProperties:
 
 
 class TestStart:
+    def test_the_start_does_not_change_the_answer(self, shapes, atoms, rng):
+        start = 10 * rng.random((40, 12))
+        warm = sparse_code(shapes, atoms, BETA, start=start)
+        np.testing.assert_allclose(warm, sparse_code(shapes, atoms, BETA), atol=1e-10)
+
     def test_the_answer_is_never_worse_than_the_start(self, shapes, atoms):
         optimum = sparse_code(shapes, atoms, BETA)
         again = sparse_code(shapes, atoms, BETA, start=optimum)

@@ -11,6 +11,7 @@ from shapefit.dictionary.learning import learn, replace_dead_atoms
 from shapefit.dictionary.summary import summarise
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
+from shapefit.geometry.rotations import random_rotations
 
 BETA = 0.1
 
@@ -65,6 +66,9 @@ class TestDescent:
         gaps = duality_gaps(shapes, state.atoms, BETA, state.coefficients)
         assert (gaps <= 1e-9).all()
 
+    def test_runs_every_round_it_is_given(self, shapes):
+        assert len(list(learn(shapes, 8, BETA, iterations=7))) == 7
+
     def test_ends_where_nothing_falls_any_more(self, shapes):
         # Beyond every overlap all coefficients are 0 and no step can change that.
         assert len(list(learn(shapes, 8, 100.0, iterations=50))) == 1
@@ -104,9 +108,27 @@ class TestPlanted:
 
 
 class TestSymmetry:
+    def test_atoms_turn_with_the_shapes(self, shapes, rng):
+        R = random_rotations(1, rng)[0]
+        before, after = (last(learn(s, 8, BETA, iterations=5)) for s in (shapes, R @ shapes))
+        np.testing.assert_allclose(after.atoms, R @ before.atoms, atol=1e-9)
+        np.testing.assert_allclose(after.coefficients, before.coefficients, atol=1e-8)
+
+    def test_atoms_follow_the_order_of_the_landmarks(self, shapes, rng):
+        order = rng.permutation(6)
+        before, after = (
+            last(learn(s, 8, BETA, iterations=5)) for s in (shapes, shapes[..., order])
+        )
+        np.testing.assert_allclose(after.atoms, before.atoms[..., order], atol=1e-9)
+
     def test_centred_shapes_give_centred_atoms(self, shapes):
         state = last(learn(shapes, 8, BETA, iterations=10))
         np.testing.assert_allclose(state.atoms.mean(axis=-1), 0, atol=1e-13)
+
+    def test_the_same_shapes_give_the_same_atoms(self, shapes):
+        first, second = (last(learn(shapes, 8, BETA, iterations=5)) for _ in range(2))
+        np.testing.assert_array_equal(first.atoms, second.atoms)
+        np.testing.assert_array_equal(first.coefficients, second.coefficients)
 
 
 class TestDeadAtoms:

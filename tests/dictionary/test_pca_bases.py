@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.pca_bases import principal_components
+from shapefit.geometry.rotations import random_rotations
 
 
 @pytest.fixture
@@ -52,9 +53,36 @@ def test_they_leave_the_least_residual(shapes, components):
     assert residual == pytest.approx(least, rel=1e-12)
 
 
+@pytest.mark.slow
+def test_another_solver_finds_the_same(shapes):
+    from sklearn.decomposition import PCA
+
+    judge = PCA(n_components=0.95, svd_solver="full").fit(flat(shapes))
+    found = flat(principal_components(shapes, 0.95))
+    assert found.shape == judge.components_.shape
+    signs = np.sign((found * judge.components_).sum(axis=1))[:, None]
+    np.testing.assert_allclose(found * signs, judge.components_, atol=1e-10)
+
+
 def test_the_largest_entry_is_positive(shapes):
     found = flat(principal_components(shapes, 99))
     assert (found.max(axis=1) == np.abs(found).max(axis=1)).all()
+
+
+def test_turning_all_shapes_turns_them(shapes, rng):
+    (R,) = random_rotations(1, rng)
+    turned = flat(principal_components(R @ shapes, 5))
+    expected = flat(R @ principal_components(shapes, 5))
+    np.testing.assert_allclose(np.abs((turned * expected).sum(axis=1)), 1, atol=1e-10)
+
+
+def test_the_order_and_place_of_shapes_and_landmarks_do_not_matter(shapes, rng):
+    order, landmarks = rng.permutation(40), rng.permutation(6)
+    found = principal_components(shapes, 4)
+    moved = principal_components(shapes[order] + rng.standard_normal((3, 6)), 4)
+    np.testing.assert_allclose(moved, found, atol=1e-10)
+    permuted = principal_components(shapes[..., landmarks], 4)
+    np.testing.assert_allclose(permuted, found[..., landmarks], atol=1e-10)
 
 
 def test_they_are_centred_as_the_shapes_are(shapes):

@@ -53,6 +53,15 @@ class TestSimilarity:
         error = metrics.similarity(estimate, np.stack([SQUARE, SQUARE]))
         np.testing.assert_allclose(error, [0, 0.4], atol=1e-12)
 
+    def test_is_in_the_unit_of_the_truth(self, estimate, truth):
+        metres, millimetres = (metrics.similarity(estimate, u * truth) for u in (1, 1000))
+        np.testing.assert_allclose(millimetres, 1000 * metres)
+
+    def test_ignores_any_similarity_of_the_estimate(self, estimate, truth, rng):
+        error = metrics.similarity(estimate, truth)
+        np.testing.assert_allclose(metrics.similarity(moved(estimate, rng), truth), error)
+        assert error.min() > 0.1
+
     def test_does_not_forgive_a_reflection(self, truth):
         assert metrics.similarity(truth, truth).max() < 1e-12
         assert metrics.similarity(MIRROR @ truth, truth).min() > 0.05
@@ -87,6 +96,12 @@ class TestCamera:
         wrong = metrics.camera(estimate[None], SQUARE[None], np.eye(3)[None])
         # Unturned <e, x> = 0: the best scale is 0, and every landmark is 1 from the centroid.
         np.testing.assert_allclose(wrong, [1], atol=1e-12)
+
+    def test_forgives_scale_and_translation_only(self, estimate, truth, rng):
+        R = random_rotations(len(truth), rng)
+        error = metrics.camera(R @ estimate, truth, R)
+        np.testing.assert_allclose(metrics.camera(3 * R @ estimate - 5, truth, R), error)
+        assert np.all(metrics.camera(estimate, truth, R) > error)
 
     def test_agrees_with_a_general_minimiser(self, estimate, truth, rng):
         R = random_rotations(len(truth), rng)
@@ -142,6 +157,14 @@ class TestTruthScale:
         # Population standard deviations sqrt(1/2), sqrt(1/2), 0 of the square.
         np.testing.assert_allclose(
             metrics.truth_scale(SQUARE[None], SQUARE[None]), [2 * np.sqrt(0.5) / 3]
+        )
+
+    def test_normalised_error_is_the_error_against_the_normalised_truth(self, estimate, truth):
+        centred = truth - truth.mean(axis=-1, keepdims=True)
+        unit = centred / truth.std(axis=-1).mean(axis=-1)[:, None, None]
+        np.testing.assert_allclose(
+            metrics.similarity(estimate, truth) / metrics.truth_scale(estimate, truth),
+            metrics.similarity(estimate, unit),
         )
 
     def test_is_that_of_the_landmarks_on_both_sides(self, estimate, truth):

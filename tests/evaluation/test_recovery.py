@@ -125,6 +125,15 @@ def test_a_free_translation_is_centring():
     assert error(planted, free_translation=False) != pytest.approx(free, rel=1e-2)
 
 
+def test_only_a_free_translation_forgives_a_shift():
+    planted = instance(25, 2, 7)
+    shifted = Instance(
+        planted.landmarks + np.array([[3.0], [-1.0]]), planted.atoms, planted.transforms
+    )
+    assert error(shifted, free_translation=True) < 1e-5
+    assert error(shifted, free_translation=False) > 0.1
+
+
 def test_a_solver_that_is_stopped_says_so():
     attempt = recover(instance(40, 9, 8), free_translation=True, tolerance=1e-6, max_iterations=1)
     assert attempt.status is Status.ITERATION_LIMIT

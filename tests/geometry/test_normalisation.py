@@ -48,6 +48,12 @@ def test_place_and_size_do_not_matter(points, visible):
         np.testing.assert_allclose(after.scale, 250 * before.scale, rtol=1e-12)
 
 
+def test_order_of_the_points_does_not_matter(points, rng):
+    order = rng.permutation(8)
+    before, after = normalise(points), normalise(points[..., order])
+    np.testing.assert_allclose(after.points, before.points[..., order], atol=1e-14)
+
+
 @pytest.mark.parametrize("garbage", [1e9, np.nan, np.inf])
 def test_hidden_points_do_not_matter(points, visible, garbage):
     spoiled = np.where(visible[:, None], points, garbage)
@@ -67,6 +73,11 @@ def test_a_mask_is_as_good_as_leaving_points_out(points, visible):
         alone = normalise(points[j][:, mask])
         np.testing.assert_allclose(result.points[j][:, mask], alone.points, atol=1e-13)
         np.testing.assert_allclose(result.scale[j], alone.scale, rtol=1e-13)
+
+
+def test_all_visible_is_as_good_as_no_mask(points):
+    masked = normalise(points, np.ones((6, 8), dtype=bool))
+    np.testing.assert_allclose(masked.points, normalise(points).points, atol=1e-13)
 
 
 def test_points_that_coincide_have_scale_0_and_no_normalised_points():

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from shapefit.geometry.procrustes import (
@@ -84,6 +85,16 @@ class TestSimilarityTransform:
         np.testing.assert_allclose(np.linalg.det(found.rotation), 1)
         assert (residual(found, source, MIRROR @ source) > 1e-3).all()
 
+    def test_no_general_minimiser_does_better(self, source, target):
+        found = residual(similarity_transform(source, target), source, target)
+        for j in range(4):
+            starts = Rotation.random(8, rng=j).as_rotvec()
+            best = min(
+                minimize(cost, np.r_[start, np.zeros(4)], (source[j], target[j]), tol=1e-12).fun
+                for start in starts
+            )
+            assert found[j] == pytest.approx(best, rel=1e-7)
+
     def test_first_order_certificate(self, source, target):
         # At the minimum the residual E sums to 0, is orthogonal to the turned source Z, and
         # E Z^T is symmetric (no infinitesimal turn helps).
@@ -101,6 +112,17 @@ class TestSimilarityTransform:
         after = similarity_transform(source, 3.0 * Q @ target + shift)
         np.testing.assert_allclose(after.rotation, Q @ before.rotation, atol=1e-10)
         np.testing.assert_allclose(after.scale, 3 * before.scale, rtol=1e-10)
+
+    def test_order_of_the_points_does_not_matter(self, source, target, rng):
+        order = rng.permutation(7)
+        before = similarity_transform(source, target)
+        after = similarity_transform(source[..., order], target[..., order])
+        np.testing.assert_allclose(after.rotation, before.rotation, atol=1e-11)
+
+    def test_one_source_serves_many_targets(self, source, target):
+        many = similarity_transform(np.broadcast_to(source[0], target.shape), target)
+        one = similarity_transform(source[0], target[3])
+        np.testing.assert_allclose(many.rotation[3], one.rotation, atol=1e-12)
 
     def test_nan_spoils_only_its_own_transform(self, source, target):
         spoiled = source.copy()
@@ -198,6 +220,18 @@ class TestGeneralisedProcrustes:
         more = rotation_onto(found.shapes, found.mean)
         np.testing.assert_allclose(more, np.broadcast_to(np.eye(3), more.shape), atol=1e-7)
 
+    def test_a_general_minimiser_finds_nothing_better(self, shapes):
+        few = shapes[:4]
+        found = generalised_procrustes(few)
+
+        def spread(vectors):
+            turned = Rotation.from_rotvec(vectors.reshape(4, 3)).as_matrix() @ few
+            return ((turned - turned.mean(axis=0)) ** 2).sum()
+
+        ours = ((found.shapes - found.mean) ** 2).sum()
+        starts = Rotation.random(4 * 12, rng=3).as_rotvec().reshape(12, 12)
+        assert ours == pytest.approx(min(minimize(spread, s).fun for s in starts), rel=1e-6)
+
     def test_more_rounds_never_spread_the_shapes(self, shapes):
         aligned = [generalised_procrustes(shapes, tolerance=0, max_rounds=n) for n in range(1, 8)]
         spreads = [((a.shapes - a.mean) ** 2).sum() for a in aligned]
@@ -213,6 +247,11 @@ class TestGeneralisedProcrustes:
         turns = random_rotations(25, rng)
         before, after = generalised_procrustes(shapes), generalised_procrustes(turns @ shapes)
         np.testing.assert_allclose(after.shapes, turns[0] @ before.shapes, atol=1e-7)
+
+    def test_order_of_the_points_does_not_matter(self, shapes, rng):
+        order = rng.permutation(9)
+        before, after = generalised_procrustes(shapes), generalised_procrustes(shapes[..., order])
+        np.testing.assert_allclose(after.shapes, before.shapes[..., order], atol=1e-10)
 
     def test_only_the_chosen_landmarks_choose_the_rotation(self, shapes, rng):
         torso = [0, 2, 3, 5]

@@ -38,6 +38,11 @@ class TestNearestRotation:
         low = np.linalg.eigvalsh(P)[:, :2]
         assert (low.sum(axis=1) >= -1e-12).all()
 
+    def test_no_rotation_is_nearer(self, matrices):
+        found = np.linalg.norm(nearest_rotation(matrices) - matrices, axis=(1, 2))
+        for R in Rotation.random(2000, rng=1).as_matrix():
+            assert (found <= np.linalg.norm(R - matrices, axis=(1, 2)) + 1e-12).all()
+
     def test_leaves_a_rotation_and_ignores_its_positive_scale(self, rng):
         R = random_rotations(20, rng)
         np.testing.assert_allclose(nearest_rotation(7.0 * R), R, atol=1e-13)
@@ -82,6 +87,12 @@ class TestRandomRotations:
     def test_angle_has_the_uniform_distribution(self, rng):
         angles = np.radians(rotation_angle(random_rotations(20_000, rng), np.eye(3)))
         test = stats.kstest(angles, lambda a: (a - np.sin(a)) / np.pi)
+        assert test.pvalue > 1e-3
+
+    def test_any_fixed_turn_leaves_the_distribution(self, rng):
+        Q = rotation_about(np.array([1.0, 2, 3]), np.array(1.0))
+        R = random_rotations(20_000, rng)
+        test = stats.ks_2samp((Q @ R)[:10_000, 0, 1], R[10_000:, 0, 1])
         assert test.pvalue > 1e-3
 
 

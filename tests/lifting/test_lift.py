@@ -11,7 +11,7 @@ from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
 from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.rotations import rotation_about
+from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
 from shapefit.lifting.estimate import Estimate, fit_translation
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
@@ -102,6 +102,13 @@ def test_a_method_without_a_shape_is_a_failure(make_scene, status, reason):
     assert np.isnan(found.shapes).all()
 
 
+def test_no_images_give_nothing(make_scene, convex):
+    scene = make_scene(n=1)
+    found = lift(np.zeros((0, 2, 12)), np.zeros((0, 12)), scene.atoms, PROGRAM, convex)
+    assert found.shapes.shape == (0, 3, 12)
+    assert found.failures == {}
+
+
 def test_the_exact_loss_has_no_lambda_to_choose(make_scene):
     scene, flat = make_scene(n=3), Flat()
     program = Program(lam=None, loss=Loss.EXACT)
@@ -149,6 +156,53 @@ def test_a_planted_optimum_comes_back(planted, convex):
     assert found.estimate.active_atoms[0] == 3
     assert found.estimate.tight[0]
     assert found.estimate.status == (Status.OPTIMAL,)
+
+
+def test_a_planted_rotation_comes_back(make_scene, convex):
+    """One atom without noise: exact in rotation and, but for the shrinkage, in shape."""
+    scene = make_scene(n=10, k=1, active=1)
+    found = lift(scene.landmarks, scene.weights, scene.atoms, Program(lam=1e-6), convex)
+    assert rotation_angle(found.estimate.rotation, scene.rotation).max() < 1e-3
+    S = scene.shapes
+    S[:, :2] += scene.translation[..., None]
+    np.testing.assert_allclose(found.shapes, S, atol=1e-4)
+
+
+def test_hidden_landmarks_are_filled_in_and_irrelevant(make_scene, convex, rng):
+    scene = make_scene(n=10, k=1, active=1, hidden=0.4)
+    program = Program(lam=1e-6)
+    clean = lift(scene.landmarks, scene.weights, scene.atoms, program, convex)
+    S = scene.shapes
+    S[:, :2] += scene.translation[..., None]
+    np.testing.assert_allclose(clean.shapes, S, atol=1e-4)
+    for garbage in (np.nan, 1e9):
+        landmarks = np.where(scene.weights[:, None] > 0, scene.landmarks, garbage)
+        dirty = lift(landmarks, scene.weights, scene.atoms, program, convex)
+        np.testing.assert_array_equal(dirty.shapes, clean.shapes)
+
+
+def test_scale_and_translation_of_the_landmarks_carry_over(make_scene, convex):
+    scene = make_scene(n=6, noise=0.2, weighted=True, hidden=0.1)
+    base = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, convex)
+    shift = np.array([[300.0], [-20.0]])
+    moved = lift(50 * scene.landmarks + shift, scene.weights, scene.atoms, PROGRAM, convex)
+    np.testing.assert_allclose(moved.scale, 50 * base.scale, rtol=1e-12)
+    np.testing.assert_allclose(
+        moved.landmarks_fitted, 50 * base.landmarks_fitted + shift, atol=50 * 1e-4
+    )
+    np.testing.assert_allclose(moved.shapes[:, 2], 50 * base.shapes[:, 2], atol=50 * 1e-3)
+    np.testing.assert_allclose(moved.estimate.objective, base.estimate.objective, rtol=1e-8)
+
+
+def test_permuted_landmarks_and_turned_atoms_give_the_same_shapes(make_scene, convex, rng):
+    scene = make_scene(n=6, noise=0.2)
+    base = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, convex)
+    order, Q = rng.permutation(12), random_rotations(1, rng)[0]
+    other = lift(
+        scene.landmarks[..., order], scene.weights, Q @ scene.atoms[..., order], PROGRAM, convex
+    )
+    np.testing.assert_allclose(other.shapes, base.shapes[..., order], atol=1e-3)
+    np.testing.assert_allclose(other.estimate.rotation @ Q, base.estimate.rotation, atol=1e-3)
 
 
 @pytest.mark.parametrize("angle", [0.4, np.pi / 4, 2.0])

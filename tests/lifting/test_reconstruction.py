@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import polar
 
 from shapefit import core
 from shapefit.convex.transforms import Transforms
@@ -12,7 +13,9 @@ from shapefit.geometry.rotations import (
     rotation_angle,
 )
 from shapefit.lifting.reconstruction import (
+    complete_transforms,
     is_active,
+    orthogonal_transforms,
     reconstruct,
 )
 
@@ -82,6 +85,12 @@ def test_the_nearest_rotation_is_proper_and_nearest(rng, sign):
         np.testing.assert_allclose(R, nearest_rotation(A), atol=1e-9)
 
 
+def test_planted_rotations_come_back(planted):
+    c, R, _ = planted
+    turned = complete_transforms(transforms(c, R))
+    np.testing.assert_allclose(turned, c[..., None, None] * R, atol=1e-14)
+
+
 def test_a_shared_rotation_is_the_consensus(planted):
     c, R, atoms = planted
     shared = np.broadcast_to(R[:, :1], R.shape)
@@ -110,12 +119,47 @@ def test_without_coefficients_there_is_no_rotation(planted):
     assert not found.tight[2]
 
 
+def test_the_coefficient_of_a_loose_transform_is_its_spectral_norm(rng):
+    M = rng.standard_normal((4, 3, 2, 3))
+    atoms = rng.standard_normal((3, 3, 7))
+    found = reconstruct(Transforms.of(M), atoms)
+    np.testing.assert_allclose(found.coefficients, np.linalg.norm(M, 2, axis=(2, 3)))
+    np.testing.assert_allclose(found.shapes[:, :2], np.einsum("nkab,kbp->nap", M, atoms))
+    assert not found.tight.any()
+
+
 def test_a_slightly_loose_active_transform_is_not_tight_and_a_negligible_one_does_not_count(rng):
     M = np.stack([random_rotations(1, rng)[0, :2], np.array([[1.0, 0, 0], [0, 0.99, 0]])])
     atoms = rng.standard_normal((2, 3, 5))
     assert not reconstruct(Transforms.of(M[None]), atoms).tight[0]
     M[1] *= 1e-8
     assert reconstruct(Transforms.of(M[None]), atoms).tight[0]
+
+
+def test_orthogonal_transforms_are_the_polar_factors(rng):
+    M = rng.standard_normal((20, 2, 3))
+    for block, turned in zip(M, orthogonal_transforms(M), strict=True):
+        factor, _ = polar(block)
+        c = np.linalg.norm(block, 2)
+        np.testing.assert_allclose(turned[:2], c * factor, atol=1e-12)
+        np.testing.assert_allclose(turned @ turned.T, c**2 * np.eye(3), atol=1e-12)
+        assert np.linalg.det(turned) > 0
+
+
+def test_the_third_row_follows_from_the_first_two(rng):
+    M = rng.standard_normal((1, 1, 2, 3))
+    third = complete_transforms(M)[0, 0, 2]
+    np.testing.assert_allclose(
+        third, np.cross(M[0, 0, 0], M[0, 0, 1]) / np.linalg.norm(M[0, 0], 2), atol=1e-14
+    )
+
+
+def test_a_turn_of_the_camera_turns_the_shapes(planted):
+    c, R, atoms = planted
+    Q = rotation_about(np.array([0.0, 0.0, 1.0]), np.array([0.7]))[0]
+    before, after = (reconstruct(Transforms.of(transforms(c, X)), atoms) for X in (R, Q @ R))
+    np.testing.assert_allclose(after.shapes, Q @ before.shapes, atol=1e-12)
+    np.testing.assert_allclose(after.rotation, Q @ before.rotation, atol=1e-10)
 
 
 def test_activity_is_beside_the_largest_of_the_image():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.convex.transforms import Transforms
+from shapefit.dictionary.learning import learn
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
@@ -73,6 +74,18 @@ def test_an_atom_out_of_the_span_of_the_shapes_is_refused(rng):
     shapes, meshes = rng.normal(size=(5, 3, 7)), rng.normal(size=(5, 3, 20))
     with pytest.raises(ValueError, match="not a linear combination"):
         mesh_of_atoms(shapes[:2] + 1e-3 * rng.normal(size=(2, 3, 7)), shapes, meshes)
+
+
+@pytest.mark.real_data
+def test_learned_atoms_of_real_cars_have_meshes(cars):
+    normalised, alignment = normalised_models(cars.shapes)
+    carried = carry_mesh(cars.mesh_vertices, normalised, alignment.rotations)
+    *_, learned = learn(alignment.shapes, 8, 0.1, iterations=5)
+    meshes = mesh_of_atoms(learned.atoms, alignment.shapes, carried)
+    rebuilt = object_frame(meshes, learned.coefficients)
+    error = np.linalg.norm(rebuilt - carried, axis=1).mean()
+    floor = np.linalg.norm(carried.mean(axis=0) - carried, axis=1).mean()
+    assert error < 0.7 * floor
 
 
 def test_camera_frame_is_the_formula(rng):
@@ -150,6 +163,24 @@ def test_depths_are_drawn_with_the_mean_of_both_focal_lengths(rng):
     seen = seen_in_perspective(X, Camera(focal, np.zeros((1, 2)), 1))
     middle = X[0, 2].mean()
     np.testing.assert_allclose(seen[0, 2], 500 * (X[0, 2] - middle) / middle)
+
+
+def test_one_rotation_for_all_atoms_is_the_case_of_equal_rotations(rng):
+    B, c, R = rng.normal(size=(4, 3, 6)), rng.uniform(size=(2, 4)), random_rotations(2, rng)
+    s, T = np.array([3.0, 0.5]), np.array([[10.0, 20], [-1, 4]])
+    M = c[..., None, None] * R[:, None, :2]
+    np.testing.assert_allclose(
+        camera_frame_sheared(B, M, s, T), camera_frame(B, c, R, s, T), atol=1e-12
+    )
+
+
+def test_a_shared_rotation_keeps_the_form_and_several_shear_it(rng, box):
+    # two boxes of one form: whatever the coefficients, the object is that box
+    B, c = np.stack([box(4, 3, 2), 2 * box(4, 3, 2)]), np.array([[0.3, 0.2]])
+    R, one, none = random_rotations(2, rng), np.ones(1), np.zeros((1, 2))
+    assert misfit(camera_frame(B, c, R[:1], one, none)[0], B[0]) < 1e-12
+    M = c[..., None, None] * R[None, :, :2]
+    assert misfit(camera_frame_sheared(B, M, one, none)[0], B[0]) > 0.05
 
 
 def test_a_fit_by_one_atom_has_the_metric_size_of_its_model(rng):

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from shapefit.meshes.export import MeshFormat, line_files, mesh_files
-from shapefit.meshes.wireframe import balls
+from shapefit.meshes.wireframe import balls, tubes
 
 EVERY = pytest.mark.parametrize("file_format", list(MeshFormat))
 # OBJ: 8 decimals. PLY and GLB: single precision.
@@ -59,6 +59,25 @@ def test_vertices_that_coincide_stay_apart(file_format, box, box_faces):
     faces = np.concatenate([box_faces, box_faces + 8])
     (mesh,) = opened(mesh_files(vertices, faces, file_format), main_suffix(file_format)).values()
     assert_same(mesh, vertices, faces, file_format)
+
+
+@EVERY
+@pytest.mark.real_data
+def test_a_real_car_comes_back_watertight_as_a_viewer_opens_it(file_format, cars):
+    for vertices in cars.mesh_vertices[::11]:
+        files = mesh_files(vertices, cars.mesh_faces, file_format)
+        suffix = main_suffix(file_format)
+        # the usual way, with vertices that coincide merged
+        mesh = trimesh.load_mesh(io.BytesIO(files[suffix]), file_type=suffix[1:])
+        assert len(mesh.faces) == 2700
+        assert np.isfinite(mesh.vertices).all()
+        assert mesh.is_watertight
+        assert mesh.is_winding_consistent
+        expected = trimesh.Trimesh(vertices.T, cars.mesh_faces, process=False).volume
+        assert expected > 5
+        assert mesh.volume == pytest.approx(expected, rel=1e-6)
+        (exact,) = opened(files, suffix).values()
+        assert_same(exact, vertices, cars.mesh_faces, file_format)
 
 
 @pytest.mark.parametrize("file_format", [MeshFormat.OBJ, MeshFormat.GLB])
@@ -111,6 +130,16 @@ def test_glb_has_matt_colours(box, box_faces):
     assert len(materials) == 2
     for material in materials:
         assert material["pbrMetallicRoughness"]["metallicFactor"] == 0
+
+
+@EVERY
+@pytest.mark.real_data
+def test_a_real_wireframe_comes_back_as_closed_tubes(file_format, wires):
+    vertices, faces = tubes(wires.shapes[0], wires.edges)
+    files = mesh_files(vertices, faces, file_format)
+    (mesh,) = opened(files, main_suffix(file_format)).values()
+    assert_same(mesh, vertices, faces, file_format)
+    assert mesh.is_watertight
 
 
 @pytest.mark.parametrize("file_format", [MeshFormat.PLY, MeshFormat.PLY_ASCII, MeshFormat.GLB])

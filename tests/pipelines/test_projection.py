@@ -135,6 +135,13 @@ def test_noise_has_the_given_level(tmp_path, many):
     assert noise.std() == pytest.approx(0.03, rel=5 / np.sqrt(2 * noise.size))
 
 
+def test_the_share_of_hidden_landmarks_holds(tmp_path, many):
+    images, _ = view(tmp_path, many, hidden=0.3, camera={"view": "random"})
+    visible = np.isfinite(images.landmarks[:, 0])
+    assert visible.sum(axis=1).min() == 3
+    assert visible.mean() == pytest.approx(0.7, abs=0.01)
+
+
 def test_the_seed_decides(tmp_path, shapes):
     keys = {"noise": 0.1, "hidden": 0.3, "camera": {"view": "random"}}
     first, _ = view(tmp_path, shapes, seed=1, **keys)
@@ -142,6 +149,33 @@ def test_the_seed_decides(tmp_path, shapes):
     other, _ = view(tmp_path, shapes, seed=2, **keys)
     assert np.array_equal(first.landmarks, again.landmarks, equal_nan=True)
     assert not np.array_equal(first.landmarks, other.landmarks, equal_nan=True)
+
+
+def test_blocks_do_not_repeat_each_other(tmp_path, many):
+    images, _ = view(tmp_path, many, camera={"view": "random"})
+    R = images.extras["true_rotation"]
+    assert not np.isclose(R[:BATCH], R[BATCH : 2 * BATCH]).all(axis=(1, 2)).any()
+
+
+def test_an_image_depends_on_its_place_alone(tmp_path, many):
+    keys = {
+        "noise": 0.1,
+        "hidden": 0.2,
+        "camera": {"view": "random"},
+    }
+    whole, _ = view(tmp_path, many, **keys)
+    part, _ = view(tmp_path, many.take(slice(BATCH + 50)), **keys)
+    assert np.array_equal(whole.landmarks[: BATCH + 50], part.landmarks, equal_nan=True)
+
+
+def test_permuted_landmarks_give_permuted_views(tmp_path, shapes):
+    order = [3, 0, 4, 1, 2]
+    names = tuple(NAMES[i] for i in order)
+    permuted = replace(shapes, shapes=shapes.shapes[..., order], landmark_names=names, extras={})
+    first, _ = view(tmp_path, shapes)
+    second, _ = view(tmp_path, permuted)
+    assert second.landmark_names == names
+    np.testing.assert_array_equal(second.landmarks, first.landmarks[..., order])
 
 
 def test_files_are_seen_one_after_the_other(tmp_path, many):

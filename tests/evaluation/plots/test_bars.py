@@ -267,3 +267,9 @@ def test_nothing_written_covers_anything_else(methods, rng):
     for texts in (axis.texts, axis.get_xticklabels()):
         extents = [text.get_window_extent() for text in texts]
         assert not any(a.overlaps(b) for a, b in itertools.combinations(extents, 2))
+
+
+def test_files_are_the_same_every_time(errors, tmp_path):
+    for turn in ("first", "second"):
+        style.save(box_plot(errors, GROUPS), tmp_path / turn, "svg")
+    assert (tmp_path / "first").read_bytes() == (tmp_path / "second").read_bytes()

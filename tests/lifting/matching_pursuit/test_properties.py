@@ -37,6 +37,33 @@ class TestProperties:
         turned = replace(noisy, mean=R @ noisy.mean, bases=R @ noisy.bases)
         self.same(self.found(turned), expected, camera=expected.camera @ R.T)
 
+    def test_the_order_of_landmarks_does_not_matter(self, noisy, rng):
+        order = rng.permutation(noisy.mean.shape[1])
+        names = ("landmarks", "weights", "mean", "bases", "shapes")
+        permuted = replace(
+            noisy,
+            **{name: getattr(noisy, name)[..., order] for name in names},
+            edges=np.argsort(order)[noisy.edges],
+        )
+        self.same(self.found(permuted), self.found(noisy))
+
+    def test_the_order_and_sign_of_atoms_do_not_matter(self, noisy, rng):
+        order, sign = rng.permutation(9), rng.choice([-1.0, 1.0], 9)
+        other = replace(noisy, bases=(sign[:, None, None] * noisy.bases)[order])
+        expected = self.found(noisy)
+        signed = (sign * expected.coefficients)[:, order]
+        self.same(self.found(other), expected, coefficients=signed)
+
+    def test_what_lies_under_the_mask_does_not_matter(self, noisy, rng):
+        hidden = np.broadcast_to((noisy.weights == 0)[:, None], noisy.landmarks.shape)
+        assert hidden.any()
+        garbage = np.where(hidden, 1e6 * rng.standard_normal(hidden.shape), noisy.landmarks)
+        self.same(self.found(replace(noisy, landmarks=garbage)), self.found(noisy))
+
+    def test_the_place_of_the_image_does_not_matter(self, noisy):
+        moved = replace(noisy, landmarks=noisy.landmarks + np.array([[30.0], [-7.0]]))
+        self.same(self.found(moved), self.found(noisy))
+
     def test_with_its_rules_the_image_can_be_scaled(self, noisy):
         expected = self.found(noisy)
         grown = replace(noisy, landmarks=3 * noisy.landmarks)

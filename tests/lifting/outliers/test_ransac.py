@@ -110,6 +110,11 @@ def test_draws_are_those_of_the_published_generator():
     assert int(state[0]) == expected
 
 
+def test_few_draws_are_as_good_as_many_where_all_landmarks_agree(posed, shape):
+    for draws in (1, 2, 3, 9):
+        assert search(posed, shape, draws=draws).all()
+
+
 def test_the_gain_is_the_formula(shape, rng):
     R = random_rotations(1, rng)[0]
     s, T = 3.0, np.array([1.0, -2.0])
@@ -193,6 +198,11 @@ def test_degenerate_images(posed, shape):
     assert not found[1:].any()
 
 
+def test_among_random_landmarks_few_agree(shape, rng):
+    found = search(rng.uniform(0, 100, (N, 2, P)), shape)
+    assert found.sum(axis=1).max() < P / 2
+
+
 def test_shapes_that_do_not_fit_are_refused(shape):
     with pytest.raises(ValueError, match=r"must be \(n, 2, p\)"):
         search(np.zeros((2, 2, P + 1)), shape)
@@ -219,6 +229,29 @@ def test_half_of_the_landmarks_of_real_cars(real_data, rng):
     labelled = visible & ~inliers
     assert (labelled & wrong).sum() > 0.93 * labelled.sum()
     assert (labelled & wrong).sum() > 0.93 * wrong.sum()
+
+
+def test_hidden_landmarks_are_as_good_as_none(shape, rng):
+    """Their weights have no part in the mean that the others are measured by."""
+    landmarks = rng.uniform(0, 100, (N, 2, P))  # so that poses of few inliers compete
+    seen = np.arange(P) % 2 == 0
+    found = search(landmarks, shape, np.tile(seen.astype(float), (N, 1)), threshold=0.3)
+    np.testing.assert_array_equal(
+        found[:, seen], search(landmarks[..., seen], shape[:, seen], threshold=0.3)
+    )
+    assert not found[:, ~seen].any()
+
+
+def test_moments_are_weighted_and_know_the_inliers_only(shape, rng):
+    w, h, inliers = rng.standard_normal((2, P)), rng.uniform(0.1, 3, P), rng.random(P) < 0.6
+    P_found, D, middle, origin = np.empty((3, 3)), np.empty((2, 3)), np.empty(3), np.empty(2)
+    core.parts.find_moments(w, h, shape, inliers, P_found, D, middle, origin)
+    share, S, W = h[inliers], shape[:, inliers], w[:, inliers]
+    np.testing.assert_allclose(middle, np.average(S, axis=1, weights=share))
+    np.testing.assert_allclose(origin, np.average(W, axis=1, weights=share))
+    S, W = S - middle[:, None], W - origin[:, None]
+    np.testing.assert_allclose(P_found, (share * S) @ S.T)
+    np.testing.assert_allclose(D, (share * W) @ S.T)
 
 
 def test_the_search_stops_by_the_share_of_inliers(posed, shape, rng):

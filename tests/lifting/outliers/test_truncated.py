@@ -10,6 +10,7 @@ import pytest
 
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
+from shapefit.convex.transforms import Transforms
 from shapefit.core import STRETCH
 from shapefit.geometry.normalisation import normalise, spread
 from shapefit.geometry.rotations import random_rotations
@@ -53,6 +54,11 @@ def search(landmarks, atoms, weights=None, solve=SOLVE, **settings):
 def test_planted_outliers_are_found_exactly(scene, share, rng):
     landmarks, wrong = plant(scene.landmarks, share, rng)
     np.testing.assert_array_equal(search(landmarks, scene.atoms), ~wrong)
+
+
+def test_half_of_the_landmarks_of_one_rigid_shape(scene, rng):
+    landmarks, wrong = plant(scene.rotation[:, :2] @ scene.atoms[0], 0.5, rng)
+    np.testing.assert_array_equal(search(landmarks, scene.atoms[:1]), ~wrong)
 
 
 def test_the_slow_schedule_finds_what_a_fast_one_does_not(rng, monkeypatch):
@@ -107,6 +113,20 @@ def test_the_first_and_the_last_landmark_count_as_much_as_their_shares(scene, rn
     np.testing.assert_allclose(deviation.mean(axis=1), 1)
     np.testing.assert_allclose(problem.weights**2, share)
     np.testing.assert_allclose(problem.lam, 0.7 * share.mean(axis=1))
+
+
+def test_residuals_know_neither_the_shrinkage_nor_the_unit(scene, rng):
+    landmarks = scene.landmarks + 0.1 * rng.standard_normal(scene.landmarks.shape)
+    weights = rng.uniform(0.5, 1, (12, P))
+    problem = build_problem(landmarks, scene.atoms, 0.5, weights=weights)
+    solution = SOLVE(problem)
+    base = residual_squares(problem, solution)
+    shrunk = replace(solution, transforms=Transforms.of(0.2 * solution.transforms.dense()))
+    np.testing.assert_allclose(residual_squares(problem, shrunk), base, rtol=1e-9)
+    moved = build_problem(9 * landmarks + 5, scene.atoms, 0.5, weights=weights)
+    np.testing.assert_allclose(residual_squares(moved, solution), base, rtol=1e-9)
+    nothing = replace(solution, transforms=Transforms.of(0 * solution.transforms.dense()))
+    assert (residual_squares(problem, nothing) == np.inf).all()
 
 
 def test_hidden_garbage_a_similarity_and_threads_change_no_label(scene, rng):

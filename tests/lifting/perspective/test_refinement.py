@@ -1,4 +1,4 @@
-"""Refinement under perspective: planted shapes, stationarity, another solver, frames."""
+"""Refinement under perspective: planted shapes, stationarity, another solver, symmetries."""
 
 from __future__ import annotations
 
@@ -133,6 +133,12 @@ def test_the_size_is_that_of_the_prior_and_no_coefficient_negative(noisy, atoms,
     assert set(found.status) == {Status.CONVERGED}
 
 
+def test_rotations_stay_rotations(noisy, atoms, prior):
+    R = refine(noisy, atoms, prior).rotation
+    np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (8, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(R), 1.0, rtol=1e-12)
+
+
 @pytest.mark.parametrize("softness", [0.05, 2.0])
 def test_an_independent_solver_cannot_lower_the_objective(noisy, atoms, prior, softness):
     found = refine(noisy, atoms, prior, softness=softness)
@@ -169,6 +175,20 @@ def test_hidden_landmarks_do_not_matter(noisy, atoms, prior, rng):
     dirty = refine(noisy, atoms, prior, weights=weights, landmarks=garbage)
     np.testing.assert_array_equal(clean.coefficients, dirty.coefficients)
     np.testing.assert_array_equal(clean.rotation, dirty.rotation)
+
+
+def test_turning_the_image_turns_the_result(noisy, atoms, prior):
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array([0.7]))[0]
+    square = Camera(noisy.camera.focal[:, :1].repeat(2, axis=1), noisy.camera.centre, 1.0)
+    turned = Camera(square.focal, square.centre @ turn[:2, :2].T, 1.0)
+    before = refine(noisy, atoms, prior, camera=square)
+    after = refine(
+        noisy, atoms, prior, camera=turned,
+        landmarks=turn[:2, :2] @ noisy.landmarks, start=turn @ noisy.start,
+    )  # fmt: skip
+    np.testing.assert_allclose(after.rotation, turn @ before.rotation, atol=1e-4)
+    np.testing.assert_allclose(after.coefficients, before.coefficients, atol=1e-4)
+    np.testing.assert_allclose(after.objective, before.objective, rtol=1e-8)
 
 
 def test_y_up_is_the_same_scene_in_another_frame(noisy, atoms, prior):
@@ -251,6 +271,20 @@ def test_a_start_that_fits_not_at_all_is_ten_times_as_far(atoms, prior, rng):
     wrong = rotation_about(np.array([0.0, 0.0, 1.0]), np.array([np.pi, np.pi, np.pi / 2, np.pi]))
     found = place_in_depth(landmarks, np.ones((4, P)), shape, camera, wrong @ R)
     np.testing.assert_allclose(found[:, 2], 10 * t[:, 2], rtol=1e-3)
+
+
+def test_a_weight_of_root_two_places_the_start_as_a_landmark_seen_twice(noisy, atoms, prior):
+    shape, weights = np.tensordot(prior, atoms, axes=1), np.ones((len(noisy.landmarks), P))
+    weights[:, 3] = np.sqrt(2)
+    twice = [*range(P), 3]
+    found, expected = (
+        place_in_depth(w, omega, S, noisy.camera, noisy.start)
+        for w, omega, S in (
+            (noisy.landmarks, weights, shape),
+            (noisy.landmarks[..., twice], np.ones((len(weights), P + 1)), shape[:, twice]),
+        )
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_the_softness_shrinks_so_that_a_coarse_pose_finds_its_way(atoms, prior, rng):

@@ -52,6 +52,25 @@ def test_a_mode_is_that_of_the_dense_computation(draw_scene, noisy, hidden, chan
     assert found.covariance[0, 0] == pytest.approx(whole, abs=1e-4 * s**2)
 
 
+def test_hidden_landmarks_are_marginalised(draw_scene):
+    scene, R = draw_scene(5, hidden=(1, 6))
+    full = solve(scene, R)
+    kept = [0, 2, 3, 4, 5]
+    rows = [a * 7 + j for a in range(3) for j in kept]
+    small = dense.Scene(
+        scene.landmarks[:, kept],
+        scene.misfit[kept],
+        scene.noise[kept],
+        scene.mean[:, kept],
+        scene.covariance[np.ix_(rows, rows)],
+    )
+    part = solve(small, R)
+    assert full.log_evidence == pytest.approx(part.log_evidence, abs=1e-6)
+    assert full.mean[0][:2, kept] == pytest.approx(part.mean[0][:2], abs=1e-4)
+    depths = full.mean[0][2, kept]  # their mean is 0 over the landmarks that there are
+    assert depths - depths.mean() == pytest.approx(part.mean[0][2], abs=1e-4)
+
+
 def test_the_combination_of_one_mode_is_that_mode(draw_scene):
     scene, R = draw_scene(7)
     found = solve(scene, R)

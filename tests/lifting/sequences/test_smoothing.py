@@ -99,6 +99,15 @@ def test_a_rigid_body_is_found_where_single_images_are_far_off(images, body, mod
     np.testing.assert_allclose(found.lengths, true, rtol=0.06)
 
 
+def test_known_lengths_up_to_scale_are_kept(images, body, model):
+    true = np.linalg.norm(body[0, :, model.bones[:, 0]] - body[0, :, model.bones[:, 1]], axis=1)
+    seen = images(body, noise=0.002)
+    exact = Lengths(40 * true, np.eye(4) / 0.01**2, measured=True)
+    found = smooth(seen, replace(model, known=exact), 0.003, rounds=50)
+    ratio = found.lengths / true
+    np.testing.assert_allclose(ratio / ratio.mean(), 1, atol=0.03)
+
+
 def test_copies_of_a_frame_stay_within_a_standard_deviation(images, body, model):
     one = images(body[:1], noise=0.02)
     copies = replace(

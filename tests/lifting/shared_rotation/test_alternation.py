@@ -11,6 +11,7 @@ from pymanopt.manifolds import Stiefel
 from pymanopt.optimizers import TrustRegions
 
 from shapefit import core
+from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.rotations import random_rotations, rotation_about
@@ -89,6 +90,32 @@ def test_planted_rotations_and_coefficients_come_back(make_scene, weighted):
     assert set(found.status) == {Status.CONVERGED}
 
 
+@signs
+def test_a_planted_minimum_stays(make_scene, rng, signed):
+    """A residual orthogonal to all tangents, with correlations lam on the support, is stationary.
+
+    Atoms are bent until those conditions hold: from the planted point nothing moves.
+    """
+    lam, k, p = 0.1, 6, 14
+    R = random_rotations(1, rng)
+    atoms = rng.standard_normal((k, 3, p))
+    atoms -= atoms.mean(axis=2, keepdims=True)
+    c = np.array([1.5, -1.0 if signed else 1.0, 0.7, 0.0, 0.0, 0.0])
+    residual = 0.1 * rng.standard_normal((2, p))
+    residual -= residual.mean(axis=1, keepdims=True)
+    # Correlations N_i = residual B_i^T R^T (2 x 3) that keep R and c: lam sign(c_i) / 2 I, 0.
+    basis = residual.T @ np.linalg.inv(residual @ residual.T)
+    for i in range(k):
+        want = np.zeros((2, 3))
+        want[:, :2] = 0.5 * lam * (np.sign(c[i]) if c[i] else 0.5) * np.eye(2)
+        have = residual @ atoms[i].T @ R[0].T
+        atoms[i] += (basis @ (want - have) @ R[0]).T
+    W = R[0, :2] @ np.tensordot(c, atoms, axes=1) + residual
+    found = alternate(build_problem(W[None], atoms, lam), R[:, None], signed=signed, tolerance=0.0)
+    np.testing.assert_allclose(found.coefficients[0], c, atol=1e-8)
+    np.testing.assert_allclose(found.rotation, R, atol=1e-8)
+
+
 @pytest.mark.slow
 @signs
 def test_pymanopt_and_scikit_learn_walk_the_same_way(make_scene, signed):
@@ -133,6 +160,26 @@ def test_pymanopt_and_scikit_learn_walk_the_same_way(make_scene, signed):
         assert found.rounds[image] == rounds
 
 
+@signs
+def test_the_convex_program_bounds_it_from_below(make_scene, rng, signed):
+    scene = make_scene(n=20, k=15, noise=0.3, weighted=True, hidden=0.2)
+    problem = scene.problem(0.1)
+    solution = solve_newton(problem, tolerance=1e-8)
+    bound = solution.objective * (1 - solution.relative_gap)
+    _, objective = parts(problem, alternate(problem, nearby(scene.rotation), signed=signed))
+    assert (objective >= bound * (1 - 1e-12)).all()
+
+
+def test_signs_are_free_only_where_asked(make_scene):
+    scene = make_scene(n=20, noise=0.3)
+    bound, free = (
+        alternate(scene.problem(0.1), nearby(scene.rotation), signed=signed)
+        for signed in (False, True)
+    )
+    assert (bound.coefficients >= 0).all()
+    assert (free.coefficients < 0).any()
+
+
 def test_the_best_start_counts(make_scene, rng):
     scene = make_scene(n=15, k=15, noise=0.3)
     problem = scene.problem(0.1)
@@ -161,6 +208,64 @@ def test_hidden_landmarks_are_irrelevant(make_scene, rng):
     np.testing.assert_allclose(alone.coefficients[0], clean.coefficients[0], atol=1e-9)
 
 
+def test_weights_multiply_the_residual(make_scene):
+    """A landmark of weight sqrt(2) counts as two copies of weight 1."""
+    scene = make_scene(n=5, noise=0.3)
+    starts = nearby(scene.rotation)
+    heavy = np.ones(12)
+    heavy[3] = np.sqrt(2)
+    weighted = alternate(
+        build_problem(scene.landmarks, scene.atoms, 0.1, weights=np.tile(heavy, (5, 1))),
+        starts, tolerance=1e-13,
+    )  # fmt: skip
+    twice = [*range(12), 3]
+    copied = alternate(
+        build_problem(scene.landmarks[..., twice], scene.atoms[..., twice], 0.1),
+        starts, tolerance=1e-13,
+    )  # fmt: skip
+    np.testing.assert_allclose(weighted.coefficients, copied.coefficients, atol=1e-6)
+    np.testing.assert_allclose(weighted.rotation, copied.rotation, atol=1e-6)
+
+
+def test_translation_permutation_and_joint_scaling(make_scene, rng):
+    scene = make_scene(n=10, noise=0.2, weighted=True)
+    starts = nearby(scene.rotation)
+    base = alternate(scene.problem(0.1), starts, tolerance=1e-13)
+    order = rng.permutation(12)
+    moved = build_problem(
+        3.0 * scene.landmarks[..., order] + np.array([[5.0], [-7.0]]),
+        scene.atoms[..., order],
+        0.3,
+        weights=scene.weights[:, order],
+    )
+    again = alternate(moved, starts, tolerance=1e-13)
+    np.testing.assert_allclose(again.coefficients, 3 * base.coefficients, atol=1e-6)
+    np.testing.assert_allclose(again.rotation, base.rotation, atol=1e-6)
+
+
+def test_turns_of_camera_and_object_carry_over(make_scene, rng):
+    scene = make_scene(n=10, noise=0.2)
+    starts = nearby(scene.rotation)
+    base = alternate(scene.problem(0.1), starts, tolerance=1e-13)
+    camera = rotation_about(np.array([0.0, 0.0, 1.0]), np.array([0.8]))[0]
+    thing = random_rotations(1, rng)[0]
+    turned = alternate(
+        build_problem(camera[:2, :2] @ scene.landmarks, thing @ scene.atoms, 0.1),
+        camera @ starts @ thing.T,
+        tolerance=1e-13,
+    )
+    np.testing.assert_allclose(turned.coefficients, base.coefficients, atol=1e-6)
+    np.testing.assert_allclose(turned.rotation, camera @ base.rotation @ thing.T, atol=1e-6)
+
+
+def test_a_large_lambda_gives_nothing(make_scene):
+    scene = make_scene()
+    found = alternate(scene.problem(1e3), nearby(scene.rotation))
+    np.testing.assert_array_equal(found.coefficients, 0.0)
+    assert np.isnan(found.rotation).all()
+    assert set(found.status) == {Status.CONVERGED}
+
+
 def test_every_image_says_how_it_ended(make_scene):
     scene = make_scene(n=4, noise=0.3)
     scene.weights[2, 1:] = 0.0
@@ -183,6 +288,12 @@ def test_threads_and_neighbours_change_nothing(make_scene):
     alone = alternate(last, starts[-1:])
     np.testing.assert_array_equal(alone.coefficients[0], one.coefficients[-1])
     np.testing.assert_array_equal(alone.rotation[0], one.rotation[-1])
+
+
+def test_no_images_give_nothing(make_scene):
+    scene = make_scene(n=1)
+    problem = build_problem(np.zeros((0, 2, 12)), scene.atoms, 0.1)
+    assert alternate(problem, np.zeros((0, 1, 3, 3))).coefficients.shape == (0, 8)
 
 
 def test_what_it_cannot_do_is_said(make_scene):

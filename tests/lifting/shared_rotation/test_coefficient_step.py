@@ -82,6 +82,28 @@ def test_scikit_learn_agrees(make_case, signed, lam):
         assert value <= objective(w, atoms, R, lam, lasso.coef_) * (1 + 1e-12)
 
 
+@signs
+def test_a_planted_optimum_comes_back(rng, signed):
+    """Any residual whose correlations are lam on the support and less off it is optimal."""
+    lam, k, q = 0.2, 20, 10
+    for _ in range(10):
+        R = random_rotations(1, rng)[0]
+        atoms = rng.standard_normal((k, 3, q))
+        residual = rng.standard_normal((2, q))
+        correlation = project(atoms, R).T @ residual.ravel()
+        share = np.where(np.arange(k) < 4, 1.0, rng.uniform(0.1, 0.9, k))
+        atoms *= (lam * share / np.abs(correlation))[:, None, None]
+        c = np.zeros(k)
+        c[:4] = rng.uniform(0.5, 2, 4) * np.sign(correlation[:4])
+        if not signed:  # an atom whose correlation is negative must not be used
+            atoms[:4] *= np.sign(correlation[:4])[:, None, None]
+            atoms[4:] *= 5 * (correlation[4:] < 0)[:, None, None] + 1
+            c = np.abs(c)
+        w = residual + (project(atoms, R) @ c).reshape(2, q)
+        found, _ = solve(w, atoms, R, lam, signed=signed)
+        np.testing.assert_allclose(found, c, atol=1e-9)
+
+
 @pytest.mark.parametrize(("overlap", "expected"), [(3.0, 0.625), (0.5, 0), (0.4, 0), (-3, 0)])
 def test_one_atom_is_shrunk(overlap, expected):
     # <B, w> = overlap and ||B||^2 = 4: c = max(overlap - lam, 0) / 4 for lam = 0.5.
@@ -90,6 +112,13 @@ def test_one_atom_is_shrunk(overlap, expected):
     w = np.array([[overlap / 2, 0.3], [0.1, -0.2]])
     c, _ = solve(w, atom, np.eye(3), 0.5)
     assert c[0] == pytest.approx(expected, abs=1e-14)
+
+
+def test_a_negative_overlap_is_used_where_signs_are_free():
+    atom = np.zeros((1, 3, 2))
+    atom[0, 0, 0] = 2.0
+    c, _ = solve(np.array([[-1.5, 0.0], [0.0, 0.0]]), atom, np.eye(3), 0.5, signed=True)
+    assert c[0] == pytest.approx(-0.625)
 
 
 @signs
@@ -136,3 +165,10 @@ def test_beyond_the_largest_correlation_all_are_zero(make_case, signed):
     np.testing.assert_array_equal(c, 0.0)
     assert value == pytest.approx(0.5 * (w**2).sum())
     assert solve(w, atoms, R, largest * (1 - 1e-6), signed=signed)[0].any()
+
+
+def test_only_negative_correlations_leave_all_at_zero(rng):
+    w, atoms = rng.standard_normal((2, 5)), rng.standard_normal((7, 3, 5))
+    R = random_rotations(1, rng)[0]
+    atoms *= -np.sign(project(atoms, R).T @ w.ravel())[:, None, None]
+    np.testing.assert_array_equal(solve(w, atoms, R, 1e-3)[0], 0.0)

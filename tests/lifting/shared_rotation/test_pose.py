@@ -98,6 +98,19 @@ def test_a_few_views_are_as_good_as_many(shape, rng):
     assert worse.mean() <= 0.03
 
 
+def test_one_view_finds_a_local_minimum_only(shape, rng):
+    shape[2] *= 0.3
+    landmarks = posed(
+        shape, random_rotations(200, rng), np.ones(200), np.zeros((200, 2)), noise=0.3, rng=rng
+    )
+    problem = build_problem(landmarks, shape[None], 1.0)
+    one, many = (
+        misfits(problem, shape, find_pose(problem, shape, spread_views(v))) for v in (1, 6)
+    )
+    assert (one >= many * (1 - 1e-9)).all()
+    assert (one > many * 1.01).any()
+
+
 @pytest.mark.parametrize("count", [1, 2, 6, 24])
 def test_views_are_spread_over_the_sphere(count, rng):
     views = spread_views(count)

@@ -85,6 +85,15 @@ def test_a_step_that_would_rise_is_refused(seed):
     np.testing.assert_allclose(R[:2], judge(w, S, start), atol=1e-6)
 
 
+def test_a_planted_rotation_comes_back(make_case):
+    for _ in range(50):
+        w, S, truth = make_case(noise=0.0)
+        nearby = truth @ rotation_about(np.array([1.0, 2.0, -1.0]), np.array([0.3]))[0]
+        R, value, _ = turn(w, S, nearby)
+        np.testing.assert_allclose(R, truth, atol=1e-9)
+        assert abs(value) < 1e-12 * (w**2).sum()
+
+
 def test_a_planted_rotation_comes_back_with_its_scale(make_case):
     for scale in (0.01, 0.7, 5.0):
         w, S, truth = make_case(noise=0.0)
@@ -194,6 +203,16 @@ def test_the_subproblem_is_solved_inside_and_cut_at_the_edge(rng):
         assert at_edge
         assert np.linalg.norm(step) == pytest.approx(0.5)
         assert fall > 0
+
+
+def test_an_object_turned_with_its_rotation_looks_the_same(make_case, rng):
+    for Q in random_rotations(20, rng):
+        w, S, _ = make_case(noise=1.0)
+        start = random_rotations(1, rng)[0]
+        R, value, _ = turn(w, S, start)
+        turned, same, _ = turn(w, Q @ S, start @ Q.T)
+        np.testing.assert_allclose(turned @ Q, R, atol=1e-8)
+        assert same == pytest.approx(value, rel=1e-10)
 
 
 @pytest.mark.parametrize("free", [False, True])

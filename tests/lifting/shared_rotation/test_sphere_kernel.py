@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from shapefit import core
 
@@ -16,6 +17,10 @@ def minimiser(G, g, radius=RADIUS, before=None):
         np.ascontiguousarray(G), np.ascontiguousarray(g), radius, y
     )
     return y, multiplier
+
+
+def objective(G, g, y):
+    return y @ G @ y - 2 * g @ y
 
 
 def assert_optimal(G, g, radius, y, multiplier):
@@ -52,6 +57,42 @@ def test_a_planted_minimiser_is_found(rng, multiplier):
         y, found = minimiser(G, G @ planted + multiplier * planted)
         np.testing.assert_allclose(y, planted, atol=1e-12)
         assert found == pytest.approx(multiplier, abs=1e-12)
+
+
+def test_another_solver_finds_no_better(rng):
+    for _ in range(10):
+        G, g = make_case(rng, 5)
+        y, _ = minimiser(G, g)
+        on_sphere = {
+            "type": "eq",
+            "fun": lambda x: x @ x - RADIUS**2,
+            "jac": lambda x: 2 * x,
+        }
+        found = [
+            minimize(
+                lambda x, G=G, g=g: objective(G, g, x),
+                start,
+                jac=lambda x, G=G, g=g: 2 * (G @ x - g),
+                constraints=on_sphere,
+                method="SLSQP",
+                options={"ftol": 1e-14, "maxiter": 500},
+            )
+            for start in rng.standard_normal((8, 5))
+        ]
+        best = min(found, key=lambda result: result.fun)
+        assert best.fun == pytest.approx(objective(G, g, y), rel=1e-8)
+        np.testing.assert_allclose(best.x, y, atol=1e-4)
+
+
+def test_no_point_of_a_circle_is_better(rng):
+    angle = np.linspace(0, 2 * np.pi, 20_001)
+    circle = RADIUS * np.stack([np.cos(angle), np.sin(angle)])
+    for _ in range(20):
+        G, g = make_case(rng, 2)
+        values = (circle * (G @ circle)).sum(axis=0) - 2 * g @ circle
+        best = objective(G, g, minimiser(G, g)[0])
+        assert best <= values.min()
+        assert best == pytest.approx(values.min(), abs=1e-5)
 
 
 class TestHardCase:
@@ -95,6 +136,15 @@ class TestHardCase:
         y, multiplier = minimiser(np.zeros((2, 2)), np.zeros(2), before=[3.0, 0.1])
         assert np.linalg.norm(y) == pytest.approx(RADIUS)
         assert multiplier == 0
+
+
+def test_turning_the_problem_turns_the_minimiser(rng):
+    G, g = make_case(rng, 5)
+    V, _ = np.linalg.qr(rng.standard_normal((5, 5)))
+    y, multiplier = minimiser(G, g)
+    turned, same = minimiser(V @ G @ V.T, V @ g)
+    np.testing.assert_allclose(turned, V @ y, atol=1e-10)
+    assert same == pytest.approx(multiplier)
 
 
 def test_units_do_not_matter(rng):

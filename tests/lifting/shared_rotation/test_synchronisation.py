@@ -26,6 +26,11 @@ def synchronise(M, threads=0):
     return Synchronised(R, np.nan_to_num(c))
 
 
+def distance(M, c, R):
+    """Return sum_i ||M_i - c_i Rbar||_F^2 of each image."""
+    return ((M - c[..., None, None] * R[:, None, :2]) ** 2).sum(axis=(1, 2, 3))
+
+
 @pytest.fixture
 def loose(rng):
     """Return transforms around a shared rotation, far from it, with some zeros."""
@@ -79,12 +84,44 @@ def test_the_largest_transform_may_win_against_the_sum(rng):
     np.testing.assert_allclose(found.coefficients, [[1.0, 0.0, 0.0]], atol=1e-12)
 
 
+def test_no_rotation_nearby_is_nearer(loose, rng):
+    found = synchronise(loose)
+    least = distance(loose, found.coefficients, found.rotation)
+    for _ in range(30):
+        moved = found.rotation.copy()
+        moved[:, :2] += 1e-3 * rng.standard_normal((12, 2, 3))
+        moved = complete_rotation(moved[:, :2])
+        c = np.maximum(np.einsum("nkab,nab->nk", loose, moved[:, :2]) / 2, 0)
+        assert (distance(loose, c, moved) >= least).all()
+
+
+def test_every_step_climbs(loose, rng):
+    for M in loose:
+        blocks = M[:6].copy()
+        for R in np.ascontiguousarray(random_rotations(10, rng)):
+            values = []
+            for _ in range(30):
+                inner = np.maximum(np.einsum("kab,ab->k", blocks, R[:2]), 0)
+                values.append((inner**2).sum())
+                if values[-1] == 0:
+                    break
+                core.parts.polar_rotation(np.einsum("k,kab->ab", inner, blocks), R)
+            assert (np.diff(values) >= -1e-13 * max(values)).all()
+
+
 def test_turns_and_sizes_carry_over(loose, rng):
     before = synchronise(loose)
     Q = random_rotations(1, rng)[0]
     turned = synchronise(3 * loose @ Q)
     np.testing.assert_allclose(turned.rotation, before.rotation @ Q, atol=1e-8)
     np.testing.assert_allclose(turned.coefficients, 3 * before.coefficients, atol=1e-8)
+
+
+def test_the_order_of_the_atoms_does_not_matter(loose, rng):
+    order = rng.permutation(loose.shape[1])
+    before, after = synchronise(loose), synchronise(loose[:, order])
+    np.testing.assert_allclose(after.rotation, before.rotation, atol=1e-8)
+    np.testing.assert_allclose(after.coefficients, before.coefficients[:, order], atol=1e-8)
 
 
 @pytest.mark.parametrize("nothing", [0.0, np.nan])

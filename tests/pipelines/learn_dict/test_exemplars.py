@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from shapefit.config import LearnDictConfig
+from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations
@@ -90,6 +91,12 @@ def test_models_are_turned_onto_each_other_with_their_meshes(make, models):
     np.testing.assert_allclose(metric(dictionary, dictionary.mesh_vertices), turned, atol=1e-12)
 
 
+def test_a_list_of_landmarks_turns_them_too(make, models):
+    dictionary, _ = make(align=["a", "b", "d"])
+    alignment = generalised_procrustes(normalise(models.shapes).points, [0, 1, 3])
+    np.testing.assert_array_equal(dictionary.atoms, alignment.shapes)
+
+
 def test_the_dictionary_without_a_model_is_that_of_the_others(make, models, same_dictionary):
     whole, _ = make(align="none")
     others, _ = make(models.take([0, 1, 2, 3, 5, 6, 7, 8]), align="none")
@@ -106,6 +113,13 @@ def same_dictionary():
     return check
 
 
+def test_models_without_mesh_and_unit_are_atoms_too(make, models):
+    bare = replace(models, mesh_vertices=None, mesh_faces=None, unit="unknown")
+    dictionary, _ = make(bare)
+    assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
+    assert dictionary.unit == "unknown"
+
+
 def test_a_model_of_one_point_fails_and_the_others_are_atoms(make, models):
     points = models.shapes.copy()
     points[3] = 1.0
@@ -113,6 +127,16 @@ def test_a_model_of_one_point_fails_and_the_others_are_atoms(make, models):
     assert [failure.item for failure in outcomes[0].failures] == ["model3"]
     assert "model3" not in dictionary.atom_items
     assert dictionary.k == len(dictionary.atom_scale) == len(dictionary.mesh_vertices) == 8
+
+
+def test_every_thins_out_the_models(make, models):
+    dictionary, _ = make(every=4)
+    assert dictionary.atom_items == ("model0", "model4", "model8")
+
+
+def test_an_unknown_landmark_is_named(make):
+    with pytest.raises(InputError, match=r"align: there is no landmark 'f'"):
+        make(align=["a", "b", "f"])
 
 
 @pytest.mark.real_data

@@ -16,7 +16,7 @@ from shapefit.dictionary.learning import learn
 from shapefit.dictionary.origin import origin_of
 from shapefit.dictionary.pca_bases import principal_components
 from shapefit.errors import InputError
-from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.normalisation import centroid, normalise, spread
 from shapefit.geometry.procrustes import generalised_procrustes, rotation_onto
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import ShapeSet, digest, read_dictionary, read_shapes, write_shapes
@@ -72,14 +72,21 @@ def learned(config):
 
 
 class TestDictionary:
-    @pytest.mark.parametrize("beta", [0.1, 1.0])
-    def test_is_learned_from_normalised_aligned_shapes(self, config, shapes, beta):
-        _, dictionary = learned(config(beta=beta))
+    def test_is_learned_from_normalised_aligned_shapes(self, config, shapes):
+        _, dictionary = learned(config())
         aligned = generalised_procrustes(normalise(shapes.shapes).points)
-        *_, expected = learn(aligned.shapes, 6, beta, iterations=4)
+        *_, expected = learn(aligned.shapes, 6, 0.1, iterations=4)
         np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
         np.testing.assert_array_equal(dictionary.objective_trace, expected.trace)
         np.testing.assert_array_equal(dictionary.mean_shape, normalise(aligned.mean).points)
+
+    def test_is_centred_and_within_the_bound(self, config):
+        _, dictionary = learned(config())
+        assert dictionary.atoms.shape == (6, 3, 5)
+        np.testing.assert_allclose(dictionary.atoms.mean(axis=-1), 0, atol=1e-14)
+        assert np.linalg.norm(dictionary.atoms, axis=(1, 2)).max() == pytest.approx(1)
+        np.testing.assert_allclose(centroid(dictionary.mean_shape), 0, atol=1e-14)
+        assert spread(dictionary.mean_shape) == pytest.approx(1)
 
     def test_keeps_names_and_edges(self, config):
         _, dictionary = learned(config())
@@ -115,6 +122,29 @@ class TestDictionary:
         said = {"source": "a zoo", "licence": "CC0", "acknowledgement": "thank the zoo"}
         _, dictionary = learned(config(origin=said))
         assert origin_of(dictionary)._asdict() == said
+
+    def test_beta_of_the_config_is_used(self, config, shapes):
+        _, dictionary = learned(config(beta=1.0))
+        aligned = generalised_procrustes(normalise(shapes.shapes).points).shapes
+        *_, expected = learn(aligned, 6, 1.0, iterations=4)
+        np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
+
+    def test_where_shapes_lie_and_how_large_they_are_does_not_matter(self, config, shapes):
+        _, before = learned(config())
+        moved = replace(shapes, shapes=1000 * shapes.shapes - 7)
+        _, after = learned(config(moved))
+        np.testing.assert_allclose(after.atoms, before.atoms, atol=1e-9)
+
+    def test_the_order_of_landmarks_is_that_of_the_shapes(self, config, shapes):
+        _, before = learned(config())
+        order = [3, 0, 4, 2, 1]
+        names = tuple(NAMES[i] for i in order)
+        permuted = replace(
+            shapes, shapes=shapes.shapes[..., order], landmark_names=names, edges=None
+        )
+        _, after = learned(config(permuted))
+        assert after.landmark_names == names
+        np.testing.assert_allclose(after.atoms, before.atoms[..., order], atol=1e-9)
 
 
 class TestAlign:
@@ -197,6 +227,11 @@ class TestOutcomes:
         with pytest.raises(InputError, match="64 atoms are more than"):
             learned(config(k=64))
 
+    def test_a_good_run_has_no_warnings_or_failures(self, config):
+        outcomes, _ = learned(config())
+        assert warnings(outcomes) == []
+        assert failures(outcomes) == {}
+
 
 class TestPcaBases:
     """`method: pca-bases`: components of each sequence one after another, and the mean pose."""
@@ -211,6 +246,9 @@ class TestPcaBases:
         np.testing.assert_allclose(np.linalg.norm(dictionary.atoms, axis=(1, 2)), 1)
         np.testing.assert_array_equal(dictionary.edges, EDGES)
         assert dictionary.objective_trace.size == 0
+
+    def test_say_so_for_their_coefficients_have_either_sign(self, config):
+        _, dictionary = learned(config(method="pca-bases"))
         assert dictionary.provenance["method"] == "pca-bases"
 
     def test_their_number_can_be_given(self, config):
@@ -246,6 +284,10 @@ class TestPcaBases:
         still = shapes.shapes[of_sequence].astype(np.float32).astype(np.float64)
         with pytest.raises(InputError, match=r"shapes: .* all alike; give sequences that move"):
             list(learn_dict.run(config(replace(shapes, shapes=still), method="pca-bases")))
+
+    def test_need_shapes(self, config, shapes):
+        with pytest.raises(InputError, match="0 shapes"):
+            list(learn_dict.run(config(shapes.take([]), method="pca-bases")))
 
     def test_k_has_no_say(self, config, shapes):
         _, dictionary = learned(config(shapes.take(slice(0, 8)), method="pca-bases"))
@@ -313,6 +355,13 @@ class TestRefusals:
         (tmp_path / "none").touch()
         with pytest.raises(InputError, match="none is not a folder"):
             next(learn_dict.run(config(output=str(tmp_path / "none" / "dict.h5"))))
+
+    def test_a_refusal_leaves_the_old_dictionary(self, config):
+        made = config()
+        made.output.write_bytes(b"old")
+        with pytest.raises(InputError):
+            list(learn_dict.run(config(k=31)))
+        assert made.output.read_bytes() == b"old"
 
 
 @pytest.mark.real_data
