@@ -4,7 +4,8 @@
 commands, judges by the truth, and writes results/from_2d/index.md, where other cases keep
 their rows. e3D is the mean of ||X - X^|| / ||X|| over the frames, centroids removed;
 `similarity` the normalised error of `eval`. One sign of depth is chosen per class. Seconds are
-those of the processor, one thread.
+those of the processor, one thread. The case `footage` writes footage.md there: e3D over the number
+of images and the turn of the camera, of sequences of subject 86.
 """
 
 from __future__ import annotations
@@ -22,17 +23,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, judge
+from shapefit.dictionary.from_2d.learning import learn
 from shapefit.evaluation.metrics import similarity
 from shapefit.evaluation.tables.document import markdown_table
 from shapefit.geometry.normalisation import spread
+from shapefit.geometry.rotations import turn_about_axis
 from shapefit.io import LandmarkSet, landmark_writer, open_landmarks, read_results, read_shapes
 from shapefit.io.records import concatenate
+from shapefit.pipelines.learn_dict.from_2d import images_of
 
 Floats = NDArray[np.float64]
 FOLDER = Path("results/from_2d")
 ROW = "row.json"
 FRAMES = 150
 MISSING, NOISE = 0.1, 0.02
+FOOTAGE, FILMED = "footage", 3
+TURNS, NUMBERS = (90, 180, 360, 1080, 3600), (30, 60, 120, 240)
 LEFT_OUT = ("KneeL", "ArmR", "ElbowR")
 
 
@@ -221,6 +228,36 @@ def measure(case: Case, data: Path, learned: dict[Path, float]) -> tuple[str, ..
     return case.name, case.published, f"{case.goal:g}", f"{error:.4f}", met, f"{taken:.0f}"
 
 
+def film(data: Path, number: int, turn: int) -> str:
+    """Learn each of some sequences from so many frames; return mean e3D, and each verdict."""
+    shapes = read_shapes([data / "mocap/subject86_24fps.h5"])
+    errors, verdicts = [], []
+    for name in list(dict.fromkeys(shapes.sequences or ()))[:FILMED]:
+        whole = shapes.take(np.array(shapes.sequences) == name).shapes
+        chosen = whole[np.linspace(0, len(whole) - 1, number).round().astype(np.intp)]
+        X = turn_about_axis(1, np.radians(np.linspace(0, turn, number))) @ chosen
+        images = LandmarkSet(
+            landmarks=X[:, :2],
+            landmark_names=shapes.landmark_names,
+            items=tuple(map(str, range(number))),
+            sequences=(name,) * number,
+        )
+        given = images_of(images)
+        *_, state = learn(given)
+        size = spread(X[:, :2]).mean() / spread(given.landmarks).mean()
+        signs = [np.array([[1.0], [1.0], [sign]]) for sign in (1.0, -1.0)]
+        errors.append(min(float(e3d(size * sign * state.in_camera, X).mean()) for sign in signs))
+        verdicts.append({ALIKE: "r", DOUBTFUL: "d"}.get(judge(given, state).verdict, "l"))
+    return f"{np.mean(errors):.2f} {''.join(verdicts)}"
+
+
+def measure_footage(data: Path) -> None:
+    """Write the table of how many images and which turn are needed."""
+    rows = [(str(n), *(film(data, n, turn) for turn in TURNS)) for n in NUMBERS]
+    header = ("images", *(f"{turn} degrees" for turn in TURNS))
+    (FOLDER / "footage.md").write_text(markdown_table(header, rows) + "\n", encoding="utf-8")
+
+
 def run(*arguments: str | Path) -> None:
     """Run the command with one thread; failures of single images are part of the result."""
     command = [sys.executable, "-m", "shapefit", *map(str, arguments)]
@@ -240,7 +277,7 @@ def main() -> None:
     """Write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("cases", nargs="*", help="names of cases; all by default")
+    parser.add_argument("cases", nargs="*", help="names of cases, or footage; all by default")
     given = parser.parse_args()
     learned: dict[Path, float] = {}
     for case in CASES:
@@ -248,6 +285,9 @@ def main() -> None:
             row = measure(case, given.data, learned)
             (FOLDER / case.name / ROW).write_text(json.dumps(row), encoding="utf-8")
             print(" | ".join(row), flush=True)
+    if not given.cases or FOOTAGE in given.cases:
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        measure_footage(given.data)
     measured = [FOLDER / case.name / ROW for case in CASES]
     rows = [json.loads(path.read_text(encoding="utf-8")) for path in measured if path.exists()]
     header = ("case", "published", "goal", "error", "", "seconds")

@@ -5,14 +5,14 @@ The rigid model has no deformations, the flat one no views: every image shows th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from shapefit.dictionary.from_2d.expectation import expect
 from shapefit.dictionary.from_2d.factorisation import complete, find_views
-from shapefit.dictionary.from_2d.learning import State, first_state, improve
-from shapefit.dictionary.from_2d.model import Floats, Images, Views, evenly, hide
+from shapefit.dictionary.from_2d.learning import State, first_state, improve, predict
+from shapefit.dictionary.from_2d.model import Images, Views, evenly, hide
 
 SAMPLE, ROUNDS, RANK = 200, 15, 9
 
@@ -93,9 +93,9 @@ def judge(images: Images, state: State) -> Judgement:
 
 def rigid_state(images: Images) -> State:
     """Return the rigid model of the images."""
-    W, gross = complete(images, RANK)
+    W, _ = complete(images, RANK)
     (views,) = find_views(W, (min(RANK, W.shape[2] - 1),))
-    return first_state(replace(images, gross=gross), W, views)
+    return first_state(images, W, views)
 
 
 def halves_apart(images: Images, learned: State) -> float:
@@ -126,11 +126,3 @@ def price_of_views(images: Images, state: State) -> float:
     H = expect(images, state.views, state.model).information[:, :3, :3]
     log_det = np.linalg.slogdet(H + 1e-9 * np.eye(3))[1]
     return float((np.log(8 * np.pi**2) - 1.5 * np.log(2 * np.pi) + 0.5 * log_det).sum())
-
-
-def predict(images: Images, state: State) -> Floats:
-    """Return where the model has all landmarks (n, 2, p), hidden ones too."""
-    found = expect(images, state.views, state.model)
-    shapes = replace(state, shapes=found.shapes).in_camera
-    placed: Floats = shapes[:, :2] + found.translation[:, :, None]
-    return placed

@@ -16,7 +16,7 @@ import numpy as np
 
 from shapefit.dictionary.from_2d.expectation import change_belief, climb, expect, scatter
 from shapefit.dictionary.from_2d.factorisation import complete, find_views
-from shapefit.dictionary.from_2d.maximisation import maximise
+from shapefit.dictionary.from_2d.maximisation import MOST_MODES, maximise
 from shapefit.dictionary.from_2d.model import (
     Floats,
     Gaussian,
@@ -26,6 +26,7 @@ from shapefit.dictionary.from_2d.model import (
     Views,
     choose,
     evenly,
+    hide,
 )
 
 RANKS = (5, 9, 13)
@@ -37,11 +38,17 @@ HOLD = 5
 COOLING = 0.7
 """Least factor of the noise from round to round; faster, the views freeze."""
 
+CLEARLY = 0.85
+"""Factor of the error of hidden landmarks below which it pays to believe that some are gross."""
+
 TRIAL, TRIAL_IMAGES = 10, 200
 """Rounds and images by which starts are judged."""
 
 MOST_ROUNDS, STILL = 35, 1e-3
 """Rounds end where one raises the objective by less than this for each coordinate."""
+
+IMAGES_PER_MODE = 4
+"""Images that a mode needs at least, or it is one of their noise."""
 
 EXACT = 5e-4
 """Noise, in the size of the shapes, below which landmarks count as exact."""
@@ -78,20 +85,49 @@ class State:
 def learn(images: Images) -> Iterator[State]:
     """Yield the state after each round from the best start.
 
-    Starts are judged by the objective after some rounds with images that lie evenly.
+    Starts are judged by the objective after some rounds with images that lie evenly. Landmarks are
+    believed to be gross only where others, hidden, are then predicted clearly better: rare poses
+    of a class that is no Gaussian look gross, too.
     """
     W, gross = complete(images, max(RANKS))
-    images = replace(images, gross=gross)
     ranks = tuple(sorted({min(rank, images.landmarks.shape[2] - 1) for rank in RANKS}))
     starts = find_views(W, ranks)
     some = evenly(len(images), TRIAL_IMAGES)
-    ends = []
-    for views in starts:
-        trial = first_state(images[some], W[some], views[some])
-        for k in range(TRIAL):
-            trial = learn_round(images[some], trial, still=k < HOLD)
-        ends.append(trial.objective)
-    yield from improve(images, first_state(images, W, starts[int(np.argmax(ends))]))
+    hidden = hide(images[some].weights > 0)
+    known = images[some].hiding(hidden)
+    doubting = replace(known, gross=gross[some] & ~hidden)
+    trials = [tried(doubting, W[some], views[some]) for views in starts]
+    best = int(np.argmax([trial.objective for trial in trials]))
+    if trials[best].gross.any():
+        trusting = tried(known, W[some], starts[best][some])
+        errors = [hidden_error(images[some], hidden, of) for of in (trials[best], trusting)]
+        if errors[0] < CLEARLY * errors[1]:
+            images = replace(images, gross=gross)
+    yield from improve(images, first_state(images, W, starts[best]))
+
+
+def tried(images: Images, W: Floats, views: Views) -> State:
+    """Return the state after the rounds by which a start is judged."""
+    state = first_state(images, W, views)
+    for k in range(TRIAL):
+        state = learn_round(images, state, still=k < HOLD)
+    return state
+
+
+def hidden_error(images: Images, hidden: Mask, state: State) -> float:
+    """Median distance of the hidden landmarks (n, p) from where the model has them."""
+    apart = np.linalg.norm(
+        predict(images.hiding(hidden | state.gross), state) - images.landmarks, axis=1
+    )
+    return float(np.median(apart[hidden])) if hidden.any() else 0.0
+
+
+def predict(images: Images, state: State) -> Floats:
+    """Return where the model has all landmarks (n, 2, p), hidden ones too."""
+    found = expect(images, state.views, state.model)
+    shapes = replace(state, shapes=found.shapes).in_camera
+    placed: Floats = shapes[:, :2] + found.translation[:, :, None]
+    return placed
 
 
 def improve(
@@ -126,7 +162,7 @@ def first_state(images: Images, W: Floats, views: Views) -> State:
 def learn_round(images: Images, state: State, *, still: bool) -> State:
     """Take a round: the views climb or stay still, the images speak, the model follows them."""
     n, p = images.weights.shape
-    model, damping = state.model, state.damping.copy()
+    model, damping, doubting = state.model, state.damping.copy(), images.gross is not None
     rotation, log_scale = state.views.rotation.copy(), state.views.log_scale.copy()
     shapes, gross, density = np.empty((n, 3, p)), state.gross.copy(), 0.0
     covariance, misfit = np.zeros((3 * p, 3 * p)), 0.0
@@ -134,12 +170,13 @@ def learn_round(images: Images, state: State, *, still: bool) -> State:
         rows = slice(at, at + BLOCK)
         block, views = replace(images[rows], gross=gross[rows]), state.views[rows]
         found = expect(block, views, model)
-        doubted = change_belief(block, found.doubt)
-        tried = views if still else climb(views, found, damping[rows])
-        then = expect(replace(block, gross=doubted), tried, model)
-        better = then.log_density > found.log_density
-        found, views = choose(better, then, found), choose(better, tried, views)
-        gross[rows] = np.where(better[:, None], doubted, gross[rows])
+        if doubting or not still:
+            doubted = change_belief(block, found.doubt) if doubting else gross[rows]
+            climbed = views if still else climb(views, found, damping[rows])
+            then = expect(replace(block, gross=doubted), climbed, model)
+            better = then.log_density > found.log_density
+            found, views = choose(better, then, found), choose(better, climbed, views)
+            gross[rows] = np.where(better[:, None], doubted, gross[rows])
         if not still:
             damping[rows] = np.clip(np.where(better, 0.3, 10.0) * damping[rows], 1e-3, 1e3)
         rotation[rows], log_scale[rows], shapes[rows] = (
@@ -156,7 +193,11 @@ def learn_round(images: Images, state: State, *, still: bool) -> State:
     size = sequence_means(log_scale, images.sequence)
     spread = float((((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2)
     following = replace(
-        maximise(mean, (covariance + apart.T @ apart) / n),
+        maximise(
+            mean,
+            (covariance + apart.T @ apart) / n,
+            most=min(MOST_MODES, max(n // IMAGES_PER_MODE, 1)),
+        ),
         noise=max(noise, COOLING * model.noise),
         log_size=size,
         spread=spread,

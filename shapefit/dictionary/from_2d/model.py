@@ -28,7 +28,7 @@ class Images:
     """n images: landmarks w (n, 2, p), weights omega (n, p), 0 where hidden, sequence (n,).
 
     The landmarks of each sequence, numbered from 0, are of comparable size, and lie anywhere where
-    they are gross (n, p), None for nowhere.
+    they are gross (n, p); None where all are believed.
     """
 
     landmarks: Floats

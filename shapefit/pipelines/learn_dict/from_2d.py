@@ -19,6 +19,7 @@ from shapefit.errors import InputError, counted, input_error
 from shapefit.geometry.normalisation import normalise, spread
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet
+from shapefit.io.extras import EDGES
 from shapefit.io.records import concatenate
 from shapefit.pipelines.learn_dict.hidden import lift_by, predict_hidden
 from shapefit.pipelines.outcome import Outcome
@@ -79,15 +80,16 @@ def learn_from_landmarks(
         items=some.items,
         sequences=some.sequences,
         frame_rate=some.frame_rate,
+        edges=some.extras.get(EDGES),
     )
-    believed = some.seen() & ~state.gross
     gross = f"{int(state.gross.sum())} of {counted(int(some.seen().sum()), 'landmark')}"
     yield Outcome(
         line=f"{counted(len(some), 'image')}: {judgement.verdict}; {report(judgement, size)}; "
         f"{gross} gross and set aside",
         warnings=tuple(find_doubts(judgement, flip)),
     )
-    lifted = np.where(believed[:, None], images.landmarks, np.nan)
+    # the gross ones, too: a mixture may believe them, and sets aside those that it does not
+    lifted = np.where(some.seen()[:, None], images.landmarks, np.nan)
     return Learned(replace(some, landmarks=lifted), shapes, state, judgement, flip)
 
 
@@ -203,26 +205,28 @@ LARGER = 2.0
 QUICK = 3
 """Rounds of learning atoms that only have to find views."""
 
-Make = Callable[[ShapeSet, int, int], Generator[Outcome, None, Dictionary]]
-"""Makes a dictionary of shapes, with so many components of its prior, in so many rounds."""
+Make = Callable[[ShapeSet, int, int, bool], Generator[Outcome, None, Dictionary]]
+"""Makes a dictionary of shapes, with so many components of its prior, in so many rounds; whether
+the prior is one of varied bodies."""
 
 
 def relift(
-    learned: Learned, make: Make, components: int, iterations: int
+    learned: Learned, make: Make, components: int, iterations: int, varied: bool
 ) -> Generator[Outcome, None, Dictionary]:
     """Learn mixtures of the shapes that the prior before lifted, while they predict better.
 
-    components of the mixtures, 0 for as many as the images allow; iterations for the atoms.
+    components of the mixtures, 0 for as many as the images allow; iterations for the atoms. The
+    last prior, if any, is `varied`: it is to lift other bodies, those before to lift these.
     """
     images, shapes = learned.images, learned.shapes
     method = "posterior" if images.sequences is None else "sequences"
     number = components or int(np.clip(len(images) // IMAGES_PER_COMPONENT, 1, MOST_COMPONENTS))
-    made = yield from make(shapes, 0, QUICK)
+    made = yield from make(shapes, 0, QUICK, False)
     best = replace(made, **gaussian_prior(learned, made.mean_shape))
     error = predict_hidden(images, best).error
     of_best = shapes
     for _ in range(MIXTURES):
-        mixed = yield from make(shapes, number, QUICK)
+        mixed = yield from make(shapes, number, QUICK, False)
         found = predict_hidden(images, mixed).error
         gaussian = best.misfit is not None
         kept = found < (CLOSE * error if gaussian and number > 1 else error)
@@ -237,6 +241,8 @@ def relift(
         grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(shapes.shapes, axis=(1, 2))
         fine = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
         shapes = replace(shapes, shapes=np.where(fine[:, None, None], lifted, shapes.shapes))
-    made = yield from make(of_best, 0, iterations)
+    made = yield from make(of_best, number if varied else 0, iterations, varied)
     provenance = {**made.provenance, LEARNED_FROM: "landmarks"}
+    if varied:
+        return replace(made, provenance=provenance)
     return replace(made, prior=best.prior, misfit=best.misfit, provenance=provenance)

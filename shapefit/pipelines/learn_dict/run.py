@@ -105,12 +105,14 @@ def make_from_landmarks(
     inputs = digests(config.shapes)
     learned = yield from learn_from_landmarks(source, options.place, config.flip)
 
-    def make(shapes: ShapeSet, components: int, iterations: int) -> Making:
-        prior = config.prior.model_copy(update={"components": components})
+    def make(shapes: ShapeSet, components: int, iterations: int, varied: bool) -> Making:
+        still = {} if varied else {"stretch": 0.0, "exchange": 0.0, "copies": None}
+        prior = config.prior.model_copy(update={"components": components, **still})
         asked = config.model_copy(update={"prior": prior, "iterations": iterations})
         return make_dictionary(find_training_shapes(shapes, options), asked, options, inputs)
 
-    return (yield from relift(learned, make, config.prior.components, config.iterations))
+    varied = config.prior.stretch > 0 or config.prior.exchange > 0
+    return (yield from relift(learned, make, config.prior.components, config.iterations, varied))
 
 
 def adapt_start(
