@@ -2,7 +2,8 @@
 
 Usage: python -m benchmarks.bench [--data FOLDER] [--cars FOLDER] [--only CASE]... [--quick]
            [--base REVISION] [--write-floors]
-Prints a Markdown table. Exit code 1 where a ratio is under its floor, or an image is not certified.
+Prints a Markdown table, then one of the goals. Exit code 1 where a ratio is under its floor, or an
+image is not certified.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def main() -> None:
                     table.faults.append(f"{case}: not measured. {error}")
     if arguments.write_floors:
         write_floors(base, core.LEVEL, {row.case: row.ratio for row in table.rows})
-    print("\n" + "\n".join(table.faults or ["Every floor holds."]))
+    print(f"\n{table.goals()}\n\n" + "\n".join(table.faults or ["Every floor holds."]))
     sys.exit(bool(table.faults))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -52,12 +52,15 @@ def mocap_goals(folder: Path) -> Iterator[Goal]:
     yield newton("subject 13, gap 1e-4", seen)
     yield newton("subject 13, gap 1e-6", seen, 1e-6)
     yield newton("subject 13, 30% hidden", partial(program, frames, 0.3))
-    yield Goal("two threads over one", "newton", seen, options(threads=2), options())
+    wall: Options = {"clock": "wall"}
+    yield Goal("two threads over one", "newton", seen, options(threads=2) | wall, options() | wall)
     for p, n in ((15, 500), (41, 60), (75, 20)):
         how: Options = {"misfit": 0.006, "threads": 1}
         build = partial(bodies, folder, p, n)
         yield Goal(f"posterior, 32 components, p={p}", "posterior", build, how, repeats=5)
-    yield Goal("learn-dict, k=128", "learn", partial(training, folder), {"k": 128}, repeats=3)
+    yield Goal(
+        "learn-dict, k=128", "learn", partial(training, folder), {"k": 128} | wall, repeats=3
+    )
 
 
 def cars_goals(folder: Path) -> Iterator[Goal]:
@@ -76,8 +79,9 @@ def grid_goals(quick: bool) -> Iterator[Goal]:
     for k in (32, 64) if quick else (32, 64, 128, 256):
         for p in (15,) if quick else (15, 33, 66):
             made = cache(partial(made_case, 500 if quick else 2000, k, p))
-            yield newton(f"made, k={k}, p={p}", partial(program, made))
-            yield newton(f"made, k={k}, p={p}, 30% hidden", partial(program, made, 0.3))
+            for name, hidden in (("", 0.0), (", 30% hidden", 0.3)):
+                build = partial(program, made, hidden)
+                yield replace(newton(f"made, k={k}, p={p}{name}", build), repeats=3)
 
 
 def compare_goal(goal: Goal, old: Environment, new: Environment, folder: Path, repeats: int) -> Row:

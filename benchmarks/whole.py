@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections import Counter
@@ -19,7 +19,8 @@ from benchmarks.environments import PROJECT, Environment, dependency_bytes, git
 from benchmarks.pairs import Comparison, Turn, compare
 from benchmarks.parts import tile as tile_people
 from benchmarks.processes import spent
-from benchmarks.table import Row, compared
+from benchmarks.reports import PART, measure, write_part
+from benchmarks.table import Row, compared, reached
 from shapefit.io import landmark_writer, open_landmarks
 
 FIT = "method: convex\nlambda: 0.1\nsolver: {tolerance: 1e-4}\n"
@@ -27,6 +28,9 @@ FIT = "method: convex\nlambda: 0.1\nsolver: {tolerance: 1e-4}\n"
 
 TEN, MILLION = 10, 46
 """How often the 21,740 images of subject 13 are taken: 217,400, and just over 10^6."""
+
+FAST, EVALUATED, MINUTE = 100_000, 200_000, 60
+"""Images a second that `verify` and `eval` are to reach, images of an `eval`, seconds of a demo."""
 
 NOISE = 1e-3
 """What the landmarks of tiles differ by, beside their standard deviation."""
@@ -44,9 +48,14 @@ def fit_cases(
         case = "fit, 21,740 images, CPU"
         yield case, partial(many, case, 1, repeats)
         case = "fit, 10^6 images, CPU"
-        yield case, partial(many, case, MILLION, min(repeats, 3))
+        yield case, partial(many, case, MILLION, min(repeats, 2))
         case = "fit, two threads over one"
-        yield case, partial(compare_threads, case, old, new, mocap, folder, repeats)
+        yield case, partial(compare_threads, case, old, new, mocap, folder, min(repeats, 5))
+        case = "verify, images/s"
+        yield case, partial(measure_verify, case, old, new, mocap, folder)
+    case = "eval, images/s"
+    yield case, partial(measure_eval, case, new, folder)
+    if mocap:
         case = "sequences end to end"
         yield case, partial(compare_sequences, case, old, new, mocap, folder, min(repeats, 3))
     case = "fit, 300 files of 100 images, parts, CPU"
@@ -84,6 +93,24 @@ def compare_threads(
     return compared(case, compare(one, two, repeats), certified=True, least=0.0)
 
 
+def measure_verify(case: str, old: Environment, new: Environment, mocap: Path, folder: Path) -> Row:
+    """All proofs of 217,400 images checked, in time of the processor."""
+    fitting, result = mocap_command(old, mocap, folder, TEN), folder / "out.h5"
+    run([new.command, *fitting, result], folder)
+    took = timed([new.command, "verify", result, "-d", fitting[3]], folder, spent)
+    return reached(case, FAST, 21_740 * TEN / took.seconds)
+
+
+def measure_eval(case: str, new: Environment, folder: Path) -> Row:
+    """Results with error bars judged by a truth, in time of the processor."""
+    parts = folder / "eval"
+    parts.mkdir()
+    for number in range(EVALUATED // PART):
+        write_part(parts, number, number * PART, PART)
+    seconds, _ = measure(str(new.python), parts)
+    return reached(case, FAST, EVALUATED / seconds)
+
+
 def mocap_command(old: Environment, mocap: Path, folder: Path, times: int) -> Sequence[str | Path]:
     """Return the fit of subject 13, `times` times over; the output is to be added."""
     landmarks, dictionary = mocap_files(old, mocap, folder)
@@ -105,7 +132,7 @@ def compare_sequences(
     run([old.command, *learn, mocap / "subject86_24fps.h5", "-o", dictionary], folder)
     config = configs / "people/sequences.yaml"
     command: list[str | Path] = ["fit", landmarks, "-d", dictionary, "-c", config, "-o"]
-    before, now = (partial(fit, one, command, folder / "out.h5") for one in (old, new))
+    before, now = (partial(fit, one, command, folder / "out.h5", spent) for one in (old, new))
     return compared(case, compare(before, now, repeats))
 
 
@@ -136,25 +163,38 @@ def compare_one(case: str, old: Environment, new: Environment, folder: Path, rep
     dictionary = learn_people(old, folder)
     image = PROJECT / "sample_data/one_person.csv"
     command: list[str | Path] = ["fit", image, "-d", dictionary, "-c", folder / "fit.yaml", "-o"]
-    before, now = (partial(fit, one, command, folder / "out.csv") for one in (old, new))
+    before, now = (partial(fit, one, command, folder / "out.csv", spent) for one in (old, new))
     if "numpy" not in case:
         return compared(case, compare(before, now, repeats))
-    numpy = partial(timed, [new.python, "-c", "import numpy"], folder)
+    numpy = partial(timed, [new.python, "-c", "import numpy"], folder, spent)
     return compared(case, compare(numpy, now, repeats), least=0.0)
 
 
 def install_cases(
     old: Environment, new: Environment, folder: Path
 ) -> Iterator[tuple[str, Callable[[], Row]]]:
-    """What a newcomer meets: the size of the dependencies, and the demonstration."""
+    """What a newcomer meets: the size of the dependencies, compiling, and the demonstration."""
     yield "installed dependencies", partial(compare_sizes, "installed dependencies", old, new)
-    yield "make demo, fresh clone", partial(compare_demos, "make demo, fresh clone", old, folder)
+    yield "install, CPU", partial(compare_installs, "install, CPU", old, folder)
+    yield "make demo, fresh clone, in a minute", partial(measure_demo, folder)
 
 
-def compare_demos(case: str, old: Environment, folder: Path) -> Row:
-    """Time `make demo` in fresh clones, once each: set-up, packages from pip's cache, and chain."""
-    before, now = partial(demo, old.name, folder / "old"), partial(demo, "HEAD", folder / "new")
-    return compared(case, compare(before, now, 1))
+def compare_installs(case: str, old: Environment, folder: Path) -> Row:
+    """Compile a wheel of either version from nothing, once each, in time of the processor."""
+    pip = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation"]
+    sides = []
+    for name in (old.name, "HEAD"):
+        source = clone(name, folder / "source" / name)
+        sides.append(partial(timed, [*pip, source, "-w", folder / "wheels" / name], folder, spent))
+    return compared(case, compare(sides[0], sides[1], 1))
+
+
+def measure_demo(folder: Path) -> Row:
+    """Time `make demo` in a fresh clone, once: set-up, packages from pip's cache, and chain."""
+    seconds = timed(["make", "demo"], clone("HEAD", folder / "demo")).seconds
+    return Row(
+        "make demo, fresh clone, in a minute", f"{MINUTE} s", f"{seconds:.0f} s", MINUTE / seconds
+    )
 
 
 def compare_sizes(case: str, old: Environment, new: Environment) -> Row:
@@ -210,13 +250,12 @@ def fit(
     return Turn(turn.seconds, well=counts["optimal"] / counts.total(), sum=total)
 
 
-def demo(revision: str, folder: Path) -> Turn:
-    """Clone a revision and time `make demo` in it."""
-    shutil.rmtree(folder, ignore_errors=True)
+def clone(revision: str, folder: Path) -> Path:
+    """Check a revision out into a fresh folder."""
     run(["git", "clone", "--quiet", "--no-checkout", PROJECT, folder], PROJECT)
     commit = git("rev-parse", revision).stdout.decode().strip()
     run(["git", "checkout", "--quiet", commit], folder)
-    return timed(["make", "demo"], folder)
+    return folder
 
 
 def timed(command: Sequence[str | Path], folder: Path, clock: Clock = time.perf_counter) -> Turn:

@@ -23,7 +23,8 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Iterable[Any]
         # A writer that ends its lines in CR LF puts cells with a CR in quotes, others do not.
         table = csv.writer(SimpleNamespace(write=lambda line: file.write(f"{line[:-2]}\n")))
         table.writerow(columns)
-        table.writerows([_null_for_nan(value) for value in row] for row in rows)
+        # Nan alone is not equal to itself; to ask millions of cells for their type takes long.
+        table.writerows([value if value == value else None for value in row] for row in rows)
 
 
 def _null_for_nan(value: Any) -> Any:
