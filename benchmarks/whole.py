@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -222,7 +223,9 @@ def mocap_files(old: Environment, mocap: Path, folder: Path) -> tuple[Path, Path
 
 
 def tile(source: Path, target: Path, times: int) -> Path:
-    """Write all images of a file again and again, with noise, so that no two are equal."""
+    """Write all images of a file again and again, with noise, so that no two are equal; once."""
+    if target.is_file():
+        return target
     rng = np.random.default_rng(0)
     with open_landmarks((source,)) as file, landmark_writer(target) as writer:
         (one,) = file.chunks(file.count)
