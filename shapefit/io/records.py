@@ -83,6 +83,17 @@ class Records:
         points: Floats = getattr(self, self.FORM.points.attribute)
         return points
 
+    @property
+    def lines(self) -> Integers | None:
+        """Pairs of landmarks (e, 2) that a line joins, as a field or among `extras`.
+
+        Pairs of other numbers are left out; None where there is no dataset of pairs.
+        """
+        edges = getattr(self, EDGES, self.extras.get(EDGES))
+        if edges is None or edges.ndim != 2 or edges.shape[1] != 2 or edges.dtype.kind not in "iu":
+            return None
+        return edges[((edges >= 0) & (edges < len(self.landmark_names))).all(axis=1)]
+
     def with_whole_points(self) -> Self:
         """Return the same items; a landmark with one unknown coordinate has none."""
         unknown = np.isnan(self.points).any(axis=1, keepdims=True)
@@ -228,10 +239,11 @@ class LandmarkSet(Records):
             moved = arranged(np.moveaxis(covariance, 1, -1), 0)
             labels[LANDMARK_COVARIANCE] = np.moveaxis(moved, -1, 1)
         whole = dict(extras.whole)
-        if EDGES in whole:
+        if self.lines is not None:
             position = np.full(len(self.landmark_names), -1)
             position[own] = columns
-            whole[EDGES] = _edges_between(whole[EDGES], position)
+            moved = position[self.lines]
+            whole[EDGES] = moved[(moved >= 0).all(axis=1)]
         return replace(
             self,
             landmarks=arranged(self.landmarks, np.nan),
@@ -336,18 +348,6 @@ def _pieces(counts: Integers, rows: NDArray[np.intp]) -> NDArray[np.intp]:
     ends = np.cumsum(counts)
     pieces = [np.arange(ends[row] - counts[row], ends[row]) for row in rows]
     return np.concatenate([np.empty(0, dtype=np.intp), *pieces])
-
-
-def _edges_between(edges: NDArray[Any], position: NDArray[np.intp]) -> NDArray[Any]:
-    """Return edges (e, 2) between landmarks that are now at `position`, -1 for those left out.
-
-    What is no such dataset stays as it is.
-    """
-    if edges.ndim != 2 or edges.shape[1] != 2 or edges.dtype.kind not in "iu":
-        return edges
-    inside = edges[((edges >= 0) & (edges < len(position))).all(axis=1)]
-    moved = position[inside]
-    return moved[(moved >= 0).all(axis=1)]
 
 
 def _mirror_index(index: NDArray[Any], p: int, place: str) -> NDArray[Any]:

@@ -202,15 +202,14 @@ def _rows(values: Floats) -> Floats:
 
 
 def _category(first: Record) -> Object:
-    edges = first.edges if isinstance(first, ShapeSet) else first.extras.get("edges")
     found: Object = {
         "id": CATEGORY,
         "name": "object",
         "keypoints": list(first.landmark_names),
         "skeleton": [],
     }
-    if edges is not None and edges.ndim == 2 and edges.shape[1] == 2 and edges.dtype.kind in "iu":
-        found["skeleton"] = (edges + 1).tolist()  # COCO counts from 1
+    if first.lines is not None:
+        found["skeleton"] = (first.lines + 1).tolist()  # COCO counts from 1
     return found
 
 

@@ -37,10 +37,9 @@ class Track:
     @property
     def edges(self) -> Integers:
         """Return pairs of landmarks (e, 2): those stated, or else those of a known skeleton."""
-        names = self.records.landmark_names
-        stated = getattr(self.records, EDGES, self.records.extras.get(EDGES))
-        edges = np.asarray(edges_of(names) if stated is None else stated, np.int64).reshape(-1, 2)
-        return edges[((edges >= 0) & (edges < len(names))).all(axis=1)]
+        stated = self.records.lines
+        known = edges_of(self.records.landmark_names) if stated is None else stated
+        return np.asarray(known, np.int64).reshape(-1, 2)
 
 
 def points_of(record: Solid, meshes: bool = False) -> Solid:

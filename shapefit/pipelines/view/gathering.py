@@ -113,12 +113,13 @@ def _take(
 
     if isinstance(records, ShapeSet | ResultSet):
         gathered.points[frames[:, None, None], np.arange(3)[:, None], columns] = records.shapes
-    if isinstance(records, ShapeSet):
-        if records.edges is not None:
-            gathered.edges = columns[records.edges]
-        if records.mesh_vertices is not None and records.mesh_faces is not None:
-            gathered.mesh_vertices |= dict(zip(frames.tolist(), records.mesh_vertices, strict=True))
-            gathered.mesh_faces = records.mesh_faces
+    if (
+        isinstance(records, ShapeSet)
+        and records.mesh_vertices is not None
+        and records.mesh_faces is not None
+    ):
+        gathered.mesh_vertices |= dict(zip(frames.tolist(), records.mesh_vertices, strict=True))
+        gathered.mesh_faces = records.mesh_faces
     numbers = records.extras.get(FRAME)
     if numbers is not None and numbers.shape == frames.shape and numbers.dtype.kind in "iuf":
         put(FRAME, numbers)
@@ -128,13 +129,11 @@ def _take(
         _take_result(records, put, put_landmarks)
         of_items = {name: records.extras.get(name) for name in (DOUBT, match)}
         for name, values in {"status": records.status, **of_items}.items():
-            if values is not None and np.ndim(values) == 1:  # one per item
+            if values is not None and np.shape(values) == frames.shape:
                 texts = gathered.texts.setdefault(name, np.full(n, "", dtype=object))
                 texts[frames] = np.asarray(values).astype(str)
-    edges = records.extras.get("edges")
-    if edges is not None and edges.ndim == 2 and edges.shape[1] == 2 and edges.dtype.kind in "iu":
-        inside = (edges >= 0).all() and (edges < len(columns)).all()
-        gathered.edges = columns[edges] if inside else gathered.edges
+    if records.lines is not None:
+        gathered.edges = columns[records.lines]
 
 
 def _visible(records: LandmarkSet) -> Floats:
