@@ -56,7 +56,7 @@ class Constants:
     client: float = 0.0052
     landmarks: float = 288.0
     result: float = 1889.0
-    entry: float = 472.0
+    entry: float = 359.0
     cores: float = 32.0
     storage: float = 10e9
     link: float = 200e6

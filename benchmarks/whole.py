@@ -16,6 +16,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from benchmarks import small_files
 from benchmarks.environments import PROJECT, Environment, dependency_bytes, git
 from benchmarks.pairs import Comparison, Turn, compare
 from benchmarks.parts import tile as tile_people
@@ -32,6 +33,9 @@ TEN, MILLION = 10, 46
 
 FAST, EVALUATED, MINUTE = 100_000, 200_000, 60
 """Images a second that `verify` and `eval` are to reach, images of an `eval`, seconds of a demo."""
+
+PLANNED = 120
+"""Seconds that 10^5 small files may take beside the lifting."""
 
 NOISE = 1e-3
 """What the landmarks of tiles differ by, beside their standard deviation."""
@@ -61,6 +65,8 @@ def fit_cases(
         yield case, partial(compare_sequences, case, old, new, mocap, folder, min(repeats, 3))
     case = "fit, 300 files of 100 images, parts, CPU"
     yield case, partial(compare_files, case, old, new, folder, min(repeats, 3))
+    case = "plan and manifest of 10^5 files, files/s"
+    yield case, partial(measure_plan, case, folder)
     case = "one image, CSV to CSV"
     yield case, partial(compare_one, case, old, new, folder, 3 * repeats)
     case = "import numpy over one image, CSV to CSV"
@@ -149,6 +155,12 @@ def compare_files(case: str, old: Environment, new: Environment, folder: Path, r
         return timed([one.command, *command, "-o", "parts/"], folder, spent)
 
     return compared(case, compare(partial(parts, old), partial(parts, new), repeats))
+
+
+def measure_plan(case: str, folder: Path) -> Row:
+    """An archive of 10^5 files planned and entered in its manifest, by the clock."""
+    seconds, _ = small_files.measure(folder)
+    return reached(case, small_files.FILES / PLANNED, small_files.FILES / seconds)
 
 
 def learn_people(old: Environment, folder: Path) -> Path:

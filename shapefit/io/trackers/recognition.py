@@ -9,7 +9,7 @@ from typing import Any
 
 from shapefit.io.sources import HDF5_SIGNATURE
 from shapefit.stores.opening import StoreError
-from shapefit.stores.shelf import State, find_state
+from shapefit.stores.shelf import THREADS, State, find_state
 
 OWN_FORMAT = "shapefit-"
 """What the root attribute `format` of our own HDF5 files begins with."""
@@ -46,7 +46,7 @@ def look(path: Path, head: bytes) -> Look:
     return NOTHING if state is None else _look(path, state)
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=THREADS)
 def _look(path: Path, _state: State) -> Look:
     """Open a file; the same state of it is not opened again for the next recogniser."""
     from shapefit.io.hdf5.opening import open_hdf5

@@ -191,6 +191,7 @@ class TestNamesInAnyOrder:
             other["item"][0] = one["item"][0]
         (warning,) = [told for told in texts(fit("partition=50")) if "more than one part" in told]
         assert warning.startswith("1 item in more than one part")
+        assert not [told for told in texts(fit("partition=50")) if "more than one part" in told]
         assert sorted(seen[:2]) == ["part-00000.h5", "part-00010.h5"]
 
 
