@@ -27,28 +27,32 @@ SAME_SIZE = 1.0
 """Weight of the size of an image beside the angle and the ratio of its axes."""
 
 
-def complete(images: Images, rank: int) -> tuple[Floats, Mask]:
-    """Return the landmarks (n, 2, p), centred, and which are gross (n, p).
+def complete(images: Images, rank: int, *, doubting: bool = False) -> tuple[Floats, Mask]:
+    """Return the landmarks (n, 2, p), centred, and which are gross (n, p), where in doubt.
 
     Hidden and gross ones are as factors of the rank have them; these are found by turns.
     """
     w, there = images.landmarks, images.weights > 0
     seen, placed = there, np.zeros_like(w)
-    for k in range(COMPLETION_ROUNDS + 1):
-        count = np.maximum(seen.sum(axis=1), 1)[:, None, None]
-        middle = np.where(seen[:, None], w - placed, 0.0).sum(axis=2, keepdims=True) / count
-        W = np.where(seen[:, None], w - middle, placed)
-        W = W - W.mean(axis=2, keepdims=True)
-        if k == COMPLETION_ROUNDS:
-            break
+    for k in range(COMPLETION_ROUNDS if doubting or not there.all() else 0):
+        W, middle = filled(w, seen, placed)
         flat = W.reshape(-1, W.shape[2])
         leading = np.linalg.eigh(flat.T @ flat)[1][:, -min(3 + k // 3, rank) :]
         placed = (flat @ leading @ leading.T).reshape(W.shape)
-        apart = np.linalg.norm(w - middle - placed, axis=1)
-        near = apart < FAR * max(float(np.median(apart[there])), NEAR)
-        rare = (there & ~near).sum(axis=1) > MOST * there.sum(axis=1)
-        seen = there & (near | rare[:, None])
-    return W, there & ~seen
+        if doubting:
+            apart = np.linalg.norm(w - middle - placed, axis=1)
+            near = apart < FAR * max(float(np.median(apart[there])), NEAR)
+            rare = (there & ~near).sum(axis=1) > MOST * there.sum(axis=1)
+            seen = there & (near | rare[:, None])
+    return filled(w, seen, placed)[0], there & ~seen
+
+
+def filled(w: Floats, seen: Mask, placed: Floats) -> tuple[Floats, Floats]:
+    """Return w (n, 2, p) as `placed` where not seen, centred; and its middle (n, 2, 1) before."""
+    count = np.maximum(seen.sum(axis=1), 1)[:, None, None]
+    middle = np.where(seen[:, None], w - placed, 0.0).sum(axis=2, keepdims=True) / count
+    W = np.where(seen[:, None], w - middle, placed)
+    return W - W.mean(axis=2, keepdims=True), middle
 
 
 def find_views(W: Floats, ranks: tuple[int, ...]) -> list[Views]:

@@ -1,6 +1,7 @@
 """Whether depth was learned: hidden landmarks, predicted by the model and by simpler ones.
 
-The rigid model has no deformations, the flat one no views: every image shows the same side.
+The rigid model has no deformations, the flat one no views: every image shows the same side, as it
+is or rolled about the axis of the camera.
 """
 
 from __future__ import annotations
@@ -12,9 +13,11 @@ import numpy as np
 from shapefit.dictionary.from_2d.expectation import expect
 from shapefit.dictionary.from_2d.factorisation import complete, find_views
 from shapefit.dictionary.from_2d.learning import State, first_state, improve, predict
-from shapefit.dictionary.from_2d.model import Images, Views, evenly, hide
+from shapefit.dictionary.from_2d.model import Floats, Images, Views, evenly, hide
+from shapefit.geometry.rotations import turn_about_axis
 
-SAMPLE, ROUNDS, RANK = 200, 15, 9
+SAMPLE, ROUNDS, RANK, MEANS = 200, 15, 9, 10
+TURNS, ROLL = slice(0, 3), slice(2, 3)
 
 GAIN = 0.05
 """Log evidence a landmark that views must bring, beyond a flat model.
@@ -24,6 +27,15 @@ A body before a camera at rest brings up to 0.1, one that turns by 60 degrees 0.
 
 SAME = 0.5
 """Share of what shapes differ from their mean, up to which those of halves count as the same."""
+
+CLOSE = 0.05
+"""Share of the size of shapes up to which those of halves count as the same, however stiff."""
+
+BLIND = 1.0
+"""Error of hidden landmarks that the middle of an image has, in the size of the shapes."""
+
+ROLLED = 0.5
+"""Roll of an image in radians, from which on a flat class may have rolled."""
 
 THIN = 0.05
 """Depth of the mean shape, as a share of its width, below which a class is flat."""
@@ -49,12 +61,13 @@ class Judgement:
     @property
     def fine(self) -> bool:
         """Whether a class was learned, be it doubtful."""
-        return self.verdict != ALIKE
+        return self.verdict in (LEARNED, DOUBTFUL)
 
 
 LEARNED = "learned"
 DOUBTFUL = "learned, but doubtful"
 ALIKE = "views too alike: depth is not determined"
+UNLIKE = "nothing in common: hidden landmarks are not predicted"
 
 
 def judge(images: Images, state: State) -> Judgement:
@@ -65,8 +78,12 @@ def judge(images: Images, state: State) -> Judgement:
     n, p = known.weights.shape
     rigid = rigid_state(known)
     W, _ = complete(known, RANK)
-    one_view = Views(np.broadcast_to(np.eye(3), (n, 3, 3)).copy(), np.zeros(n))
-    *_, flat = improve(known, first_state(known, W, one_view), ROUNDS, turning=False)
+    flat, evidence_of_flat = flat_state(known, W, np.zeros(n)), -np.inf
+    angle = rolls(W)
+    if np.abs(angle).max() > ROLLED:
+        rolled = flat_state(known, W, angle)
+        evidence_of_flat = rolled.objective - price_of_views(known, rolled, ROLL)
+    evidence_of_flat = max(evidence_of_flat, flat.objective)
     *_, learned = improve(known, rigid, ROUNDS)
 
     def error(of: State) -> float:
@@ -76,19 +93,38 @@ def judge(images: Images, state: State) -> Judgement:
     forward = state.views.rotation[:, 2]
     apart = halves_apart(known, learned)
     closest = np.abs(forward @ forward[evenly(len(forward), SAMPLE)].T).min()
-    gain = (learned.objective - price_of_views(known, learned) - flat.objective) / (n * p)
+    gain = (learned.objective - price_of_views(known, learned, TURNS) - evidence_of_flat) / (n * p)
     size = np.linalg.svd(state.model.mean, compute_uv=False)
     deep = gain > GAIN and size[2] > THIN * size[0]
     deforms = np.sqrt(learned.model.covariance.trace()) / np.linalg.norm(learned.model.mean)
+    missed = error(learned)
+    same = apart < max(SAME * deforms, CLOSE)
     return Judgement(
-        learned=error(learned),
+        learned=missed,
         rigid=error(rigid),
         flat=error(flat),
         gain=gain,
         turn=float(np.degrees(np.arccos(min(closest, 1.0)))),
         apart=apart,
-        verdict=ALIKE if not deep else LEARNED if apart < SAME * deforms else DOUBTFUL,
+        verdict=UNLIKE if missed > BLIND else ALIKE if not deep else LEARNED if same else DOUBTFUL,
     )
+
+
+def flat_state(images: Images, W: Floats, angle: Floats) -> State:
+    """Return the flat model of completed landmarks W (n, 2, p), each image rolled by its angle."""
+    views = Views(turn_about_axis(2, angle), np.zeros(len(W)))
+    *_, flat = improve(images, first_state(images, W, views), ROUNDS, turning=False)
+    return flat
+
+
+def rolls(W: Floats) -> Floats:
+    """Angles (n,) by which images (n, 2, p) are rolled from their mean, found by turns."""
+    z = W[:, 0] + 1j * W[:, 1]
+    mean = z[0]
+    for _ in range(MEANS):
+        angle = np.angle(z @ mean.conj())
+        mean = (z * np.exp(-1j * angle)[:, None]).mean(axis=0)
+    return angle
 
 
 def rigid_state(images: Images) -> State:
@@ -118,11 +154,14 @@ def halves_apart(images: Images, learned: State) -> float:
     return float(np.mean(found))
 
 
-def price_of_views(images: Images, state: State) -> float:
-    """sum_n log(8 pi^2 |H_n|^(1/2) / (2 pi)^(3/2)): what it costs that rotations were chosen.
+def price_of_views(images: Images, state: State, axes: slice) -> float:
+    """sum_n log(S |H_n|^(1/2) / (2 pi)^(d/2)): what it costs that rotations were chosen.
 
-    By Laplace's method for a uniform prior over rotations; H is the information of a rotation.
+    By Laplace's method for a uniform prior over the d axes; H is the information of a rotation
+    about them, S = 8 pi^2 the size of all rotations, or 2 pi of those about one axis.
     """
-    H = expect(images, state.views, state.model).information[:, :3, :3]
-    log_det = np.linalg.slogdet(H + 1e-9 * np.eye(3))[1]
-    return float((np.log(8 * np.pi**2) - 1.5 * np.log(2 * np.pi) + 0.5 * log_det).sum())
+    H = expect(images, state.views, state.model).information[:, axes, axes]
+    d = H.shape[1]
+    size = 8 * np.pi**2 if d > 1 else 2 * np.pi
+    log_det = np.linalg.slogdet(H + 1e-9 * np.eye(d))[1]
+    return float((np.log(size) - 0.5 * d * np.log(2 * np.pi) + 0.5 * log_det).sum())

@@ -89,21 +89,24 @@ def learn(images: Images) -> Iterator[State]:
     believed to be gross only where others, hidden, are then predicted clearly better: rare poses
     of a class that is no Gaussian look gross, too.
     """
-    W, gross = complete(images, max(RANKS))
     ranks = tuple(sorted({min(rank, images.landmarks.shape[2] - 1) for rank in RANKS}))
-    starts = find_views(W, ranks)
     some = evenly(len(images), TRIAL_IMAGES)
     hidden = hide(images[some].weights > 0)
     known = images[some].hiding(hidden)
-    doubting = replace(known, gross=gross[some] & ~hidden)
-    trials = [tried(doubting, W[some], views[some]) for views in starts]
+    W, _ = complete(images, max(RANKS))
+    starts = find_views(W, ranks)
+    trials = [tried(known, W[some], views[some]) for views in starts]
     best = int(np.argmax([trial.objective for trial in trials]))
-    if trials[best].gross.any():
-        trusting = tried(known, W[some], starts[best][some])
-        errors = [hidden_error(images[some], hidden, of) for of in (trials[best], trusting)]
+    first = first_state(images, W, starts[best])
+    W, gross = complete(images, max(RANKS), doubting=True)
+    if gross[some].any():
+        (views,) = find_views(W, ranks[best : best + 1])
+        doubting = tried(replace(known, gross=gross[some] & ~hidden), W[some], views[some])
+        errors = [hidden_error(images[some], hidden, of) for of in (doubting, trials[best])]
         if errors[0] < CLEARLY * errors[1]:
             images = replace(images, gross=gross)
-    yield from improve(images, first_state(images, W, starts[best]))
+            first = first_state(images, W, views)
+    yield from improve(images, first)
 
 
 def tried(images: Images, W: Floats, views: Views) -> State:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.from_2d.factorisation import complete, find_views
-from shapefit.dictionary.from_2d.judgement import ALIKE, LEARNED, judge
+from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, LEARNED, UNLIKE, judge
 from shapefit.dictionary.from_2d.learning import learn
 from shapefit.dictionary.from_2d.model import Images
-from shapefit.geometry.rotations import turn_about_axis
+from shapefit.geometry.rotations import exponential, random_rotations, turn_about_axis
 from tests.dictionary.from_2d.conftest import relative_error
 
 
@@ -67,6 +67,79 @@ def test_halves_disagree_where_each_pose_is_seen_from_one_side(rng, turn, learne
     assert (found.apart < 0.1) == learned
 
 
+P = 14
+
+
+def shapes_of(rng, n=80, modes=3, deviation=0.15, depth=1.0):
+    """Draw shapes (n, 3, p) in their own frame; depth is a factor of z."""
+    X = rng.standard_normal((3, P)) + np.einsum(
+        "ipq,nq->nip",
+        deviation * rng.standard_normal((3, P, modes)),
+        rng.standard_normal((n, modes)),
+    )
+    return X * [[1.0], [1.0], [depth]]
+
+
+def swayed(rng, axis, degrees, **given):
+    X = shapes_of(rng, **given)
+    return turn_about_axis(axis, np.radians(degrees * np.sin(np.arange(len(X))))) @ X
+
+
+def seen_anywhere(rng, **given):
+    X = shapes_of(rng, **given)
+    return random_rotations(len(X), rng) @ X
+
+
+def seen_from_before(rng, degrees, **given):
+    X = shapes_of(rng, **given)
+    return exponential(np.radians(degrees) * rng.standard_normal((len(X), 3))) @ X
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.03])
+@pytest.mark.parametrize(
+    ("make", "verdicts"),
+    [
+        (lambda rng: shapes_of(rng), {ALIKE}),
+        (lambda rng: shapes_of(rng, deviation=0.0), {ALIKE}),
+        (lambda rng: swayed(rng, 1, 15), {ALIKE}),
+        (lambda rng: swayed(rng, 2, 90), {ALIKE}),
+        (lambda rng: swayed(rng, 2, 90, deviation=0.0), {ALIKE}),
+        (lambda rng: seen_anywhere(rng, deviation=0.0, depth=0.0), {ALIKE}),
+        (lambda rng: seen_anywhere(rng, depth=0.0), {ALIKE, DOUBTFUL}),
+        (lambda rng: rng.standard_normal((80, 3, P)), {UNLIKE}),
+        (lambda rng: seen_anywhere(rng, n=20, modes=6, deviation=0.25), {DOUBTFUL}),
+        (lambda rng: seen_anywhere(rng), {LEARNED}),
+        (lambda rng: seen_anywhere(rng, deviation=0.0), {LEARNED}),
+        (lambda rng: seen_anywhere(rng, n=30, deviation=0.0), {LEARNED}),
+        (lambda rng: seen_anywhere(rng, depth=0.2), {LEARNED}),
+        (lambda rng: seen_from_before(rng, 30, n=150), {LEARNED}),
+    ],
+    ids=[
+        "camera at rest",
+        "same shape, same view",
+        "sways by 15 degrees",
+        "camera rolls",
+        "same shape, camera rolls",
+        "flat and stiff",
+        "flat and bends",
+        "noise",
+        "20 images of 6 modes",
+        "any view",
+        "stiff",
+        "stiff, 30 images",
+        "shallow",
+        "from before",
+    ],
+)
+def test_verdicts(rng, make, verdicts, noise):
+    X = make(rng)
+    X = X / (X - X.mean(axis=2, keepdims=True))[:, :2].std()
+    landmarks = X[:, :2] + noise * rng.standard_normal((len(X), 2, P))
+    images = Images(landmarks, np.ones((len(X), P)), np.zeros(len(X), np.intp))
+    *_, state = learn(images)
+    assert judge(images, state).verdict in verdicts
+
+
 def spoil(images, share, rng):
     """Throw some landmarks anywhere within their image; return which, too."""
     bad = rng.random(images.weights.shape) < share
@@ -82,10 +155,14 @@ def test_gross_landmarks_are_found_and_the_objective_never_falls(plant, rng):
     assert (np.diff([state.objective for state in states]) > 0).all()
     gross = states[-1].gross
     assert (gross & bad).sum() > 0.9 * bad.sum()
-    assert not (gross & ~bad).any()
+    assert (gross & ~bad).sum() < 0.002 * bad.size
     assert relative_error(states[-1].in_camera, made.shapes) < 0.03
 
 
-def test_no_landmark_of_clean_images_is_gross(plant):
-    *_, state = learn(plant(100, p=24, noise=0.01).images)
+def test_no_landmark_of_clean_images_is_gross_even_where_a_pose_is_rare(plant, rng):
+    made = plant(100, p=24, noise=0.01)
+    views, raised = made.views.rotation[:5], np.zeros((3, 24))
+    raised[:, :4] = 1.2 * rng.standard_normal((3, 1))
+    made.images.landmarks[:5] += (views @ raised)[:, :2]
+    *_, state = learn(made.images)
     assert not state.gross.any()
