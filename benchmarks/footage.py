@@ -121,7 +121,8 @@ def landmark_rows(
     joints: Sequence[str], theta: Mapping[str, float]
 ) -> tuple[tuple[str, ...], Floats]:
     """Return the landmarks of the detector, and the weights (m, p) of the joints in them."""
-    names = tuple(SKELETONS["body_25b"].people)
+    people = SKELETONS["body_25b"].people
+    names = tuple(name for name, joint in people.items() if joint in joints)
     rows = np.zeros((len(names), len(joints)))
     for row, part in enumerate(people_parts(names).values()):
         for joint, weight in part.weights(theta).items():

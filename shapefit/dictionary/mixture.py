@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,11 @@ class Mixture:
         k, _, p = means.shape
         C = by_landmark.transpose(0, 2, 1, 4, 3).reshape(k, 3 * p, 3 * p)
         return cls(weights, means, C)
+
+    def marginal(self, landmarks: Integers) -> Mixture:
+        """Return the mixture over some of the landmarks, in this order."""
+        C = np.take(np.take(self.by_landmark, landmarks, axis=1), landmarks, axis=3)
+        return self.of_landmarks(self.weights, np.take(self.means, landmarks, axis=2), C)
 
     def log_density(self, shapes: Floats) -> Floats:
         """log(pi_k N(x_n; mu_k, C_k)) for shapes (n, 3, p): (n, K)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,6 +16,10 @@ LEARNED_FROM = "learned_from"
 
 SUITS = "suits"
 """Provenance: names of the configs of `fit` that suit the dictionary, with spaces between."""
+
+WHERE_MARKED = "where_marked"
+"""Provenance: groups of landmarks that a fit has only where its files mark one of them, and that
+hang on another, as `rankle:rheel,rball,rtoe`, with spaces between the groups."""
 
 
 @dataclass(frozen=True)
@@ -104,3 +108,64 @@ class Dictionary:
         if self.atom_items is None:
             raise ValueError("the atoms have no items: they are not exemplars")
         return np.array([name != item for name in self.atom_items], dtype=bool)
+
+    @property
+    def groups(self) -> dict[str, tuple[str, tuple[str, ...]]]:
+        """Return the groups of `WHERE_MARKED` by their text: what each hangs on, its landmarks."""
+        texts = self.provenance.get(WHERE_MARKED, "").split()
+        pairs = ((text, text.partition(":")) for text in texts)
+        return {text: (pair[0], tuple(pair[2].split(","))) for text, pair in pairs}
+
+    @property
+    def hung(self) -> NDArray[np.int64]:
+        """Return what each landmark (p,) of those groups hangs on, -1 for the others."""
+        found = np.full(len(self.landmark_names), -1)
+        for other, landmarks in self.groups.values():
+            for name in landmarks:
+                found[self.landmark_names.index(name)] = self.landmark_names.index(other)
+        return found
+
+    def marked(self, landmarks: Collection[str]) -> Dictionary:
+        """Return it without the groups of `WHERE_MARKED` that hold none of the landmarks."""
+        kept = [text for text, (_, own) in self.groups.items() if set(own) & set(landmarks)]
+        dropped = {
+            name for text, (_, own) in self.groups.items() if text not in kept for name in own
+        }
+        if not dropped:
+            return self
+        names = [name for name in self.landmark_names if name not in dropped]
+        provenance = {**self.provenance, WHERE_MARKED: " ".join(kept)}
+        return replace(self.of_landmarks(names), provenance=provenance)
+
+    def of_landmarks(self, names: Sequence[str]) -> Dictionary:
+        """Return the dictionary of some landmarks: the marginal of the prior, edges between them.
+
+        `mirror_index` stays where the partners of all are among them.
+        """
+        columns = np.array([self.landmark_names.index(name) for name in names], dtype=np.int64)
+        place = np.full(len(self.landmark_names), -1)
+        place[columns] = np.arange(len(columns))
+        edges, partners, acceleration = self.edges, self.mirror_index, self.acceleration
+        give, length, covariance = self.edge_give, self.edge_length, self.edge_covariance
+        if edges is not None:
+            there = np.flatnonzero((place[edges] >= 0).all(axis=1))
+            edges = place[edges[there]]
+            give = None if give is None else give[there]
+            length = None if length is None else length[there]
+            covariance = None if covariance is None else covariance[np.ix_(there, there)]
+        if partners is not None:
+            partners = place[partners[columns]]
+            partners = partners if (partners >= 0).all() else None
+        return replace(
+            self,
+            atoms=np.take(self.atoms, columns, axis=2),
+            landmark_names=tuple(names),
+            mean_shape=np.take(self.mean_shape, columns, axis=1),
+            edges=edges,
+            mirror_index=partners,
+            prior=None if self.prior is None else self.prior.marginal(columns),
+            acceleration=None if acceleration is None else acceleration[columns],
+            edge_give=give,
+            edge_length=length,
+            edge_covariance=covariance,
+        )

@@ -70,11 +70,12 @@ def fit(
 
     landmarks: arrays (n, p, 2), NaN where unseen, or (n, p, 3) with a confidence; (p, 2) of one
     image; a list of frames (people, p, 2 or 3); or Landmarks with names. Arrays have the landmarks
-    of the dictionary in its order, or those of the skeleton that `keypoints` names, such as
-    "coco_17". dictionary: one that was read or learned, a file, or an installed one, such as
-    "people". weights (n, p) >= 0, 0 = hidden, in place of a confidence; lam and method as `lambda`
-    and `method` of the command. camera: matrices (3, 3) or (n, 3, 3) for a refinement under
-    perspective, or the section `camera` of the command, where `intrinsics` may be such matrices.
+    of the dictionary in its order (of "people" the first 15), or those of the skeleton that
+    `keypoints` names, such as "coco_17". dictionary: one that was read or learned, a file, or an
+    installed one, such as "people". weights (n, p) >= 0, 0 = hidden, in place of a confidence; lam
+    and method as `lambda` and `method` of the command. camera: matrices (3, 3) or (n, 3, 3) for a
+    refinement under perspective, or the section `camera` of the command, where `intrinsics` may be
+    such matrices.
     config: a YAML file or an installed config; by default that which suits the dictionary.
     options are further keys of the command, sections as mappings, such as
     `outliers={"method": "ransac"}` (docs/config.md). Images without a shape are in `failures` of
@@ -91,7 +92,8 @@ def fit(
     def reading(track: Track) -> InputOptions:
         return input_options(config_of(FitConfig, "fit", given, options, FILES).input, track)
 
-    images = _with_weights(_images(landmarks, keypoints, atoms.landmark_names, reading), weights)
+    names = atoms.marked(()).landmark_names
+    images = _with_weights(_images(landmarks, keypoints, names, reading), weights)
     if config is None:
         config = choose_suited(atoms.provenance, method, lambda: are_long(images.sequences))
     wanted = config_of(FitConfig, "fit", given, options, FILES, config)
@@ -104,16 +106,17 @@ def fit(
     with given_source(images, "landmarks", wanted.input.rename) as source:
         wanted, _ = settle(source)
         plan = plan_fit(wanted, atoms, source.head.landmark_names)
+        atoms = plan.dictionary
         report = Report(plan.report, atoms)
         messages: dict[str, str | Counted] = {text: text for text in plan.warnings}
-        names = name_warnings(source.head.landmark_names, atoms.landmark_names)
+        doubts = name_warnings(source.head.landmark_names, atoms.landmark_names)
         for batch in lift_source(source, plan):
             outcome = report.of(batch)
             records.append(batch.record)
             seconds += batch.seconds
             failures |= {failure.item: failure.reason for failure in outcome.failures}
             add_up(messages, outcome.warnings)
-    for message in (*messages.values(), *names, *report.warnings):
+    for message in (*messages.values(), *doubts, *report.warnings):
         if not isinstance(message, Note):
             warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)

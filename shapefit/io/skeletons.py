@@ -34,9 +34,14 @@ PEOPLE = (
 )
 """The joints of the dictionary `people`."""
 
+FURTHER = ("rheel", "rball", "rtoe", "lheel", "lball", "ltoe", "rhand", "lhand", "spine")
+"""Those that it has besides where files mark them."""
+
 PEOPLE_BONES = (
     "pelvis-rhip-rknee-rankle pelvis-lhip-lknee-lankle pelvis-neck-head "
-    "neck-rshoulder-relbow-rwrist neck-lshoulder-lelbow-lwrist"
+    "neck-rshoulder-relbow-rwrist neck-lshoulder-lelbow-lwrist "
+    "rankle-rheel rankle-rball-rtoe lankle-lheel lankle-lball-ltoe rwrist-rhand lwrist-lhand "
+    "pelvis-spine-neck"
 )
 _LIMBS = [joint for joint in PEOPLE if joint not in ("pelvis", "neck", "head")]
 
@@ -107,11 +112,21 @@ def _on_head(
     return Part(joint, fixed, {"head": along}, 0.03 if alone else 0.06, alone)
 
 
+def _at(joint: str, apart: float) -> Part:
+    """Return the part that lies at a joint, more or less; knuckles do together."""
+    return Part(joint, {joint: 1.0}, apart=apart, alone=not joint.endswith("hand"))
+
+
+_ENDS = (
+    *(("heel", "heel", 0.06), ("big toe", "toe", 0.06), ("small toe", "ball", 0.12)),
+    ("knuckle", "hand", 0.1),
+)
+
 # Of the height of a person shoulders are at 0.818, eyes at 0.936, the top of the head at 1, and
 # shoulders 0.259 apart (R. Drillis and R. Contini, Body segment parameters, 1966); ears stand a
 # third of that apart, a little below the eyes, and the nose below them.
 PARTS: Mapping[str, Part] = MappingProxyType(
-    {joint: Part(joint, {joint: 1.0}) for joint in PEOPLE}
+    {joint: Part(joint, {joint: 1.0}) for joint in (*PEOPLE, *FURTHER)}
     | {hip: _beside(hip, "hips") for hip in ("rhip", "lhip")}
     | {
         "crown": _on_head(1.0, joint="head", alone=True),
@@ -122,9 +137,11 @@ PARTS: Mapping[str, Part] = MappingProxyType(
         "nose": _on_head(0.52),
         "throat": Part(None, {"lshoulder": 0.5, "rshoulder": 0.5}, apart=0.03),
         "middle of hips": Part(None, {"lhip": 0.5, "rhip": 0.5}),
-        "middle of spine": Part(None, {"lhip": 0.25, "rhip": 0.25, "neck": 0.5}, apart=0.1),
+        "middle of spine": Part("spine", {"spine": 1.0}, apart=0.1),
         "thorax": Part("neck", {"neck": 1.0}, apart=0.1),
     }
+    | {f"{s}{part}": _at(f"{s}{joint}", apart) for s in "rl" for part, joint, apart in _ENDS}
+    | {f"{s}thumb": Part(None, {f"{s}wrist": 0.3, f"{s}hand": 0.7}, apart=0.15) for s in "rl"}
 )
 """The parts of the body that detectors mark."""
 
@@ -184,6 +201,19 @@ def _words(joints: Iterable[str]) -> dict[str, str]:
     return {f"{sides[joint[0]]}_{joint[1:]}": joint for joint in joints}
 
 
+_FEET = {
+    f"{side}{mark}": f"{side.lower()}{part}"
+    for side in "RL"
+    for mark, part in (("BigToe", "big toe"), ("SmallToe", "small toe"), ("Heel", "heel"))
+}
+_FEET_AND_HANDS = {
+    f"{side}_{mark}": side[0] + part
+    for side in ("left", "right")
+    for mark, part in (
+        *(("foot_index", "big toe"), ("heel", "heel"), ("thumb", "thumb")),
+        *(("index", "knuckle"), ("pinky", "knuckle")),
+    )
+}
 _FACE = {"Nose": "nose", "LEye": "leye", "REye": "reye", "LEar": "lear", "REar": "rear"}
 _SMALL_FACE = {
     "nose": "nose",
@@ -215,7 +245,7 @@ _PRESETS = (
         "MidHip-RHip-RKnee-RAnkle MidHip-LHip-LKnee-LAnkle "
         "Neck-Nose-REye-REar Nose-LEye-LEar "
         "LAnkle-LBigToe-LSmallToe LAnkle-LHeel RAnkle-RBigToe-RSmallToe RAnkle-RHeel",
-        _initials(_LIMBS) | _FACE | {"Neck": "throat", "MidHip": "middle of hips"},
+        _initials(_LIMBS) | _FACE | _FEET | {"Neck": "throat", "MidHip": "middle of hips"},
     ),
     _skeleton(
         "body_25b",
@@ -225,7 +255,7 @@ _PRESETS = (
         "Neck-LShoulder-LElbow-LWrist Neck-RShoulder-RElbow-RWrist "
         "LShoulder-LHip-RHip-RShoulder LHip-LKnee-LAnkle RHip-RKnee-RAnkle "
         "LAnkle-LBigToe-LSmallToe LAnkle-LHeel RAnkle-RBigToe-RSmallToe RAnkle-RHeel",
-        _initials(_LIMBS) | _FACE | {"Neck": "throat", "Head": "crown"},
+        _initials(_LIMBS) | _FACE | _FEET | {"Neck": "throat", "Head": "crown"},
     ),
     _skeleton(
         "halpe_26",
@@ -235,7 +265,10 @@ _PRESETS = (
         "Neck-LShoulder-LElbow-LWrist Neck-RShoulder-RElbow-RWrist "
         "Hip-LHip-LKnee-LAnkle Hip-RHip-RKnee-RAnkle "
         "LAnkle-LBigToe-LSmallToe LAnkle-LHeel RAnkle-RBigToe-RSmallToe RAnkle-RHeel",
-        _initials(_LIMBS) | _FACE | {"Neck": "throat", "Head": "crown", "Hip": "middle of hips"},
+        _initials(_LIMBS)
+        | _FACE
+        | _FEET
+        | {"Neck": "throat", "Head": "crown", "Hip": "middle of hips"},
     ),
     _skeleton(
         "h36m_17",
@@ -261,7 +294,7 @@ _PRESETS = (
         "right_shoulder-right_elbow-right_wrist-right_pinky-right_index-right_wrist-right_thumb "
         "left_hip-left_knee-left_ankle-left_heel-left_foot_index-left_ankle "
         "right_hip-right_knee-right_ankle-right_heel-right_foot_index-right_ankle",
-        _words(_LIMBS) | _SMALL_FACE,
+        _words(_LIMBS) | _SMALL_FACE | _FEET_AND_HANDS,
     ),
 )
 
@@ -286,13 +319,13 @@ def people_parts(names: Iterable[str]) -> dict[str, Part]:
 def part_names(names: Iterable[str]) -> dict[str, str]:
     """Return the part of the body, a name in `PARTS`, of those of the names that mark one."""
     known = {name: part for preset in _PRESETS for name, part in preset.parts.items()}
-    known |= dict(zip(PEOPLE, PEOPLE, strict=True))
+    known |= {joint: joint for joint in (*PEOPLE, *FURTHER)}
     return {name: known[name] for name in names if name in known}
 
 
 def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
     """Return the edges between landmarks that all have names of one skeleton; none otherwise."""
-    joints = _skeleton("people", " ".join(PEOPLE), PEOPLE_BONES, {})
+    joints = _skeleton("people", " ".join((*PEOPLE, *FURTHER)), PEOPLE_BONES, {})
     for skeleton in (joints, *_PRESETS):
         if set(names) <= set(skeleton.landmark_names):
             place = {name: number for number, name in enumerate(names)}

@@ -15,14 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.dictionary.mapped import mapped
-from shapefit.dictionary.model import Dictionary
+from shapefit.dictionary.model import WHERE_MARKED, Dictionary
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import LandmarkSet
 from shapefit.io.extras import Extras
 from shapefit.io.landmark_names import match_landmarks, nearest_names
 from shapefit.io.skeletons import THETA, Part, people_joints, people_parts
+from shapefit.lifting.aside import place_aside
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.unmapped import as_joints, see_rows
 
@@ -112,6 +113,19 @@ def find_joints(own: Sequence[str], known: Sequence[str], *, in_place: bool = Tr
     return Joints(tuple(known), parts, stand_ins)
 
 
+def of_files(dictionary: Dictionary, own: Sequence[str], *, in_place: bool = True) -> Dictionary:
+    """Return the dictionary without what it has only where files mark it, and these do not."""
+    if WHERE_MARKED not in dictionary.provenance:
+        return dictionary
+    joints = find_joints(own, dictionary.landmark_names, in_place=in_place)
+    return dictionary.marked({*own, *joints.stand_ins})
+
+
+def find_hung(dictionary: Dictionary) -> Integers | None:
+    """Return what each landmark (p,) hangs on, -1 for nothing; None where none does."""
+    return dictionary.hung if dictionary.provenance.get(WHERE_MARKED) else None
+
+
 def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> LandmarkSet:
     """Return the images with the landmarks that stand for joints named so, or their mean."""
     landmarks, confidence = images.landmarks, images.confidence
@@ -137,13 +151,15 @@ class Mapped:
     """Landmarks y = A(theta) x of the joints x of a dictionary.
 
     active, whether they are not the joints themselves; keep_covariance: that of all joints is
-    wanted in the result.
+    wanted in the result; hung, see `find_hung`, and the misfit.
     """
 
     joints: Joints
     theta: Mapping[str, float]
     active: bool
     keep_covariance: bool = False
+    hung: Integers | None = None
+    misfit: float = 0.0
 
     def see(self, dictionary: Dictionary) -> Dictionary:
         """Return the dictionary of the landmarks."""
@@ -151,10 +167,12 @@ class Mapped:
             return dictionary
         return mapped(dictionary, self.joints.matrix(self.theta), self.joints.apart())
 
-    def back(self, lifting: Lifting) -> tuple[Lifting, Extras]:
+    def back(self, lifting: Lifting, images: LandmarkSet) -> tuple[Lifting, Extras]:
         """Return the lifting of the joints, and all landmarks of the files as datasets."""
         if not self.active:
             return lifting, Extras()
+        if self.hung is not None:
+            lifting = place_aside(lifting, images.landmarks, self.hung, self.misfit)
         A, names = self.joints.matrix(self.theta), tuple(self.joints.parts)
         rows = self.joints.rows(names, self.theta) @ np.linalg.inv(A)
         stand_ins = {name for several in self.joints.stand_ins.values() for name in several}
@@ -165,6 +183,8 @@ class Mapped:
             sd = lifting.scale[:, None, None] * seen.deviation
             per_item[INPUT_SD] = sd.swapaxes(1, 2)
             per_item[INPUT_CORRELATION] = seen.correlation.swapaxes(1, 2).astype(np.float32)
+        if not names:
+            return as_joints(lifting, A, self.keep_covariance), Extras()
         whole = {INPUT_NAMES: np.array(names, dtype=object), MAP: A}
         return as_joints(lifting, A, self.keep_covariance), Extras(per_item, whole)
 

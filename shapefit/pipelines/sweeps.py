@@ -168,7 +168,7 @@ def prepare(
         seen,
         Choice(config.least_visible, config.offset, config.every),
         steps.corrupt if config.corrupts else None,
-        read_dictionary(dictionary).landmark_names,
+        read_dictionary(dictionary).marked(()).landmark_names,
         files.landmarks,
         files.warm_up,
     )

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -186,6 +186,7 @@ def verify_file(part: Part, work: Work) -> Generator[Outcome, None, None]:
     file, coverage, items = part.file, work.coverage, PartItems()
     with open_proofs(file) as results:
         terms = read_terms(results.attributes, file)
+        work = replace(work, dictionary=work.dictionary.marked(results.landmark_names))
         atoms, size = arrange_atoms(results, file, work), Size.of(work.dictionary)
         wrong = false_files(part, results, terms, work)
         with open_given(part, results, terms) as given:

@@ -10,6 +10,7 @@ import shapefit
 from shapefit.config import find_config, load_config
 from shapefit.config.named_files import FOLDER, find_dictionaries
 from shapefit.errors import InputError
+from shapefit.io.skeletons import FURTHER
 from shapefit.io.skeletons import PEOPLE as PEOPLE_JOINTS
 
 PEOPLE = FOLDER / "people.h5"
@@ -91,4 +92,4 @@ def test_every_command_with_a_dictionary_takes_a_name():
 
 
 def test_python_takes_a_name_too():
-    assert shapefit.read_dictionary("people").landmark_names == PEOPLE_JOINTS
+    assert shapefit.read_dictionary("people").landmark_names == (*PEOPLE_JOINTS, *FURTHER)

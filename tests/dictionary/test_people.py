@@ -17,9 +17,10 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.geometry.symmetry import mirror
 from shapefit.io import read_dictionary, read_shapes
-from shapefit.io.skeletons import PEOPLE, SKELETONS
+from shapefit.io.skeletons import FURTHER, PEOPLE, SKELETONS, edges_of
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
+JOINTS = (*PEOPLE, *FURTHER)
 FILE = FOLDER / "people.h5"
 LEARNING = ("method", "every", "align", "symmetry", "mirror", "k", "beta", "iterations", "prior")
 
@@ -30,7 +31,8 @@ def people():
 
 
 def test_it_has_the_joints_onto_which_all_skeletons_map(people):
-    assert people.landmark_names == PEOPLE
+    assert people.landmark_names == JOINTS
+    assert people.marked(()).landmark_names == PEOPLE
     for skeleton in SKELETONS.values():
         assert set(skeleton.people.values()) <= set(people.landmark_names)
 
@@ -38,15 +40,18 @@ def test_it_has_the_joints_onto_which_all_skeletons_map(people):
 def test_it_has_what_all_methods_need(people):
     assert people.unit == "m"
     assert people.frame_rate == 24
-    find_skeleton(people.edges, len(PEOPLE))
+    find_skeleton(people.marked(()).edges, len(PEOPLE))
+    assert {tuple(sorted(edge)) for edge in people.edges.tolist()} == {
+        tuple(sorted(edge)) for edge in edges_of(JOINTS)
+    }
     assert people.prior is not None
     assert (people.acceleration > 0).all()
-    assert people.edge_give.shape == (14,)
-    assert people.edge_covariance.shape == (14, 14)
+    assert people.edge_give.shape == (24,)
+    assert people.edge_covariance.shape == (24, 24)
     sides = {"r": "l", "l": "r"}
     for j, i in enumerate(people.mirror_index.tolist()):
-        name, other = PEOPLE[j], PEOPLE[i]
-        paired = name[0] in sides and f"r{name[1:]}" in PEOPLE
+        name, other = JOINTS[j], JOINTS[i]
+        paired = name[0] in sides and f"r{name[1:]}" in JOINTS
         assert other == (sides[name[0]] + name[1:] if paired else name)
 
 
@@ -61,7 +66,7 @@ def test_its_prior_does_not_know_left_from_right(people):
 
 
 def test_it_is_small_and_says_where_it_comes_from(people):
-    assert FILE.stat().st_size < 500_000
+    assert FILE.stat().st_size < 800_000
     origin = origin_of(people)
     assert "mocap.cs.cmu.edu" in origin.source
     assert "may not be resold" in origin.licence
@@ -93,6 +98,7 @@ def test_no_atom_and_no_mean_is_a_pose_of_the_motions(people, real_data):
     shapes = read_shapes([real_data / "mocap" / name for name in stored["shapes"]])
     training = shapes.take(every_nth(shapes.sequences, stored["every"]))
     poses = normalise(training.shapes).points
+    people = people.marked(())
     both = np.concatenate([poses, mirror(poses, people.mirror_index, 2)])
     given = np.concatenate([people.atoms, people.prior.means, people.mean_shape[None]])
     for shape in normalise(given).points:

@@ -80,7 +80,7 @@ def test_arrays_that_cannot_be_are_refused(landmarks, options, message):
 
 def test_a_fit_is_one_line_and_has_parts(found):
     assert repr(found) == (
-        "<shapefit.Fit: 36 images, 15 landmarks, method sequences, 36 trusted, in unknown>"
+        "<shapefit.Fit: 36 images, 21 landmarks, method sequences, 36 trusted, in unknown>"
     )
     assert len(found) == 36
     part = found[4:9]
@@ -115,6 +115,6 @@ def test_tables_of_other_libraries(found):
     assert list(table.columns[:5]) == ["item", "landmark", "x", "y", "z"]
     np.testing.assert_array_equal(table[["x", "y", "z"]].to_numpy(), found.shapes.reshape(-1, 3))
     dataset = pytest.importorskip("xarray") and found.to_xarray()
-    assert dict(dataset.sizes) == {"time": 36, "space": 3, "keypoints": 15, "individuals": 1}
+    assert dict(dataset.sizes) == {"time": 36, "space": 3, "keypoints": 21, "individuals": 1}
     of_one = dataset.position.sel(keypoints="lankle").to_numpy()[:, :, 0]
     np.testing.assert_array_equal(of_one, found.shapes[:, found.landmark_names.index("lankle")])

@@ -4,8 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from shapefit.io.skeletons import PARTS, PEOPLE, SKELETONS, THETA, Skeleton, people_joints
+from shapefit.io.skeletons import (
+    FURTHER,
+    PARTS,
+    PEOPLE,
+    SKELETONS,
+    THETA,
+    Skeleton,
+    people_joints,
+)
 
+JOINTS = (*PEOPLE, *FURTHER)
 EVERY_SKELETON = pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=list(SKELETONS))
 
 
@@ -36,7 +45,7 @@ def test_edges_are_unique_and_connect_what_they_name(skeleton: Skeleton) -> None
 @EVERY_SKELETON
 def test_joints_of_people_mirror_as_the_landmarks_do(skeleton: Skeleton) -> None:
     assert set(skeleton.people) <= set(skeleton.landmark_names)
-    assert set(skeleton.people.values()) <= set(PEOPLE)
+    assert set(skeleton.people.values()) <= set(JOINTS)
     assert len(set(skeleton.people.values())) == len(skeleton.people) >= 12
     for right, left in skeleton.mirror:
         joints = [skeleton.people.get(skeleton.landmark_names[i]) for i in (right, left)]
@@ -67,14 +76,14 @@ def test_weights_of_a_part_add_up_to_one_whatever_theta(part) -> None:
     for factor in (0.5, 1.0, 2.0):
         theta = {name: factor * parameter.mean for name, parameter in THETA.items()}
         assert sum(part.weights(theta).values()) == pytest.approx(1)
-    assert set(part.weights(dict.fromkeys(THETA, 1.0))) <= set(PEOPLE)
+    assert set(part.weights(dict.fromkeys(THETA, 1.0))) <= set(JOINTS)
 
 
 @EVERY_SKELETON
 def test_parts_mirror_as_the_landmarks_do(skeleton: Skeleton) -> None:
     def mirrored(weights):
         swap = {"r": "l", "l": "r"}
-        paired = {f"r{name[1:]}" for name in PEOPLE if f"l{name[1:]}" in PEOPLE}
+        paired = {f"r{name[1:]}" for name in JOINTS if f"l{name[1:]}" in JOINTS}
         twins = paired | {f"l{name[1:]}" for name in paired}
         return {
             (swap[name[0]] + name[1:] if name in twins else name): pytest.approx(weight)

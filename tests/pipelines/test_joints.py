@@ -27,6 +27,7 @@ from shapefit.pipelines.joints import (
     left_out_landmarks,
     name_warnings,
     named_as_joints,
+    of_files,
 )
 from tests.io.files import save
 
@@ -40,20 +41,20 @@ def people():
 
 @pytest.fixture
 def images(people, rng):
-    """Views of 24 means of the prior, with all 15 joints."""
+    """Views of 24 means of the prior, with all joints."""
     n = 24
     turn = np.linalg.qr(rng.standard_normal((n, 3, 3)))[0]
     turn[:, :, 0] *= np.linalg.det(turn)[:, None]
     return LandmarkSet(
         landmarks=100 * (turn @ people.prior.means[:n])[:, :2],
-        landmark_names=PEOPLE,
+        landmark_names=people.landmark_names,
         items=tuple(f"image{i}" for i in range(n)),
     )
 
 
 def as_detected(images, skeleton, theta=MEANS):
     """The images with the landmarks of a skeleton in its order, those of no part not found."""
-    joints = find_joints(skeleton.landmark_names, PEOPLE)
+    joints = find_joints(skeleton.landmark_names, images.landmark_names)
     points = np.full((len(images), 2, len(skeleton.landmark_names)), np.nan)
     names = list(joints.parts)
     columns = [skeleton.landmark_names.index(name) for name in names]
@@ -82,22 +83,26 @@ def lift(tmp_path):
 def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     images, lift, people, skeleton, tmp_path
 ):
-    joints = find_joints(skeleton.landmark_names, PEOPLE)
+    people = of_files(people, skeleton.landmark_names)
+    names, p = people.landmark_names, len(people.landmark_names)
+    joints = find_joints(skeleton.landmark_names, names)
     A = joints.matrix(MEANS)
     found, last = lift(as_detected(images, skeleton), theta=MEANS)
-    seen = images.landmarks @ A.T
-    hidden = [j for j, name in enumerate(PEOPLE) if name not in joints.stand_ins]
-    seen[..., hidden] = np.nan
+    seen = named_as_joints(as_detected(images, skeleton), joints, "here")
+    seen = seen.arrange(names, "here", leave_out=True)
+    points = images.arrange(names, "here", leave_out=True).landmarks @ A.T
+    points[..., [j for j, name in enumerate(names) if name not in joints.stand_ins]] = np.nan
+    np.testing.assert_allclose(seen.landmarks, points, atol=1e-9)
     write_dictionary(tmp_path / "seen.h5", mapped(people, A, joints.apart()))
     direct, _ = lift(
-        replace(images, landmarks=seen),
+        seen,
         tmp_path / "seen.h5",
         posterior={"covariance": True},
     )
     back = np.linalg.inv(A)
-    assert found.landmark_names == PEOPLE
+    assert found.landmark_names == names
     np.testing.assert_allclose(found.shapes, direct.shapes @ back.T, atol=1e-5)
-    covariance = direct.extras["shape_covariance"].reshape(len(images), 15, 3, 15, 3)
+    covariance = direct.extras["shape_covariance"].reshape(len(images), p, 3, p, 3)
     expected = np.einsum("ij,njaka,ik->nia", back, covariance, back)
     np.testing.assert_allclose(found.shape_sd.swapaxes(1, 2), np.sqrt(expected), rtol=1e-4)
     assert "landmarks taken for joints of people" in last.note
@@ -108,12 +113,14 @@ def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
     found, _ = lift(as_detected(images, BODY), theta=MEANS)
     names = tuple(map(str, found.extras["input_landmark_names"]))
     points = dict(zip(names, found.extras["input_shapes"].transpose(1, 0, 2), strict=True))
-    joint = dict(zip(PEOPLE, found.shapes.transpose(2, 0, 1), strict=True))
+    joint = dict(zip(found.landmark_names, found.shapes.transpose(2, 0, 1), strict=True))
     np.testing.assert_allclose(points["LKnee"], joint["lknee"], atol=1e-9)
     middle = (joint["lshoulder"] + joint["rshoulder"]) / 2
     np.testing.assert_allclose(points["Head"], middle + 1.5 * (joint["head"] - middle), atol=1e-9)
     np.testing.assert_allclose(points["Neck"], middle, atol=1e-9)
-    fitted = dict(zip(PEOPLE, found.landmarks_fitted.transpose(2, 0, 1), strict=True))
+    for mark, joint_of_foot in (("BigToe", "toe"), ("SmallToe", "ball"), ("Heel", "heel")):
+        np.testing.assert_allclose(points[f"R{mark}"], joint[f"r{joint_of_foot}"], atol=1e-9)
+    fitted = dict(zip(found.landmark_names, found.landmarks_fitted.transpose(2, 0, 1), strict=True))
     np.testing.assert_allclose(points["Head"][:, :2], fitted["head"], atol=1e-6)
     sd = found.extras["input_shape_sd"]
     assert sd.shape == (24, len(names), 3)
@@ -129,6 +136,31 @@ def test_planted_parameters_are_found(images, lift, head, hips):
     found = dict(part.split()[:2] for part in last.note.split("skeleton: ")[1].split(", ")[:2])
     assert float(found["head"]) == pytest.approx(head, rel=0.1)
     assert float(found["hips"]) == pytest.approx(hips, rel=0.1)
+
+
+def test_feet_hands_and_spine_are_there_where_files_mark_them(people):
+    """A marginal of the whole prior: what the files do not mark changes nothing."""
+    feet = {f"{s}{part}" for s in "rl" for part in ("heel", "ball", "toe")}
+    hands = {"rhand", "lhand"}
+    marked = {"coco_17": set(), "h36m_17": {"spine"}, "mediapipe_33": feet | hands}
+    for skeleton in SKELETONS.values():
+        part = of_files(people, skeleton.landmark_names)
+        assert set(part.landmark_names) - set(PEOPLE) == marked.get(skeleton.name, feet)
+        rows = [people.landmark_names.index(name) for name in part.landmark_names]
+        np.testing.assert_array_equal(part.atoms, people.atoms[..., rows])
+        covariances = people.prior_covariances[:, rows][:, :, :, rows]
+        np.testing.assert_array_equal(part.prior_covariances, covariances)
+        names = np.array(part.landmark_names)
+        assert (part.mirror_index[part.mirror_index] == np.arange(len(names))).all()
+        bones = {tuple(sorted(bone)) for bone in names[part.edges]}
+        every = {tuple(sorted(bone)) for bone in np.array(people.landmark_names)[people.edges]}
+        assert bones == {bone for bone in every if set(bone) <= set(names)}
+        assert len(part.edge_length) == len(part.edge_covariance) == len(bones)
+
+
+def test_only_one_toe_keeps_its_foot(people):
+    part = of_files(people, (*PEOPLE, "lheel"))
+    assert part.landmark_names == (*PEOPLE, "lheel", "lball", "ltoe")
 
 
 def test_ears_are_averaged_where_seen(images):
@@ -165,8 +197,7 @@ def test_the_convex_program_takes_landmarks_where_joints_are(images, lift):
 
 
 def test_nothing_changes_where_names_match(images):
-    joints = find_joints(PEOPLE, PEOPLE)
-    assert joints.stand_ins == {}
+    joints = find_joints(images.landmark_names, images.landmark_names)
     assert joints.stand_ins == {}
     assert named_as_joints(images, joints, "here") is images
 

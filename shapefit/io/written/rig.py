@@ -22,19 +22,21 @@ _LIMBS = (
     *(("shoulder", "Arm"), ("elbow", "ForeArm"), ("wrist", "Hand")),
     *(("hip", "UpLeg"), ("knee", "Leg"), ("ankle", "Foot")),
 )
-_CHEST, _SPINE, _HEAD = ("neck", "thorax", "throat"), "middle of spine", ("head", "crown")
+_CHEST, _HEAD = ("neck", "thorax", "throat"), ("head", "crown")
+_SPINE = ("spine", "middle of spine")
 
 JOINTS: Mapping[str, str] = {
     **dict.fromkeys(("pelvis", "middle of hips"), "Hips"),
-    **dict.fromkeys((_SPINE,), "Spine1"),
+    **dict.fromkeys(_SPINE, "Spine1"),
     **dict.fromkeys(_CHEST, "Spine2"),
     **dict.fromkeys(_HEAD, "Head"),
     **{f"{s}{part}": f"{side}{joint}" for s, side in _SIDES for part, joint in _LIMBS},
+    **{f"{s}ball": f"{side}ToeBase" for s, side in _SIDES},
 }
 """Parts of the body -> the names by which programs that move other bodies know their joints."""
 
 BONES: Mapping[str, str] = {
-    **dict.fromkeys((*_CHEST, _SPINE), "Spine"),
+    **dict.fromkeys((*_CHEST, *_SPINE), "Spine"),
     **dict.fromkeys(_HEAD, "Neck"),
     **{f"{s}shoulder": f"{side}Shoulder" for s, side in _SIDES},
     **{f"{s}hip": f"{side}HipJoint" for s, side in _SIDES},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +70,7 @@ class Floors:
         self._file = config.dictionary
         dictionary = read_dictionary(config.dictionary)
         names = common_landmarks(self._file, dictionary.landmark_names, head.landmark_names)
-        self._dictionary = _of_landmarks(dictionary, names)
+        self._dictionary = dictionary.of_landmarks(names)
         self._columns = match_landmarks(head.landmark_names, names)
         self._unit = head.unit
         self._waiting = _Waiting()
@@ -177,17 +177,6 @@ def _errors(
         for name, floor in FLOORS.items():
             errors[name][rows] = floor(true[rows], known)
     return errors
-
-
-def _of_landmarks(dictionary: Dictionary, names: tuple[str, ...]) -> Dictionary:
-    """Return the dictionary of some of its landmarks."""
-    columns = match_landmarks(dictionary.landmark_names, names)
-    return replace(
-        dictionary,
-        atoms=dictionary.atoms[..., columns],
-        mean_shape=dictionary.mean_shape[:, columns],
-        landmark_names=names,
-    )
 
 
 def _check_left_out(file: Path, dictionary: Dictionary, left_out: Sequence[str | None]) -> None:

@@ -38,7 +38,7 @@ from shapefit.pipelines.fit.chain import Chain, Lifter, Refinement, Search, View
 from shapefit.pipelines.fit.read import BATCH, ReadOptions, plan_reading, warn_of_source
 from shapefit.pipelines.fit.record import RecordOptions, warn_of_names
 from shapefit.pipelines.fit.report import ReportOptions
-from shapefit.pipelines.joints import MEANS, Mapped
+from shapefit.pipelines.joints import MEANS, Mapped, find_hung, of_files
 
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 class Plan:
     """What each step of a fit is given; no step sees the config, nor another step's options.
 
+    dictionary     as the files of landmarks need it
     threads        1: nothing is done beside something else
     stores_names   the output holds further datasets of the landmarks
     needs_rate     the frame rate of the files counts
@@ -84,6 +85,7 @@ def plan_fit(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence
     what the config asks for.
     """
     method, target = METHODS[config.method], output_format(config)
+    dictionary = of_files(dictionary, landmark_names, in_place=method.has_prior)
     if config.transforms and target.points_only:
         found = f"cannot be stored in {config.output}: CSV holds points only"
         raise input_error("transforms", found, "name an HDF5 output, or leave it out")
@@ -95,8 +97,16 @@ def plan_fit(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence
         camera=find_calibrated(config.camera),
         in_place=method.has_prior,
     )
-    active = method.has_prior and bool(read.joints.stand_ins)
-    mapped = Mapped(read.joints, config.theta or MEANS, active, config.posterior.covariance)
+    hung = find_hung(dictionary)
+    active = method.has_prior and bool(read.joints.stand_ins or hung is not None)
+    mapped = Mapped(
+        read.joints,
+        config.theta or MEANS,
+        active,
+        config.posterior.covariance,
+        hung,
+        find_misfit(config, dictionary),
+    )
     return Plan(
         dictionary=dictionary,
         input=read_options(config),
@@ -301,6 +311,7 @@ def choose_settings(config: FitConfig, dictionary: Dictionary, solve: Solve) -> 
         solve=solve,
         mean_shape=dictionary.mean_shape,
         needs={need.name: getattr(dictionary, need.name) for need in method.needs},
+        aside=None if (hung := find_hung(dictionary)) is None else hung >= 0,
         options=options,
         orthogonal=config.rotations == "orthogonal",
         tolerance=config.solver.tolerance,

@@ -54,6 +54,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
         said = (said_of_y(source), *said)
         wanted = wanted.seen_through(config.camera)
         plan = plan_fit(config, dictionary, source.head.landmark_names)
+        dictionary = plan.dictionary
         has_place = find_target_format(output).atom_meshes
         meshes = meshes_that_follow(wanted.pose, dictionary) if has_place else None
         with (
@@ -88,7 +89,7 @@ def lift_source(source: LandmarkSource, plan: Plan) -> Generator[Batch, None, No
     seen = plan.mapped.see(plan.dictionary)
     for images in read_ahead(read_images(source, plan.read), plan.overlaps(source)):
         began = time.perf_counter()
-        lifting, inputs = plan.mapped.back(fit_images(images, seen, plan.lift))
+        lifting, inputs = plan.mapped.back(fit_images(images, seen, plan.lift), images)
         seconds = time.perf_counter() - began
         record = as_result(images, lifting, plan.dictionary, plan.record, inputs)
         yield Batch(images, lifting, record, seconds)

@@ -19,7 +19,14 @@ from shapefit.pipelines.fit.default_camera import with_camera, without_camera
 from shapefit.pipelines.fit.error_bars import with_calibration
 from shapefit.pipelines.fit.plan import check_needs, choose_chain
 from shapefit.pipelines.items import spread
-from shapefit.pipelines.joints import MEANS, Joints, Mapped, find_joints, named_as_joints
+from shapefit.pipelines.joints import (
+    MEANS,
+    Joints,
+    Mapped,
+    find_joints,
+    named_as_joints,
+    of_files,
+)
 
 if TYPE_CHECKING:
     from shapefit.io.motion.calibration import CalibratedCamera
@@ -114,6 +121,7 @@ def settle(
         config = without_camera(config)
     images = straightened(first, calibrated)
     config, of_camera = with_camera(config, images)
+    dictionary = of_files(dictionary, source.head.landmark_names)
     joints = find_joints(source.head.landmark_names, dictionary.landmark_names)
     config, of_skeleton = with_theta(config, images, dictionary, joints)
     return config, of_camera + of_skeleton + of_bars

@@ -43,6 +43,7 @@ def adapt_to_landmarks(
     """
     place = ", ".join(map(str, config.landmarks))
     plan = plan_fit(config, start, source.head.landmark_names)
+    start = plan.dictionary
     joints, seen_start = plan.mapped, plan.mapped.see(start)
     A = joints.joints.matrix(joints.theta) if joints.active else np.eye(len(start.landmark_names))
     given = concatenate(list(read_images(source, plan.read)))

@@ -12,7 +12,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import read_dictionary, read_results, write_dictionary
-from shapefit.io.skeletons import PEOPLE
+from shapefit.io.skeletons import FURTHER, PEOPLE
 from shapefit.pipelines.convert import run as convert
 from shapefit.pipelines.fit.run import run as fit
 from tests.io.files import save
@@ -126,7 +126,9 @@ def test_a_real_man_is_as_large_as_a_man_and_stands_on_his_feet(real_data, tmp_p
     written, note = run(fit, "fit", tmp_path / "man.trc", *overrides, **given)
     assert written[0] == "man_person_1.trc"
     assert "in m by height 1.72 m, y up, the axis z of the extrinsics" in note
-    man = dict(zip(PEOPLE, points(tmp_path / written[0]).transpose(1, 0, 2), strict=True))
+    man = dict(
+        zip((*PEOPLE, *FURTHER[:6]), points(tmp_path / written[0]).transpose(1, 0, 2), strict=True)
+    )
 
     def length(a, b):
         return np.median(np.linalg.norm(man[a] - man[b], axis=1))

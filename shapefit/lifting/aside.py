@@ -1,0 +1,58 @@
+"""Landmarks that hang on another and never move it: feet on ankles, where detectors often guess.
+
+    y_a += K ((w_a - y_o) - (w_b - y_b)),    K = C_ao (C_oo + 2 v I)^-1
+
+for the shape y of an image, lifted without the landmarks w_a: each is seen from the landmark b that
+it hangs on, as the image has both. C is the covariance of y_a where all other landmarks are known,
+o are x and y, v is the misfit. The covariance of y becomes T C T^T + 2 v K K^T for y -> T y.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from shapefit.arrays import Floats, Integers
+from shapefit.lifting.lift import Lifting
+
+UNSEEN = 1e9
+"""Misfit of what an image does not show."""
+
+
+def place_aside(lifting: Lifting, landmarks: Floats, hung: Integers, misfit: float) -> Lifting:
+    """Return a lifting with covariances whose landmarks that hang on others are where images say.
+
+    landmarks (n, 2, p) as observed; hung (p,), what each hangs on, -1 for nothing; misfit, the
+    variance of landmarks in the unit of shapes.
+    """
+    found, p = lifting.estimate, len(hung)
+    assert found.covariance is not None, "the plan asks for it"
+    a, b = np.flatnonzero(hung >= 0), hung[hung >= 0]
+    every, o = np.concatenate([a, p + a, 2 * p + a]), np.concatenate([a, p + a])
+    rest = np.setdiff1d(np.arange(3 * p), every)
+    away = (landmarks - lifting.landmarks_fitted) / lifting.scale[:, None, None]
+    seen = np.tile((lifting.problem.weights[:, a] > 0) & (lifting.problem.weights[:, b] > 0), 2)
+    r = np.where(seen, (away[..., a] - away[..., b]).reshape(seen.shape), 0.0)
+    v = np.where(seen, 2 * misfit, UNSEEN)
+    C = found.covariance
+    known = C[:, rest][:, :, rest] + 1e-6 * np.eye(len(rest))
+    across = C[:, every][:, :, rest]
+    own = C[:, every][:, :, every] - across @ np.linalg.solve(known, across.swapaxes(1, 2))
+    q = len(o)
+    K = own[:, :, :q] @ np.linalg.inv(own[:, :q, :q] + v[:, None] * np.eye(q))
+    T = np.tile(np.eye(3 * p), (len(C), 1, 1))
+    for column, (landmark, other) in enumerate(zip(o, np.concatenate([b, p + b]), strict=True)):
+        T[:, every, landmark] -= K[..., column]
+        T[:, every, other] += K[..., column]
+    C = T @ C @ T.swapaxes(1, 2)
+    C[:, every[:, None], every] += (K * v[:, None]) @ K.swapaxes(1, 2)
+    step = np.zeros((len(C), 3, p))
+    step[..., a] = (K @ r[..., None]).reshape(len(C), 3, -1)
+    moved = lifting.scale[:, None, None] * step
+    return replace(
+        lifting,
+        shapes=lifting.shapes + moved,
+        landmarks_fitted=lifting.landmarks_fitted + moved[:, :2],
+        estimate=replace(found, shapes=found.shapes + step, covariance=C),
+    )

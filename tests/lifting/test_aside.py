@@ -1,0 +1,90 @@
+"""Feet hang on ankles: what an image shows of them turns them, and moves nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.config import FitConfig
+from shapefit.config.named_files import find_dictionary
+from shapefit.io import LandmarkSet, read_dictionary, read_results
+from shapefit.io.skeletons import PEOPLE
+from shapefit.pipelines.fit import run as fit
+from tests.io.files import save
+
+FEET = slice(15, 21)
+
+
+@pytest.fixture(scope="module")
+def people():
+    """The dictionary with feet, without hands and spine."""
+    return read_dictionary(find_dictionary("people")).marked(("rtoe", "ltoe"))
+
+
+@pytest.fixture
+def images(people, rng):
+    """Bodies of the prior, seen from all sides."""
+    n, p = 24, len(people.landmark_names)
+    prior = people.prior
+    drawn = prior.means[:n] + np.stack(
+        [rng.multivariate_normal(np.zeros(3 * p), C).reshape(3, p) for C in prior.covariances[:n]]
+    )
+    turn = np.linalg.qr(rng.standard_normal((n, 3, 3)))[0]
+    turn[:, :, 0] *= np.linalg.det(turn)[:, None]
+    return LandmarkSet(
+        landmarks=100 * (turn @ drawn)[:, :2],
+        landmark_names=people.landmark_names,
+        items=tuple(f"image{i}" for i in range(n)),
+    )
+
+
+@pytest.fixture
+def lift(tmp_path):
+    def lift(images):
+        save(tmp_path / "views.h5", images)
+        config = FitConfig(
+            landmarks=str(tmp_path / "views.h5"),
+            dictionary="people",
+            output=str(tmp_path / "result.h5"),
+            method="posterior",
+            posterior={"views": 12},
+        )
+        for _ in fit.run(config):
+            pass
+        return read_results(tmp_path / "result.h5")
+
+    return lift
+
+
+def test_feet_move_no_other_joint(images, lift):
+    moved = images.landmarks.copy()
+    moved[..., FEET] += 30
+    found, other = lift(images), lift(replace(images, landmarks=moved))
+    body, again = (each.shapes - each.shapes[..., :1] for each in (found, other))
+    same = np.isclose(body[..., :15], again[..., :15], atol=0.5).all(axis=(1, 2))
+    assert same.mean() > 0.9  # the size of an image, which has feet, is that of its start
+    assert (np.abs(body - again)[same][:, :2, FEET].mean(axis=(1, 2)) > 3).all()
+    np.testing.assert_allclose(
+        found.shape_sd[same][:, :, :15], other.shape_sd[same][:, :, :15], rtol=0.1
+    )
+
+
+def test_feet_that_are_seen_are_nearer_to_the_truth_in_the_image_and_surer(images, lift):
+    hidden = images.landmarks.copy()
+    hidden[..., FEET] = np.nan
+    seen, unseen = lift(images), lift(replace(images, landmarks=hidden))
+    off = [
+        np.abs(each.landmarks_fitted - images.landmarks)[..., FEET].mean()
+        for each in (seen, unseen)
+    ]
+    assert off[0] < 0.7 * off[1]
+    assert seen.shape_sd[:, :2, FEET].mean() < unseen.shape_sd[:, :2, FEET].mean()
+    assert (seen.shape_sd > 0).all()
+
+
+def test_a_file_without_feet_has_a_result_without(images, lift):
+    found = lift(images.arrange(PEOPLE, "here", leave_out=True))
+    assert found.landmark_names == PEOPLE
+    assert "input_shapes" not in found.extras
