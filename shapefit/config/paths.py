@@ -185,14 +185,15 @@ def _expand_url(path: UrlPath) -> tuple[Path, ...]:
 
 
 def result_parts(folder: Path) -> tuple[Path, ...]:
-    """Return the results in a folder that `fit` wrote part by part; none for any other folder.
+    """Return the results in a folder that `fit` wrote part by part, in the order of their numbers.
 
-    Raises ValueError where the manifest does not say which they are.
+    There are none for any other folder. Raises ValueError where the manifest does not say which
+    they are.
     """
     manifest = folder / MANIFEST
     try:
         parts = json.loads(read_bytes(manifest))["parts"]
-        names = sorted(str(part["file"]) for part in parts)
+        names = sorted((str(part["file"]) for part in parts), key=lambda name: (len(name), name))
         if strange := [name for name in names if PurePath(name).name != name]:
             raise ValueError(f"{strange[0]} is not in the folder")
         return tuple(folder / name for name in names)

@@ -75,7 +75,7 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
     folders = find_folders(config.files)
     for folder, manifest in folders.items():
         shared: dict[str, str] = {}
-        for name, entry in sorted(manifest.parts.items()):
+        for name, entry in manifest.parts.items():
             try:
                 if error := damage_of(folder / name, entry):
                     raise error

@@ -83,7 +83,7 @@ def find_equal_items(spans: Mapping[Path, Span], met: NameIndex, lifted: Collect
 
     met: the stable hashes of the names in the results that were just `lifted`. Of others they are
     read where these may share a name, and those in question all where two hashes are the same.
-    Where nothing was lifted, an earlier run has told them.
+    Where nothing was lifted, an earlier run has reported them.
     """
     groups = overlapping(spans) if lifted else []
     for part in (part for group in groups for part in group if part not in lifted):

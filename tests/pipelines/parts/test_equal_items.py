@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tracemalloc
 from itertools import combinations
 from pathlib import Path
@@ -58,6 +60,12 @@ def test_equal_hashes_are_not_equal_names(parts, monkeypatch):
     equal = find_equal(parts(("a", "b"), ("c", "b"), ("b", "d")))
     assert equal.count == 1
     assert [path.name for path in equal.examples[0][1:]] == ["part-00000.h5", "part-00001.h5"]
+
+
+def test_hashes_are_the_same_in_all_processes():
+    said = "from shapefit.io.name_index import stable_hashes as h; print(*h(('a', 'b')).tolist())"
+    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == list(map(str, name_index.stable_hashes(("a", "b")).tolist()))
 
 
 def test_none_within_one_part(parts):

@@ -14,6 +14,7 @@ import pytest
 from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
+from shapefit.config.paths import result_parts
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts import equal_items, manifest, plan
 from shapefit.pipelines.parts import run as parts
@@ -232,6 +233,13 @@ class TestTheManifest:
             file.truncate(MANIFEST.stat().st_size - 40)
         assert done(fit("partition=5")) == (FILES - 6) * IMAGES
         same_as_one_run()
+
+    def test_lists_parts_in_the_order_of_their_numbers(self):
+        names = [f"part-{number}.h5" for number in ("09999", "10000", "99999", "100000")]
+        content = {"parts": [{"file": name} for name in reversed(names)]}
+        Path("out").mkdir()
+        MANIFEST.write_text(json.dumps(content))
+        assert [path.name for path in result_parts(Path("out"))] == names
 
     def test_of_the_first_version_is_taken_up(self):
         fit("partition=5")
