@@ -39,13 +39,7 @@ def spread(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
 
     Infinite where points are too far apart for their squares.
     """
-    centred = points - centroid(points, visible)[..., None]
-    with np.errstate(over="ignore"):
-        if visible is None:
-            return np.sqrt((centred**2).mean(axis=-1)).mean(axis=-1)
-        count = np.maximum(visible.sum(axis=-1), 1)[..., None]
-        squares = np.where(visible[..., None, :], centred, 0.0) ** 2
-        return np.sqrt(squares.sum(axis=-1) / count).mean(axis=-1)
+    return _spread_of(points - centroid(points, visible)[..., None], visible)
 
 
 def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Normalised:
@@ -56,9 +50,19 @@ def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Norma
     Source: released solver's convention, see docs/method.md, Conventions.
     """
     middle = centroid(points, visible)
-    scale = spread(points, visible)
+    centred = points - middle[..., None]
+    scale = _spread_of(centred, visible)
     with np.errstate(divide="ignore", invalid="ignore"):
-        out = (points - middle[..., None]) / scale[..., None, None]
+        out = centred / scale[..., None, None]
     if visible is not None:
         out = np.where(visible[..., None, :], out, 0.0)
     return Normalised(out, middle, scale)
+
+
+def _spread_of(centred: Floats, visible: NDArray[np.bool_] | None) -> Floats:
+    with np.errstate(over="ignore"):
+        if visible is None:
+            return np.sqrt((centred**2).mean(axis=-1)).mean(axis=-1)
+        count = np.maximum(visible.sum(axis=-1), 1)[..., None]
+        squares = np.where(visible[..., None, :], centred, 0.0) ** 2
+        return np.sqrt(squares.sum(axis=-1) / count).mean(axis=-1)

@@ -96,7 +96,7 @@ class Estimate:
     def status_words(self) -> NDArray[np.object_]:
         """Return the words of all statuses (n,); to ask each one takes ten times as long."""
         words = {id(each): each.value for each in Status}
-        return np.array([words[id(each)] for each in self.status], dtype=object)
+        return np.array([*map(words.__getitem__, map(id, self.status))], dtype=object)
 
     def in_unit(self, grow: Floats | float = 1.0, shrink: Floats | float = 1.0) -> Estimate:
         """Return it with error bars times grow / shrink, numbers (n, 1, 1) or one for all.

@@ -128,6 +128,8 @@ def find_hung(dictionary: Dictionary) -> Integers | None:
 
 def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> LandmarkSet:
     """Return the images with the landmarks that stand for joints named so, or their mean."""
+    if not joints.names:
+        return images
     landmarks, confidence = images.landmarks, images.confidence
     weights = images.weights()
     for several in joints.stand_ins.values():
@@ -143,7 +145,7 @@ def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> Landmark
             confidence = confidence.copy()
             confidence[:, columns[0]] = weights[:, columns].sum(axis=1) / count
     changed = replace(images, landmarks=landmarks, confidence=confidence)
-    return changed.renamed(joints.names, place) if joints.names else images
+    return changed.renamed(joints.names, place)
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ class Hdf5Writer(StoredWriter):
     def __init__(self, file: FileIO, form: Format) -> None:
         super().__init__(form)
         self._datasets: dict[str, Any] = {}
-        self._chunk_rows: dict[str, int] = {}
+        self._chunks: dict[str, tuple[int, np.dtype[Any]]] = {}
         self._written: dict[str, int] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
         self._waiting: dict[str, list[Array]] = {}
@@ -94,7 +94,7 @@ class Hdf5Writer(StoredWriter):
             self._write_waiting()
 
     def _write_waiting(self, *, last: bool = False) -> None:
-        """Write the rows that wait; of sparse datasets those that fill chunks, before the last."""
+        """Write the rows that wait; of numbers those that fill chunks, before the last."""
         self._held = 0
         rows = {name: np.concatenate(values) for name, values in self._waiting.items()}
         with self._spool_errors():
@@ -103,15 +103,18 @@ class Hdf5Writer(StoredWriter):
                 self._check_spool()
             for name, values in rows.items():
                 dataset, start = self._datasets[name], self._written[name]
-                chunk = self._chunk_rows[name]
-                deflates = len(values) // chunk * chunk if name in self._form.sparse else 0
-                end = deflates if name in self._form.sparse and not last else len(values)
+                chunk, kind = self._chunks[name]
+                by_chunk = values.dtype.kind != "O" and values.size > 0
+                whole = len(values) // chunk * chunk if by_chunk else 0
+                end = whole if by_chunk and not last else len(values)
                 self._written[name] = start + end
                 dataset.id.set_extent((start + end, *values.shape[1:]))
-                for at in range(0, deflates, chunk):
+                encode = deflated if name in self._form.sparse else np.ascontiguousarray
+                for at in range(0, whole, chunk):
                     place = (start + at,) + (0,) * (values.ndim - 1)
-                    dataset.id.write_direct_chunk(place, deflated(values[at : at + chunk]))
-                append_rows(dataset, start + deflates, values[deflates:end])
+                    rows_of_it = values[at : at + chunk].astype(kind, copy=False)
+                    dataset.id.write_direct_chunk(place, encode(rows_of_it))
+                append_rows(dataset, start + whole, values[whole:end])
                 self._waiting[name] = [values[end:]]
                 self._check_spool()
 
@@ -119,7 +122,7 @@ class Hdf5Writer(StoredWriter):
         self._begun = True
         for name, values in rows.items():
             self._datasets[name] = self._extendable(name, values)
-            self._chunk_rows[name] = self._datasets[name].chunks[0]
+            self._chunks[name] = self._datasets[name].chunks[0], values.dtype
             self._written[name] = 0
         for dataset in self._form.datasets:
             value = getattr(self._first, dataset.attribute)
@@ -175,7 +178,7 @@ class Hdf5Writer(StoredWriter):
 
 def append_rows(dataset: Any, start: int, values: Array) -> None:
     """Do what `dataset[start:] = values` does in twice the time, or leave texts to that."""
-    if not len(values):
+    if not values.size:
         return
     if values.dtype.kind == "O":
         dataset[start:] = values

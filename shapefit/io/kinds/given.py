@@ -64,7 +64,7 @@ def given_source(
     With `gaps` landmarks of shapes may be unknown. Raises InputError as for what a file holds.
     """
     given = Given(name, records, records.FORM)
-    check_values(given, records.FORM, gaps=gaps)
+    check_values(given, records.FORM, gaps=gaps, items=records.items)
     check_known(rename, [(name, records.landmark_names)])
     records = records.with_whole_points().renamed(rename, name)
     items = ItemList(lambda: [records.items], lambda row: given.place("item", row))

@@ -54,10 +54,11 @@ def check_values(
     """Raise InputError for items without a name, and values that cannot be computed with.
 
     With `gaps` a landmark of a shape may be unknown. Only the rows of `part` are looked at; `items`
-    are the names of these, where they were read before. What results hold is checked where it is
-    read.
+    are the names of these, None where `named` looks at them when they are read. What results hold
+    is checked where it is read.
     """
-    check_named(reader, reader.read_blocks("item", part) if items is None else [items])
+    if items is not None:
+        check_named(reader, [items])
     if form is LANDMARKS:
         fix = "write NaN where the landmark is unseen"
         _check(reader, "landmarks", reader.read_blocks("landmarks", part), np.isinf, fix)
@@ -117,6 +118,14 @@ def check_named(
     reader: Datasets, blocks: Iterable[Sequence[str]], dataset: str = "item", axis: str = "n"
 ) -> None:
     """Raise InputError where an item of the dataset has no name."""
+    for _ in named(reader, blocks, dataset, axis):
+        pass
+
+
+def named(
+    reader: Datasets, blocks: Iterable[Sequence[str]], dataset: str = "item", axis: str = "n"
+) -> Iterator[Sequence[str]]:
+    """Pass on the blocks of names; at the end raise as `check_named`."""
     problems = Problems()
     if reader.has(dataset) and reader.size(axis) and not reader.is_written(dataset):
         found, fix = "was never written", "name every item"
@@ -126,6 +135,7 @@ def check_named(
         rows = [start + row for row, item in enumerate(block) if not item]
         problems.add(rows, lambda row: f"{reader.place(dataset, row)}: is empty; name every item")
         start += len(block)
+        yield block
     problems.raise_if_any()
 
 

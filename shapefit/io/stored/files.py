@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
@@ -15,7 +15,7 @@ from shapefit.io.layout import Dataset, Format
 from shapefit.io.name_index import ItemList
 from shapefit.io.records import LandmarkSet, Records, ResultSet, ShapeSet
 from shapefit.io.sources import source_name
-from shapefit.io.stored.checks import check_values
+from shapefit.io.stored.checks import check_values, named
 from shapefit.io.stored.reader import StoredReader
 
 
@@ -71,9 +71,13 @@ def stored_file(
                 reader, slice(start + rows.start, start + rows.stop), without
             )
 
-    def texts(name: str) -> Iterator[tuple[str, ...]]:
+    def items_of() -> Iterator[Sequence[str]]:
         with open_stored(path, form, known) as reader:
-            yield from reader.read_blocks(name, part)
+            yield from named(reader, reader.read_blocks("item", part))
+
+    def sequences_of() -> Iterator[Sequence[str]]:
+        with open_stored(path, form, known) as reader:
+            yield from reader.read_blocks("sequence", part)
 
     with open_stored(path, form, known) as reader:
         start, stop, _ = (part or slice(None)).indices(reader.count)
@@ -88,9 +92,9 @@ def stored_file(
             str(path),
             read_rows(reader, slice(0), without),
             stop - start,
-            ItemList(lambda: texts("item"), lambda row: reader.place("item", start + row)),
+            ItemList(items_of, lambda row: reader.place("item", start + row)),
             opened,
-            sequences=lambda: texts("sequence"),
+            sequences=sequences_of,
             y_axis=reader.y_axis,
         )
 

@@ -40,8 +40,8 @@ def refine_lifting(
     """Infer the shapes of whole sequences from the modes of their images.
 
     landmarks (n, 2, p) as observed; misfit, the variance of normalised landmarks in the posteriors;
-    widening of the variances; threads as in `refine_clips`. All but the shapes and what is known of
-    them stays that of the images.
+    widening of the variances; threads as in `refine_clips`. The covariances of the modes are
+    written over. All but the shapes and what is known of them stays that of the images.
     """
     found = lifting.estimate
     modes = found.posterior_modes

@@ -11,6 +11,7 @@ depth f. The depths z are those of the images at first, then those of the sequen
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -29,8 +30,9 @@ ROUNDS = 2
 def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -> Lifting:
     """Refine a lifting of n images whose landmarks (n, 2, p) a camera may have seen.
 
-    `refine` takes a lifting by weak perspective and its landmarks. The scale of an image stays what
-    it is: bodies are taken to stay about as far away, as they are without a camera.
+    `refine` takes a lifting by weak perspective and its landmarks, and the memory of its modes. The
+    scale of an image stays what it is: bodies are taken to stay about as far away, as they are
+    without a camera.
     """
     view, near = lifting.perspective, lifting.problem.camera
     if view is None:
@@ -56,9 +58,12 @@ def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -
         perspective=None,
     )
     refined = weak
-    for _ in range(ROUNDS):
+    for left in reversed(range(ROUNDS)):
         depth = view.camera.sign * refined.shapes[:, 2:] / rays.focal[:, None, None]
-        refined = refine(weak, rays.landmarks * (1 + depth))
+        # Covariances of modes are written over: all rounds but the last have a copy.
+        modes = deepcopy(found.posterior_modes) if left else found.posterior_modes
+        own = replace(weak, estimate=replace(weak.estimate, posterior_modes=modes))
+        refined = refine(own, rays.landmarks * (1 + depth))
     return place_before_camera(lifting, view, refined, rays.focal, grow)
 
 

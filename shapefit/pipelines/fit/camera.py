@@ -146,6 +146,8 @@ def straightened(images: LandmarkSet, calibrated: CalibratedCamera | None) -> La
     InputError for datasets that hold no cameras.
     """
     extras = Extras.of(images.extras, len(images))
+    if calibrated is None and DISTORTION not in extras:
+        return images
     whole, per_item = dict(extras.whole), dict(extras.per_item)
     if calibrated is not None:
         for name, values in datasets(calibrated).items():
