@@ -40,6 +40,11 @@ FRAMES = 150
 MISSING, NOISE = 0.1, 0.02
 FOOTAGE, FILMED = "footage", 3
 TURNS, NUMBERS = (90, 180, 360, 1080, 3600), (30, 60, 120, 240)
+SIDES = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
+OTHER_BODIES = (
+    *("--set", "prior.stretch=0.15", "--set", "prior.exchange=0.5", "--set", "symmetry=double"),
+    *("--set", f"mirror={json.dumps({f'r{side}': f'l{side}' for side in SIDES})}"),
+)
 LEFT_OUT = ("KneeL", "ArmR", "ElbowR")
 
 
@@ -48,7 +53,7 @@ class Case:
     """Images to learn from, images to lift with their truth (n, 3, p) before the camera.
 
     judged: from shapes and truth to an error of each image; published, goal as in the table.
-    source, of cases that learn from the same images.
+    source, of cases that learn from the same images; options of learn-dict.
     """
 
     name: str
@@ -59,6 +64,7 @@ class Case:
     lifted: Callable[[Path], tuple[LandmarkSet, Floats]]
     method: str = "sequences"
     source: str = ""
+    options: tuple[str, ...] = ()
 
 
 def e3d(found: Floats, truth: Floats) -> Floats:
@@ -108,9 +114,12 @@ def published_sequence(name: str, damaged: bool) -> Callable[[Path], tuple[Landm
 
 
 def turntable(
-    subject: int, every: int = 1, frames: int | None = FRAMES
+    subject: int, every: int = 1, frames: int | None = FRAMES, *, edges: bool = False
 ) -> Callable[[Path], tuple[LandmarkSet, Floats]]:
-    """Return a reader of the first frames of each sequence, seen by a camera that turns once."""
+    """Return a reader of the first frames of each sequence, seen by a camera that turns once.
+
+    The landmarks have edges, the bones, where asked for.
+    """
 
     def given(data: Path) -> tuple[LandmarkSet, Floats]:
         shapes = read_shapes([data / f"mocap/subject{subject}_24fps.h5"])
@@ -134,6 +143,7 @@ def turntable(
             sequences=shapes.sequences,
             frame_rate=shapes.frame_rate,
             y_axis="up",
+            extras={"edges": shapes.edges} if edges and shapes.edges is not None else {},
         )
         return images.take(slice(None, None, every)), X[::every]
 
@@ -165,15 +175,22 @@ def sequence_case(name: str, published: str, goal: float, damaged: bool = False)
     return Case(label, published, goal, e3d, first(given), given)
 
 
-def body_case(name: str, published: str, goal: float, subjects: tuple[int, int]) -> Case:
-    """Return the case of a body: learned from one subject, lifted on another or the same."""
+def body_case(
+    name: str, published: str, goal: float, subjects: tuple[int, int], *, varied: bool = False
+) -> Case:
+    """Return the case of a body: learned from one subject, lifted on another or the same.
+
+    varied: for other bodies, with the bones and sides of this one.
+    """
     learned, lifted = subjects
     if learned == lifted:
         given = turntable(learned)
         return Case(name, published, goal, normalised, first(given), given)
-    source, target = turntable(learned, frames=None), turntable(lifted, every=10, frames=None)
-    of = f"subject-{learned}-whole"
-    return Case(name, published, goal, normalised, first(source), target, "posterior", of)
+    source = turntable(learned, frames=None, edges=varied)
+    target = turntable(lifted, every=10, frames=None)
+    of = f"subject-{learned}-{'varied' if varied else 'whole'}"
+    options = OTHER_BODIES if varied else ()
+    return Case(name, published, goal, normalised, first(source), target, "posterior", of, options)
 
 
 CASES = (
@@ -187,6 +204,8 @@ CASES = (
     Case("rat", "6-13 with 3D poses", 12.0, millimetres, first(rat), rat),
     body_case("86-to-13", "", 0.27, (86, 13)),
     body_case("86-to-14", "", 0.27, (86, 14)),
+    body_case("86-to-13-varied", "", 0.27, (86, 13), varied=True),
+    body_case("86-to-14-varied", "", 0.27, (86, 14), varied=True),
 )
 
 
@@ -205,7 +224,7 @@ def measure(case: Case, data: Path, learned: dict[Path, float]) -> tuple[str, ..
     if dictionary not in learned:
         given = write(folder / "learned.h5", case.learned(data))
         before = seconds()
-        run("learn-dict", given, "-o", dictionary)
+        run("learn-dict", given, "-o", dictionary, *case.options)
         learned[dictionary] = seconds() - before
     images, truth = case.lifted(data)
     lifted = write(folder / "lifted.h5", images)

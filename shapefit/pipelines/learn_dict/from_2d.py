@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.dictionary.from_2d.judgement import DOUBTFUL, Judgement, judge
+from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judgement, judge
 from shapefit.dictionary.from_2d.learning import State, learn
 from shapefit.dictionary.from_2d.model import Images
 from shapefit.dictionary.mixture import Mixture
@@ -32,6 +32,12 @@ FAR_OUT = 4.0
 
 LEAST_MISFIT = 1e-4
 """Variance of a normalised coordinate: where less is believed, a landmark a little off is gross."""
+
+FIX = {
+    ALIKE: "give images from more sides: the camera or the body must turn, and not be flat",
+    UNLIKE: "give images of one class, whose landmarks are in the same order in all of them",
+}
+"""What to do about each verdict with which nothing is learned."""
 
 FEWEST_IMAGES = 20
 """Images from which depth can be learned at all."""
@@ -72,8 +78,9 @@ def learn_from_landmarks(
     judgement = judge(images, state)
     size = float(np.median(spread(some.landmarks, some.seen())))
     if not judgement.fine:
-        fix = "give images from more sides: the camera or the body must turn, and not be flat"
-        raise input_error(place, f"{judgement.verdict} ({report(judgement, size)})", fix)
+        raise input_error(
+            place, f"{judgement.verdict} ({report(judgement, size)})", FIX[judgement.verdict]
+        )
     shapes = ShapeSet(
         shapes=flipped(state.in_camera, flip),
         landmark_names=some.landmark_names,

@@ -116,12 +116,13 @@ def flat_class(shapes, rng):
     [
         (one_view, "views too alike: depth is not determined"),
         (flat_class, "views too alike: depth is not determined"),
+        (lambda shapes, rng: rng.standard_normal((N, 2, P)), "nothing in common: .* of one class"),
         (lambda shapes, rng: shapes[:2, :2], "too few images: 2 of 2"),
         (lambda shapes, rng: np.full((N, 2, P), np.nan), "too few images: 0 of 60"),
         (lambda shapes, rng: np.repeat(shapes[:1, :2], N, axis=0), "views too alike"),
         (lambda shapes, rng: np.zeros((N, 2, P)), "too few images: 0 of 60"),
     ],
-    ids=["one view", "planar", "two images", "all hidden", "identical", "one point"],
+    ids=["one view", "planar", "noise", "two images", "all hidden", "identical", "one point"],
 )
 def test_images_that_do_not_determine_depth_end_with_the_verdict(
     learn, tmp_path, class_of_shapes, rng, make, verdict
