@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
+from shapefit.config.commands.fit_sections import CAMERA_MATRIX
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judgement, judge
 from shapefit.dictionary.from_2d.learning import State, learn
 from shapefit.dictionary.from_2d.model import Images
@@ -21,7 +22,7 @@ from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet
 from shapefit.io.extras import EDGES
 from shapefit.io.records import concatenate
-from shapefit.pipelines.learn_dict.hidden import lift_by, predict_hidden
+from shapefit.pipelines.learn_dict.hidden import evidence_of_mirror, lift_by, predict_hidden
 from shapefit.pipelines.outcome import Outcome
 
 FEWEST_SEEN = 4
@@ -47,9 +48,10 @@ FEWEST_IMAGES = 20
 class Learned:
     """The images that say something, their shapes before the camera, and what was learned.
 
-    The landmarks of each sequence have the size 1.
+    The landmarks of each sequence have the size 1, but for those `given`.
     """
 
+    given: LandmarkSet
     images: LandmarkSet
     shapes: ShapeSet
     state: State
@@ -93,11 +95,11 @@ def learn_from_landmarks(
     yield Outcome(
         line=f"{counted(len(some), 'image')}: {judgement.verdict}; {report(judgement, size)}; "
         f"{gross} gross and set aside",
-        warnings=tuple(find_doubts(judgement, flip)),
+        warnings=tuple(find_doubts(judgement, flip or CAMERA_MATRIX in some.extras)),
     )
     # the gross ones, too: a mixture may believe them, and sets aside those that it does not
     lifted = np.where(some.seen()[:, None], images.landmarks, np.nan)
-    return Learned(replace(some, landmarks=lifted), shapes, state, judgement, flip)
+    return Learned(some, replace(some, landmarks=lifted), shapes, state, judgement, flip)
 
 
 def says_something(given: LandmarkSet) -> NDArray[np.bool_]:
@@ -167,18 +169,15 @@ def gaussian_prior(learned: Learned, mean: Floats) -> dict[str, Any]:
     return {"prior": prior, "misfit": np.array([max(model.noise / scale**2, LEAST_MISFIT)])}
 
 
-def find_doubts(found: Judgement, flip: bool) -> Iterator[str]:
-    """Say what may be wrong with shapes that were learned."""
+def find_doubts(found: Judgement, sided: bool) -> Iterator[str]:
+    """Say what may be wrong with shapes that were learned; sided: near and far are known."""
     if found.verdict == DOUBTFUL:
         yield (
             f"depth is doubtful: each half of the images by itself gives shapes {found.apart:.2f} "
             "of their size apart, which is much of what shapes differ: give poses from more sides"
         )
-    if not flip:
-        yield (
-            "near and far cannot be distinguished in 2D landmarks alone: look at some shapes, "
-            "and set `flip=true` if near is far"
-        )
+    if not sided:
+        yield MIRRORED
 
 
 def report(found: Judgement, size: float) -> str:
@@ -193,6 +192,40 @@ def report(found: Judgement, size: float) -> str:
         f"landmark, views up to {found.turn:.0f} degrees apart, each half of the images by itself "
         f"{found.apart:.3f} off"
     )
+
+
+MIRRORED = (
+    "near and far cannot be distinguished in 2D landmarks alone: look at some shapes, and set "
+    "`flip=true` if near is far"
+)
+SURE = 5.0
+"""Standard errors of the evidence beyond which perspective tells near from far."""
+
+
+def tell_near_from_far(learned: Learned, made: Dictionary) -> Generator[Outcome, None, Dictionary]:
+    """Return the dictionary, or its mirror image where the known cameras see that one."""
+    if learned.flip or CAMERA_MATRIX not in learned.given.extras:
+        return made
+    gain, deviation = evidence_of_mirror(learned.given, made)
+    if abs(gain) < SURE * deviation:
+        yield Outcome(warnings=(MIRRORED,))
+        return made
+    done = "exchanged" if gain > 0 else "kept"
+    yield Outcome(
+        line=f"perspective: near and far {done}, log evidence {abs(gain):.2f} +- {deviation:.2f} "
+        "an image"
+    )
+    return mirror_image(made) if gain > 0 else made
+
+
+def mirror_image(made: Dictionary) -> Dictionary:
+    """Return the dictionary with near and far exchanged."""
+    z = np.array([1.0, 1.0, -1.0])[:, None]
+    sign = np.repeat(z, made.mean_shape.shape[1])
+    prior = made.prior
+    assert prior is not None, "learned from landmarks"
+    mirrored = Mixture(prior.weights, z * prior.means, np.outer(sign, sign) * prior.covariances)
+    return replace(made, atoms=z * made.atoms, mean_shape=z * made.mean_shape, prior=mirrored)
 
 
 MIXTURES = 4

@@ -9,12 +9,14 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.config import FitConfig
+from shapefit.config.commands.fit_sections import CAMERA_MATRIX, ViewingConfig
 from shapefit.dictionary.from_2d.model import evenly, hide
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import spread
 from shapefit.io import LandmarkSet
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import PosteriorOptions
+from shapefit.pipelines.fit.camera import read_intrinsics
 from shapefit.pipelines.fit.chain import fit_images
 from shapefit.pipelines.fit.plan import find_misfit, plan_fit
 
@@ -33,18 +35,44 @@ class Predicted:
     log_density: Floats
 
 
-def lift_by(images: LandmarkSet, dictionary: Dictionary, method: str) -> Lifting:
-    """Lift images as `fit` does with its defaults; they have the landmarks of the dictionary."""
-    plan = plan_fit(_config(method), dictionary, dictionary.landmark_names)
+def lift_by(
+    images: LandmarkSet, dictionary: Dictionary, method: str, camera: str | None = None
+) -> Lifting:
+    """Lift images as `fit` does with its defaults; they have the landmarks of the dictionary.
+
+    camera names the dataset of their camera matrices, None for weak perspective.
+    """
+    plan = plan_fit(_config(method, camera), dictionary, dictionary.landmark_names)
     return fit_images(images, dictionary, plan.lift)
 
 
-def _config(method: str) -> FitConfig:
+def evidence_of_mirror(images: LandmarkSet, dictionary: Dictionary) -> tuple[float, float]:
+    """Log evidence an image that the class is mirrored, as the cameras see it; standard error.
+
+    The mirror image of a class is seen as the class is in mirrored images.
+    """
+    some = images.take(evenly(len(images), SAMPLE))
+    middle = read_intrinsics(some, CAMERA_MATRIX)[1][:, :1]
+    w = some.landmarks.copy()
+    w[:, 0] = 2 * middle - w[:, 0]
+    kept, mirrored = (
+        lift_by(each, dictionary, "posterior", CAMERA_MATRIX).estimate.further["log_evidence"]
+        for each in (some, replace(some, landmarks=w))
+    )
+    gain = (mirrored - kept)[np.isfinite(mirrored - kept)]
+    if len(gain) < 2:
+        return 0.0, np.inf
+    return float(gain.mean()), float(gain.std() / np.sqrt(len(gain)))
+
+
+def _config(method: str, camera: str | None = None) -> FitConfig:
+    looks = ViewingConfig(model="perspective", intrinsics=camera) if camera else ViewingConfig()
     return FitConfig.model_construct(
         landmarks=(Path("landmarks"),),
         dictionary=Path("dictionary"),
         output=Path("result.h5"),
         method=method,
+        camera=looks,
     )
 
 

@@ -38,7 +38,11 @@ from shapefit.io.options import input_options
 from shapefit.io.sources import is_stream
 from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.batches import TrainingBatches, find_training_batches
-from shapefit.pipelines.learn_dict.from_2d import learn_from_landmarks, relift
+from shapefit.pipelines.learn_dict.from_2d import (
+    learn_from_landmarks,
+    relift,
+    tell_near_from_far,
+)
 from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.start import adapt_to_landmarks
 from shapefit.pipelines.learn_dict.training_shapes import (
@@ -112,7 +116,8 @@ def make_from_landmarks(
         return make_dictionary(find_training_shapes(shapes, options), asked, options, inputs)
 
     varied = config.prior.stretch > 0 or config.prior.exchange > 0
-    return (yield from relift(learned, make, config.prior.components, config.iterations, varied))
+    made = yield from relift(learned, make, config.prior.components, config.iterations, varied)
+    return (yield from tell_near_from_far(learned, made))
 
 
 def adapt_start(

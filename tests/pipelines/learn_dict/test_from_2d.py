@@ -84,6 +84,18 @@ def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
     assert min(flipped) < 0.1
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_known_camera_tells_near_from_far(learn, tmp_path, class_of_shapes, sign):
+    shapes = class_of_shapes * [[sign], [1.0], [1.0]]
+    size = np.linalg.norm(shapes, axis=(1, 2)).mean() / np.sqrt(P)
+    seen = shapes[:, :2] / (1 + shapes[:, 2:] / (4 * size))
+    camera = np.array([[400 * size, 0, 300], [0, 400 * size, 300], [0, 0, 1.0]])
+    outcomes = learn(seen, {"extras": {"camera_matrix": camera}})
+    assert any("perspective: near and far" in outcome.line for outcome in outcomes)
+    found = lift(tmp_path)
+    assert error(found, shapes, 1) < 0.3 < error(found, shapes, -1)
+
+
 def test_nothing_reads_a_truth(learn, tmp_path, class_of_shapes):
     learn(class_of_shapes[:, :2])
     clean = read_dictionary(tmp_path / "dict.h5")
@@ -135,10 +147,10 @@ def test_images_that_do_not_determine_depth_end_with_the_verdict(
 def test_doubtful_depth_and_the_mirror_image_are_said():
     found = Judgement(0.01, 0.2, 0.02, 0.3, 90.0, 0.4, DOUBTFUL)
     assert found.fine
-    doubtful, mirrored = find_doubts(found, flip=False)
+    doubtful, mirrored = find_doubts(found, sided=False)
     assert "each half of the images by itself gives shapes 0.40" in doubtful
     assert "near and far" in mirrored
-    assert not list(find_doubts(replace(found, verdict=LEARNED), flip=True))
+    assert not list(find_doubts(replace(found, verdict=LEARNED), sided=True))
 
 
 def test_landmarks_that_no_image_shows_are_named(learn, class_of_shapes):
