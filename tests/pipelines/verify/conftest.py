@@ -14,6 +14,14 @@ from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.verify import Request, run
 
+TERMS = {
+    "squared": {},
+    "exact": {"loss": "exact"},
+    "l1": {"outliers": {"method": "l1"}},
+    "sparse-error": {"outliers": {"method": "sparse-error"}},
+}
+"""Data term -> the keys of `fit` that choose it."""
+
 
 @pytest.fixture(scope="session")
 def dictionaries(project, tmp_path_factory):

@@ -11,14 +11,8 @@ from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, landmark_writer, read_dictionary
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
+from tests.pipelines.verify.conftest import TERMS
 
-TERMS = {
-    "squared": {},
-    "exact": {"loss": "exact"},
-    "l1": {"outliers": {"method": "l1"}},
-    "sparse-error": {"outliers": {"method": "sparse-error"}},
-}
-"""Data term -> the keys of `fit` that choose it."""
 PERSPECTIVE = {"model": "perspective", "intrinsics": "camera_matrix"}
 
 PEOPLE = [

@@ -7,17 +7,10 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.geometry.rotations import rotation_about
+from tests.pipelines.verify.conftest import TERMS
 
 IMAGE = 3
 TURN = rotation_about(np.array([1.0, 2.0, 3.0]), np.array([1e-9]))[0]
-
-TERMS = {
-    "squared": {},
-    "exact": {"loss": "exact"},
-    "l1": {"outliers": {"method": "l1"}},
-    "sparse-error": {"outliers": {"method": "sparse-error"}},
-}
-"""Data term -> the keys of `fit` that choose it."""
 
 
 def states(name, other, *at):

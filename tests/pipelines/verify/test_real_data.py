@@ -12,14 +12,8 @@ from shapefit.io import landmark_writer, open_landmarks, read_shapes, write_shap
 from shapefit.pipelines import projection as projecting
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
+from tests.pipelines.verify.conftest import TERMS
 
-TERMS = {
-    "squared": {},
-    "exact": {"loss": "exact"},
-    "l1": {"outliers": {"method": "l1"}},
-    "sparse-error": {"outliers": {"method": "sparse-error"}},
-}
-"""Data term -> the keys of `fit` that choose it."""
 IMAGES = 150
 
 
