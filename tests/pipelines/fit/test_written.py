@@ -141,4 +141,4 @@ def test_a_real_man_is_as_large_as_a_man_and_stands_on_his_feet(real_data, tmp_p
     feet = np.minimum(man["lankle"][:, 1], man["rankle"][:, 1])
     assert ((man["head"][:, 1] - feet) > 1.0).all()
     # The calibration has the floor at 0, the camera's place is as good as the size of the man.
-    assert min(each[:, 1].min() for each in man.values()) == pytest.approx(0, abs=0.15)
+    assert min(man[joint][:, 1].min() for joint in PEOPLE) == pytest.approx(0, abs=0.15)
