@@ -199,10 +199,10 @@ MIRRORED = (
     "`flip=true` if near is far"
 )
 SURE = 5.0
-"""Standard errors of the evidence beyond which perspective tells near from far."""
+"""Standard errors of the evidence beyond which perspective decides what is near."""
 
 
-def tell_near_from_far(learned: Learned, made: Dictionary) -> Generator[Outcome, None, Dictionary]:
+def decide_what_is_near(learned: Learned, made: Dictionary) -> Generator[Outcome, None, Dictionary]:
     """Return the dictionary, or its mirror image where the known cameras see that one."""
     if learned.flip or CAMERA_MATRIX not in learned.given.extras:
         return made

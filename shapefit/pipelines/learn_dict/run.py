@@ -39,9 +39,9 @@ from shapefit.io.sources import is_stream
 from shapefit.meshes.dense import mesh_of_atoms
 from shapefit.pipelines.learn_dict.batches import TrainingBatches, find_training_batches
 from shapefit.pipelines.learn_dict.from_2d import (
+    decide_what_is_near,
     learn_from_landmarks,
     relift,
-    tell_near_from_far,
 )
 from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.start import adapt_to_landmarks
@@ -117,7 +117,7 @@ def make_from_landmarks(
 
     varied = config.prior.stretch > 0 or config.prior.exchange > 0
     made = yield from relift(learned, make, config.prior.components, config.iterations, varied)
-    return (yield from tell_near_from_far(learned, made))
+    return (yield from decide_what_is_near(learned, made))
 
 
 def adapt_start(

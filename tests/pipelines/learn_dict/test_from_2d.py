@@ -85,7 +85,7 @@ def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_known_camera_tells_near_from_far(learn, tmp_path, class_of_shapes, sign):
+def test_a_known_camera_decides_what_is_near(learn, tmp_path, class_of_shapes, sign):
     shapes = class_of_shapes * [[sign], [1.0], [1.0]]
     size = np.linalg.norm(shapes, axis=(1, 2)).mean() / np.sqrt(P)
     seen = shapes[:, :2] / (1 + shapes[:, 2:] / (4 * size))
