@@ -209,3 +209,15 @@ def test_shapes_adapt_no_start(tmp_path, start):
     given = {"shapes": tmp_path / "shapes.h5", "output": tmp_path / "dict.h5", "start": start}
     with pytest.raises(InputError, match="start: 2D landmarks adapt a dictionary"):
         list(learn_dict.run(LearnDictConfig(**given)))
+
+
+def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes):
+    edges = np.column_stack([np.arange(P - 1), np.arange(1, P)])
+    freedom = []
+    for stretch in (0.0, 0.3):
+        further = {"extras": {"edges": edges}}
+        learn(class_of_shapes[:, :2], further, prior={"components": 1, "stretch": stretch})
+        made = read_dictionary(tmp_path / "dict.h5")
+        np.testing.assert_array_equal(made.edges, edges)
+        freedom.append(made.prior.covariances[0].trace())
+    assert freedom[1] > 1.2 * freedom[0]
