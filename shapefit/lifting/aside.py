@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from shapefit.arrays import Floats, Integers
+from shapefit.geometry.pinhole import project
 from shapefit.lifting.lift import Lifting
 
 UNSEEN = 1e9
@@ -49,10 +50,16 @@ def place_aside(lifting: Lifting, landmarks: Floats, hung: Integers, misfit: flo
     C[:, every[:, None], every] += (K * v[:, None]) @ K.swapaxes(1, 2)
     step = np.zeros((len(C), 3, p))
     step[..., a] = (K @ r[..., None]).reshape(len(C), 3, -1)
-    moved = lifting.scale[:, None, None] * step
+    shapes = lifting.shapes + lifting.scale[:, None, None] * step
+    fitted, view = shapes[:, :2], lifting.perspective
+    if view is not None:
+        about = shapes.copy()
+        about[:, :2] -= lifting.translation[..., None]
+        about /= lifting.scale[:, None, None]
+        fitted = project(view.camera, about + view.translation[..., None])
     return replace(
         lifting,
-        shapes=lifting.shapes + moved,
-        landmarks_fitted=lifting.landmarks_fitted + moved[:, :2],
+        shapes=shapes,
+        landmarks_fitted=fitted,
         estimate=replace(found, shapes=found.shapes + step, covariance=C),
     )

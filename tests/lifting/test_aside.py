@@ -11,6 +11,7 @@ from shapefit.config import FitConfig
 from shapefit.config.named_files import find_dictionary
 from shapefit.io import LandmarkSet, read_dictionary, read_results
 from shapefit.io.skeletons import PEOPLE
+from shapefit.pipelines import verify
 from shapefit.pipelines.fit import run as fit
 from tests.io.files import save
 
@@ -42,7 +43,7 @@ def images(people, rng):
 
 @pytest.fixture
 def lift(tmp_path):
-    def lift(images):
+    def lift(images, **keys):
         save(tmp_path / "views.h5", images)
         config = FitConfig(
             landmarks=str(tmp_path / "views.h5"),
@@ -50,6 +51,7 @@ def lift(tmp_path):
             output=str(tmp_path / "result.h5"),
             method="posterior",
             posterior={"views": 12},
+            **keys,
         )
         for _ in fit.run(config):
             pass
@@ -88,3 +90,18 @@ def test_a_file_without_feet_has_a_result_without(images, lift):
     found = lift(images.arrange(PEOPLE, "here", leave_out=True))
     assert found.landmark_names == PEOPLE
     assert "input_shapes" not in found.extras
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        {"model": "weak-perspective"},
+        {"model": "perspective", "focal": 1200.0, "principal_point": [0.0, 0.0]},
+    ],
+    ids=["weak", "perspective"],
+)
+def test_a_result_with_feet_is_verified(images, lift, tmp_path, camera):
+    lift(images, camera=camera)
+    views = (tmp_path / "views.h5",)
+    request = verify.Request(tmp_path / "result.h5", find_dictionary("people"), views)
+    assert not [outcome.failures for outcome in verify.run(request) if outcome.failures]
