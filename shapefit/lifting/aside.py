@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.geometry.pinhole import project
@@ -21,11 +22,13 @@ UNSEEN = 1e9
 """Misfit of what an image does not show."""
 
 
-def place_aside(lifting: Lifting, landmarks: Floats, hung: Integers, misfit: float) -> Lifting:
+def place_aside(
+    lifting: Lifting, landmarks: Floats, shown: NDArray[np.bool_], hung: Integers, misfit: float
+) -> Lifting:
     """Return a lifting with covariances whose landmarks that hang on others are where images say.
 
-    landmarks (n, 2, p) as observed; hung (p,), what each hangs on, -1 for nothing; misfit, the
-    variance of landmarks in the unit of shapes.
+    landmarks (n, 2, p) as observed, which of them (n, p) are; hung (p,), what each hangs on, -1
+    for nothing; misfit, the variance of landmarks in the unit of shapes.
     """
     found, p = lifting.estimate, len(hung)
     assert found.covariance is not None, "the plan asks for it"
@@ -33,7 +36,7 @@ def place_aside(lifting: Lifting, landmarks: Floats, hung: Integers, misfit: flo
     every, o = np.concatenate([a, p + a, 2 * p + a]), np.concatenate([a, p + a])
     rest = np.setdiff1d(np.arange(3 * p), every)
     away = (landmarks - lifting.landmarks_fitted) / lifting.scale[:, None, None]
-    seen = np.tile((lifting.problem.weights[:, a] > 0) & (lifting.problem.weights[:, b] > 0), 2)
+    seen = np.tile(shown[:, a] & shown[:, b], 2)
     r = np.where(seen, (away[..., a] - away[..., b]).reshape(seen.shape), 0.0)
     v = np.where(seen, 2 * misfit, UNSEEN)
     C = found.covariance

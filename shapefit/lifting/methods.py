@@ -112,7 +112,6 @@ class Settings:
     solve            solver of the convex program
     mean_shape       (3, p) of the dictionary
     needs            what else of the dictionary the method needs, by name
-    aside            (p,) landmarks that move no other; none by default
     options          the options of the method, of the type that the table names
     orthogonal       convex: each M_i / c_i is replaced by the nearest orthonormal rows
     tolerance        global: the relative gap at which an image is solved
@@ -122,7 +121,6 @@ class Settings:
     solve: Solve
     mean_shape: NDArray[np.float64]
     needs: dict[str, Any] = field(default_factory=dict)
-    aside: NDArray[np.bool_] | None = None
     options: Any = None
     orthogonal: bool = False
     tolerance: float = 1e-2

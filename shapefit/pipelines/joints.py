@@ -169,22 +169,27 @@ class Mapped:
             return dictionary
         return mapped(dictionary, self.joints.matrix(self.theta), self.joints.apart())
 
-    def back(self, lifting: Lifting, images: LandmarkSet) -> tuple[Lifting, Extras]:
-        """Return the lifting of the joints, and all landmarks of the files as datasets."""
+    def back(
+        self, lifting: Lifting, landmarks: Floats, seen: NDArray[np.bool_]
+    ) -> tuple[Lifting, Extras]:
+        """Return the lifting of the joints, and all landmarks of the files as datasets.
+
+        landmarks (n, 2, p) as images show them, and which (n, p) are seen there.
+        """
         if not self.active:
             return lifting, Extras()
         if self.hung is not None:
-            lifting = place_aside(lifting, images.landmarks, self.hung, self.misfit)
+            lifting = place_aside(lifting, landmarks, seen, self.hung, self.misfit)
         A, names = self.joints.matrix(self.theta), tuple(self.joints.parts)
         rows = self.joints.rows(names, self.theta) @ np.linalg.inv(A)
         stand_ins = {name for several in self.joints.stand_ins.values() for name in several}
         apart = [0.0 if name in stand_ins else self.joints.parts[name].apart for name in names]
-        seen = see_rows(rows, lifting.shapes, lifting.estimate.covariance, np.array(apart))
-        per_item: dict[str, NDArray[Any]] = {INPUT_SHAPES: seen.points.swapaxes(1, 2)}
-        if seen.deviation is not None and seen.correlation is not None:
-            sd = lifting.scale[:, None, None] * seen.deviation
+        shown = see_rows(rows, lifting.shapes, lifting.estimate.covariance, np.array(apart))
+        per_item: dict[str, NDArray[Any]] = {INPUT_SHAPES: shown.points.swapaxes(1, 2)}
+        if shown.deviation is not None and shown.correlation is not None:
+            sd = lifting.scale[:, None, None] * shown.deviation
             per_item[INPUT_SD] = sd.swapaxes(1, 2)
-            per_item[INPUT_CORRELATION] = seen.correlation.swapaxes(1, 2).astype(np.float32)
+            per_item[INPUT_CORRELATION] = shown.correlation.swapaxes(1, 2).astype(np.float32)
         if not names:
             return as_joints(lifting, A, self.keep_covariance), Extras()
         whole = {INPUT_NAMES: np.array(names, dtype=object), MAP: A}

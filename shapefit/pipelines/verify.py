@@ -50,7 +50,7 @@ from shapefit.verification.folder import (
 )
 from shapefit.verification.inputs import carried_by, check_landmarks, false_heads, false_inputs
 from shapefit.verification.proofs.sizes import Size, check_metres, check_position
-from shapefit.verification.terms import DONE, Terms, lacks_proof, read_terms
+from shapefit.verification.terms import DONE, LOOKING, Terms, lacks_proof, read_terms
 
 Chunk = tuple[ResultSet, LandmarkSet | None]
 """Results, with the landmarks of the same images where they are given."""
@@ -188,6 +188,9 @@ def verify_file(part: Part, work: Work) -> Generator[Outcome, None, None]:
         terms = read_terms(results.attributes, file)
         work = replace(work, dictionary=work.dictionary.marked(results.landmark_names))
         atoms, size = arrange_atoms(results, file, work), Size.of(work.dictionary)
+        hung = dict(zip(work.dictionary.landmark_names, work.dictionary.hung >= 0, strict=True))
+        looks = terms.method in LOOKING
+        aside = np.array([looks and hung.get(name, False) for name in results.landmark_names])
         wrong = false_files(part, results, terms, work)
         with open_given(part, results, terms) as given:
             head, carried = read_rows(results, slice(0)), set()
@@ -198,7 +201,9 @@ def verify_file(part: Part, work: Work) -> Generator[Outcome, None, None]:
             yield Outcome(failures=tuple(Failure(*each) for each in wrong))
 
             def verify(result: ResultSet, images: LandmarkSet | None) -> list[Check]:
-                checks = verify_images(result, atoms, work.dictionary.atom_items, terms, file)
+                checks = verify_images(
+                    result, atoms, work.dictionary.atom_items, aside, terms, file
+                )
                 checks += [*check_metres(result, size), *check_position(result, size)]
                 return checks + (check_landmarks(result, images) if images is not None else [])
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.io import ResultSet
@@ -38,18 +39,20 @@ def verify_images(
     result: ResultSet,
     atoms: Floats,
     atom_items: Sequence[str] | None,
+    aside: NDArray[np.bool_],
     terms: Terms,
     file: Path,
 ) -> list[Check]:
     """Return the checks of all that a result claims of its n images.
 
-    atoms (k, 3, p) of its dictionary, and the training shapes that they are, where they are such.
+    atoms (k, 3, p) of its dictionary, and the training shapes that they are, where they are such;
+    aside (p,), the landmarks that were lifted without what images show of them.
     Raises InputError where the file lacks what every result has, or has it in another shape.
     """
     with np.errstate(all="ignore"):  # what is not finite holds for nothing
         fitted = np.isfinite(stated_by(result, "scale", file))
         rows = np.flatnonzero(fitted)
-        images = read_images(result, rows, terms, file)
+        images = read_images(result, rows, aside, terms, file)
         kept = find_kept(result, rows, atom_items, terms, file)
         seen = Atoms.of(atoms @ landmark_map(result).T)
         subject = Subject(result, rows, images, seen, kept, terms, file)
@@ -60,7 +63,7 @@ def verify_images(
         return [
             check_words(result, fitted, terms, file),
             check_absence(result, fitted),
-            check_degenerate(result, fitted, file),
+            check_degenerate(result, fitted, aside, file),
             *(one.of_images(rows, len(result)) for one in checks),
         ]
 

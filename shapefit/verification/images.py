@@ -47,16 +47,18 @@ class Images:
         return replace(self, weights=self.inliers)
 
 
-def read_images(result: ResultSet, rows: NDArray[np.intp], terms: Terms, file: Path) -> Images:
+def read_images(
+    result: ResultSet, rows: NDArray[np.intp], aside: NDArray[np.bool_], terms: Terms, file: Path
+) -> Images:
     """Weigh and normalise the landmarks of the images `rows` (n,) of a result.
 
     omega is the confidence, 1 without one, if the loss is `exact` or where scores are but a limit,
-    and 0 where a landmark is unseen or was set aside before the fit. The points have their
+    and 0 where a landmark is unseen or was set aside (p,) before the fit. The points have their
     centroid, over visible ones, at 0 and a mean over coordinates of 1 of the standard deviations.
     """
     p = len(result.landmark_names)
     raw = needed(result, "landmarks", file, p, 2)[rows].swapaxes(1, 2)
-    seen = np.isfinite(raw).all(axis=1)
+    seen = np.isfinite(raw).all(axis=1) & ~aside
     weights = seen.astype(float)
     if "confidence" in result.extras:
         weights *= np.where(seen, needed(result, "confidence", file, p)[rows], 0.0)

@@ -92,7 +92,7 @@ def check_words(result: ResultSet, fitted: Flags, terms: Terms, file: Path) -> C
     return flagged("status is one of the method", right)
 
 
-def check_degenerate(result: ResultSet, fitted: Flags, file: Path) -> Check:
+def check_degenerate(result: ResultSet, fitted: Flags, aside: Flags, file: Path) -> Check:
     """Check that images without a shape have landmarks that no method could lift.
 
     Those are fewer than 3 visible ones, or ones on a line, or of sizes whose squares float64 does
@@ -102,7 +102,7 @@ def check_degenerate(result: ResultSet, fitted: Flags, file: Path) -> Check:
     without = ~fitted
     p = len(result.landmark_names)
     raw = needed(result, "landmarks", file, p, 2)[without].swapaxes(1, 2)
-    visible = np.isfinite(raw).all(axis=1)
+    visible = np.isfinite(raw).all(axis=1) & ~aside
     if "confidence" in result.extras:
         visible &= needed(result, "confidence", file, p)[without] > 0
     count = visible.sum(axis=1)

@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
@@ -38,13 +37,9 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     options: PosteriorOptions = settings.options
     solution = settings.solve(problem)
     failed = np.isin([status.value for status in solution.status], [s.value for s in FAILED])
-    shown = problem
-    if settings.aside is not None:
-        shown = replace(problem, weights=np.where(settings.aside, 0.0, problem.weights))
-    first = solution if shown is problem else settings.solve(shown)
-    starts = np.where(failed[:, None, None, None], np.nan, find_starts(shown, first, settings))
+    starts = np.where(failed[:, None, None, None], np.nan, find_starts(problem, solution, settings))
     landmarks, noise, slopes = problem.landmarks, find_noise(problem), None
-    seen, camera = shown.weights > 0, problem.camera
+    seen, camera = problem.weights > 0, problem.camera
     if camera is not None:
         rays = find_rays(landmarks, camera)
         starts = face(starts, landmarks, seen, camera)
@@ -60,10 +55,10 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         threads=settings.threads,
     )
     if options.misfit < NEARLY_EXACT:
-        coarse = find(find_misfit(problem, seen, COARSE), starts=starts)
+        coarse = find(find_misfit(problem, COARSE), starts=starts)
         starts = coarse.rotation[:, None]
     found = find(
-        find_misfit(problem, seen, options.misfit),
+        find_misfit(problem, options.misfit),
         starts=starts,
         modes=modes,
         covariance=options.covariance,
@@ -118,10 +113,11 @@ def look_through(
     )
 
 
-def find_misfit(problem: Problem, seen: NDArray[np.bool_], misfit: float) -> Floats:
-    """Variance v / omega^2 (n, p) in the unit of shapes; inf where not seen (n, p)."""
-    square = np.where(seen, problem.weights, 1.0) ** 2
-    return np.where(seen, misfit / square, np.inf)
+def find_misfit(problem: Problem, misfit: float) -> Floats:
+    """Variance v / omega^2 (n, p) in the unit of shapes; inf where a landmark is hidden."""
+    omega = problem.weights
+    square = np.where(omega > 0, omega, 1.0) ** 2
+    return np.where(omega > 0, misfit / square, np.inf)
 
 
 def find_noise(problem: Problem) -> Floats:

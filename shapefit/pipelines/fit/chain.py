@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.dictionary.model import Dictionary
@@ -33,11 +34,14 @@ Refinement = Callable[[Lifting, LandmarkSet], Lifting]
 class Chain:
     """What was chosen for each step of a fit; None for a step that it goes without.
 
+    aside (p,) are landmarks that are lifted without what images show of them, see place_aside.
+
     What only some fits need is imported where it is chosen: before the clock of solving starts.
     """
 
     leave_out: Callable[[LandmarkSet, Dictionary, Lifter], Lifting] | None
     weigh: Callable[[LandmarkSet], Floats]
+    aside: NDArray[np.bool_] | None
     search: Search | None
     program: Program
     precisions: bool
@@ -65,6 +69,8 @@ def fit_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Lif
 def lift_images(images: LandmarkSet, dictionary: Dictionary, chain: Chain) -> Lifting:
     """Weigh the landmarks, set outliers aside, lift, and refine as the camera sees it."""
     weights = chain.weigh(images)
+    if chain.aside is not None:
+        weights = np.where(chain.aside, 0.0, weights)
     agreed = None if chain.search is None else chain.search(images, weights, dictionary)
     if agreed is not None:
         weights = np.where(agreed.inliers, weights, 0.0)

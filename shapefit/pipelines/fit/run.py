@@ -89,7 +89,9 @@ def lift_source(source: LandmarkSource, plan: Plan) -> Generator[Batch, None, No
     seen = plan.mapped.see(plan.dictionary)
     for images in read_ahead(read_images(source, plan.read), plan.overlaps(source)):
         began = time.perf_counter()
-        lifting, inputs = plan.mapped.back(fit_images(images, seen, plan.lift), images)
+        lifting, inputs = plan.mapped.back(
+            fit_images(images, seen, plan.lift), images.landmarks, plan.lift.weigh(images) > 0
+        )
         seconds = time.perf_counter() - began
         record = as_result(images, lifting, plan.dictionary, plan.record, inputs)
         yield Batch(images, lifting, record, seconds)
