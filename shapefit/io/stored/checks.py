@@ -57,8 +57,7 @@ def check_values(
     are the names of these, None where `named` looks at them when they are read. What results hold
     is checked where it is read.
     """
-    if items is not None:
-        check_named(reader, [items])
+    check_named(reader, [] if items is None else [items])  # whether any was ever written, first
     if form is LANDMARKS:
         fix = "write NaN where the landmark is unseen"
         _check(reader, "landmarks", reader.read_blocks("landmarks", part), np.isinf, fix)
