@@ -161,9 +161,10 @@ def change_belief(images: Images, doubt: Floats) -> Mask:
     """Change the belief in the most doubtful landmark of each image; half stay believed."""
     seen, rows = images.seen, np.arange(len(images))
     few = 2 * seen.sum(axis=1) <= (images.weights > 0).sum(axis=1) + 1
-    most = np.where(few[:, None] & seen, -np.inf, doubt).argmax(axis=1)
+    gained = np.where(few[:, None] & seen, -np.inf, doubt)
+    most = gained.argmax(axis=1)
     gross = (images.weights > 0) & ~seen
-    gross[rows, most] ^= np.where(few[:, None] & seen, -np.inf, doubt)[rows, most] > 0
+    gross[rows, most] ^= gained[rows, most] > 0
     return gross
 
 

@@ -160,8 +160,9 @@ def _open(
     else:
         read = find_reader(path, form.kind, known)
         if read is stored_file:
-            held: Any = {"most_held": most_held, "known": known}
-            file = stored_file(path, form, gaps=gaps, part=part, without=without, **held)
+            file = stored_file(
+                path, form, gaps=gaps, part=part, without=without, most_held=most_held, known=known
+            )
             return _hiding(file, options.likelihood_below)
         further = {"gaps": gaps} if form is SHAPES else {}
         records = read(*((paths,) if known.together else paths), **further)

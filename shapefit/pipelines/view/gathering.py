@@ -104,11 +104,11 @@ def _take(
             whole = gathered.of_frames.setdefault(name, np.full((n, *values.shape[1:]), np.nan))
             whole[frames] = values
 
-    def put_landmarks(name: str, values: Any, expected: tuple[int, ...]) -> None:
+    def put_landmarks(name: str, values: Any) -> None:
         """Put values (rows, p, ...) of the file's landmarks under those of the page."""
-        if values is None or values.shape != (len(frames), len(columns), *expected):
+        if values is None:
             return
-        whole = gathered.of_frames.setdefault(name, np.full((n, p, *expected), np.nan))
+        whole = gathered.of_frames.setdefault(name, np.full((n, p, *values.shape[2:]), np.nan))
         whole[np.ix_(frames, columns)] = np.asarray(values, dtype=np.float64)
 
     if isinstance(records, ShapeSet | ResultSet):
@@ -124,7 +124,7 @@ def _take(
     if numbers is not None and numbers.shape == frames.shape and numbers.dtype.kind in "iuf":
         put(FRAME, numbers)
     if isinstance(records, LandmarkSet):
-        put_landmarks("landmarks", _visible(records), (2,))
+        put_landmarks("landmarks", _visible(records))
     if isinstance(records, ResultSet):
         _take_result(records, put, put_landmarks)
         of_items = {name: records.extras.get(name) for name in (DOUBT, match)}
@@ -147,15 +147,15 @@ def _visible(records: LandmarkSet) -> Floats:
 def _take_result(
     records: ResultSet,
     put: Callable[[str, Any], None],
-    put_landmarks: Callable[[str, Any, tuple[int, ...]], None],
+    put_landmarks: Callable[[str, Any], None],
 ) -> None:
     extras = records.extras
-    put_landmarks("landmarks", extras.get("landmarks"), (2,))
-    put_landmarks("outliers", extras.get("outliers"), ())
+    put_landmarks("landmarks", extras.get("landmarks"))
+    put_landmarks("outliers", extras.get("outliers"))
     if records.shape_sd is not None:
-        put_landmarks("shape_sd", records.shape_sd.swapaxes(1, 2), (3,))
+        put_landmarks("shape_sd", records.shape_sd.swapaxes(1, 2))
     if records.landmarks_fitted is not None:
-        put_landmarks("landmarks_fitted", records.landmarks_fitted.swapaxes(1, 2), (2,))
+        put_landmarks("landmarks_fitted", records.landmarks_fitted.swapaxes(1, 2))
     for name in NUMBERS:
         put(name, getattr(records, name))
     for name in (*CAMERA, *JUDGEMENTS):

@@ -47,10 +47,9 @@ class Size:
 
 
 def _stated(result: ResultSet, name: str, *axes: int) -> Floats:
-    """Return a dataset (n, *axes); inf throughout where it is absent or has another shape."""
-    values = np.asarray(result.extras.get(name, np.inf), np.float64)
-    shape = (len(result.shapes), *axes)
-    return values if values.shape == shape else np.full(shape, np.inf)
+    """Return a dataset (n, *axes); inf throughout where it is absent."""
+    stated = result.extras.get(name, np.full((len(result.shapes), *axes), np.inf))
+    return np.asarray(stated, np.float64)
 
 
 def check_metres(result: ResultSet, size: Size) -> list[Check]:
