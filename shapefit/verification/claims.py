@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.io import ResultSet
 from shapefit.verification.check import Check, check, flagged
-from shapefit.verification.images import read_images
+from shapefit.verification.images import read_images, stated_by
 from shapefit.verification.proofs.camera import check_camera
 from shapefit.verification.proofs.convex import check_fit, check_start
 from shapefit.verification.proofs.one_rotation import check_one_rotation
@@ -28,7 +28,7 @@ from shapefit.verification.statements import (
     check_words,
     find_kept,
 )
-from shapefit.verification.subject import Subject, stated_by
+from shapefit.verification.subject import Subject
 from shapefit.verification.terms import Terms
 
 MAP = "landmark_map"

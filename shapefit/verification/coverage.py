@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from shapefit.io import ResultSet
-from shapefit.verification.check import Check
+from shapefit.verification.check import Check, Tally
 from shapefit.verification.fates import ATTRIBUTES, CARRIED, DATASETS, FOREIGN, Fates
 from shapefit.verification.folder import STATED
 from shapefit.verification.inputs import unknown_inputs
 from shapefit.verification.proofs.rotation_tree import HOLD_ALL
-from shapefit.verification.tally import Tally
 from shapefit.verification.terms import LOOKING, STARTED, Terms
 
 

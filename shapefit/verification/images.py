@@ -13,9 +13,10 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
 from shapefit.io.extras import LANDMARK_COVARIANCE
-from shapefit.verification.check import largest
-from shapefit.verification.rounding import rounding_factor
+from shapefit.verification.check import largest, rounding_factor
 from shapefit.verification.terms import Terms
+
+FIX = "give a result that `shapefit fit` wrote"
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Images:
 
     points V (n, 2, p), 0 where hidden; weights omega (n, p) of the convex program, inliers (n, p)
     those of what refines it; centroid (n, 2), size and lam (n,); extent (n,), the largest
-    coordinate of the landmarks; factor (n,), see rounding.py; points_error (n,).
+    coordinate of the landmarks; factor (n,), see rounding_factor; points_error (n,).
     """
 
     points: Floats
@@ -56,17 +57,14 @@ def read_images(
     and 0 where a landmark is unseen or was set aside (p,) before the fit. The points have their
     centroid, over visible ones, at 0 and a mean over coordinates of 1 of the standard deviations.
     """
-    p = len(result.landmark_names)
-    raw = needed(result, "landmarks", file, p, 2)[rows].swapaxes(1, 2)
+    raw = stated_by(result, "landmarks", file)[rows].swapaxes(1, 2)
     seen = np.isfinite(raw).all(axis=1) & ~aside
-    weights = seen.astype(float)
-    if "confidence" in result.extras:
-        weights *= np.where(seen, needed(result, "confidence", file, p)[rows], 0.0)
+    weights = np.where(seen, stated_confidence(result, file)[rows], 0.0)
     if terms.least_score is not None and LANDMARK_COVARIANCE not in result.extras:
         weights = ((weights > 0) & (weights >= terms.least_score)).astype(float)
     labelled = np.zeros(seen.shape, dtype=bool)
     if "outliers" in result.extras:
-        labelled = needed(result, "outliers", file, p)[rows] != 0
+        labelled = stated_by(result, "outliers", file)[rows] != 0
     if terms.searched:
         weights = np.where(labelled, 0.0, weights)
     if terms.loss == "exact":
@@ -91,25 +89,33 @@ def read_images(
         inliers=np.where(labelled, 0.0, weights),
         centroid=centroid,
         size=size,
-        lam=needed(result, "lambda", file)[rows],
+        lam=stated_by(result, "lambda", file)[rows],
         extent=extent,
         factor=factor,
         points_error=error,
     )
 
 
-def needed(
-    result: ResultSet, name: str, file: Path, *shape: int, text: bool = False
-) -> NDArray[Any]:
-    """Return a dataset (n, *shape) that every such result of a fit has, of numbers or of texts.
+def stated_by(result: ResultSet, name: str, file: Path) -> NDArray[Any]:
+    """Return a dataset of the result, of numbers or texts, whose shape the reader has checked.
 
-    Raises InputError where it is absent, or otherwise.
+    Raises InputError where the file lacks it.
     """
-    fix = "give a result that `shapefit fit` wrote"
-    values = result.extras.get(name)
+    values = getattr(result, name, None)
+    values = result.extras.get(name) if values is None else values
     if values is None:
-        raise input_error(file, f"there is no dataset '{name}'", fix)
-    if values.shape != (len(result), *shape) or (values.dtype.kind not in "biuf") != text:
+        raise input_error(file, f"there is no dataset '{name}'", FIX)
+    return np.asarray(values, np.float64 if values.dtype.kind in "biuf" else None)
+
+
+def stated_confidence(result: ResultSet, file: Path) -> Floats:
+    """Return the confidence (n, p) of the landmarks, 1 where the file has none.
+
+    Raises InputError for one of another shape, as a dataset of the landmarks may have.
+    """
+    shape = (len(result), len(result.landmark_names))
+    values = result.extras.get("confidence", np.ones(shape))
+    if values.shape != shape or values.dtype.kind not in "biuf":
         found = f"holds {values.dtype} of the shape {values.shape}"
-        raise input_error(f"{file}:/{name}", found, fix)
-    return values.astype(str) if text else values.astype(float)
+        raise input_error(f"{file}:/confidence", found, FIX)
+    return values.astype(float)

@@ -13,10 +13,9 @@ from shapefit.errors import input_error
 from shapefit.geometry.normalisation import LARGEST, SMALLEST
 from shapefit.io import ResultSet
 from shapefit.verification.check import Check, check, flagged
-from shapefit.verification.images import Images, needed
+from shapefit.verification.images import Images, stated_by, stated_confidence
 from shapefit.verification.proofs.block_norms import nuclear_norms
 from shapefit.verification.proofs.transforms import Atoms
-from shapefit.verification.subject import words_of
 from shapefit.verification.terms import Terms
 
 Rows = NDArray[np.intp]
@@ -65,7 +64,7 @@ def find_kept(
     if atom_items is None:
         found = f"models were left out (`leave_out: {terms.left_out}`)"
         raise input_error(file, found, "give the dictionary of the fit, whose atoms have items")
-    left_out = needed(result, HIDDEN, file, text=True)[rows]
+    left_out = stated_by(result, HIDDEN, file)[rows].astype(str)
     return left_out[:, None] != np.array(atom_items, dtype=str)
 
 
@@ -78,15 +77,15 @@ def check_left_out(
     else:
         renamed = f"input_{terms.left_out}"
         name = renamed if renamed in result.extras else terms.left_out
-        named = needed(result, name, file, text=True)[rows]
+        named = stated_by(result, name, file)[rows].astype(str)
     named = np.where(np.isin(named, np.array(atom_items, dtype=str)), named, "")
-    stated = needed(result, HIDDEN, file, text=True)[rows]
+    stated = stated_by(result, HIDDEN, file)[rows].astype(str)
     return flagged("left_out is the item that the image shows", stated == named)
 
 
 def check_words(result: ResultSet, fitted: Flags, terms: Terms, file: Path) -> Check:
     """Check that the status is one that the method can end with."""
-    words = words_of(result, file)
+    words = stated_by(result, "status", file).astype(str)
     good = {LIMITED, OPTIMAL if terms.is_program or terms.is_global else "converged"}
     right = np.where(fitted, np.isin(words, list(good)), np.isin(words, WITHOUT_SHAPE))
     return flagged("status is one of the method", right)
@@ -100,11 +99,8 @@ def check_degenerate(result: ResultSet, fitted: Flags, aside: Flags, file: Path)
     again: then the image is not proved to have no shape.
     """
     without = ~fitted
-    p = len(result.landmark_names)
-    raw = needed(result, "landmarks", file, p, 2)[without].swapaxes(1, 2)
-    visible = np.isfinite(raw).all(axis=1) & ~aside
-    if "confidence" in result.extras:
-        visible &= needed(result, "confidence", file, p)[without] > 0
+    raw = stated_by(result, "landmarks", file)[without].swapaxes(1, 2)
+    visible = np.isfinite(raw).all(axis=1) & ~aside & (stated_confidence(result, file)[without] > 0)
     count = visible.sum(axis=1)
     points = np.where(visible[:, None], raw, 0.0)
     size = np.abs(points).max(axis=(1, 2), initial=0.0)

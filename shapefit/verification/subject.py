@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
-from shapefit.verification.images import Images, needed
+from shapefit.verification.images import Images, stated_by
 from shapefit.verification.proofs.transforms import Atoms, Transforms
 from shapefit.verification.terms import Terms
 
@@ -34,16 +34,12 @@ class Subject:
     file: Path
 
     def stated(self, name: str) -> Floats:
-        """Return what the result says of the images, a field of its format."""
+        """Return what the result says of the images, a dataset of numbers."""
         return stated_by(self.result, name, self.file)[self.rows]
-
-    def stated_extra(self, name: str, *shape: int) -> Floats:
-        """Return what the result says of the images, a dataset (n, *shape) of numbers."""
-        return needed(self.result, name, self.file, *shape)[self.rows]
 
     def words(self) -> NDArray[np.str_]:
         """Return the status of each image."""
-        return words_of(self.result, self.file)[self.rows]
+        return stated_by(self.result, "status", self.file)[self.rows].astype(str)
 
     def transforms(self) -> Transforms:
         """Return the active transforms. Raises InputError for atoms that are not there."""
@@ -60,17 +56,3 @@ class Subject:
         mine = np.repeat(fitted, r.transform_count)
         counts = r.transform_count[self.rows]
         return Transforms.of(r.active_transforms[mine], r.transform_atom[mine], counts, k)
-
-
-def stated_by(result: ResultSet, name: str, file: Path) -> Floats:
-    """Return a field of the result. Raises InputError where the file lacks it."""
-    values: Floats | None = getattr(result, name)
-    if values is None:
-        found = f"there is no dataset '{name}'"
-        raise input_error(file, found, "give a result that `shapefit fit` wrote")
-    return values
-
-
-def words_of(result: ResultSet, file: Path) -> NDArray[np.str_]:
-    """Return the status of each image of a result."""
-    return np.asarray(stated_by(result, "status", file)).astype(str)

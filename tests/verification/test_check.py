@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shapefit.verification.check import check
-from shapefit.verification.tally import Tally
+from shapefit.verification.check import Tally, check
 
 
 def test_the_worst_of_an_image_counts():

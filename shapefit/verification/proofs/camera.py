@@ -16,8 +16,7 @@ def check_camera(subject: Subject, S: Value) -> list[Check]:
     scale is the geometric mean of focal / depth at t, translation where t is seen.
     """
     t, focal, centre = (
-        subject.stated_extra(name, size)
-        for name, size in (("camera_translation", 3), ("focal", 2), ("principal_point", 2))
+        subject.stated(name) for name in ("camera_translation", "focal", "principal_point")
     )
     factor, extent = subject.images.factor, subject.images.extent
     sign = 1.0 if subject.result.y_axis == "down" else -1.0

@@ -114,7 +114,7 @@ def _check_limited(subject: Subject) -> Check:
     tolerance = subject.terms.tolerance
     within = subject.stated("relative_gap") <= tolerance
     if subject.terms.loss == "exact":
-        within &= subject.stated_extra("residual") <= tolerance
+        within &= subject.stated("residual") <= tolerance
     off = np.where(within, np.inf, 0.0)
     claim, made = "an image at the iteration limit is not optimal", subject.words() == LIMITED
     return check(claim, off, 0.0, made)
@@ -151,7 +151,7 @@ def _check_tight(subject: Subject, M: Transforms) -> Check:
         within[M.image[active & (apart > limit)]] = False
         return within & some
 
-    stated = subject.stated_extra("tight") != 0
+    stated = subject.stated("tight") != 0
     surely, perhaps = all_within(ORTHOGONAL - error), all_within(ORTHOGONAL + error)
     return flagged("tight follows from the transforms", np.where(stated, perhaps, ~surely))
 
@@ -163,13 +163,13 @@ def _check_residual(subject: Subject, shapes: Value, found: Solution) -> Check:
         X, T = shapes.value[:, :2], found.translation
         r, error = residual(images, X, T, found.total, subject.atoms)
         left = relative_residual(images, r, error + shapes.error)
-    return equal("residual follows from the fit", subject.stated_extra("residual"), left)
+    return equal("residual follows from the fit", subject.stated("residual"), left)
 
 
 def _check_outliers(subject: Subject, found: Solution) -> Check:
     """Check that outliers are the landmarks with a weighted residual beyond beta."""
     weights, factor = subject.images.weights, subject.images.factor
-    labelled = subject.stated_extra("outliers", weights.shape[1]) != 0
+    labelled = subject.stated("outliers") != 0
     beyond = np.abs(found.residual).max(axis=1) - subject.terms.beta
     off = np.where(weights > 0, np.where(labelled, -beyond, beyond), 0.0)
     off[labelled & (weights == 0)] = np.inf

@@ -67,7 +67,7 @@ def _check_objective(
     checks = [
         *check_place(subject, Value(T, error)),
         *check_shapes(subject, shapes),
-        equal("residual follows from the fit", subject.stated_extra("residual"), left),
+        equal("residual follows from the fit", subject.stated("residual"), left),
         equal("the objective is that of the fit", subject.stated("objective"), P),
     ]
     if D is not None and subject.result.relative_gap is not None:

@@ -15,7 +15,7 @@ ACTIVE = 1e-6
 
 def check_active(subject: Subject) -> Check:
     """Check how many coefficients are not negligible; those at the limit may count or not."""
-    size, stated = np.abs(subject.stated("coefficients")), subject.stated_extra("active_atoms")
+    size, stated = np.abs(subject.stated("coefficients")), subject.stated("active_atoms")
     limit, slack = ACTIVE * largest(size), 1 + subject.images.factor
     surely = (size > (limit * slack)[:, None]).sum(axis=1)
     perhaps, more = surely.copy(), stated > surely

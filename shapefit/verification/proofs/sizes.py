@@ -12,8 +12,7 @@ from shapefit.arrays import Floats
 from shapefit.geometry.length_units import metres_in
 from shapefit.geometry.normalisation import spread
 from shapefit.io import ResultSet
-from shapefit.verification.check import Check, check, largest
-from shapefit.verification.rounding import rounding_factor
+from shapefit.verification.check import Check, check, largest, rounding_factor
 
 EDGES, SPREAD = "edges", "spread"
 
