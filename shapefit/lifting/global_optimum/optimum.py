@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,9 +78,13 @@ def find_optimum(
     n, k = len(problem.landmarks), len(problem.atoms)
     if starts is None:
         starts = np.zeros((n, 0, 3, 3))
-    coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
-    objective, bound = np.full(n, np.nan), np.full(n, np.nan)
-    cells, vertices, codes = (np.zeros(n, np.int64) for _ in range(3))
+    codes = np.zeros(n, np.int64)
+    found: dict[str, Any] = {
+        "coefficients": np.zeros((n, k)),
+        "rotation": np.full((n, 3, 3), np.nan),
+        **{name: np.full(n, np.nan) for name in ("objective", "bound")},
+        **{name: np.zeros(n, np.int64) for name in ("cells", "vertices")},
+    }
     core.find_optimum(
         **problem.arrays,
         is_signed=signed,
@@ -87,15 +92,9 @@ def find_optimum(
         tolerance=tolerance,
         most_cells=limits.cells,
         most_seconds=limits.seconds,
-        coefficients=coefficients,
-        rotation=rotation,
-        objective=objective,
-        bound=bound,
-        cells=cells,
-        vertices=vertices,
+        **found,
         status=codes,
         threads=threads,
     )
-    rotation[~coefficients.any(axis=1)] = np.nan
-    status = tuple(STATUS[code] for code in codes)
-    return GlobalOptimum(coefficients, rotation, objective, bound, cells, vertices, status)
+    found["rotation"][~found["coefficients"].any(axis=1)] = np.nan
+    return GlobalOptimum(**found, status=tuple(STATUS[code] for code in codes))

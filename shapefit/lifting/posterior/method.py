@@ -9,20 +9,29 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solution import Solution, Status
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.plausibility import find_plausibility
 from shapefit.lifting.posterior.posterior import Gross, Posterior, find_posterior
 from shapefit.lifting.posterior.rays import face, find_rays, place, stretch_noise
-from shapefit.lifting.posterior.starts import find_starts
+from shapefit.lifting.reconstruction import reconstruct
+from shapefit.lifting.shared_rotation.pose import (
+    find_moments,
+    find_pose,
+    spread_views,
+    turn_in_plane,
+)
 
 NEARLY_EXACT = 3e-3
 """Misfit below which landmarks look gross from any view but the right one."""
 
 COARSE = 1e-2
 """Misfit with which their views are first sought."""
+
+VIEWS = 6
+"""From which the mean shape is posed where the convex program finds no rotation."""
 
 FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
@@ -93,6 +102,28 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         },
     )
     return estimate if camera is None else look_through(estimate, found, problem, camera)
+
+
+def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Floats:
+    """Rotations (n, 1 + views, 3, 3): the consensus of the convex program's rotations.
+
+    Where they are all 0, the best pose of the mean shape. Then the views of the options, each
+    turned in the plane onto the landmarks.
+    """
+    M = solution.transforms
+    rotation = reconstruct(M, problem.atoms, threads=settings.threads).rotation
+    empty = np.flatnonzero(M.count == 0)
+    if len(empty):
+        part = problem.take(empty)
+        views = spread_views(VIEWS)
+        rotation[empty] = find_pose(
+            part, settings.mean_shape, views, threads=settings.threads
+        ).rotation
+    if settings.options.views == 0:
+        return rotation[:, None]
+    _, by_shape = find_moments(problem, settings.mean_shape)
+    turned = turn_in_plane(spread_views(settings.options.views), by_shape)
+    return np.concatenate([rotation[:, None], turned], axis=1)
 
 
 def look_through(

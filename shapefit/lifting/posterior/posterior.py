@@ -9,6 +9,7 @@ landmark j.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,27 +118,22 @@ def find_posterior(
     middle = np.nan_to_num(centroid(landmarks, seen))[..., None]  # of which the wide prior is
     d, m = 3 * p, modes
     whole = np.empty((n if covariance else 0, d, d))
-    found = Posterior(
-        mean=np.empty((n, 3, p)),
-        deviation=np.empty((n, 3, p)),
-        correlation=np.empty((n, 3, p)),
-        covariance=whole if covariance else None,
-        belief=np.empty((n, p)),
-        rotation=np.empty((n, 3, 3)),
-        scale=np.empty(n),
-        log_evidence=np.empty(n),
-        surprise=np.empty(n),
-        rounds=np.empty(n, np.int64),
-        modes=Modes(
-            component=np.zeros((n, m), np.int64),
-            rotation=np.full((n, m, 3, 3), np.nan),
-            scale=np.full((n, m), np.nan),
-            log_evidence=np.zeros((n, m)),
-            mean=np.full((n, m, 3, p), np.nan),
-            covariance=np.zeros((n, m, d, d)),
-            belief=np.full((n, m, p), np.nan),
-        ),
-    )
+    of_images: dict[str, Any] = {
+        **{name: np.empty((n, 3, p)) for name in ("mean", "deviation", "correlation")},
+        **{name: np.empty(n) for name in ("scale", "log_evidence", "surprise")},
+        "belief": np.empty((n, p)),
+        "rotation": np.empty((n, 3, 3)),
+        "rounds": np.empty(n, np.int64),
+    }
+    of_modes: dict[str, Any] = {
+        "component": np.zeros((n, m), np.int64),
+        "rotation": np.full((n, m, 3, 3), np.nan),
+        "scale": np.full((n, m), np.nan),
+        "log_evidence": np.zeros((n, m)),
+        "mean": np.full((n, m, 3, p), np.nan),
+        "covariance": np.zeros((n, m, d, d)),
+        "belief": np.full((n, m, p), np.nan),
+    }
     core.find_posterior(
         landmarks=_whole(np.where(seen[:, None], landmarks - middle, 0.0)),
         slopes=_whole(
@@ -153,28 +149,14 @@ def find_posterior(
         density=gross.density,
         max_rounds=max_rounds,
         still=STILL,
-        mean=found.mean,
-        deviation=found.deviation,
-        correlation=found.correlation,
         covariance=whole,
-        belief=found.belief,
-        rotation=found.rotation,
-        scale=found.scale,
-        log_evidence=found.log_evidence,
-        surprise=found.surprise,
-        rounds=found.rounds,
-        mode_component=found.modes.component,
-        mode_rotation=found.modes.rotation,
-        mode_scale=found.modes.scale,
-        mode_log_evidence=found.modes.log_evidence,
-        mode_mean=found.modes.mean,
-        mode_covariance=found.modes.covariance,
-        mode_belief=found.modes.belief,
+        **of_images,
+        **{f"mode_{name}": values for name, values in of_modes.items()},
         threads=threads,
     )
-    found.mean[:, :2] += middle
-    found.modes.mean[:, :, :2] += middle[:, None]
-    return found
+    of_images["mean"][:, :2] += middle
+    of_modes["mean"][:, :, :2] += middle[:, None]
+    return Posterior(**of_images, covariance=whole if covariance else None, modes=Modes(**of_modes))
 
 
 def _whole(x: Floats) -> Floats:

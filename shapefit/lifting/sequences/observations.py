@@ -10,7 +10,7 @@ and at given responsibilities of the modes a quadratic that touches it from abov
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,16 +53,8 @@ class Observations:
 
     def take(self, frames: slice) -> Observations:
         """Return some of the frames."""
-        return Observations(
-            self.landmarks[frames],
-            self.trust[frames],
-            self.start[frames],
-            self.misfit,
-            self.log_share[frames],
-            self.mean[frames],
-            self.precision[frames],
-            self.log_det[frames],
-        )
+        of_frames = {name: values for name, values in vars(self).items() if name != "misfit"}
+        return replace(self, **{name: values[frames] for name, values in of_frames.items()})
 
 
 def observe(
