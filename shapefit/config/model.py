@@ -15,8 +15,18 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Optional, Self, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    WrapValidator,
+    create_model,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
 
 from shapefit.config.paths import STANDARD_STREAM, Expected, Folder, ResultFolder
 from shapefit.errors import path_text
@@ -155,6 +165,18 @@ def _options(value: Any) -> Any:
 
 FromLists = BeforeValidator(_tuples)
 """Annotation metadata: lists (of lists ...) become tuples, so that a config cannot change."""
+
+
+def _as_a_whole(value: Any, check: Callable[[Any], Any]) -> Any:
+    try:
+        return check(value)
+    except ValidationError:
+        raise PydanticCustomError("whole", "not one of these") from None
+
+
+AS_A_WHOLE = WrapValidator(_as_a_whole)
+"""Annotation metadata: of a field that takes several kinds of values, one problem is reported, with
+the words that it is expected by."""
 
 Renaming = Mapping[str, str]
 """Names of landmarks as files have them -> names that they are matched by."""

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, ValidationInfo, field_validator
 
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists, Plots, section
+from shapefit.config.model import (
+    AS_A_WHOLE,
+    CommandConfig,
+    ConfigModel,
+    FromLists,
+    Plots,
+    section,
+)
 from shapefit.config.named_files import DictionaryPath, NamedFiles
 from shapefit.config.paths import OF_THE_DATA, Expected, InputPaths, OutputPath
 from shapefit.errors import listed
@@ -31,16 +37,6 @@ BEST_COMBINATION = "Best combination (oracle)"
 
 MOST_EXAMPLES = 20
 """Rows of a picture that a person still looks at."""
-
-_EXAMPLES = f"expected a whole number from 0 to {MOST_EXAMPLES} or a list of item names or globs"
-
-
-def _number_or_names(value: Any) -> int | tuple[str, ...]:
-    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_EXAMPLES:
-        return value
-    if isinstance(value, list | tuple) and all(isinstance(name, str) for name in value):
-        return tuple(value)
-    raise PydanticCustomError("number_or_names", _EXAMPLES)
 
 
 class FloorsConfig(ConfigModel):
@@ -91,9 +87,10 @@ class EvalConfig(CommandConfig):
     plots: Plots = "auto"
     """Also draw the errors, and the examples (PNG and SVG); auto: where matplotlib is installed."""
     examples: Annotated[
-        int | tuple[str, ...],
-        Expected(_EXAMPLES.removeprefix("expected ")),
-        BeforeValidator(_number_or_names),
+        Annotated[int, Field(ge=0, le=MOST_EXAMPLES)] | tuple[str, ...],
+        Expected(f"a whole number from 0 to {MOST_EXAMPLES} or a list of item names or globs"),
+        FromLists,
+        AS_A_WHOLE,
     ] = 0
     """Images to draw (landmarks, truth and every method in a novel view): a number, spread evenly
     over the images of all methods, or a list of items."""

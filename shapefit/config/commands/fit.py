@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, PlainValidator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, model_validator
 
 from shapefit.config.commands.fit_sections import (
     ExportConfig,
@@ -17,7 +15,14 @@ from shapefit.config.commands.fit_sections import (
     ViewingConfig,
 )
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.model import MOST_STEPS, MOST_THREADS, CommandConfig, ConfigModel, section
+from shapefit.config.model import (
+    AS_A_WHOLE,
+    MOST_STEPS,
+    MOST_THREADS,
+    CommandConfig,
+    ConfigModel,
+    section,
+)
 from shapefit.config.named_files import DictionaryPath
 from shapefit.config.paths import (
     OF_THE_DATA,
@@ -49,15 +54,6 @@ SEARCHING = listed(those(lambda method: method.section == ALTERNATION), "and")
 """The methods that read the section `alternation`."""
 
 
-def _number_or_auto(value: Any) -> float | Literal["auto"]:
-    if value == "auto":
-        return "auto"
-    number = value if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
-    if not (math.isfinite(number) and number > 0):
-        raise PydanticCustomError("number_or_auto", "expected a number > 0 or auto")
-    return float(number)
-
-
 class SolverConfig(ConfigModel):
     """When an image counts as solved."""
 
@@ -73,14 +69,6 @@ class SolverConfig(ConfigModel):
 
 
 _MOST_VIEWS = 1000
-_VIEWS = f"a whole number from 1 to {_MOST_VIEWS} or all"
-
-
-def _views(value: Any) -> int | str:
-    is_number = isinstance(value, int) and not isinstance(value, bool)
-    if value == "all" or (is_number and 1 <= value <= _MOST_VIEWS):
-        return value
-    raise PydanticCustomError("views", f"expected {_VIEWS}")
 
 
 class AlternationConfig(ConfigModel):
@@ -88,7 +76,11 @@ class AlternationConfig(ConfigModel):
 
     signed: bool = AlternationOptions.signed
     """Coefficients of either sign; without, they are >= 0."""
-    views: Annotated[int | Literal["all"], Expected(_VIEWS), BeforeValidator(_views)] = Field(
+    views: Annotated[
+        Annotated[int, Field(ge=1, le=_MOST_VIEWS)] | Literal["all"],
+        Expected(f"a whole number from 1 to {_MOST_VIEWS} or all"),
+        AS_A_WHOLE,
+    ] = Field(
         default=AlternationOptions.views,
         description="Views, spread evenly, from which the pose of the mean shape is sought; all: "
         f"from {DEFAULT_VIEWS} views, and alternate starts from each of them and keeps "
@@ -150,9 +142,9 @@ class FitConfig(CommandConfig):
     """The data term: half the squared residual; or exact, no residual at all, where lambda is
     ignored. Robust ones are methods of `outliers`."""
     lam: Annotated[
-        float | Literal["auto"],
+        Annotated[float, Field(gt=0)] | Literal["auto"],
         Expected("a number > 0 or auto"),
-        PlainValidator(_number_or_auto),
+        AS_A_WHOLE,
     ] = Field(default=0.1, alias="lambda")
     """Weight of the sum of spectral norms, for normalised landmarks and atoms; auto derives it from
     `noise`."""

@@ -6,10 +6,16 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
-from pydantic_core import PydanticCustomError
 
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.model import MOST_STEPS, CommandConfig, ConfigModel, FromLists, section
+from shapefit.config.model import (
+    AS_A_WHOLE,
+    MOST_STEPS,
+    CommandConfig,
+    ConfigModel,
+    FromLists,
+    section,
+)
 from shapefit.config.named_files import OptionalDictionaryPath
 from shapefit.config.paths import OF_THE_DATA, Expected, InputPaths, OutputPath
 
@@ -37,29 +43,8 @@ class OriginConfig(ConfigModel):
     """What those who use the shapes are asked to acknowledge, stated alike."""
 
 
-_BASES = "a whole number >= 1, or a share > 0 and < 1"
-
-
-def _share_or_number(value: Any) -> float | int:
-    is_number = isinstance(value, int) and not isinstance(value, bool) and value >= 1
-    if is_number or (isinstance(value, float) and 0 < value < 1):
-        return value
-    raise PydanticCustomError("share_or_number", f"expected {_BASES}")
-
-
-_EVERY = "a whole number >= 1, or a mapping of globs on sequence names to such numbers"
-
-
-def _number_or_numbers(value: Any) -> int | dict[str, int]:
-    if _is_step(value):
-        return value
-    if not isinstance(value, Mapping) or not value or not all(map(_is_step, value.values())):
-        raise PydanticCustomError("every", f"expected {_EVERY}")
-    return dict(value)
-
-
-def _is_step(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 1
+AtLeastOne = Annotated[int, Field(ge=1)]
+Share = Annotated[float, Field(gt=0, lt=1)]
 
 
 class PriorConfig(ConfigModel):
@@ -102,7 +87,9 @@ class LearnDictConfig(CommandConfig):
     training shape an atom; or the principal components of each sequence, bases of either sign for
     matching pursuit."""
     every: Annotated[
-        int | Mapping[str, int], Expected(_EVERY), BeforeValidator(_number_or_numbers)
+        AtLeastOne | Annotated[Mapping[str, AtLeastOne], Field(min_length=1)],
+        Expected("a whole number >= 1, or a mapping of globs on sequence names to such numbers"),
+        AS_A_WHOLE,
     ] = 1
     """Keep every n-th shape of each sequence, starting with its first; a mapping such as {13_*: 18,
     "*": 2} keeps so many of the sequences that a glob fits, the first that fits, and all shapes of
@@ -131,7 +118,9 @@ class LearnDictConfig(CommandConfig):
     batch: int = Field(default=0, ge=0)
     """Shapes in memory at a time, where a file holds more than fit; 0: all at once. Learns from a
     sample of so many first, then from all (sparse-coding only)."""
-    bases: Annotated[float | int, Expected(_BASES), BeforeValidator(_share_or_number)] = 0.99
+    bases: Annotated[
+        Share | AtLeastOne, Expected("a whole number >= 1, or a share > 0 and < 1"), AS_A_WHOLE
+    ] = 0.99
     """Bases of each sequence: their number, or, below 1, the share of the variation within the
     sequence that they explain (pca-bases only)."""
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, PlainValidator
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, Field
 
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists, section
+from shapefit.config.model import AS_A_WHOLE, CommandConfig, ConfigModel, FromLists, section
 from shapefit.config.paths import Expected, InputPaths, OutputPath
 
 Row = tuple[float, float, float]
@@ -29,38 +27,21 @@ def _is_rotation(rows: Rotation, tolerance: float = 1e-6) -> bool:
     return all(abs(product - target) <= tolerance for product, target in products)
 
 
-_VIEW = "turntable, random, or a rotation as three rows of three numbers"
-
-
-def _view(value: Any) -> str | Rotation:
-    if value in ("turntable", "random"):
-        return str(value)
-    if not _is_3_by_3(value):
-        raise PydanticCustomError("view", f"expected {_VIEW}")
-    rows: Rotation = tuple(tuple(map(float, row)) for row in value)  # type: ignore[assignment]
-    if not _is_rotation(rows):
+def _view(view: str | Rotation) -> str | Rotation:
+    if not isinstance(view, str) and not _is_rotation(view):
         raise ValueError("expected a rotation (orthonormal rows, determinant +1)")
-    return rows
-
-
-def _is_3_by_3(value: Any) -> bool:
-    return (
-        isinstance(value, list | tuple)
-        and len(value) == 3
-        and all(isinstance(row, list | tuple) and len(row) == 3 for row in value)
-        and all(
-            isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
-            for row in value
-            for x in row
-        )
-    )
+    return view
 
 
 class CameraConfig(ConfigModel):
     """The camera that sees the shapes."""
 
     view: Annotated[
-        Literal["turntable", "random"] | Rotation, Expected(_VIEW), FromLists, PlainValidator(_view)
+        Literal["turntable", "random"] | Rotation,
+        Expected("turntable, random, or a rotation as three rows of three numbers"),
+        FromLists,
+        AS_A_WHOLE,
+        AfterValidator(_view),
     ] = "turntable"
     """One full turn per sequence about the vertical axis, a random rotation per image, or one
     rotation for all, from object to camera frame (x and y as in the landmarks): three rows,
