@@ -144,15 +144,17 @@ class Texts:
         self._letters.append(np.frombuffer(b"".join(encoded), np.uint8))
         self._ends.append(before + np.cumsum(sizes))
 
-    def __getitem__(self, rows: slice) -> tuple[str, ...]:
+    def encoded(self, rows: slice) -> tuple[bytes, NDArray[np.int64]]:
+        """Return the letters of n texts, and where each starts and the last ends (n + 1,)."""
         start, stop, _ = rows.indices(len(self))
-        if start >= stop:
-            return ()
-        ends = self._ends[max(start - 1, 0) : stop]
+        ends = self._ends[max(start - 1, 0) : max(start, stop)]
         if start == 0:
             ends = np.concatenate([[0], ends])
-        letters = self._letters[int(ends[0]) : int(ends[-1])].tobytes()
-        places = (ends - ends[0]).tolist()
+        return self._letters[int(ends[0]) : int(ends[-1])].tobytes(), ends - ends[0]
+
+    def __getitem__(self, rows: slice) -> tuple[str, ...]:
+        letters, ends = self.encoded(rows)
+        places = ends.tolist()
         if letters.isascii():
             text = letters.decode("ascii")
             return tuple(text[a:b] for a, b in pairwise(places))

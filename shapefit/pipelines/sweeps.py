@@ -30,7 +30,6 @@ from shapefit.evaluation.sweep import (
     value_text,
     write_csv,
 )
-from shapefit.evaluation.tables.csv_json import write_per_image
 from shapefit.io import (
     LandmarkSet,
     ResultSet,
@@ -41,6 +40,7 @@ from shapefit.io import (
     read_results,
     read_shapes,
 )
+from shapefit.io.csv.writing import write_per_image
 from shapefit.io.extras import CORRUPTED, Extras
 from shapefit.io.whole.folder import Write, check_folder, write_folder
 from shapefit.pipelines import projection as project

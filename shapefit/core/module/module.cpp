@@ -1,5 +1,6 @@
 // The extension module shapefit.core._core.
 #include "bind.hpp"
+#include "csv_rows.hpp"
 #include "deflate.hpp"
 
 NB_MODULE(_core, module) {
@@ -40,6 +41,7 @@ NB_MODULE(_core, module) {
     define(module, "update_atoms", kernel.update_atoms);
 
     define(module, "deflate", deflate);
+    define(module, "write_csv_rows", write_csv_rows);
 
     const Parts& part = level().parts;
     define(parts, "correlate", part.correlate);

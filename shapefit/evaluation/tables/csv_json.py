@@ -11,7 +11,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
 
-from shapefit.evaluation.averages import slices
 from shapefit.evaluation.calibration import LEVELS, Coverage, Kept
 from shapefit.evaluation.report import Report
 from shapefit.evaluation.summary import ImageErrors, Summary
@@ -34,30 +33,10 @@ def _null_for_nan(value: Any) -> Any:
 
 Errors = TypeVar("Errors", Summary, ImageErrors)
 
-IMAGES_AT_ONCE = 1 << 14
-"""Images whose names are in memory while they are written."""
-
-PER_IMAGE = ("method", "sequence", "item", "metric", "error", "unit")
 INSIDE = tuple(f"inside_{100 * level:.0f}" for level in LEVELS)
 COVERAGE = ("method", "group", "landmark", "judged", *INSIDE, "width", "unit")
 KEPT = ("method", "metric", "group", "images", "mean", "kept", "mean_kept", "plausibility", "unit")
 REPORT = ("method", "metric", "group", "sequence", "images", "mean", "median", "p90", "unit")
-
-
-def write_per_image(path: Path, errors: Sequence[ImageErrors], of: str = "method") -> None:
-    """Write per_image.csv, one row per image, metric and unit; a failed image's error is empty.
-
-    `of` is the name of the first column: what the `method` of the errors is.
-    """
-    rows = (
-        (e.method, sequence, item, e.metric, error, e.unit)
-        for e in errors
-        for part in slices(len(e.values), IMAGES_AT_ONCE)
-        for sequence, item, error in zip(
-            e.sequences[part], e.items[part], e.values[part].tolist(), strict=True
-        )
-    )
-    write_table(path, (of, *PER_IMAGE[1:]), rows)
 
 
 def write_report_csv(path: Path, summaries: Sequence[Summary]) -> None:

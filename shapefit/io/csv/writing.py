@@ -1,19 +1,20 @@
-"""Write records as tidy CSV, chunk by chunk."""
+"""Write records, and errors image by image, as tidy CSV, chunk by chunk."""
 
 from __future__ import annotations
 
-import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import orjson
+from numpy.typing import NDArray
 
+from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
+from shapefit.io.columns import Texts
 from shapefit.io.csv.tables import DEVIATIONS
 from shapefit.io.layout import Format
 from shapefit.io.options import Summary
@@ -23,7 +24,10 @@ from shapefit.io.whole.atomic import atomic_file, storage_errors, write_all
 from shapefit.io.writing import NOTHING_APPENDED
 from shapefit.lifting.verdict import TRUSTED
 
-Write = Callable[[bytes], None]
+if TYPE_CHECKING:
+    from shapefit.evaluation.summary import ImageErrors, Names
+
+Write = Callable[[bytes | memoryview], None]
 
 BLOCK_ROWS = 4096
 """Rows that are written at a time; larger blocks leave the processor's cache and take longer."""
@@ -34,9 +38,16 @@ DECIMALS, WIDE = 2, 100
 WHOLE = 2.0**52
 """From which on all numbers of 64 bits are whole."""
 
+NUMBER = 26
+"""Bytes of a number with the comma behind it, at most."""
+
 Y_UP = "y points up, which CSV cannot say: read the file with `--set y_axis=up`"
 
-_IN_QUOTES = re.compile('[",\\r\\n]')
+IN_QUOTES = ('"', ",", "\r", "\n")
+"""A cell with one of these is in quotes."""
+
+PER_IMAGE = ("sequence", "item", "metric", "error", "unit")
+"""Columns of per_image.csv from the second on."""
 
 
 class CsvWriter:
@@ -98,7 +109,7 @@ def _checked(writer: CsvWriter) -> Iterator[CsvWriter]:
         raise ValueError(NOTHING_APPENDED)
 
 
-def _write_to_stdout(data: bytes) -> None:
+def _write_to_stdout(data: bytes | memoryview) -> None:
     sys.stdout.buffer.write(data)
     sys.stdout.buffer.flush()
 
@@ -126,7 +137,7 @@ def _is_wide(record: Records) -> bool:
     return bool(np.median((most - least).max(axis=1)) >= WIDE)
 
 
-def _rows(record: Records, part: slice, decimals: int | None = None) -> bytes:
+def _rows(record: Records, part: slice, decimals: int | None = None) -> memoryview:
     """Return the lines of some of the items, with so many decimals of the points."""
     points = record.points[part]
     if decimals is not None:
@@ -139,13 +150,9 @@ def _rows(record: Records, part: slice, decimals: int | None = None) -> bytes:
         numbers = np.column_stack([numbers, confidence[part].reshape(n * p)])
     if deviations is not None:
         numbers = np.column_stack([numbers, deviations[part].swapaxes(1, 2).reshape(n * p, 3)])
-    landmarks = [b",%b," % _cell(name) for name in record.landmark_names]
-    names = [item + landmark for item in map(_cell, record.items[part]) for landmark in landmarks]
-    columns = _of_items(record, part).values()
-    cells = zip(*columns, strict=True) if columns else [()] * n
-    ends = [b"".join(b",%b" % _cell(cell) for cell in row) + b"\n" for row in cells]
-    ends = [end for end in ends for _ in range(p)]
-    return b"".join(chain.from_iterable(zip(names, _texts(numbers), ends, strict=True)))
+    item, landmark = np.divmod(np.arange(n * p), max(p, 1))
+    names = [cells_of(record.items[part], item), cells_of(record.landmark_names, landmark)]
+    return rows_of(names, numbers, [cells_of(c, item) for c in _of_items(record, part).values()])
 
 
 def _of_items(record: Records, part: slice) -> dict[str, list[str]]:
@@ -163,16 +170,83 @@ def _of_items(record: Records, part: slice) -> dict[str, list[str]]:
     return columns
 
 
-def _texts(rows: Floats) -> list[bytes]:
-    """Return each row of numbers with commas between them, nothing for nan."""
-    if not rows.size:
-        return [b""] * len(rows)
-    text = orjson.dumps(np.ascontiguousarray(rows), option=orjson.OPT_SERIALIZE_NUMPY)
-    return text[2:-2].replace(b"null", b"").split(b"],[")
+class Cells(NamedTuple):
+    """A column of texts: the letters of all, where each starts and the last ends, that of each row.
+
+    starts (t + 1,) of t texts, rows (n,) the number of the text of each row.
+    """
+
+    letters: bytes
+    starts: NDArray[np.int64]
+    rows: NDArray[np.int64]
 
 
-def _cell(text: str) -> bytes:
-    """Return a text as a cell, in quotes where it needs them."""
-    if text and not _IN_QUOTES.search(text):
-        return text.encode()
-    return '"{}"'.format(text.replace('"', '""')).encode()
+def cells_of(texts: Sequence[str], rows: NDArray[np.int64], empty: str = '""') -> Cells:
+    """Return a column of texts, in quotes where they need them; `empty` stands for no letters."""
+    whole = "".join(texts)
+    if any(mark in whole for mark in IN_QUOTES):
+        texts = [_quoted(t) if any(mark in t for mark in IN_QUOTES) else t for t in texts]
+    encoded = [(text or empty).encode() for text in texts]
+    return Cells(b"".join(encoded), np.cumsum([0, *map(len, encoded)]), rows)
+
+
+def _quoted(text: str) -> str:
+    return '"{}"'.format(text.replace('"', '""'))
+
+
+def rows_of(
+    before: Sequence[Cells], numbers: Floats, after: Sequence[Cells], *, as_python: bool = False
+) -> memoryview:
+    """Return rows of texts, numbers (n, d) and texts, with the fewest digits that read back.
+
+    nan is an empty cell. Exponents are those of JSON, or `as_python`, whose `repr` has them sooner.
+    """
+    columns = [*before, *after]
+    letters = b"".join(column.letters for column in columns)
+    ends = np.cumsum([0, *(len(column.letters) for column in columns)])
+    firsts = np.cumsum([0, *(len(column.starts) - 1 for column in columns)])
+    starts = [c.starts[:-1] + end for c, end in zip(columns, ends[:-1], strict=True)]
+    starts = np.concatenate([*starts, ends[-1:]])
+    texts = np.column_stack([c.rows + first for c, first in zip(columns, firsts[:-1], strict=True)])
+    room = int(np.diff(starts)[texts].sum()) + texts.size + NUMBER * numbers.size
+    rows = np.empty(room // 8 + 1, np.uint64)
+    size = core.write_csv_rows(
+        letters=np.frombuffer(letters.ljust(len(letters) // 8 * 8 + 8), np.uint64),
+        starts=starts,
+        texts=texts,
+        numbers=numbers,
+        leading=len(before),
+        as_python=as_python,
+        rows=rows,
+    )
+    return rows.view(np.uint8)[:size].data
+
+
+def write_per_image(path: Path, errors: Sequence[ImageErrors], of: str = "method") -> None:
+    """Write per_image.csv, one row per image, metric and unit; a failed image's error is empty.
+
+    `of` is the name of the first column: what the `method` of the errors is.
+    """
+    with path.open("wb", buffering=0) as file:
+        write_all(file, f"{','.join((of, *PER_IMAGE))}\n".encode())
+        for each in errors:
+            words = (each.method, each.metric, each.unit)
+            sequences = cells_of(each.sequences.names, np.arange(0), empty="")
+            for start in range(0, len(each.values), BLOCK_ROWS):
+                part = slice(start, start + BLOCK_ROWS)
+                values = each.values[part]
+                none = np.zeros(len(values), np.int64)
+                method, metric, unit = (cells_of([word], none, empty="") for word in words)
+                sequence = sequences._replace(rows=each.sequences.codes[part].astype(np.int64))
+                before = [method, sequence, _names(each.items, part), metric]
+                write_all(file, rows_of(before, values[:, None], [unit], as_python=True))
+
+
+def _names(names: Names, part: slice) -> Cells:
+    """Return a column of names, as they stand in a file where they do."""
+    if isinstance(names, Texts):
+        letters, starts = names.encoded(part)
+        if not any(mark.encode() in letters for mark in IN_QUOTES):
+            return Cells(letters, starts, np.arange(len(starts) - 1))
+    texts = names[part]
+    return cells_of(texts, np.arange(len(texts)), empty="")

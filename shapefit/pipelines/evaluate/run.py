@@ -17,6 +17,7 @@ from shapefit.evaluation.report import NORMALISED, Report
 from shapefit.evaluation.summary import ImageErrors, Summary, summarise
 from shapefit.evaluation.tables import csv_json as tables
 from shapefit.evaluation.tables.errors_document import document, markdown
+from shapefit.io.csv.writing import write_per_image
 from shapefit.io.whole.atomic import digests
 from shapefit.io.whole.folder import Write, write_folder
 from shapefit.pipelines.evaluate.found import Found
@@ -129,7 +130,7 @@ def _tables(errors: Sequence[ImageErrors], report: Report) -> dict[str, Write]:
     if report.kept:
         of_bars["trusted.csv"] = lambda path: tables.write_kept(path, report.kept)
     return of_bars | {
-        "per_image.csv": lambda path: tables.write_per_image(path, errors),
+        "per_image.csv": lambda path: write_per_image(path, errors),
         "report.csv": lambda path: tables.write_report_csv(path, report.summaries),
         "report.json": lambda path: path.write_text(tables.report_json(report), encoding="utf-8"),
     }

@@ -13,6 +13,7 @@ from shapefit.evaluation.report import Method, Report, Solving
 from shapefit.evaluation.tables import csv_json as tables
 from shapefit.evaluation.tables.csv_json import write_table
 from shapefit.evaluation.tables.document import ABSENT, decimals_of, number
+from shapefit.io.csv.writing import write_per_image
 
 
 def rows_of(path):
@@ -21,7 +22,7 @@ def rows_of(path):
 
 
 def test_per_image_lists_every_image_the_failed_one_without_error(tmp_path, errors):
-    tables.write_per_image(tmp_path / "per_image.csv", errors)
+    write_per_image(tmp_path / "per_image.csv", errors)
     header, *rows = rows_of(tmp_path / "per_image.csv")
     assert header == ["method", "sequence", "item", "metric", "error", "unit"]
     assert rows[0] == ["convex", "13_01", "a", "similarity", "0.1", "normalised"]
@@ -45,7 +46,7 @@ def test_report_csv_has_group_rows_without_sequence(tmp_path, report):
 
 def test_csv_keeps_all_digits(tmp_path, image_errors):
     value = 0.1 + 0.2
-    tables.write_per_image(tmp_path / "per_image.csv", [image_errors(values=(value,) * 4)])
+    write_per_image(tmp_path / "per_image.csv", [image_errors(values=(value,) * 4)])
     assert float(rows_of(tmp_path / "per_image.csv")[1][4]) == value
 
 

@@ -145,10 +145,13 @@ def test_what_is_no_number_is_strange(text):
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
 def test_numbers_come_back_to_the_last_bit(values):
-    rows = csv_writing._texts(np.array([values]))
-    (row,) = rows
-    back = read_numbers(row.decode().split(","))
-    assert back.values.tobytes() == np.array(values).tobytes()
+    for as_python in (False, True):
+        name = csv_writing.cells_of(["a"], np.zeros(1, np.int64))
+        row = csv_writing.rows_of([name], np.array([values]), [], as_python=as_python)
+        cells = bytes(row).decode().removesuffix("\n").split(",")[1:]
+        assert read_numbers(cells).values.tobytes() == np.array(values).tobytes()
+        if as_python:
+            assert cells == list(map(repr, values))
 
 
 @pytest.mark.parametrize("rows", [1, 5, 12, 13, 1000])

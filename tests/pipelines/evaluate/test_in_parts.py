@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation import calibration
-from shapefit.evaluation.tables import csv_json
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import columns, name_index, write_dictionary, write_shapes
+from shapefit.io.csv import writing
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate import examples, floors, method_images
 from shapefit.pipelines.evaluate import plan as truths
@@ -31,7 +31,7 @@ NUMBERS = ("per_image.csv", "report.csv", "calibration.csv", "trusted.csv")
 
 LIMITS = [
     *((columns, "MOST_HELD"), (columns, "GAP"), (columns, "STRETCH"), (name_index, "RUN")),
-    *((columns, "AT_A_TIME"), (calibration, "TOGETHER"), (csv_json, "IMAGES_AT_ONCE")),
+    *((columns, "AT_A_TIME"), (calibration, "TOGETHER"), (writing, "BLOCK_ROWS")),
     *((floors, "TOGETHER"), (truths, "AT_A_TIME")),
 ]
 """How much is in memory at a time."""
