@@ -212,7 +212,7 @@ def coverage(report: Path) -> list[str]:
     for row in json.loads(report.read_text(encoding="utf-8"))["calibration"]:
         if row["landmark"] is None:
             half, most = (f"{100 * share:.0f}%" for share in row["inside"])
-            texts[row["method"]] = f"{half} / {most} / {row['width']['normalised']:.2f}"
+            texts[row["method"]] = f"{half} / {most} / {row['median_width']['normalised']:.2f}"
     return [texts.get(method, "") for method in WITH_BARS]
 
 
@@ -224,8 +224,8 @@ def write_page(
     bars = markdown_table([head[0], *WITH_BARS], regions)
     text = (
         f"{title}\n\nMean similarity error, normalised.\n\n{table}\n\nShare of the "
-        "truth inside the 50% and the 90% ellipsoids of the error bars, and the mean width of the "
-        f"latter, normalised.\n\n{bars}\n"
+        "truth inside the 50% and the 90% ellipsoids of the error bars, and the median width of "
+        f"the latter, normalised.\n\n{bars}\n"
     )
     with atomic_path(folder / "index.md") as path:
         path.write_text(text, encoding="utf-8")

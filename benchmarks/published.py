@@ -131,8 +131,9 @@ def _coverage(stored: Mapping[str, Any]) -> Coverage:
     """Return the coverage of a landmark, with nan for what JSON has as null."""
     nan = float("nan")
     inside = tuple(nan if share is None else share for share in stored["inside"])
-    width = {unit: nan if value is None else value for unit, value in stored["width"].items()}
-    return Coverage(**{**stored, "inside": inside, "width": width})
+    known = stored["median_width"].items()
+    width = {unit: nan if value is None else value for unit, value in known}
+    return Coverage(**{**stored, "inside": inside, "median_width": width})
 
 
 def _with_nan(summary: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ file: one column at a time is read whole.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -103,6 +103,24 @@ def median(values: Floats) -> float:
 def percentiles(values: Floats, shares: Sequence[float]) -> tuple[float, ...]:
     """Return a percentile for each share in percent; nan of nothing."""
     return tuple(np.percentile(values, shares).tolist() if len(values) else [np.nan] * len(shares))
+
+
+TOGETHER = 1 << 10
+"""Images that are measured together: what is made of them stays in the processor's cache."""
+
+
+def in_blocks(measure: Callable[..., Any], *arrays: NDArray[Any] | None) -> Any:
+    """Return what a function of images, on their first axis, makes of arrays; some at a time.
+
+    It returns an array (n, ...) or a tuple of them.
+    """
+    parts = [
+        measure(*(None if array is None else array[rows] for array in arrays))
+        for rows in slices(len(next(a for a in arrays if a is not None)), TOGETHER)
+    ]
+    if isinstance(parts[0], tuple):
+        return tuple(map(np.concatenate, zip(*parts, strict=True)))
+    return np.concatenate(parts)
 
 
 def slices(count: int, most: int) -> Iterator[slice]:

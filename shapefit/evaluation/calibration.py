@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.evaluation.averages import mean
+from shapefit.evaluation.averages import labels_of, mean
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, placed_apart, visible_in_both
 from shapefit.evaluation.summary import ImageErrors, group_sequences
 
@@ -29,10 +31,10 @@ CURVE = tuple(np.linspace(0, 1, 41).tolist())
 """Nominal levels at which the share of all landmarks is drawn."""
 
 SQUARES = np.exp(np.linspace(-14, 5, 3801))
-"""Squared Mahalanobis distances between which those of all landmarks are counted."""
+"""Squared Mahalanobis distances up to which landmarks are counted, beside those of the levels."""
 
-TOGETHER = 1 << 15
-"""Images whose error bars are added up together."""
+BELOW = 40
+"""Last bits of a width that are left out where widths are counted: an eight-thousandth of it."""
 
 SMALLEST = 1e-12
 """Share of a variance that is left where correlations leave none."""
@@ -40,39 +42,27 @@ SMALLEST = 1e-12
 
 @dataclass(frozen=True)
 class ErrorBars:
-    """The truth in the error bars of n images of one method.
+    """The truth in the error bars of n images of one method, in one of its files.
 
-    level (n, p): the nominal level of the ellipsoid on which the truth lies, uniform from 0 to 1
+    square (n, p): the squared Mahalanobis distance of the truth, chi^2 with 3 degrees of freedom
     where error bars are true; width (n, p): root of the mean squared semi-axis of the 90%
     ellipsoid, by unit. nan where there is no truth or no error bar. parallel: without
     correlations, so that the ellipsoids are parallel to the axes of the camera.
     """
 
-    method: str
     landmarks: tuple[str, ...]
-    items: tuple[str, ...]
     sequences: tuple[str, ...]
-    level: Floats
+    square: Floats
     width: Mapping[str, Floats]
     parallel: bool
-
-    def take(self, rows: slice) -> ErrorBars:
-        """Return those of some images."""
-        return replace(
-            self,
-            items=self.items[rows],
-            sequences=self.sequences[rows],
-            level=self.level[rows],
-            width={unit: values[rows] for unit, values in self.width.items()},
-        )
 
 
 @dataclass(frozen=True)
 class Coverage:
     """How often the truth of one landmark of a group, or of all (`landmark` None), is inside.
 
-    judged landmarks; inside, the share of each of `LEVELS`; the mean width by unit. Every image of
-    the group has the same weight.
+    judged landmarks; inside, the share of each of `LEVELS`; the median width by unit, to four
+    digits. Every image of the group has the same weight.
     """
 
     method: str
@@ -80,16 +70,16 @@ class Coverage:
     landmark: str | None
     judged: int
     inside: tuple[float, ...]
-    width: Mapping[str, float]
+    median_width: Mapping[str, float]
 
 
-def find_levels(
+def find_squares(
     estimate: Floats, truth: Floats, deviation: Floats, correlation: Floats | None
 ) -> tuple[Floats, Floats]:
-    """P(chi^2_3 < d^T C^-1 d), d = e_j - (y_j - t) / s with s, t of the metric `camera`; and width.
+    """d^T C^-1 d, d = e_j - (y_j - t) / s with s, t of the metric `camera`; and the width.
 
     estimate e, truth y, deviation (n, 3, p) in the camera frame, correlation (n, 3, p) of x with
-    y, x with z, y with z, or None for none -> level (n, p), and the width (n, p) of the 90%
+    y, x with z, y with z, or None for none -> squares (n, p), and the width (n, p) of the 90%
     ellipsoid, sqrt(q tr C / 3), in the unit of the truth. nan for landmarks that one side lacks,
     images with fewer than three, and those that s shrinks to a point.
     """
@@ -101,7 +91,7 @@ def find_levels(
         square = mahalanobis(z, correlation)
     width = scale[:, None] * np.sqrt(QUANTILE * (deviation**2).mean(axis=1))
     judged &= np.isfinite(width) & ~np.isnan(square)
-    return np.where(judged, cumulative(square), np.nan), np.where(judged, width, np.nan)
+    return np.where(judged, square, np.nan), np.where(judged, width, np.nan)
 
 
 def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
@@ -122,59 +112,104 @@ def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
     return found
 
 
-def cumulative(square: Floats) -> Floats:
-    """P(chi^2 < square) with 3 degrees of freedom."""
-    from scipy.special import chdtr
+class _Radii(NamedTuple):
+    """Squared radii up to which landmarks are counted, the last infinite; the places of some."""
 
-    level: Floats = chdtr(3.0, square)
-    return level
+    all: Floats
+    of_levels: NDArray[np.intp]
+    of_curve: NDArray[np.intp]
+    of_squares: NDArray[np.intp]
+
+
+@cache
+def _radii() -> _Radii:
+    from scipy.special import chdtri
+
+    parts = [*(chdtri(3.0, 1 - np.array(nominal)) for nominal in (LEVELS, CURVE)), SQUARES]
+    radii = np.unique(np.concatenate(parts))
+    return _Radii(radii, *(np.searchsorted(radii, part) for part in parts))
+
+
+class _Counts:
+    """Landmarks by the squared distance of the truth, and by width in a unit."""
+
+    def __init__(self) -> None:
+        self.within = np.zeros(len(_radii().all), np.int64)
+        self.widths: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
+
+    @classmethod
+    def of(cls, square: Floats, width: Mapping[str, Floats]) -> _Counts:
+        """Count those of one landmark (n,)."""
+        counts = cls()
+        counts.within = np.searchsorted(np.sort(square), _radii().all, side="right")
+        for unit, values in width.items():
+            leading = values[~np.isnan(values)].view(np.int64) >> BELOW
+            counts.widths[unit] = np.unique(leading, return_counts=True)
+        return counts
+
+    def add(self, other: _Counts) -> None:
+        """Add the landmarks of other counts."""
+        self.within = self.within + other.within
+        for unit, own in other.widths.items():
+            both = (own, self.widths.get(unit, (own[0][:0], own[1][:0])))
+            leading, counts = map(np.concatenate, zip(*both, strict=True))
+            found, places = np.unique(leading, return_inverse=True)
+            self.widths[unit] = found, np.bincount(places, counts, len(found)).astype(np.int64)
+
+    def median_width(self, unit: str) -> float:
+        """Return the median width in a unit; nan of none."""
+        leading, counts = self.widths[unit]
+        within = np.cumsum(counts)
+        if not len(within):
+            return float("nan")
+        middle = np.searchsorted(within, [(within[-1] - 1) // 2, within[-1] // 2], side="right")
+        return float(((leading[middle] << BELOW) + (1 << BELOW - 1)).view(np.float64).mean())
 
 
 class Coverages:
-    """Adds up how the truth lies in the error bars of one method, group by group.
+    """Counts how the truth lies in the error bars of one method, group by group.
 
-    parallel: whether those of any file are.
-
-    Images are added up some thousand at a time, wherever one file ends and the next begins, so that
-    results divided into files have the same sums to the last bit.
+    parallel: whether those of any file are. Counts do not depend on how results are divided into
+    files.
     """
 
     def __init__(self, groups: Mapping[str, str]) -> None:
         """Take the groups, name -> glob, as `group_sequences` does."""
         self.parallel = False
         self._groups = groups
-        self._waiting: list[ErrorBars] = []
-        self._sums: dict[str, dict[str | None, _Sums]] = {}
-        self._curves: dict[str, NDArray[np.int64]] = {}
-        self._squares = np.zeros(len(SQUARES) + 1, np.int64)
+        self._every: dict[str, _Counts] = {}
+        self._counts: dict[str, dict[str, _Counts]] = {}
 
     def add(self, bars: ErrorBars) -> None:
         """Add the images of a file."""
         self.parallel |= bars.parallel
-        self._waiting.append(bars)
-        while sum(len(each.items) for each in self._waiting) >= TOGETHER:
-            joined = join(self._waiting)
-            self._waiting = [joined.take(slice(TOGETHER, None))]
-            self._add_up(joined.take(slice(TOGETHER)))
+        sequences = labels_of(bars.sequences)
+        every = _count(bars, slice(None))
+        _add(self._every, every)
+        for group, members in group_sequences(self._groups, filter(None, sequences.names)).items():
+            rows = sequences.among(members)
+            if rows.any():
+                own = every if rows.all() else _count(bars, rows)
+                _add(self._counts.setdefault(group, {}), own)
 
     def cover(self, method: str, grouping: Mapping[str, Sequence[str]]) -> list[Coverage]:
         """Sum up each group: all its landmarks, then one by one; groups without any are left out.
 
         The groups are those of `grouping`, in its order.
         """
-        if self._waiting:
-            self._add_up(join(self._waiting))
-            self._waiting = []
-        return [
-            sums.coverage(method, group, name)
-            for group in grouping
-            for name, sums in self._sums.get(group, {}).items()
-            if self._sums[group][None].judged
-        ]
+        found = []
+        for group in grouping:
+            counts = self._counts.get(group, {})
+            whole = _sum(counts.values())
+            if whole.within[-1]:
+                found.append(_coverage(whole, method, group, None))
+                found += [_coverage(own, method, group, name) for name, own in counts.items()]
+        return found
 
     def curve(self, group: str) -> list[float]:
         """Share of the truth of a group inside the ellipsoid of each level of `CURVE`."""
-        return [int(count) / self._sums[group][None].judged for count in self._curves[group]]
+        within = _sum(self._counts[group].values()).within
+        return [int(count) / int(within[-1]) for count in within[_radii().of_curve]]
 
     def find_factors(self) -> dict[str, float | None]:
         """Return how many times as wide error bars are true at each of `LEVELS`, by its name.
@@ -183,59 +218,44 @@ class Coverages:
         conformal prediction asks for, ceil((m + 1) level), and the quantile q of chi^2. None
         where these are too few, or bars too narrow by more than 3 times.
         """
-        from scipy.special import chdtri
-
-        within, found = np.cumsum(self._squares), {}
-        for nominal in LEVELS:
-            wanted = np.ceil((within[-1] + 1) * nominal)
-            at = int(np.searchsorted(within, wanted))
+        radii, found = _radii(), {}
+        every = _sum(self._every.values()).within
+        for nominal, q in zip(LEVELS, radii.all[radii.of_levels], strict=True):
+            wanted = np.ceil((every[-1] + 1) * nominal)
+            at = int(np.searchsorted(every[radii.of_squares], wanted))
             there = at < len(SQUARES)
-            q = chdtri(3.0, 1 - nominal)
             found[f"{100 * nominal:.0f}%"] = float(np.sqrt(SQUARES[at] / q)) if there else None
         return found
 
-    def _add_up(self, bars: ErrorBars) -> None:
-        from scipy.special import chdtri
 
-        judged = bars.level[~np.isnan(bars.level)]
-        places = np.searchsorted(SQUARES, chdtri(3.0, 1 - judged))
-        self._squares += np.bincount(places, minlength=len(self._squares))
-        for group, members in group_sequences(self._groups, filter(None, bars.sequences)).items():
-            rows = of_sequences(bars, members)
-            if not rows.any():
-                continue
-            level = bars.level[rows]
-            width = {unit: values[rows] for unit, values in bars.width.items()}
-            sums = self._sums.setdefault(group, {})
-            columns: list[tuple[str | None, slice]] = [(None, slice(None))]
-            columns += [(name, slice(j, j + 1)) for j, name in enumerate(bars.landmarks)]
-            for name, column in columns:
-                own = {unit: values[:, column] for unit, values in width.items()}
-                sums.setdefault(name, _Sums()).add(level[:, column], own)
-            counts = np.array([(level <= nominal).sum() for nominal in CURVE])
-            self._curves[group] = self._curves.get(group, 0) + counts
+def _count(bars: ErrorBars, rows: NDArray[np.bool_] | slice) -> dict[str, _Counts]:
+    """Count the landmarks of some images, by name."""
+    square = bars.square[rows].T
+    width = {unit: values[rows].T for unit, values in bars.width.items()}
+    return {
+        name: _Counts.of(square[j], {unit: values[j] for unit, values in width.items()})
+        for j, name in enumerate(bars.landmarks)
+    }
 
 
-@dataclass
-class _Sums:
-    """Landmarks that were judged, those inside each of `LEVELS`, and their widths, added up."""
+def _add(counts: dict[str, _Counts], further: Mapping[str, _Counts]) -> None:
+    for name, own in further.items():
+        counts.setdefault(name, _Counts()).add(own)
 
-    judged: int = 0
-    inside: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(LEVELS), np.int64))
-    width: dict[str, float] = field(default_factory=dict)
 
-    def add(self, level: Floats, width: Mapping[str, Floats]) -> None:
-        judged = ~np.isnan(level)
-        self.judged += int(judged.sum())
-        self.inside += [int((level <= nominal).sum()) for nominal in LEVELS]
-        for unit, values in width.items():
-            self.width[unit] = self.width.get(unit, 0.0) + float(values[judged].sum())
+def _sum(parts: Iterable[_Counts]) -> _Counts:
+    total = _Counts()
+    for part in parts:
+        total.add(part)
+    return total
 
-    def coverage(self, method: str, group: str, landmark: str | None) -> Coverage:
-        n = self.judged
-        shares = tuple(int(count) / n if n else float("nan") for count in self.inside)
-        width = {unit: total / n if n else float("nan") for unit, total in self.width.items()}
-        return Coverage(method, group, landmark, n, shares, width)
+
+def _coverage(counts: _Counts, method: str, group: str, landmark: str | None) -> Coverage:
+    n = int(counts.within[-1])
+    inside = counts.within[_radii().of_levels].tolist()
+    shares = tuple(count / n if n else float("nan") for count in inside)
+    width = {unit: counts.median_width(unit) for unit in counts.widths}
+    return Coverage(method, group, landmark, n, shares, width)
 
 
 def image_shares(bars: ErrorBars) -> tuple[NDArray[np.intp], Floats]:
@@ -243,37 +263,9 @@ def image_shares(bars: ErrorBars) -> tuple[NDArray[np.intp], Floats]:
 
     Returns rows (m,) and shares (m,).
     """
-    judged = ~np.isnan(bars.level)
+    judged = ~np.isnan(bars.square)
     rows = np.flatnonzero(judged.any(axis=1))
-    return rows, (bars.level[rows] <= WIDTH_OF).sum(axis=1) / judged[rows].sum(axis=1)
-
-
-def of_sequences(bars: ErrorBars, members: Sequence[str]) -> NDArray[np.bool_]:
-    """Which images (n,) belong to the sequences."""
-    return np.isin(np.array(bars.sequences, dtype=str), np.array(members, dtype=str))
-
-
-def join(parts: Sequence[ErrorBars]) -> ErrorBars:
-    """Join the files of one method; a landmark that a file lacks is nan in its images."""
-    names = tuple(dict.fromkeys(name for part in parts for name in part.landmarks))
-
-    def arranged(part: ErrorBars, values: Floats) -> Floats:
-        whole = np.full((len(values), len(names)), np.nan)
-        whole[:, [names.index(name) for name in part.landmarks]] = values
-        return whole
-
-    return ErrorBars(
-        method=parts[0].method,
-        landmarks=names,
-        items=tuple(item for part in parts for item in part.items),
-        sequences=tuple(sequence for part in parts for sequence in part.sequences),
-        level=np.concatenate([arranged(part, part.level) for part in parts]),
-        width={
-            unit: np.concatenate([arranged(part, part.width[unit]) for part in parts])
-            for unit in parts[0].width
-        },
-        parallel=any(part.parallel for part in parts),
-    )
+    return rows, (bars.square[rows] <= QUANTILE).sum(axis=1) / judged[rows].sum(axis=1)
 
 
 LEAST_TRUSTED = 0.1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from shapefit.evaluation.calibration import Coverages, ErrorBars, find_levels, join, keep_trusted
+from shapefit.evaluation.calibration import Coverages, ErrorBars, find_squares, keep_trusted
 from shapefit.evaluation.summary import ImageErrors
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -28,6 +28,12 @@ def deviations_of(C):
     """Standard deviations and correlations (n, 3, p) of covariances (n, p, 3, 3)."""
     sd = np.sqrt(np.einsum("npaa->nap", C))
     return sd, np.stack([C[..., a, b] / (sd[:, a] * sd[:, b]) for a, b in PAIRS], axis=1)
+
+
+def find_levels(*bars):
+    """The level of the ellipsoid on which the truth lies, uniform where bars are true; widths."""
+    square, width = find_squares(*bars)
+    return chi2.cdf(square, 3), width
 
 
 def placed_by_least_squares(estimate, truth):
@@ -95,29 +101,40 @@ def test_an_image_that_no_scale_above_zero_fits_is_not_judged(rng):
 def test_groups_and_landmarks_are_summed_up():
     level = np.array([[0.2, 0.8], [0.6, np.nan], [0.95, 0.4]])
     width = {"normalised": np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])}
-    bars = ErrorBars(
-        "posterior", ("hip", "knee"), tuple("abc"), ("13_1", "13_1", "14_1"), level, width, False
-    )
+    sequences = ("13_1", "13_1", "14_1")
+    bars = ErrorBars(("hip", "knee"), sequences, chi2.ppf(level, 3), width, False)
     found = Coverages({"13": "13_*", "14": "14_*", "15": "15_*"})
     found.add(bars)
     whole, hip, knee, *other = found.cover("m", {"13": ("13_1",), "14": ("14_1",), "15": ()})
     assert (whole.group, whole.landmark, whole.judged) == ("13", None, 3)
     assert whole.inside == pytest.approx((1 / 3, 1.0))
-    assert whole.width["normalised"] == pytest.approx(2.0)
+    assert whole.median_width["normalised"] == pytest.approx(2.0, rel=1 / 8192)
     assert (hip.judged, *hip.inside) == (2, 0.5, 1.0)
     assert (knee.judged, *knee.inside) == (1, 0.0, 1.0)
     assert [c.inside for c in other] == [(0.5, 0.5), (0.0, 0.0), (1.0, 1.0)]
 
 
-def test_files_of_a_method_are_joined_by_landmark():
-    def part(names, values):
-        level = np.array([values])
-        return ErrorBars("posterior", names, ("a",), ("all",), level, {"m": 2 * level}, False)
+def test_files_of_a_method_are_counted_together(rng):
+    """By landmark, whichever a file lacks: as one file in which what it lacks is not known."""
+    square, sequences = 4 * rng.random((60, 3)), ("13",) * 20 + ("14",) * 40
+    square[30:, 0] = square[:30, 2] = np.nan
+    width = {"m": np.where(np.isnan(square), np.nan, np.exp(rng.standard_normal((60, 3))))}
+    names = ("hip", "knee", "toe")
 
-    joined = join([part(("hip", "knee"), [0.1, 0.2]), part(("knee", "toe"), [0.3, 0.4])])
-    assert joined.landmarks == ("hip", "knee", "toe")
-    np.testing.assert_array_equal(joined.level, [[0.1, 0.2, np.nan], [np.nan, 0.3, 0.4]])
-    np.testing.assert_array_equal(joined.width["m"], 2 * joined.level)
+    def found(*parts):
+        coverages = Coverages({"all": "*", "14": "14"})
+        for rows, own in parts:
+            values = {"m": width["m"][rows, own]}
+            bars = ErrorBars(names[own], sequences[rows], square[rows, own], values, False)
+            coverages.add(bars)
+        groups = {"all": ("13", "14"), "14": ("14",)}
+        return coverages.cover("m", groups), coverages.curve("14"), coverages.find_factors()
+
+    whole = found((slice(None), slice(None)))
+    assert found((slice(30), slice(2)), (slice(30, 60), slice(1, 3))) == whole
+    medians = {c.landmark: c.median_width["m"] for c in whole[0] if c.group == "all"}
+    for name, values in [(None, width["m"]), *zip(names, width["m"].T, strict=True)]:
+        assert medians[name] == pytest.approx(np.nanmedian(values), rel=1 / 8192)
 
 
 def test_the_least_plausible_tenth_of_a_group_is_left_out():
@@ -153,9 +170,7 @@ def test_factors_undo_what_error_bars_lack(rng):
 
     def factors(squares):
         bars = Coverages({"all": "*"})
-        level = chi2.cdf(squares, 3)[:, None]
-        items = tuple(map(str, range(len(level))))
-        bars.add(ErrorBars("m", ("a",), items, ("s",) * len(items), level, {}, False))
+        bars.add(ErrorBars(("a",), ("s",) * len(squares), squares[:, None], {}, False))
         bars.cover("m", {"all": ("s",)})
         return bars.find_factors()
 

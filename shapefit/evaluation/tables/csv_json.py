@@ -34,7 +34,7 @@ def _null_for_nan(value: Any) -> Any:
 Errors = TypeVar("Errors", Summary, ImageErrors)
 
 INSIDE = tuple(f"inside_{100 * level:.0f}" for level in LEVELS)
-COVERAGE = ("method", "group", "landmark", "judged", *INSIDE, "width", "unit")
+COVERAGE = ("method", "group", "landmark", "judged", *INSIDE, "median_width", "unit")
 KEPT = ("method", "metric", "group", "images", "mean", "kept", "mean_kept", "plausibility", "unit")
 REPORT = ("method", "metric", "group", "sequence", "images", "mean", "median", "p90", "unit")
 
@@ -49,7 +49,7 @@ def write_coverage(path: Path, coverage: Sequence[Coverage]) -> None:
     rows = (
         (c.method, c.group, c.landmark, c.judged, *c.inside, width, unit)
         for c in coverage
-        for unit, width in c.width.items()
+        for unit, width in c.median_width.items()
     )
     write_table(path, COVERAGE, rows)
 

@@ -180,10 +180,10 @@ SHARES = [f"{level:.0%}" for level in LEVELS]
 _HOW_TO_READ_BARS = (
     f"Share of the landmarks whose truth is inside the {' and '.join(SHARES)} ellipsoids of the "
     "error bars, the truth placed by scale and translation as in the metric `camera`. Wide bars "
-    f"hold anything, so their width stands beside: the mean of the {WIDTH_OF:.0%} ellipsoids' root "
-    "mean squared semi-axes. Every image has the same weight."
+    f"hold anything, so their width stands beside: the median of the {WIDTH_OF:.0%} ellipsoids' "
+    "root mean squared semi-axes. Every image has the same weight."
 )
-_BY_LANDMARK = f"Landmark by landmark, {' / '.join(SHARES)} / width ({{unit}}):"
+_BY_LANDMARK = f"Landmark by landmark, {' / '.join(SHARES)} / median width ({{unit}}):"
 _TRUST = (
     f"Mean error of all images, and of those kept when the {LEAST_TRUSTED:.0%} with the least "
     "plausibility of each group are left out. Every image has the same weight, so the first may "
@@ -217,20 +217,21 @@ def _exceptions(report: Report) -> list[str]:
 
 def _by_group(coverage: Sequence[Coverage]) -> Table:
     whole = [c for c in coverage if c.landmark is None]
-    units = list(dict.fromkeys(unit for c in whole for unit in c.width))
+    units = list(dict.fromkeys(unit for c in whole for unit in c.median_width))
     grouped = {c.group for c in whole} != {ALL}
     decimals = {
-        unit: decimals_of(c.width[unit] for c in whole if unit in c.width) for unit in units
+        unit: decimals_of(c.median_width[unit] for c in whole if unit in c.median_width)
+        for unit in units
     }
     header = ["method", *(["group"] if grouped else []), "landmarks", *SHARES]
-    header += [f"width ({unit})" for unit in units]
+    header += [f"median width ({unit})" for unit in units]
     rows = [
         [
             c.method,
             *([c.group] if grouped else []),
             str(c.judged),
             *map(_share, c.inside),
-            *(number(c.width.get(unit), decimals[unit]) for unit in units),
+            *(number(c.median_width.get(unit), decimals[unit]) for unit in units),
         ]
         for c in whole
     ]
@@ -242,13 +243,13 @@ def _by_landmark(coverage: Sequence[Coverage]) -> list[Block]:
     single = {(c.method, c.group, c.landmark): c for c in coverage if c.landmark is not None}
     columns = list(dict.fromkeys((method, group) for method, group, _ in single))
     landmarks = list(dict.fromkeys(str(landmark) for *_, landmark in single))
-    (unit, *_) = next(iter(single.values())).width
-    decimals = decimals_of(c.width[unit] for c in single.values())
+    (unit, *_) = next(iter(single.values())).median_width
+    decimals = decimals_of(c.median_width[unit] for c in single.values())
 
     def cell(c: Coverage | None) -> str:
         if c is None or not c.judged:
             return ABSENT
-        return " / ".join([*map(_share, c.inside), number(c.width[unit], decimals)])
+        return " / ".join([*map(_share, c.inside), number(c.median_width[unit], decimals)])
 
     header = ["", *(m if g == ALL else f"{m}, {g}" for m, g in columns)]
     rows = [

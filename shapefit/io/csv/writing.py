@@ -205,8 +205,8 @@ def rows_of(
     letters = b"".join(column.letters for column in columns)
     ends = np.cumsum([0, *(len(column.letters) for column in columns)])
     firsts = np.cumsum([0, *(len(column.starts) - 1 for column in columns)])
-    starts = [c.starts[:-1] + end for c, end in zip(columns, ends[:-1], strict=True)]
-    starts = np.concatenate([*starts, ends[-1:]])
+    own = [c.starts[:-1] + end for c, end in zip(columns, ends[:-1], strict=True)]
+    starts = np.concatenate([*own, ends[-1:]])
     texts = np.column_stack([c.rows + first for c, first in zip(columns, firsts[:-1], strict=True)])
     room = int(np.diff(starts)[texts].sum()) + texts.size + NUMBER * numbers.size
     rows = np.empty(room // 8 + 1, np.uint64)

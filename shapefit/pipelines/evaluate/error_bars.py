@@ -8,9 +8,9 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
-from shapefit.evaluation.calibration import ErrorBars, find_levels
+from shapefit.evaluation.averages import in_blocks
+from shapefit.evaluation.calibration import ErrorBars, find_squares
 from shapefit.evaluation.metric_table import CORRELATION, DEVIATION, TRUE_ROTATION
-from shapefit.evaluation.metrics import truth_scale
 from shapefit.evaluation.report import NORMALISED
 from shapefit.io.landmark_names import match_landmarks
 from shapefit.io.records import ResultSet
@@ -25,7 +25,7 @@ COVARIANCE = "shape_covariance"
 
 
 def judge_error_bars(
-    name: str, results: ResultSet, judgement: Judgement
+    results: ResultSet, judgement: Judgement
 ) -> tuple[ErrorBars | None, tuple[str, ...]]:
     """Return how the truth lies in the error bars of a method's file, None where it has none.
 
@@ -42,20 +42,19 @@ def judge_error_bars(
     correlation = find_correlation(file, results, deviation)
     own = match_landmarks(results.landmark_names, judgement.landmarks)
     with np.errstate(all="ignore"):  # overflow is not an error to report
-        level, width = find_levels(
+        square, width = in_blocks(
+            lambda estimate, true, rotation, *bars: find_squares(estimate, rotation @ true, *bars),
             judgement.estimate,
-            rotation @ judgement.true,
+            judgement.true,
+            rotation,
             deviation[:, :, own],
             None if correlation is None else correlation[:, :, own],
         )
-        spread = truth_scale(judgement.estimate, judgement.true)[:, None]
-        widths = {NORMALISED: width / spread, judgement.truth.unit: width}
+        widths = {NORMALISED: width / judgement.scale[:, None], judgement.truth.unit: width}
     bars = ErrorBars(
-        method=name,
         landmarks=judgement.landmarks,
-        items=judgement.items,
         sequences=judgement.sequences,
-        level=level,
+        square=square,
         width=widths,
         parallel=correlation is None,
     )

@@ -19,7 +19,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.averages import Coder, Labels
 from shapefit.evaluation.floors import best_combination, nearest_atom
-from shapefit.evaluation.metrics import similarity
+from shapefit.evaluation.metrics import similarity, truth_scale
 from shapefit.evaluation.summary import ImageErrors
 from shapefit.io import read_dictionary
 from shapefit.io.columns import Column, Texts
@@ -131,8 +131,9 @@ class Floors:
             fix = "drop `floors`, or give the shapes that are complete"
             raise input_error("floors", found, fix)
         left_out = [left_out for _, left_out in waiting.places]
+        scale = truth_scale(true, true)
         for name, error in _errors(true, left_out, self._dictionary).items():
-            both = in_both_units(METRIC, error, true, true, self._unit)
+            both = in_both_units(METRIC, error, scale, self._unit)
             for (metric, unit), values in both.items():
                 column = self._errors.setdefault(
                     (name, metric, unit), Column(self._folder, np.float64)

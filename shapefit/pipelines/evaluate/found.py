@@ -87,7 +87,7 @@ class Found:
         unjudged: tuple[str, ...] = ()
         plausibility, shares = None, None
         if options.calibration:
-            bars, unjudged = judge_error_bars(name, shown, judgement)
+            bars, unjudged = judge_error_bars(shown, judgement)
             plausibility = find_dataset(file, shown, PLAUSIBILITY)
             if bars is not None:
                 shares = image_shares(bars)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, input_error
-from shapefit.evaluation.averages import labels_of
+from shapefit.evaluation.averages import in_blocks, labels_of
 from shapefit.evaluation.metric_table import METRICS, ROTATION, TRUE_ROTATION
-from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
+from shapefit.evaluation.metrics import FEWEST_LANDMARKS, truth_scale, visible_in_both
 from shapefit.evaluation.summary import ALL, ImageErrors, group_sequences
 from shapefit.geometry.normalisation import centroid
 from shapefit.geometry.procrustes import coincide
@@ -34,8 +34,9 @@ class Judgement:
     to (n,), nan where an image failed or, in precision and recall, has nothing to judge; failures
     maps the failed items to the reason; truth_rows (n) index `truth`, -1 where
     there is none; estimate and true (n, 3, p) are the shapes of the landmarks that both sides
-    have, a true one nan where there is none; true_rotation (n, 3, 3), from its frame to that of
-    the camera, None where nobody knows it.
+    have, a true one nan where there is none; scale (n,) is the spread of the true ones;
+    true_rotation (n, 3, 3), from the frame of the truth to that of the camera, None where nobody
+    knows it.
     """
 
     file: Path
@@ -49,6 +50,7 @@ class Judgement:
     landmarks: tuple[str, ...]
     estimate: Floats
     true: Floats
+    scale: Floats
     true_rotation: Floats | None = None
 
     def failed(self) -> NDArray[np.bool_]:
@@ -86,26 +88,28 @@ def judge(
     true[rows < 0] = np.nan
 
     rotation = find_rotation(file, results, true, frame)
+    wanted = [dataset for metric in metrics for dataset in datasets_of(metric)]
+    data = {dataset: find_dataset(file, results, dataset) for dataset in wanted}
+    data[TRUE_ROTATION] = rotation
+    with np.errstate(all="ignore"):  # overflow is not an error to report
+        scale = in_blocks(truth_scale, estimate, true)
     errors: dict[Kind, Floats] = {}
     unmeasured: list[str] = []
     for metric in metrics:
-        data = {wanted: find_dataset(file, results, wanted) for wanted in datasets_of(metric)}
-        if TRUE_ROTATION in data:
-            data[TRUE_ROTATION] = rotation
-        lacking = [wanted for wanted in METRICS[metric].datasets if data[wanted] is None]
+        lacking = [dataset for dataset in METRICS[metric].datasets if data[dataset] is None]
         if lacking:
-            datasets = " and ".join(f"`{wanted.name}`" for wanted in lacking)
+            datasets = " and ".join(f"`{dataset.name}`" for dataset in lacking)
             unmeasured.append(f"no {metric} without the dataset {datasets}")
             continue
-        with np.errstate(all="ignore"):  # overflow is not an error to report
-            measured = measure(metric, estimate, true, data, (truth.unit, results.unit))
+        with np.errstate(all="ignore"):
+            measured = measure(metric, estimate, true, scale, data, (truth.unit, results.unit))
         errors |= {kind: np.where(np.isfinite(v), v, np.nan) for kind, v in measured.items()}
     if not errors:
         found = "; ".join(unmeasured)
         raise input_error(file, found, "add the metric `similarity`, which needs only shapes")
     warnings += [f"{file}: {metric}" for metric in unmeasured]
 
-    judged = visible_in_both(estimate, true)
+    judged = in_blocks(visible_in_both, estimate, true)
     for values in errors.values():
         values[~judged.any(axis=-1)] = np.nan
     partial = int((judged.any(axis=-1) & ~judged.all(axis=-1)).sum())
@@ -126,6 +130,7 @@ def judge(
         landmarks=names,
         estimate=estimate,
         true=true,
+        scale=scale,
         true_rotation=rotation,
     )
 
@@ -205,14 +210,14 @@ def _failures(
         if judged[i].sum() < FEWEST_LANDMARKS:
             return f"only {judged[i].sum()} landmarks are known on both sides"
         lost = [kind for kind, values in certain.items() if np.isnan(values[i])]
-        if empty[i] and all(ROTATION in METRICS[metric].needs for metric, _ in lost):
+        empty = np.isfinite(results.shapes[i]).all() and coincide(results.shapes[i])
+        if empty and all(ROTATION in METRICS[metric].needs for metric, _ in lost):
             return "no rotation (deg): the shape is empty, with all its landmarks at one point"
         kinds = [f"{metric} ({unit})" for metric, unit in lost]
         return (
             f"a value needed for {', '.join(kinds)} is nan, or true landmarks are all at one point"
         )
 
-    empty = coincide(results.shapes) & np.isfinite(results.shapes).all(axis=(1, 2))
     certain = {kind: v for kind, v in errors.items() if not METRICS[kind[0]].of_labels}
     failed = ~judged.any(axis=-1)
     for values in certain.values():

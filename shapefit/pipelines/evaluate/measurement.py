@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
-from shapefit.evaluation import metrics as measures
+from shapefit.evaluation.averages import in_blocks
 from shapefit.evaluation.metric_table import (
     BOX,
     CORRELATION,
@@ -24,7 +24,7 @@ from shapefit.evaluation.metric_table import (
     TRUTH,
     Dataset,
 )
-from shapefit.evaluation.metrics import visible_in_both
+from shapefit.evaluation.metrics import box_diagonal, visible_in_both
 from shapefit.evaluation.report import NORMALISED
 from shapefit.io.extras import Extras
 from shapefit.io.layout import RESULTS
@@ -143,34 +143,32 @@ def measure(
     metric: str,
     estimate: Floats,
     true: Floats,
+    scale: Floats,
     data: Mapping[Dataset, NDArray[Any] | None],
     units: tuple[str, str],
 ) -> dict[Kind, Floats]:
     """Errors (n,) in one metric, in one unit or two.
 
-    estimate and true (n, 3, p); data holds the datasets of the metric, all that it needs; units
-    are those of the truth and of the images.
+    estimate and true (n, 3, p), scale (n,) as `truth_scale` has it; data holds the datasets of the
+    metric, all that it needs; units are those of the truth and of the images.
     """
     known = METRICS[metric]
     arrays = {**data, ESTIMATE: estimate, TRUTH: true}
-    error: Floats = known.load()(*(arrays[dataset] for dataset in known.needs))
+    error: Floats = in_blocks(known.load(), *(arrays[dataset] for dataset in known.needs))
     if known.unit == LENGTH:
-        return in_both_units(metric, error, estimate, true, units[0])
+        return in_both_units(metric, error, scale, units[0])
     if known.unit != IMAGE:
         return {(metric, known.unit): error}
     boxed = error / _diagonal(arrays[BOX], arrays[LANDMARKS])
     return {(metric, units[1]): error, (metric, OF_THE_BOX): boxed}
 
 
-def in_both_units(
-    metric: str, error: Floats, estimate: Floats, true: Floats, unit: str
-) -> dict[Kind, Floats]:
-    """Return an error in the unit of the truth both normalised by the true shape and as it is.
+def in_both_units(metric: str, error: Floats, scale: Floats, unit: str) -> dict[Kind, Floats]:
+    """Return an error in the unit of the truth both as a share of the scale and as it is.
 
     A truth whose own unit is `normalised` is given once.
     """
-    normalised = error / measures.truth_scale(estimate, true)
-    return {(metric, NORMALISED): normalised} | (
+    return {(metric, NORMALISED): error / scale} | (
         {} if unit == NORMALISED else {(metric, unit): error}
     )
 
@@ -182,6 +180,6 @@ def _diagonal(boxes: NDArray[Any] | None, observed: NDArray[Any] | None) -> Floa
     """
     if boxes is None:
         assert observed is not None  # a metric in an image takes them
-        return measures.box_diagonal(observed)
+        return box_diagonal(observed)
     diagonal = np.hypot(boxes[:, 2], boxes[:, 3])
     return np.where(diagonal > 0, diagonal, np.nan)
