@@ -5,8 +5,6 @@
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
-constexpr double LOG_TWO_PI = 1.8378770664093453;
-
 // N_j = v + V / s^2 as xx, xy, yy.
 template <class Lanes>
 struct Noise {

@@ -26,6 +26,7 @@
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
+constexpr double LOG_TWO_PI = 1.8378770664093453;
 constexpr int VIEW = 4;             // numbers of theta
 constexpr double TAU_SQUARE = 900;  // variance of the translation in the unit of shapes: wide
 constexpr double LEAST_CURVATURE = 1;  // of a view: none is less certain than a radian

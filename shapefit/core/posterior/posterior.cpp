@@ -10,7 +10,6 @@ constexpr double SAME_VIEW = 1e-2;    // rotations as close are one mode (Froben
 constexpr double SADDLE = 50;         // in log evidence
 constexpr double NEGLIGIBLE = 6;      // a mode so far below the best in log evidence is left out
 constexpr double LAPLACE = 1;         // by which the view integrated out may lift one over another
-constexpr double LOG_TWO_PI = 1.8378770664093453;
 constexpr int MIXED[3][2] = {{0, 1}, {0, 2}, {1, 2}};  // coordinates of a landmark
 
 struct Combination {

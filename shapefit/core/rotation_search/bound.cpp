@@ -15,7 +15,7 @@ constexpr int TRIPLE[TRIPLES][3] = {
 constexpr int ON_EDGE = 4;  // from this one on two triples of each edge
 
 // Rounding of a coefficient is at most this share of max_i ||s_a G_a||; see docs/global.md.
-constexpr double ROUNDING = 128 * 0x1p-53;
+constexpr double OF_COEFFICIENTS = 128 * 0x1p-53;
 // By which midpoints may lie off their edges, in all generations of cells together.
 constexpr double OFF_THE_EDGE = 1e-12;
 
@@ -114,7 +114,7 @@ void CellTest::find_excess(const Vertex* const* corner, double* excess) const {
         size = larger(corner[a]->scale * corner[a]->largest, size);
         length = larger(corner[a]->scale * root(corner[a]->square), length);
     }
-    const double margin = 3 * ((ROUNDING + OFF_THE_EDGE) * size +
+    const double margin = 3 * ((OF_COEFFICIENTS + OFF_THE_EDGE) * size +
                                (atoms.q + 64) * 0x1p-52 * length * objective_.largest);
     for (int t = 0; t < TRIPLES; ++t) {
         const int a = TRIPLE[t][0], b = TRIPLE[t][1], c = TRIPLE[t][2];

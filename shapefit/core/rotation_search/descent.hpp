@@ -5,6 +5,8 @@
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
+constexpr double FINE = 1e-13;  // share of v that a step of a last descent must promise
+
 // Take the unit quaternion q downhill until a step promises a fall of at most `share` of v, or none
 // is found; returns v there. The coefficients of the objective are the start and those of the end.
 double descend(RotationObjective& objective, double* q, double share);

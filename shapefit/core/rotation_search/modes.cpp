@@ -6,14 +6,12 @@
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
-constexpr double FINE = 1e-13;     // share of v that a step of a descent must promise
 constexpr double BEYOND = 1.25;    // of `within`: up to here a rotation outside all balls gets its own
 constexpr double INNER = 0.9;      // share of a ball's radius from which on a rotation gets its own:
                                    // what is left between balls would need very small cells
 constexpr double SAFE = 1 + 1e-12; // balls are smaller by what rounding may add to a cell
 constexpr double ALIKE = 1e-9;     // share of v by which minima that are one reading may differ
 constexpr long MOST_BALLS = 512;
-constexpr long CELLS_BETWEEN_LOOKS = 256;  // at the clock
 
 struct Minimum {
     double q[4];

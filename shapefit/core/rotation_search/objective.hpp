@@ -7,6 +7,9 @@
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
+// What rounding may add to an objective or take off D(s Y), beside ||w||^2.
+constexpr double ROUNDING = 64 * 0x1p-52;
+
 class RotationObjective {
   public:
     RotationObjective(Workspace& workspace, const SearchProblem& problem);

@@ -8,11 +8,8 @@ namespace {
 
 constexpr int DESCENTS = 8;            // from the best of the root vertices
 constexpr double ROUGH = 1e-5;         // share of v that a step must promise while descents compete
-constexpr double FINE = 1e-13;         // and in the end
 constexpr double CLOSE = 1e-3;         // descents within this share of the best one go on to the end
-constexpr double ROUNDING = 64 * 0x1p-52;  // of an objective, beside ||w||^2
 constexpr double LOOSER = 3;              // each gap to the one before, where the limit is reached
-constexpr long CELLS_BETWEEN_LOOKS = 256;  // at the clock
 
 // The best rotation so far.
 struct Best {

@@ -6,6 +6,8 @@
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
+constexpr long CELLS_BETWEEN_LOOKS = 256;  // at the clock
+
 // Whether the time of an image is over.
 class Clock {
   public:

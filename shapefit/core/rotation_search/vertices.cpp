@@ -5,9 +5,6 @@ namespace {
 
 constexpr long FIRST_TABLE = 4096;
 
-// What rounding may take off D(s Y), beside ||w||^2.
-constexpr double ROUNDING = 64 * 0x1p-52;
-
 }  // namespace
 
 Vertices::Vertices(Workspace& workspace, RotationObjective& objective, long most)
