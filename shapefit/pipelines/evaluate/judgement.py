@@ -174,7 +174,7 @@ def _left_out(file: Path, results: ResultSet, truth: ShapeSet, common: Sequence[
     sides = {"results": results.landmark_names, "truth": truth.landmark_names}
     alone = {side: [n for n in names if n not in set(common)] for side, names in sides.items()}
     return [
-        f"{file}: landmarks left out, only the {side} have them: {abbreviate(names)}"
+        f"{file}: landmarks in the {side} alone are left out: {abbreviate(names)}"
         for side, names in alone.items()
         if names
     ]

@@ -115,8 +115,8 @@ def test_landmarks_are_matched_by_name_and_others_left_out(fields, truth):
     np.testing.assert_allclose(judgement.errors["similarity", "m"], expected)
     # The reprojection error needs no truth, and keeps all landmarks.
     np.testing.assert_allclose(judgement.errors["reprojection", "px"], np.sqrt(2))
-    assert "only the results have them: foot" in judgement.warnings[0]
-    assert "only the truth have them: tail" in judgement.warnings[1]
+    assert "in the results alone are left out: foot" in judgement.warnings[0]
+    assert "in the truth alone are left out: tail" in judgement.warnings[1]
 
 
 def test_another_dataset_can_name_the_truth(fields, truth):
