@@ -1,7 +1,5 @@
 """Slices of the footage and of detected people: errors stay within 2% of what they were."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Spoiled inputs, and calls that write and fail; `make fuzz` and `make faults` run many more."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

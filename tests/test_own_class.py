@@ -1,7 +1,5 @@
 """The commands of docs/own_class.md run on a clone, and give what the page says."""
 
-from __future__ import annotations
-
 import re
 import shlex
 

@@ -1,7 +1,5 @@
 """The pictures of the demo in README and docs are those that `make pictures` makes today."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 

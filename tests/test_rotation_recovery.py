@@ -1,7 +1,5 @@
 """Recovery of planted rotations: what counts as recovered, and a tiny grid."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, replace
 

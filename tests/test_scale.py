@@ -1,7 +1,5 @@
 """The simulation of a fit on many machines: times that are known, and what sets them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """The commands on shapes drawn from a prior: error bars hold what they say."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

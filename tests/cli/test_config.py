@@ -1,7 +1,5 @@
 """`shapefit config`, and configs that are printed before their inputs are known."""
 
-from __future__ import annotations
-
 import pytest
 from shapefit.cli.commands import COMMANDS
 

@@ -1,7 +1,5 @@
 """What becomes of every kind of error."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -1,7 +1,5 @@
 """Meshes and pictures through the command line: from models to files that open."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

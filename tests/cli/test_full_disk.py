@@ -1,7 +1,5 @@
 """Every size at which a disk can be full."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Files of some kB that would take terabytes: each command refuses them by name, size and limit."""
 
-from __future__ import annotations
-
 import re
 import shutil
 

@@ -1,7 +1,5 @@
 """What is in the box: `-d people` in every command that takes a dictionary."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py

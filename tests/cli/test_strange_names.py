@@ -1,7 +1,5 @@
 """Names that are not UTF-8, or that would speak to the terminal."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

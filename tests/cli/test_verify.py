@@ -1,7 +1,5 @@
 """What `shapefit verify` and `shapefit view` hand on, print, open and exit with."""
 
-from __future__ import annotations
-
 import webbrowser
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`-d NAME`: an installed dictionary, unless a file has that name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Configs that would take all memory, hang, or break what comes after them."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

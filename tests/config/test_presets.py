@@ -1,7 +1,5 @@
 """`-c NAME`: the command's own file of an installed folder, its settings without its data."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The door of the core: what it refuses, and the stub that follows from its list of arguments."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """log(1 + x) in vector instructions against NumPy's."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from shapefit import core

@@ -1,7 +1,5 @@
 """Eigenvalues of small symmetric matrices: NumPy's, orthonormal vectors, hard spectra."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

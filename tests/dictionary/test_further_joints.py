@@ -1,7 +1,5 @@
 """Feet and hands that only some bodies have: what they add, and what they leave as it was."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

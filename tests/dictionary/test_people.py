@@ -1,7 +1,5 @@
 """The dictionary `people` of the package: whole, small, with its origin, and without any pose."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """Bones that stretch, limbs that change owners."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Errors of two methods on four images in two groups, and their report."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Levels of the truth in error bars: against dense linear algebra, and planted from the bars."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import chi2

@@ -1,7 +1,5 @@
 """Sums over sequences and groups, computed by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

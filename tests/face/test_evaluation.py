@@ -1,7 +1,5 @@
 """`shapefit.evaluate` finds the errors that the command writes."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 

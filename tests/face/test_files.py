@@ -1,7 +1,5 @@
 """What is read is written as it was, with one landmark per row; names are imported when used."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`shapefit.fit` finds what the command finds, bit for bit, and refuses what it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`shapefit.learn` makes what the command makes, bit for bit, and refuses what it refuses."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import replace
 

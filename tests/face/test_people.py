@@ -1,7 +1,5 @@
 """Arrays of detectors to people, as the command lifts them; and what a fit shows and hands on."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bones with known turns: what is found carries the pose at rest through all frames."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

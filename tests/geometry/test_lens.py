@@ -1,7 +1,5 @@
 """OpenCV's model of a lens, against an independent implementation and its own inverse."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

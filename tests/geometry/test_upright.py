@@ -1,7 +1,5 @@
 """Frames with y up are turned, not mirrored, and the axis that points up is found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Columns in a file are read like arrays and tuples."""
 
-from __future__ import annotations
-
 import errno
 import tracemalloc
 

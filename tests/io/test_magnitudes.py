@@ -1,7 +1,5 @@
 """Coordinates that are numbers, and yet none to compute with."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

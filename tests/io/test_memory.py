@@ -1,7 +1,5 @@
 """What does not fit in memory: refused by name before it is asked for."""
 
-from __future__ import annotations
-
 import re
 
 import h5py

@@ -1,7 +1,5 @@
 """Results with their proofs, written in chunks and read in others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import h5py

@@ -1,7 +1,5 @@
 """Records in memory: taking, joining, matching of landmark names."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

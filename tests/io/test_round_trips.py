@@ -1,7 +1,5 @@
 """Whatever is written is read back, to the last bit, in each format a record has."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory

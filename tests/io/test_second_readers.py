@@ -1,7 +1,5 @@
 """What our readers find in files of other tools, independent readers find, too."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Several files read as one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

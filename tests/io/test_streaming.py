@@ -1,7 +1,5 @@
 """Long streams: flat memory, full disks, killed writers, and quick starts."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

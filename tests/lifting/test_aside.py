@@ -1,7 +1,5 @@
 """Feet hang on ankles: what an image shows of them turns them, and moves nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Combinations of atoms: the sum, and rounding that other images have no part in."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

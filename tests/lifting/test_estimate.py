@@ -1,7 +1,5 @@
 """Placing projected shapes on landmarks, and putting some estimates among others."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

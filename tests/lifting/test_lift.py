@@ -1,7 +1,5 @@
 """Normalising, failing and scaling back, for any method; the convex program through it all."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Liftings of groups become one: every field, in the order of the images, with all atoms."""
 
-from __future__ import annotations
-
 from dataclasses import fields, is_dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The table of methods: what each promises beside the others, on made and on real images."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """lambda from the noise: against noise drawn anew, and what it depends on."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

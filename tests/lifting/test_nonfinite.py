@@ -1,7 +1,5 @@
 """No image counts as fitted whose shape is not finite, whatever its status says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Rows of weights of landmarks, and their error bars."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from shapefit.lifting.unmapped import PAIRS, see_rows

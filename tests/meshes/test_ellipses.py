@@ -1,7 +1,5 @@
 """Error bars in pictures: outlines of covariances that are turned with the view."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

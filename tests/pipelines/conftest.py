@@ -1,7 +1,5 @@
 """Dictionaries whose atoms are the shapes that they are made of."""
 
-from __future__ import annotations
-
 import pytest
 
 from shapefit.dictionary.model import Dictionary

@@ -1,7 +1,5 @@
 """Images told in another way have the same shapes: files, orders, units, threads, chunks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

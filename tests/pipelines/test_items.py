@@ -1,7 +1,5 @@
 """Which items a config key chooses, and which are spread over all."""
 
-from __future__ import annotations
-
 import pytest
 
 from shapefit.pipelines.items import ChosenItems, spread

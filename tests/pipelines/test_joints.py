@@ -1,7 +1,5 @@
 """Landmarks of detectors in the place of joints: which stand for which, and what is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

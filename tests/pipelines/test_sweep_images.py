@@ -1,7 +1,5 @@
 """Which images a sweep fits: those that show enough, every n-th of them, some landmarks wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stores that do not answer, without the time that is given to them."""
 
-from __future__ import annotations
-
 import pytest
 
 from shapefit.stores import opening

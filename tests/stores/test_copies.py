@@ -1,7 +1,5 @@
 """Local copies of objects."""
 
-from __future__ import annotations
-
 import errno
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files of all kinds are read from a store as from a disk."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """One run holds a lock in a store; that of a killed run is taken over."""
 
-from __future__ import annotations
-
 import pytest
 
 from shapefit.errors import InputError

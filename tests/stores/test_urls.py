@@ -1,7 +1,5 @@
 """URLs as paths."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 

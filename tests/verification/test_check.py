@@ -1,7 +1,5 @@
 """What misses a claim, and which image of many it is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

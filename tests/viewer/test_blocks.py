@@ -1,7 +1,5 @@
 """Points as the page reads them: numbers that no 32-bit float holds are missing."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Meshes that the browser blends are those that `fit` exports."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """The page in a browser, used as a person would, checked by numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from shapefit.cli.main import run

@@ -1,7 +1,5 @@
 """The mathematics of the page runs without a browser."""
 
-from __future__ import annotations
-
 import subprocess
 
 from .conftest import require

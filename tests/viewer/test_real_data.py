@@ -1,7 +1,5 @@
 """Pages of real data: motion capture with its truth, detected people, annotated cars."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A report as a page: the blocks of the Markdown, tables that sort, images that open the viewer."""
 
-from __future__ import annotations
-
 import csv
 import json
 

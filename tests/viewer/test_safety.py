@@ -1,7 +1,5 @@
 """Names are written by unknown: none of them becomes markup or script, none asks for anything."""
 
-from __future__ import annotations
-
 import json
 import re
 

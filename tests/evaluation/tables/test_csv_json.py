@@ -1,7 +1,5 @@
 """The written tables, cell by cell."""
 
-from __future__ import annotations
-
 import csv
 import errno
 import json

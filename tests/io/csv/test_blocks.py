@@ -1,7 +1,5 @@
 """CSV is read and written in blocks: where they end changes nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

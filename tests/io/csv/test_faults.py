@@ -1,7 +1,5 @@
 """CSV files that are wrong: what each fault says, and where."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from threading import Thread

@@ -1,7 +1,5 @@
 """CSV files: what is read and written."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path

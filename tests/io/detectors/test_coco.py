@@ -1,7 +1,5 @@
 """COCO annotations and results, the latter as AlphaPose writes them, too."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

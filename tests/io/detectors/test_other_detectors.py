@@ -1,7 +1,5 @@
 """MMPose, caliscope and Ultralytics files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

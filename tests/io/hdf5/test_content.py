@@ -1,7 +1,5 @@
 """HDF5 files: what is stored, carried and read, and names and texts that no other file can hold."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from pathlib import Path

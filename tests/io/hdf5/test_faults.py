@@ -1,7 +1,5 @@
 """HDF5 files that are wrong: what each fault says, and where."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """HDF5 files in a store: read in blocks, while nobody else collects garbage."""
 
-from __future__ import annotations
-
 import gc
 
 import h5py

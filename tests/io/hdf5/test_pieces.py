@@ -1,7 +1,5 @@
 """Datasets of many small chunks: HDF5 asks for some kB of memory for each of those read at once."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

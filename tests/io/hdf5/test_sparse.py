@@ -1,7 +1,5 @@
 """Streams of numbers that are mostly 0: zlib is the judge."""
 
-from __future__ import annotations
-
 import zlib
 from dataclasses import replace
 

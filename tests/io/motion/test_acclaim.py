@@ -1,7 +1,5 @@
 """ASF/AMC against other people's kinematics of the same motions, and what can be wrong with it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

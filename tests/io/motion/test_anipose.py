@@ -1,7 +1,5 @@
 """The 3D CSV of anipose."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """BVH: the tree, the order of its channels, and what can be wrong with it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """C3D files, written by ezc3d, and what can be wrong with them."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Calibrations in the TOML of several tools."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

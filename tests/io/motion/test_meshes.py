@@ -1,7 +1,5 @@
 """Meshes with landmarks beside them as training shapes."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

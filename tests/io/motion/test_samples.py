@@ -1,7 +1,5 @@
 """Ends of bones, which only some readers of BVH give: a second reading in expected.json."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

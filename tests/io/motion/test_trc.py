@@ -1,7 +1,5 @@
 """TRC files as different programs write them."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files that are too large to keep are read anew, in parts: memory stays flat."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Many files that appear together, or not at all."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

@@ -1,7 +1,5 @@
 """Names of files for items: safe, readable, and never the same for two items."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import pytest

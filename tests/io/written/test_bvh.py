@@ -1,7 +1,5 @@
 """BVH is read back by our reader: joints are where the landmarks of the result were."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

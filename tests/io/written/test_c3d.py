@@ -1,7 +1,5 @@
 """C3D is read back by its library, in millimetres to the precision of the format."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 

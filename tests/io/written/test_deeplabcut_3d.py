@@ -1,7 +1,5 @@
 """Tables of 3D points as DeepLabCut writes them, read by csv and by our reader of such tables."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """GLB is posed by another program: joints are where the landmarks of the result were."""
 
-from __future__ import annotations
-
 import json
 import struct
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Results come back in metres and upright, where a planted person walked."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

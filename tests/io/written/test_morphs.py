@@ -1,7 +1,5 @@
 """Meshes of cars in GLB: vertices that are landmarks lie where TRC has the landmarks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """What is written is read back by our readers of the same formats."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

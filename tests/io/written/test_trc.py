@@ -1,7 +1,5 @@
 """TRC is read back, cell by cell, by a parser that shares nothing with the writer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

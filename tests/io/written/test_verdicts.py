@@ -1,7 +1,5 @@
 """Beside a file of motion: which of its frames are to be trusted."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The global optimum: planted answers, other methods, random descents, limits."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Images with few landmarks, and what cannot be pursued at all."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """RANSAC over triples: closed-form poses, planted outliers, and what must not change the labels."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """convex+refine with a robust loss: outliers of the convex program, and a fit without them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

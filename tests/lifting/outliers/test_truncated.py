@@ -1,7 +1,5 @@
 """Truncated least squares: weights in closed form, planted outliers, units, degenerate images."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Refinement under perspective: planted shapes, stationarity, another solver, symmetries."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

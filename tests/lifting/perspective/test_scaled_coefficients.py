@@ -1,7 +1,5 @@
 """Coefficients of fixed scale: their optimality, an independent solver, and simple cases."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A lifting refined under perspective: one story told by all its fields."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

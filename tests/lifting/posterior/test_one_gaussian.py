@@ -1,7 +1,5 @@
 """The posterior under one Gaussian beside a dense computation of the same."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The posterior through a pinhole camera: planted shapes, the limit of a long lens, one story."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

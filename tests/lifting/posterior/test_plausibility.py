@@ -1,7 +1,5 @@
 """The p-value of an image: uniform where the model holds, 0 where nothing is believed."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.stats import chi2, kstest
 

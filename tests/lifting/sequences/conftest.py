@@ -1,7 +1,5 @@
 """A planted body that turns before a camera, and what single images say of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The objective of a sequence written out densely: the judge of the compiled kernel."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from shapefit.lifting.sequences.smoothing import first_lengths, further_weight, held_lengths

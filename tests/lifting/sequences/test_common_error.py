@@ -1,7 +1,5 @@
 """Error bars of frames with errors in common: the formula, and planted sequences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

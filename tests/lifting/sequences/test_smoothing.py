@@ -1,7 +1,5 @@
 """The inference over a sequence: optimality, planted bodies, copies of a frame, error bars."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A sequence before a camera becomes one of weak perspective, and is put back."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

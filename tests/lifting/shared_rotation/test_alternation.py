@@ -1,7 +1,5 @@
 """Alternation: monotone, stationary, planted, and against pymanopt with scikit-learn."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The exact l1 step: scikit-learn's answer, optimality conditions, planted coefficients."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

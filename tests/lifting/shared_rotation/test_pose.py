@@ -1,7 +1,5 @@
 """The pose of a known shape: planted, against SciPy from many starts, under hidden landmarks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize

@@ -1,7 +1,5 @@
 """The trust region step on the rotation: Manopt's answer, certificates, planted rotations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pymanopt
 import pytest

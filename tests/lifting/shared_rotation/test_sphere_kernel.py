@@ -1,7 +1,5 @@
 """Least squares on a sphere: optimality, planted minimisers, scipy, the hard case, symmetries."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize

@@ -1,7 +1,5 @@
 """Error bars in a report: tables, files, what is left out, and images drawn from a prior."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What `fit` refuses to export, before any image is fitted, and what a failing run leaves."""
 
-from __future__ import annotations
-
 import errno
 import os
 import sys

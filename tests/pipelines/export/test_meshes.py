@@ -1,7 +1,5 @@
 """Every mesh file that `fit` writes is opened again and compared with what its result says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The pictures that `fit` draws: which, of what, and where in them the model lies."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from xml.etree import ElementTree
 

@@ -1,7 +1,5 @@
 """Dictionaries with edges and no mesh: tubes or lines between the fitted landmarks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """The camera where none is given."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

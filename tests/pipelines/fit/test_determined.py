@@ -1,7 +1,5 @@
 """At the default tolerance the answer is determined, and not only its objective."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """`fit` and images that cannot be fitted, or whose optimum is no shape."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Cameras from configs and landmark files, what no camera is, and refinement through them."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

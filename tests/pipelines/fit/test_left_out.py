@@ -1,7 +1,5 @@
 """`leave_out`: the model that an image shows has no part in its fit, whatever it looks like."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Lens distortion is removed before a fit, once, and the result says so."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import h5py

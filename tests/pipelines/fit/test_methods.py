@@ -1,7 +1,5 @@
 """What belongs to one method or loss and not to others: results, and kinds of dictionaries."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from types import SimpleNamespace

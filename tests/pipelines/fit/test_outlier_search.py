@@ -1,7 +1,5 @@
 """`outliers.method` of `fit`: wrong landmarks are as good as hidden, and said to be wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

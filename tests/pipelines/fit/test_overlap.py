@@ -1,7 +1,5 @@
 """Reading ahead and writing behind keep order, items and errors."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -1,7 +1,5 @@
 """The recommended way for people on motion capture, as in benchmarks/notes/posterior.md."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The plan of a fit: the options of each step, and chunks that divide no sequence."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

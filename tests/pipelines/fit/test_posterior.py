@@ -1,7 +1,5 @@
 """`method: posterior` from files to files."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import h5py

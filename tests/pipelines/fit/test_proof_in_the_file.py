@@ -1,7 +1,5 @@
 """What a result file holds is enough to prove its optimum, with NumPy and without shapefit."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """What a result file holds: the datasets of the fit, and those that came with the landmarks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`fit` and inputs that are refused, or taken with a warning; results as CSV."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

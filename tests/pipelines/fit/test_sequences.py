@@ -1,7 +1,5 @@
 """The method `sequences` through `fit`: frame rates, order, known lengths, single images."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

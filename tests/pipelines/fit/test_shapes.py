@@ -1,7 +1,5 @@
 """`fit` from files to files: shapes that come back, whatever the units, chunks and threads."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A dictionary brings its config: single images or sequences, unless the fit names another."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

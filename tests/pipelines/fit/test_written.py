@@ -1,7 +1,5 @@
 """`fit` writes TRC and the like, and what it stores lets `convert` do so later."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`method: exemplars`: every training shape an atom, with its mesh, its size and its name."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Meshes and sizes of atoms that `learn-dict` mixes from training shapes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Dictionaries from files of other tools: one command, and warnings of what they lack."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 The last 40% of its images are lifted and scored, as in benchmarks/detected.py.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Left and right of training shapes: `symmetry` of `learn-dict`."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

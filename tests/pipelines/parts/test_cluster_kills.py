@@ -1,7 +1,5 @@
 """Workers of a cluster that are killed again and again: `SHAPEFIT_KILLS=200` for so many."""
 
-from __future__ import annotations
-
 import os
 import random
 import subprocess

@@ -1,7 +1,5 @@
 """Results of every kind, fitted once, and what verify says of them."""
 
-from __future__ import annotations
-
 import shutil
 from types import SimpleNamespace
 

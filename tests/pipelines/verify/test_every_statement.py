@@ -1,7 +1,5 @@
 """Whatever a result states is changed once: `verify` finds the lie, or names the dataset."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

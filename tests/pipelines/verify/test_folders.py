@@ -1,7 +1,5 @@
 """A folder of results is one claim: what its manifest states falsely is found, or named."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

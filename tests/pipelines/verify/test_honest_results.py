@@ -1,7 +1,5 @@
 """Honest results of every loss and method are accepted, and verify says what it covers."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Each lie that is planted in a result is found, in the image where it was planted."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Honest results on real data are accepted, whatever the loss and the method."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

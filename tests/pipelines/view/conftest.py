@@ -1,7 +1,5 @@
 """Small results, truths and landmarks on disk, and `view` run on them."""
 
-from __future__ import annotations
-
 import json
 import re
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """What is on a page: numbers come back, frames are thinned, measures and pictures are there."""
 
-from __future__ import annotations
-
 from base64 import b64decode
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Names say what is left and right; sequences of one video, or files, are seen at once."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

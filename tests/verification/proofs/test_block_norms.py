@@ -1,7 +1,5 @@
 """Norms of 2 x 3 blocks in closed form, beside LAPACK's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

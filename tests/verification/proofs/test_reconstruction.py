@@ -1,7 +1,5 @@
 """Which rotations pass for the nearest one, and which do not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
