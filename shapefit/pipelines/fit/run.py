@@ -1,8 +1,6 @@
 """`fit`: landmarks in, batch by batch, 3D shapes with their certificates out.
 
 Four steps hand on: the plan, the images that are read, the shapes that are lifted, what is written.
-The next batch is read, and the last one written, while one is lifted, on threads that are imported
-where there is more than one.
 """
 
 from __future__ import annotations
@@ -10,11 +8,9 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
-from contextlib import closing, contextmanager
-from itertools import islice
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
 
 from shapefit import __version__
 from shapefit.config import FitConfig
@@ -31,6 +27,7 @@ from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.carried_mesh import meshes_that_follow
 from shapefit.pipelines.export.run import open_exports, plan_exports
 from shapefit.pipelines.fit.chain import fit_images
+from shapefit.pipelines.fit.overlap import read_ahead, written_behind
 from shapefit.pipelines.fit.plan import Plan, plan_fit, read_options
 from shapefit.pipelines.fit.read import read_images
 from shapefit.pipelines.fit.record import as_result
@@ -40,9 +37,6 @@ from shapefit.pipelines.joints import said_of_names
 from shapefit.pipelines.outcome import Outcome
 from shapefit.stores.shelf import local_copy, on_threads
 from shapefit.stores.urls import UrlPath
-
-if TYPE_CHECKING:
-    from concurrent.futures import Future
 
 
 def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
@@ -133,46 +127,3 @@ def with_rate_warning(of_writer: tuple[str, ...]) -> tuple[str, ...]:
         f"training shapes{and_times}; set `sequences.frame_rate`",
         *(each for each in of_writer if each != NO_RATE),
     )
-
-
-Item = TypeVar("Item")
-
-
-def read_ahead(items: Iterator[Item], on_thread: bool) -> Iterator[Item]:
-    """Give out the items, of which the next one is made on a thread of its own, if it shall be."""
-    if not on_thread:
-        yield from items
-        return
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(1) as pool:
-        coming = pool.submit(tuple, islice(items, 1))
-        while found := coming.result():
-            coming = pool.submit(tuple, islice(items, 1))
-            yield from found
-
-
-@contextmanager
-def written_behind(
-    write: Callable[[Item], None], on_thread: bool
-) -> Iterator[Callable[[Item], None]]:
-    """Give a function that writes items one after the other, on a thread of its own if it shall.
-
-    What goes wrong with an item is then raised when the next one is given, or at the end.
-    """
-    if not on_thread:
-        yield write
-        return
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(1) as pool:
-        last: list[Future[None]] = []
-
-        def give(item: Item) -> None:
-            while last:
-                last.pop().result()
-            last.append(pool.submit(write, item))
-
-        yield give
-        while last:
-            last.pop().result()

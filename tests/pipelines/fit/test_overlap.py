@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from shapefit.pipelines.fit.run import read_ahead, written_behind
+from shapefit.pipelines.fit.overlap import read_ahead, written_behind
 
 
 def failing(count):
