@@ -12,8 +12,9 @@ from shapefit.arrays import Floats
 from shapefit.io import ResultSet
 from shapefit.verification.check import Check, check, flagged
 from shapefit.verification.images import read_images, stated_by
+from shapefit.verification.proofs.camera import check_camera
 from shapefit.verification.proofs.convex import check_fit, check_start
-from shapefit.verification.proofs.one_rotation import check_camera, check_one_rotation
+from shapefit.verification.proofs.one_rotation import check_one_rotation
 from shapefit.verification.proofs.program import Value, dual_bound
 from shapefit.verification.proofs.readings import check_readings
 from shapefit.verification.proofs.rotation_tree import check_trees

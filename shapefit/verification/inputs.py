@@ -16,9 +16,9 @@ from shapefit.geometry.lens import complete, distort, undistort
 from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.extras import Extras
 from shapefit.verification.check import Check, check, flagged
-from shapefit.verification.coverage import DATASETS
+from shapefit.verification.fates import DATASETS
 from shapefit.verification.folder import config_digest
-from shapefit.verification.terms import UNKNOWN, Terms
+from shapefit.verification.terms import Terms
 
 DISTORTION = "distortion"
 REMOVED = "removed_distortion"
@@ -34,6 +34,9 @@ AS_IN_FILE = "{}: as in the file of landmarks"
 
 Given = tuple[Path, str, str]
 """A file that is given, the name of the input of the fit that it stands for, its digest."""
+
+UNKNOWN = "stream"
+"""Stands for the digest of what could not be read twice."""
 
 
 def check_landmarks(result: ResultSet, images: LandmarkSet) -> list[Check]:
@@ -148,6 +151,12 @@ def false_inputs(
             reason = f"is not the file of the fit, {name}: the digests differ"
             wrong.append((str(path), f"{reason} ({found[:12]}... and {known[:12]}...)"))
     return wrong
+
+
+def unknown_inputs(terms: Terms) -> list[str]:
+    """Return the inputs whose digests the result does not state: they may be any files."""
+    named = (terms.dictionary, *terms.landmarks)
+    return [name for name in named if terms.inputs.get(name, UNKNOWN) == UNKNOWN]
 
 
 def bent_again(stated: Floats, extras: Mapping[str, Any], y_axis: str) -> Floats:

@@ -32,9 +32,6 @@ LOCAL = "alternate"
 GLOBAL = "global"
 QUADRATIC = ("squared", "sparse-error")
 ROBUST = ("l1", "sparse-error")
-UNKNOWN = "stream"
-"""Stands for the digest of what could not be read twice."""
-
 DEFAULT_THRESHOLD = 0.1
 """Of a robust loss whose config gives none."""
 
@@ -77,12 +74,6 @@ class Terms:
     dictionary: str
     landmarks: tuple[str, ...]
     inputs: Mapping[str, str]
-
-    @property
-    def unknown_inputs(self) -> list[str]:
-        """The inputs whose digests the result does not state: they may be any files."""
-        named = (self.dictionary, *self.landmarks)
-        return [name for name in named if self.inputs.get(name, UNKNOWN) == UNKNOWN]
 
     @property
     def has_program(self) -> bool:

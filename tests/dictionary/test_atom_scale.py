@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shapefit.dictionary import summary
+from shapefit.dictionary import atom_scale
 from shapefit.dictionary.learning import learn
 from shapefit.geometry.normalisation import normalise, spread
 from shapefit.meshes.dense import metric_scale
@@ -13,7 +13,7 @@ from shapefit.meshes.dense import metric_scale
 
 def scale_of_atoms(atoms, coefficients, scale):
     use, measured = coefficients.sum(axis=0), scale @ coefficients
-    return summary.scale_of_atoms(atoms, use, measured, scale.mean())
+    return atom_scale.scale_of_atoms(atoms, use, measured, scale.mean())
 
 
 @pytest.fixture

@@ -11,8 +11,9 @@ from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
 from shapefit.lifting.estimate import Estimate, fit_translation
-from shapefit.lifting.lift import Program, lift, noise_dual_norm
+from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
+from shapefit.lifting.noise_level import noise_dual_norm
 
 PROGRAM = Program(lam=0.1)
 

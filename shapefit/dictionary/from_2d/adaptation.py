@@ -20,15 +20,8 @@ import numpy as np
 
 from shapefit.dictionary.from_2d.expectation import climb, expect
 from shapefit.dictionary.from_2d.learning import BLOCK, SCALE, SPREAD, STILL
-from shapefit.dictionary.from_2d.model import (
-    Floats,
-    Gaussian,
-    Images,
-    Indices,
-    Views,
-    choose,
-    maximise,
-)
+from shapefit.dictionary.from_2d.maximisation import maximise
+from shapefit.dictionary.from_2d.model import Floats, Gaussian, Images, Indices, Views, choose
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.procrustes import similarity_transform
 

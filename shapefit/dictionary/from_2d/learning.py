@@ -16,8 +16,8 @@ import numpy as np
 
 from shapefit.dictionary.from_2d.expectation import change_belief, climb, expect, scatter
 from shapefit.dictionary.from_2d.factorisation import complete, find_views
+from shapefit.dictionary.from_2d.maximisation import MOST_MODES, maximise
 from shapefit.dictionary.from_2d.model import (
-    MOST_MODES,
     Floats,
     Gaussian,
     Images,
@@ -27,7 +27,6 @@ from shapefit.dictionary.from_2d.model import (
     choose,
     evenly,
     hide,
-    maximise,
 )
 
 RANKS = (5, 9, 13)

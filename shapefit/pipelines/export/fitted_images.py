@@ -20,7 +20,8 @@ from shapefit.meshes.dense import (
 from shapefit.meshes.ellipses import covariances
 from shapefit.meshes.pictures import FittedImage
 from shapefit.pipelines.export.carried_mesh import Pose, find_meshes, find_obstacle
-from shapefit.pipelines.export.meshes import has_shape, required
+from shapefit.pipelines.export.meshes import has_shape
+from shapefit.pipelines.export.placement import required
 
 
 def fitted_image(

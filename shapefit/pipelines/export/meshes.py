@@ -1,12 +1,10 @@
-"""Mesh files of fitted images: one per image, named after its item, where `export` wants it."""
+"""Mesh files of fitted images: one per image, named after its item."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +17,10 @@ from shapefit.errors import input_error
 from shapefit.io import ResultSet
 from shapefit.io.whole.folder import StagedFiles
 from shapefit.io.whole.item_files import file_stem
-from shapefit.meshes.dense import (
-    around_centroid,
-    camera_frame,
-    camera_frame_sheared,
-    metric_scale,
-)
 from shapefit.meshes.export import Files, MeshFormat, line_files, mesh_files
 from shapefit.meshes.wireframe import tubes
 from shapefit.pipelines.export.carried_mesh import Pose, find_meshes, find_obstacle
+from shapefit.pipelines.export.placement import ModelPlacement
 from shapefit.pipelines.items import ChosenItems
 
 Encode = Callable[[Floats, Floats | None], Files]
@@ -157,70 +150,3 @@ def _check_size(pose: Pose, dictionary: Dictionary, place: Path) -> None:
     if not pose.mixes_atoms:
         found = f"`method: {pose.method}` gives no coefficients, so the size is not known"
         raise input_error("export.unit", found, fix)
-
-
-Known = TypeVar("Known")
-
-
-def required(values: Known | None) -> Known:
-    """Return what a record may lack and the fit at hand has."""
-    assert values is not None
-    return values
-
-
-@dataclass(frozen=True)
-class ModelPlacement:
-    """size * S + origin, in the frame of the object size * R^T S, for n images with a shape.
-
-    S are points in normalised units around the centroid of their landmarks, in the directions of
-    the camera. transforms are needed for `rotations` other than shared alone.
-    """
-
-    options: ExportConfig
-    pose: Pose
-    dictionary: Dictionary
-    found: ResultSet
-    transforms: Transforms | None
-
-    def landmarks(self) -> Floats:
-        """Return the fitted landmarks (n, 3, p)."""
-        s, T = required(self.found.scale), required(self.found.translation)
-        return self._place(around_centroid(self.found.shapes, s, T))
-
-    def carry(self, atoms: Floats) -> Floats:
-        """Return points (n, 3, q) of the atoms (k, 3, q), mixed and turned as the landmarks were.
-
-        With one rotation per image or, if `rotations` says so, one per atom.
-        """
-        one, none = np.ones(len(self.found)), np.zeros((len(self.found), 2))
-        if self.pose.rotations != "shared":
-            M, orthogonal = required(self.transforms).dense(), self.pose.rotations == "orthogonal"
-            return self._place(camera_frame_sheared(atoms, M, one, none, orthogonal=orthogonal))
-        c, R = required(self.found.coefficients), required(self.found.rotation)
-        return self._place(camera_frame(atoms, c, R, one, none))
-
-    def _place(self, points: Floats) -> Floats:
-        size = self._size()[:, None, None]
-        if self.options.frame == "object":
-            return size * (required(self.found.rotation).swapaxes(1, 2) @ points)
-        return size * points + self._origin()[:, :, None]
-
-    def _size(self) -> Floats:
-        """Length (n,) of a normalised unit, in the unit of the landmarks or of the dictionary."""
-        if self.options.unit == "landmarks":
-            return required(self.found.scale)
-        c, s = required(self.found.coefficients), required(self.dictionary.atom_scale)
-        return metric_scale(self.dictionary.atoms, c, s)
-
-    def _origin(self) -> Floats:
-        """Where (n, 3) the centroid of the landmarks is in the frame of the camera.
-
-        In pixels its depth is 0. In the unit of the dictionary its place is known where the camera
-        is a perspective one, else it is 0.
-        """
-        origin = np.zeros((len(self.found), 3))
-        if self.options.unit == "landmarks":
-            origin[:, :2] = required(self.found.translation)
-        elif self.pose.perspective:
-            origin = np.asarray(self.found.extras["position"], dtype=float)
-        return origin

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted
-from shapefit.geometry.symmetry import lateral_axis
 from shapefit.io import read_dictionary
 from shapefit.io.agreement import agreed
 from shapefit.io.formats import find_format
@@ -22,14 +20,7 @@ from shapefit.io.options import input_options
 from shapefit.io.skeletons import edges_of
 from shapefit.pipelines.export.origin import fit_dictionary
 from shapefit.pipelines.view.frames import Frames
-from shapefit.pipelines.view.gathering import (
-    Gathered,
-    Truth,
-    find_moments,
-    gather,
-    read_truth,
-    renamed_edges,
-)
+from shapefit.pipelines.view.gathering import Gathered, Truth, gather, read_truth, renamed_edges
 from shapefit.pipelines.view.layers import (
     laid_onto,
     mesh_obstacle,
@@ -38,7 +29,9 @@ from shapefit.pipelines.view.layers import (
     with_error,
     with_mesh,
 )
+from shapefit.pipelines.view.moments import find_moments
 from shapefit.pipelines.view.pictures import embed, find_images
+from shapefit.pipelines.view.sides import find_sides, halves
 from shapefit.viewer.scene import Layer, MeshSet, Picture, Scene
 
 MOST_MESHES = 200
@@ -273,42 +266,3 @@ def _pictures(config: ViewConfig, frames: Frames, notes: list[str]) -> dict[int,
 def _ordinal(number: int) -> str:
     ending = {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{'th' if number % 100 in (11, 12, 13) else ending}"
-
-
-MIDDLE, LEFT, RIGHT = 0, 1, 2
-
-_OTHER = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
-_WORD = re.compile(r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za-z])")
-"""`left` anywhere, `l` alone, and `l` before a name: left_hip, HipLeft, L_Hip, LHip, lhip."""
-
-
-def find_sides(names: Sequence[str]) -> list[int]:
-    """Return MIDDLE, LEFT or RIGHT for each name; what has no counterpart is in the middle."""
-    place = {name: number for number, name in enumerate(names)}
-    sides = [MIDDLE] * len(names)
-    for name, number in place.items():
-        for found in _WORD.finditer(name):
-            other = name[: found.start()] + _OTHER[found[0]] + name[found.end() :]
-            if other in place:
-                sides[number], sides[place[other]] = LEFT, RIGHT
-    return sides
-
-
-def halves(dictionary: Dictionary, names: Sequence[str]) -> list[int]:
-    """Return one side and the other for the landmarks that `mirror_index` pairs.
-
-    They are those of the mean shape. Which of them is the left one is not known.
-    """
-    partner = dictionary.mirror_index
-    if partner is None:
-        return [MIDDLE] * len(names)
-    mean = dictionary.mean_shape[lateral_axis(dictionary.mean_shape, partner)]
-    place = {name: number for number, name in enumerate(dictionary.landmark_names)}
-
-    def side(name: str) -> int:
-        own = place.get(name)
-        if own is None or own == partner[own]:
-            return MIDDLE
-        return LEFT if mean[own] > mean[partner[own]] else RIGHT
-
-    return [side(name) for name in names]

@@ -6,7 +6,7 @@ import pytest
 from shapefit.config import FitConfig
 from shapefit.io import LandmarkSet
 from shapefit.io.extras import Extras
-from shapefit.pipelines.fit.settle import FOCAL, with_camera, without_camera
+from shapefit.pipelines.fit.default_camera import FOCAL, with_camera, without_camera
 
 SIZE = np.array([1920, 1080])
 MATRIX = np.array([[2500.0, 0, 900], [0, 2500, 500], [0, 0, 1]])

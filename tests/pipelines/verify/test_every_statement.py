@@ -11,7 +11,7 @@ from shapefit.errors import InputError
 from shapefit.io import read_results, result_writer
 from shapefit.io.layout import RESULTS
 from shapefit.pipelines.fit.record import OF_A_RESULT
-from shapefit.verification.coverage import ATTRIBUTES, DATASETS
+from shapefit.verification.fates import ATTRIBUTES, DATASETS
 
 IMAGE = 3
 PERSPECTIVE = {"model": "perspective", "intrinsics": "camera_matrix"}

@@ -8,9 +8,9 @@ import pytest
 
 from shapefit.io import write_dictionary
 from shapefit.io.skeletons import PEOPLE, SKELETONS
-from shapefit.pipelines.view.assembly import find_sides
 from shapefit.pipelines.view.frames import Frames
-from shapefit.pipelines.view.gathering import find_moments
+from shapefit.pipelines.view.moments import find_moments
+from shapefit.pipelines.view.sides import find_sides
 
 
 def test_names_of_other_files():
