@@ -32,7 +32,7 @@ from shapefit.io.kinds.given import check_given_dictionary, given_source
 from shapefit.io.options import InputOptions, Track, input_options
 from shapefit.io.plain.arrays import of_array
 from shapefit.io.records import LandmarkSet, concatenate
-from shapefit.pipelines.fit.plan import mismatch, plan_fit
+from shapefit.pipelines.fit.plan import plan_fit
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
 from shapefit.pipelines.fit.settle import plan_settling
@@ -107,8 +107,8 @@ def fit(
         wanted, _ = settle(source)
         plan = plan_fit(wanted, atoms, source.head.landmark_names)
         atoms = plan.dictionary
-        report = Report(wanted, atoms)
-        messages: dict[str, str | Counted] = {text: text for text in mismatch(wanted, atoms)}
+        report = Report(plan.report, atoms)
+        messages: dict[str, str | Counted] = {text: text for text in plan.warnings}
         doubts = name_warnings(source.head.landmark_names, atoms.landmark_names)
         for batch in lift_source(source, plan):
             outcome = report.of(batch)

@@ -14,7 +14,7 @@ from shapefit.face.options import config_of, default
 from shapefit.face.records import Dictionary, Shapes, rows_of, shape_set
 from shapefit.io.kinds.given import given_source
 from shapefit.io.layout import DICTIONARY
-from shapefit.pipelines.learn_dict.run import make_dictionary
+from shapefit.pipelines.learn_dict.run import make_dictionary, plan_training
 from shapefit.pipelines.learn_dict.training_shapes import find_training_shapes
 from shapefit.pipelines.outcome import Failure, Note, Outcome
 
@@ -39,7 +39,8 @@ def learn(
     given = {key: value for key, value in own.items() if value != default(LearnDictConfig, key)}
     config = config_of(LearnDictConfig, "learn", given, options, FILES)
     given_set = given_source(shape_set(shapes), "shapes", config.input.rename).whole()
-    making = make_dictionary(find_training_shapes(given_set, config), config, {})
+    training = plan_training(config)
+    making = make_dictionary(find_training_shapes(given_set, training), config, training, {})
     failures: list[Failure] = []
     messages: list[str] = []
     while True:

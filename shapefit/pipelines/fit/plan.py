@@ -8,14 +8,20 @@ from dataclasses import dataclass, fields
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from shapefit.arrays import Floats
 from shapefit.config import FitConfig
+from shapefit.config.paths import ResultFolder
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
 from shapefit.core import STRETCH
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, LandmarkSource
+from shapefit.io.foreign.table import FileFormat
+from shapefit.io.formats import FORMATS, find_target_format
 from shapefit.io.options import InputOptions, input_options
 from shapefit.lifting.lift import Lifting, Program
 from shapefit.lifting.methods import (
@@ -29,9 +35,10 @@ from shapefit.lifting.methods import (
 from shapefit.lifting.options import BETA, PerspectiveOptions
 from shapefit.pipelines.fit.camera import find_calibrated
 from shapefit.pipelines.fit.chain import Chain, Lifter, Refinement, Search, View, weigh_seen
-from shapefit.pipelines.fit.read import BATCH, ReadOptions, warn_of_source
-from shapefit.pipelines.fit.record import output_format, warn_of_names
-from shapefit.pipelines.joints import MEANS, Mapped, find_hung, match_names, of_files
+from shapefit.pipelines.fit.read import BATCH, ReadOptions, plan_reading, warn_of_source
+from shapefit.pipelines.fit.record import RecordOptions, warn_of_names
+from shapefit.pipelines.fit.report import ReportOptions
+from shapefit.pipelines.joints import MEANS, Mapped, find_hung, of_files
 
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
@@ -40,55 +47,60 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What the steps of a fit are given: the config, and what follows from it for these files.
+    """What each step of a fit is given; no step sees the config, nor another step's options.
 
     dictionary     as the files of landmarks need it
+    threads        1: nothing is done beside something else
+    stores_names   the output holds further datasets of the landmarks
+    needs_rate     the frame rate of the files counts
+    warnings       of the dictionary
     """
 
-    config: FitConfig
     dictionary: Dictionary
+    input: InputOptions
     read: ReadOptions
     mapped: Mapped
     lift: Chain
+    record: RecordOptions
+    report: ReportOptions
+    threads: int
+    stores_names: bool
+    needs_rate: bool
+    warnings: tuple[str, ...]
 
     def overlaps(self, source: LandmarkSource) -> bool:
         """Whether batches are read and written on threads of their own, as several are worth it."""
-        return self.config.threads != 1 and source.count > (self.read.batch or BATCH)
+        return self.threads != 1 and source.count > (self.read.batch or BATCH)
 
     def warn_of(self, source: LandmarkSource) -> tuple[str, ...]:
         """Say what is doubtful of the files and of the dictionary together."""
-        stores_names = not output_format(self.config).points_only
-        renamed = warn_of_names(source.head.extras) if stores_names else ()
-        mismatched = mismatch(self.config, self.dictionary)
-        return (*warn_of_source(source, self.read), *mismatched, *renamed)
+        renamed = warn_of_names(source.head.extras) if self.stores_names else ()
+        return (*warn_of_source(source, self.read), *self.warnings, *renamed)
 
 
 def plan_fit(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[str]) -> Plan:
     """Return the plan of a fit of landmarks of these names with a dictionary.
 
-    Raises InputError where the dictionary lacks what the method needs, it and the landmarks have
-    too few names in common, or the output cannot hold what the config asks for.
+    Raises InputError where the dictionary lacks what the method needs, or the output cannot hold
+    what the config asks for.
     """
     method, target = METHODS[config.method], output_format(config)
     dictionary = of_files(dictionary, landmark_names, in_place=method.has_prior)
     if config.transforms and target.points_only:
         found = f"cannot be stored in {config.output}: CSV holds points only"
         raise input_error("transforms", found, "name an HDF5 output, or leave it out")
-    names, place = dictionary.landmark_names, ", ".join(map(str, config.landmarks))
-    place += ": landmark names"
-    joints, strange = match_names(landmark_names, names, place, in_place=method.has_prior)
-    read = ReadOptions(
-        names=names,
-        joints=joints,
-        leave_out=bool(strange),
-        place=place,
+    read = plan_reading(
+        landmark_names,
+        dictionary.landmark_names,
+        place=", ".join(str(path) for path in config.landmarks) + ": landmark names",
         batch=None if method.sequences else math.ceil(config.chunk / STRETCH) * STRETCH,
         camera=find_calibrated(config.camera),
+        in_place=method.has_prior,
     )
     hung = find_hung(dictionary)
-    active = method.has_prior and bool(joints.stand_ins or hung is not None)
+    active = method.has_prior and bool(read.joints.stand_ins or hung is not None)
     mapped = Mapped(
-        joints,
+        read.joints,
         config.theta or MEANS,
         active,
         config.posterior.covariance,
@@ -96,12 +108,42 @@ def plan_fit(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence
         find_misfit(config, dictionary),
     )
     return Plan(
-        config=config,
         dictionary=dictionary,
+        input=read_options(config),
         read=read,
         mapped=mapped,
         lift=choose_chain(with_covariance(config) if active else config, mapped.see(dictionary)),
+        record=RecordOptions(
+            deviations=not target.points_only
+            or target.by_sequence
+            or config.posterior.csv_deviations,
+            transforms=config.transforms,
+            proof=config.proof,
+            optimum=method.proves == "optimum",
+            frame_rate=config.sequences.frame_rate,
+            implausible=config.posterior.implausible,
+            widest=config.posterior.widest,
+            left_out=choose_left_out(config, dictionary),
+        ),
+        report=ReportOptions(
+            strict=config.strict,
+            precisions=method.precisions and config.posterior.least_score is None,
+            scores=method.precisions and config.posterior.least_score is not None,
+            within=config.search.modes,
+            leave_out=config.leave_out,
+        ),
+        threads=config.threads,
+        stores_names=not target.points_only,
+        needs_rate=method.sequences and not config.sequences.frame_rate,
+        warnings=mismatch(config, dictionary),
     )
+
+
+def output_format(config: FitConfig) -> FileFormat:
+    """Return the format of the results."""
+    if isinstance(config.output, ResultFolder):
+        return FORMATS[config.part_format]
+    return find_target_format(config.output)
 
 
 def read_options(config: FitConfig) -> InputOptions:
@@ -159,6 +201,17 @@ def choose_groups(
 
     check_items(dictionary)
     return partial(lift_left_out, dataset=config.leave_out, threads=config.threads)
+
+
+def choose_left_out(
+    config: FitConfig, dictionary: Dictionary
+) -> Callable[[LandmarkSet], NDArray[np.str_]] | None:
+    """Return what names the item that the fit of each image does without, if the config asks."""
+    if config.leave_out is None:
+        return None
+    from shapefit.pipelines.fit.left_out import find_left_out
+
+    return partial(find_left_out, dataset=config.leave_out, dictionary=dictionary)
 
 
 def choose_search(config: FitConfig, solve: Solve) -> Search | None:

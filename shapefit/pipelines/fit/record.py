@@ -2,52 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.config import FitConfig
-from shapefit.config.paths import ResultFolder
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.size import has_lengths, knows_size, metres_per_unit
 from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT, Extras, names_apart
-from shapefit.io.foreign.table import FileFormat
-from shapefit.io.formats import FORMATS, find_target_format
 from shapefit.io.layout import FURTHER_OF_RESULTS, RESULTS
 from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
-from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT, TRUSTED, find_doubts
 
 OF_A_RESULT = RESULTS.names | {dataset.name for dataset in FURTHER_OF_RESULTS}
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
 
 
-def output_format(config: FitConfig) -> FileFormat:
-    """Return the format of the results."""
-    if isinstance(config.output, ResultFolder):
-        return FORMATS[config.part_format]
-    return find_target_format(config.output)
+@dataclass(frozen=True, kw_only=True)
+class RecordOptions:
+    """What is stored of a fit.
+
+    deviations   the standard deviations of the shapes, where the method knows them
+    transforms   those of every image
+    proof        what proves the optimum of the convex program
+    optimum      that program is what the method solves: its certificate is that of the result
+    frame_rate   of the images, in place of what their files state
+    implausible  a shape of a plausibility below this is not to be trusted
+    widest       nor one whose standard deviations are above this
+    left_out     names the item (n,) whose atoms the fit of each image did without
+    """
+
+    deviations: bool = True
+    transforms: bool = False
+    proof: bool = True
+    optimum: bool = False
+    frame_rate: float | None = None
+    implausible: float = 0.0
+    widest: float = np.inf
+    left_out: Callable[[LandmarkSet], NDArray[Any]] | None = None
 
 
 def as_result(
     images: LandmarkSet,
     lifting: Lifting,
     dictionary: Dictionary,
-    config: FitConfig,
+    options: RecordOptions,
     inputs: Extras,
 ) -> ResultSet:
     """Lay out a batch as it is stored, with the observed landmarks beside the fitted ones.
 
     inputs are the landmarks of the files in 3D, where they are not those of the dictionary.
     """
-    found, target = lifting.estimate, output_format(config)
-    has_bars = not target.points_only or target.by_sequence or config.posterior.csv_deviations
+    found = lifting.estimate
     bars = found.in_unit(lifting.scale[:, None, None])
     failed, M = np.isnan(lifting.scale), found.transforms
 
@@ -71,17 +82,16 @@ def as_result(
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
-        shape_sd=bars.deviation if has_bars else None,
-        transforms=where_fitted(M.dense()) if config.transforms and M is not None else None,
+        shape_sd=bars.deviation if options.deviations else None,
+        transforms=where_fitted(M.dense()) if options.transforms and M is not None else None,
         unit=images.unit,
         y_axis=images.y_axis,
-        frame_rate=config.sequences.frame_rate or images.frame_rate,
+        frame_rate=options.frame_rate or images.frame_rate,
         attributes=size_attributes(dictionary),
-        extras=further_datasets(images, lifting, dictionary, config, inputs),
+        extras=further_datasets(images, lifting, dictionary, options, inputs),
     )
     record = with_trees(with_readings(record, lifting), lifting)
-    optimum = METHODS[config.method].proves == "optimum"
-    return with_proof(record, lifting, optimum=optimum) if config.proof else record
+    return with_proof(record, lifting, optimum=options.optimum) if options.proof else record
 
 
 def size_attributes(dictionary: Dictionary) -> dict[str, str | float | int]:
@@ -133,7 +143,7 @@ def further_datasets(
     images: LandmarkSet,
     lifting: Lifting,
     dictionary: Dictionary,
-    config: FitConfig,
+    options: RecordOptions,
     inputs: Extras,
 ) -> Extras:
     """Join what came with the landmarks with what only some fits have."""
@@ -150,12 +160,10 @@ def further_datasets(
         "shape_covariance": by_landmark(found.in_unit(lifting.scale[:, None, None]).covariance),
         METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
         **found.further,
-        **verdict(images, lifting, config),
+        **verdict(images, lifting, options),
     }
-    if config.leave_out is not None:
-        from shapefit.pipelines.fit.left_out import find_left_out
-
-        own["left_out"] = find_left_out(images, config.leave_out, dictionary).astype(object)
+    if options.left_out is not None:
+        own["left_out"] = options.left_out(images).astype(object)
     if lifting.perspective is not None:
         own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
     present = {name: values for name, values in own.items() if values is not None}
@@ -166,7 +174,7 @@ def further_datasets(
 
 
 def verdict(
-    images: LandmarkSet, lifting: Lifting, config: FitConfig
+    images: LandmarkSet, lifting: Lifting, options: RecordOptions
 ) -> dict[str, NDArray[Any] | None]:
     """Say of each image whether its shape is to be trusted, where the method knows its error."""
     found = lifting.estimate
@@ -178,8 +186,8 @@ def verdict(
         images.seen(),
         found.further["plausibility"],
         found.status,
-        implausible=config.posterior.implausible,
-        widest=config.posterior.widest,
+        implausible=options.implausible,
+        widest=options.widest,
     )
     return {TRUSTED: doubt == "", DOUBT: doubt}
 

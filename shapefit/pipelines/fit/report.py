@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from shapefit.config import FitConfig
 from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted
 from shapefit.io import LandmarkSet, LandmarkSource, ResultSet
 from shapefit.io.skeletons import PEOPLE, people_joints
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT, NO_SHAPE
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
 
@@ -24,6 +23,24 @@ if TYPE_CHECKING:
 
 STEEP = 0.5
 """Cosine of the angle to the vertical within which a body stands, or is on its head: 60 degrees."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions:
+    """What counts as a failure, and what is worth a warning.
+
+    strict        an image whose tolerance was not reached is a failure
+    precisions    confidences divide standard deviations; else they are weights
+    scores        or only say what was seen
+    within        readings this share above the least objective were searched
+    leave_out     dataset that names the item whose atoms are left out of an image
+    """
+
+    strict: bool = False
+    precisions: bool = False
+    scores: bool = False
+    within: float = 0.0
+    leave_out: str | None = None
 
 
 class Standing:
@@ -71,14 +88,14 @@ class Batch(NamedTuple):
 class Report:
     """Tells of each batch what failed and what is doubtful, and of all at the end."""
 
-    def __init__(self, config: FitConfig, dictionary: Dictionary) -> None:
-        self._config = config
+    def __init__(self, options: ReportOptions, dictionary: Dictionary) -> None:
+        self._options = options
         self._standing = Standing(dictionary.landmark_names)
         self._unknown: UnknownItems | None = None
-        if config.leave_out is not None:
+        if options.leave_out is not None:
             from shapefit.pipelines.fit.left_out import UnknownItems
 
-            self._unknown = UnknownItems(config.leave_out, dictionary)
+            self._unknown = UnknownItems(options.leave_out, dictionary)
         self._images = self._several = self._unsure = 0
 
     def of(self, batch: Batch, total: int | None = None) -> Outcome:
@@ -94,9 +111,9 @@ class Report:
         return Outcome(
             done=len(images),
             total=total,
-            failures=find_failures(images, lifting, strict=self._config.strict),
+            failures=find_failures(images, lifting, strict=self._options.strict),
             items=images.items,
-            warnings=find_warnings(images, lifting, self._config),
+            warnings=find_warnings(images, lifting, self._options),
             doubts=count_doubts(batch.record),
         )
 
@@ -106,10 +123,10 @@ class Report:
         found: list[str | Counted] = [*self._standing.warnings]
         found += self._unknown.warnings if self._unknown else ()
         if self._several:
-            share, within = self._several / self._images, self._config.search.modes
+            share = self._several / self._images
             found.append(
                 f"{counted(self._several, 'image')} ({share:.1%}) can be read in more than one "
-                f"way: another rotation comes within {within:.0%} of the optimum; "
+                f"way: another rotation comes within {self._options.within:.0%} of the optimum; "
                 "see `modes` in the result"
             )
         if self._unsure:
@@ -137,7 +154,7 @@ def find_failures(images: LandmarkSet, lifting: Lifting, *, strict: bool) -> tup
 
 
 def find_warnings(
-    images: LandmarkSet, lifting: Lifting, config: FitConfig
+    images: LandmarkSet, lifting: Lifting, options: ReportOptions
 ) -> tuple[str | Counted, ...]:
     """Count images that stopped at the iteration limit, and warn where the camera looks wrong."""
     found: list[str | Counted] = []
@@ -146,7 +163,7 @@ def find_warnings(
         for image, status in enumerate(lifting.estimate.status)
         if status is Status.ITERATION_LIMIT
     ]
-    if limited and not config.strict:
+    if limited and not options.strict:
         gap = lifting.estimate.relative_gap
         worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
         found.append(
@@ -159,12 +176,11 @@ def find_warnings(
             )
         )
     above = images.confidence is not None and bool((images.confidence > 1).any())
-    precisions, least = METHODS[config.method].precisions, config.posterior.least_score
-    if above and not (precisions and least is not None):
+    if above and not options.scores:
         what = (
             "they make a landmark more precise than the model otherwise believes, whose standard "
             "deviations they divide"
-            if precisions
+            if options.precisions
             else "they are weights, and larger ones count more against `lambda`"
         )
         fix = "divide them by their largest value if that is not intended"

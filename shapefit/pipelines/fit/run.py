@@ -23,7 +23,6 @@ from shapefit.io import (
 )
 from shapefit.io.formats import find_target_format
 from shapefit.io.options import OutputOptions
-from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.carried_mesh import meshes_that_follow
 from shapefit.pipelines.export.run import open_exports, plan_exports
 from shapefit.pipelines.fit.chain import fit_images
@@ -64,7 +63,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
             closing(lift_source(source, plan)) as batches,
             written_behind(writer.append, plan.overlaps(source)) as write,
         ):
-            report = Report(config, dictionary)
+            report = Report(plan.report, dictionary)
             for batch in batches:
                 yield report.of(batch, source.count)
                 write(batch.record)
@@ -74,8 +73,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
             warnings = plan.warn_of(source) + report.warnings
             writer.attributes.update(attributes_of(config, digests(files), seconds, done))
     of_writer = writer.summary.warnings
-    rate = config.sequences.frame_rate or source.head.frame_rate
-    if METHODS[config.method].sequences and not rate:
+    if plan.needs_rate and not source.head.frame_rate:
         of_writer = with_rate_warning(of_writer)
     names = said_of_names(source.head.landmark_names, dictionary.landmark_names)
     yield Outcome(
@@ -95,7 +93,7 @@ def lift_source(source: LandmarkSource, plan: Plan) -> Generator[Batch, None, No
             fit_images(images, seen, plan.lift), images.landmarks, plan.lift.weigh(images) > 0
         )
         seconds = time.perf_counter() - began
-        record = as_result(images, lifting, plan.dictionary, plan.config, inputs)
+        record = as_result(images, lifting, plan.dictionary, plan.record, inputs)
         yield Batch(images, lifting, record, seconds)
 
 

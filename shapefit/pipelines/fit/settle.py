@@ -1,8 +1,7 @@
-"""What a fit settles by its first images, before it lifts any: camera, skeleton, and error bars."""
+"""What a fit settles by its first images, before it lifts any: the camera, and the skeleton."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -11,13 +10,13 @@ import numpy as np
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import LEARNED_FROM, Dictionary
-from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, LandmarkSource
 from shapefit.io.skeletons import THETA
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.camera import find_calibrated, straightened
 from shapefit.pipelines.fit.chain import lift_images
 from shapefit.pipelines.fit.default_camera import with_camera, without_camera
+from shapefit.pipelines.fit.error_bars import with_calibration
 from shapefit.pipelines.fit.plan import check_needs, choose_chain
 from shapefit.pipelines.items import spread
 from shapefit.pipelines.joints import (
@@ -130,7 +129,7 @@ def settle(
 
 def with_theta(
     config: FitConfig, images: LandmarkSet, dictionary: Dictionary, joints: Joints
-) -> Settled:
+) -> tuple[FitConfig, tuple[str, ...]]:
     """Return the config with the parameters of the skeleton: as given, else found, else usual.
 
     They are found where the method has a prior over shapes.
@@ -160,37 +159,3 @@ def with_theta(
         for name in names
     )
     return config.model_copy(update={"theta": found.theta}), (f"skeleton: {told}",)
-
-
-def with_calibration(config: FitConfig) -> Settled:
-    """Return the config with covariances as much wider as `posterior.calibration` says, and a line.
-
-    By the factors of its method, or of the only one of the report. Raises InputError for a file
-    that has none.
-    """
-    path = config.posterior.calibration
-    if path is None:
-        return config, ()
-    try:
-        factors = json.loads(path.read_text(encoding="utf-8"))
-        name = config.method if config.method in factors else next(iter(factors))
-        half, most = (factors[name][level] for level in ("50%", "90%"))
-        known = None in (half, most) or (half > 0 and most > 0)
-    except (OSError, ValueError, KeyError, TypeError, StopIteration):
-        known = False
-    if not known:
-        found = "holds no factors of error bars"
-        raise input_error(path, found, "give error_bars.json of a report of eval")
-    if name != config.method and len(factors) > 1:
-        found = f"has factors of {', '.join(factors)}, not of {config.method}"
-        raise input_error(path, found, f"judge one result alone, or call it {config.method}")
-    if None in (half, most):
-        found = "has no factor: too few landmarks, or error bars that are far too narrow"
-        raise input_error(path, found, "judge more images, or with a larger `posterior.widening`")
-    widening = config.posterior.widening * most**2
-    posterior = config.posterior.model_copy(update={"widening": widening, "calibration": None})
-    line = (
-        f"error bars {most:.2f} times as wide, by {path.name}: 90% of that truth is in the 90% "
-        f"ellipsoids, 50% in {half / most:.2f} times the 50% ellipsoids"
-    )
-    return config.model_copy(update={"posterior": posterior}), (line,)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.config import LearnDictConfig
 from shapefit.dictionary.learning import evenly
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.motion import MotionSums
@@ -22,6 +21,7 @@ from shapefit.geometry.symmetry import lateral_squares, mirror, symmetrise
 from shapefit.io import ShapeSet, ShapeSource
 from shapefit.io.columns import Batched, Column, nearest_folder
 from shapefit.pipelines.learn_dict.training_shapes import (
+    TrainingOptions,
     align,
     check_number,
     chosen_landmarks,
@@ -54,25 +54,25 @@ class TrainingBatches:
         return len(self.shapes)
 
 
-def find_training_batches(source: ShapeSource, config: LearnDictConfig) -> TrainingBatches:
-    """Find what `find_training_shapes` does, `config.batch` shapes at a time, without the meshes.
+def find_training_batches(source: ShapeSource, options: TrainingOptions) -> TrainingBatches:
+    """Find what `find_training_shapes` does, `options.batch` shapes at a time, without the meshes.
 
     The files are read once, and once more where `symmetry` has to find left and right. What is
     learned from lies in unnamed temporary files in the folder of the output. The mean is settled
-    to 1e-4 of its norm, first on a sample of `config.batch` shapes. Raises InputError as
+    to 1e-4 of its norm, first on a sample of `options.batch` shapes. Raises InputError as
     `find_training_shapes` does, and where the disk is full.
     """
     head = source.head
-    partners = None if config.symmetry == "none" else find_partners(head, config)
-    doubled = config.symmetry == "double"
-    lateral = 0 if partners is None else find_lateral(source, config, partners)
-    folder = nearest_folder(config.output)
+    partners = None if options.symmetry == "none" else find_partners(head, options)
+    doubled = options.symmetry == "double"
+    lateral = 0 if partners is None else find_lateral(source, options, partners)
+    folder = nearest_folder(options.folder)
     points = Column(folder, np.float64, (3, len(head.landmark_names)))
     scale, sizes = Column(folder, np.float64), Column(folder, np.float64)
     failures: list[Failure] = []
     edges = np.empty((0, 2), np.int64) if head.edges is None else head.edges
     motion, length = MotionSums(edges), np.zeros(len(edges))
-    for fine, usable, failed in read_batches(source, config):
+    for fine, usable, failed in read_batches(source, options):
         failures += failed
         motion.add(fine.shapes, fine.sequences or ("",) * len(fine))
         sizes.append(normalise(fine.shapes).scale)
@@ -88,18 +88,18 @@ def find_training_batches(source: ShapeSource, config: LearnDictConfig) -> Train
         if partners is not None and doubled:
             length += len(shapes) * find_edge_length(mirror(shapes, partners, lateral), edges)
     if partners is not None and doubled:
-        for batch in Batched(points, config.batch):
+        for batch in Batched(points, options.batch):
             points.append(mirror(batch, partners, lateral))
-        for batch in Batched(scale, config.batch):
+        for batch in Batched(scale, options.batch):
             scale.append(batch)
-    check_number(len(points), failures, config)
-    mean, warnings = align_batches(Batched(points, config.batch), head.landmark_names, config)
+    check_number(len(points), failures, options)
+    mean, warnings = align_batches(Batched(points, options.batch), head.landmark_names, options)
     if head.mesh_vertices is not None:
         warnings.append("the meshes are left out: leave out `batch` to keep them")
     unit = median(sizes[:])
     return TrainingBatches(
-        Batched(points, config.batch),
-        Batched(scale, config.batch),
+        Batched(points, options.batch),
+        Batched(scale, options.batch),
         dictionary_of(
             head,
             mean,
@@ -115,33 +115,33 @@ def find_training_batches(source: ShapeSource, config: LearnDictConfig) -> Train
 
 
 def read_batches(
-    source: ShapeSource, config: LearnDictConfig
+    source: ShapeSource, options: TrainingOptions
 ) -> Iterator[tuple[ShapeSet, ShapeSet, Sequence[Failure]]]:
     """Read the shapes that can be normalised, those of them that are kept, and the failures."""
     seen: Counter[str] = Counter()
-    for given in source.chunks(config.batch):
+    for given in source.chunks(options.batch):
         sequences = given.sequences or ("",) * len(given)
-        kept = given.take(every_nth(sequences, config.every, seen))
+        kept = given.take(every_nth(sequences, options.every, seen))
         yield separate(given)[0], *separate(kept)
 
 
-def find_lateral(source: ShapeSource, config: LearnDictConfig, partners: Partners) -> int:
+def find_lateral(source: ShapeSource, options: TrainingOptions, partners: Partners) -> int:
     """Return `lateral_axis` of all shapes that are kept."""
     total = np.zeros(3)
-    for _, usable, _ in read_batches(source, config):
+    for _, usable, _ in read_batches(source, options):
         total += lateral_squares(usable.shapes, partners)
     return int(total.argmax())
 
 
 def align_batches(
-    points: Batched, names: tuple[str, ...], config: LearnDictConfig
+    points: Batched, names: tuple[str, ...], options: TrainingOptions
 ) -> tuple[Floats, list[str]]:
     """Turn normalised shapes onto each other in their place; return their mean, and warnings."""
-    landmarks = chosen_landmarks(names, config)
+    landmarks = chosen_landmarks(names, options)
     warnings = []
-    if config.align != "none":
+    if options.align != "none":
         sample = align(
-            points.column.take(evenly(len(points), min(config.batch, len(points)))), names, config
+            points.column.take(evenly(len(points), min(options.batch, len(points)))), names, options
         )
         target, rounds, still = settle_mean(points, sample.mean, landmarks)
         if not still:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.config.commands.learn_dict import LearnDictConfig, PriorConfig
+from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.mixture_learning import cross_validate, learn_mixture
 from shapefit.dictionary.variations import find_skeleton, vary
@@ -14,26 +14,31 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import choose, rotation_onto
 from shapefit.io.extras import Extras
-from shapefit.pipelines.learn_dict.training_shapes import TrainingShapes, chosen_landmarks
+from shapefit.pipelines.learn_dict.training_shapes import (
+    TrainingOptions,
+    TrainingShapes,
+    chosen_landmarks,
+)
 
 FEWEST_COPIES, MOST_COPIES, ENOUGH = 2, 100, 1500
 """Copies of each shape that is varied, and how many shapes are enough for a mixture."""
 
 
-def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> tuple[Mixture, str]:
+def learn_prior(
+    training: TrainingShapes, options: PriorConfig, aligned: TrainingOptions
+) -> tuple[Mixture, str]:
     """Return the mixture over the aligned shapes, varied, and a note on how likely shapes are.
 
     Raises InputError for more components than shapes, weights that are none, and bones that are no
     tree where they are to vary.
     """
-    options = config.prior
     if options.components > len(training):
         there = counted(len(training), "shape")
         found = f"{options.components} components are more than the {there} to learn from"
         raise input_error("prior.components", found, "lower it, or give more shapes")
     copies = find_copies(len(training), options)
     weights = np.tile(find_weights(training, options.weights), copies)
-    shapes = vary_shapes(training, config)
+    shapes = vary_shapes(training, options, aligned)
     learned = learn_mixture(
         shapes,
         options.components,
@@ -83,9 +88,9 @@ def find_weights(training: TrainingShapes, name: str | None) -> Floats:
     return weights.astype(np.float64)
 
 
-def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
+def vary_shapes(training: TrainingShapes, options: PriorConfig, aligned: TrainingOptions) -> Floats:
     """Return the shapes to learn from (copies n, 3, p), normalised and turned onto their mean."""
-    shapes, options = training.alignment.shapes, config.prior
+    shapes = training.alignment.shapes
     copies = find_copies(len(shapes), options)
     if copies == 1 and not (options.stretch or options.exchange):
         return shapes
@@ -106,10 +111,10 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
         partners=training.dictionary.mirror_index,
     )
     varied = normalise(varied).points
-    if config.align == "none":
+    if aligned.align == "none":
         return varied
     # Landmarks that are indexed lie in another order in memory, in which sums round differently.
-    chosen = chosen_landmarks(training.original.landmark_names, config) or list(range(points))
+    chosen = chosen_landmarks(training.original.landmark_names, aligned) or list(range(points))
     mean = choose(training.alignment.mean, chosen)
     turned: Floats = rotation_onto(choose(varied, chosen), mean) @ varied
     return turned

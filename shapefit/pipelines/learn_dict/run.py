@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,10 +46,10 @@ from shapefit.pipelines.learn_dict.from_2d import (
 from shapefit.pipelines.learn_dict.prior import learn_prior
 from shapefit.pipelines.learn_dict.start import adapt_to_landmarks
 from shapefit.pipelines.learn_dict.training_shapes import (
+    TrainingOptions,
     TrainingShapes,
     find_k,
     find_training_shapes,
-    place_of,
 )
 from shapefit.pipelines.outcome import Outcome
 
@@ -64,12 +65,13 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     """
     check_output(config.output)
     find_writer(config.output, DICTIONARY.kind)
+    options = plan_training(config)
     if hold_landmarks(config):
         with open_landmarks(config.shapes, input_options(config.input)) as images:
             notes = images.notes
             adapted = config.start is not None
             make = adapt_start if adapted else make_from_landmarks
-            making = make(images, config)
+            making = make(images, config, options)
             outcome = next(making)
     elif config.start is not None:
         found = "2D landmarks adapt a dictionary, and the files hold 3D shapes"
@@ -77,8 +79,8 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     else:
         with open_shapes(config.shapes, input_options(config.input)) as source:
             notes = source.notes
-            training = read_training(source, config)
-        making = make_dictionary(training, config, digests(config.shapes))
+            training = read_training(source, options, coded=config.method == "sparse-coding")
+        making = make_dictionary(training, config, options, digests(config.shapes))
         outcome = next(making)
     outcome = replace(outcome, warnings=notes + outcome.warnings)
     while True:
@@ -100,23 +102,27 @@ def hold_landmarks(config: LearnDictConfig) -> bool:
     return {find_kind(path, options) for path in given} == {"landmarks"}
 
 
-def make_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Making:
+def make_from_landmarks(
+    source: LandmarkSource, config: LearnDictConfig, options: TrainingOptions
+) -> Making:
     """Learn shapes from 2D landmarks, and then a dictionary from these."""
     inputs = digests(config.shapes)
-    learned = yield from learn_from_landmarks(source, place_of(config), config.flip)
+    learned = yield from learn_from_landmarks(source, options.place, config.flip)
 
     def make(shapes: ShapeSet, components: int, iterations: int, varied: bool) -> Making:
         still = {} if varied else {"stretch": 0.0, "exchange": 0.0, "copies": None}
         prior = config.prior.model_copy(update={"components": components, **still})
         asked = config.model_copy(update={"prior": prior, "iterations": iterations})
-        return make_dictionary(find_training_shapes(shapes, config), asked, inputs)
+        return make_dictionary(find_training_shapes(shapes, options), asked, options, inputs)
 
     varied = config.prior.stretch > 0 or config.prior.exchange > 0
     made = yield from relift(learned, make, config.prior.components, config.iterations, varied)
     return (yield from decide_what_is_near(learned, made))
 
 
-def adapt_start(source: LandmarkSource, config: LearnDictConfig) -> Making:
+def adapt_start(
+    source: LandmarkSource, config: LearnDictConfig, options: TrainingOptions
+) -> Making:
     """Adapt the dictionary that the config starts from to 2D landmarks."""
     assert config.start is not None
     fit = FitConfig.model_construct(
@@ -133,31 +139,49 @@ def adapt_start(source: LandmarkSource, config: LearnDictConfig) -> Making:
     return replace(made, provenance=provenance)
 
 
-def read_training(source: ShapeSource, config: LearnDictConfig) -> TrainingShapes | TrainingBatches:
+def plan_training(config: LearnDictConfig) -> TrainingOptions:
+    """Return how the shapes are read and prepared."""
+    return TrainingOptions(
+        place=", ".join(map(str, config.shapes)),
+        every=config.every,
+        align=config.align,
+        symmetry=config.symmetry,
+        mirror=config.mirror,
+        atoms=config.k if config.method == "sparse-coding" else 1,
+        fewer="k" not in config.model_fields_set,
+        batch=config.batch,
+        folder=config.output,
+    )
+
+
+def read_training(
+    source: ShapeSource, options: TrainingOptions, *, coded: bool
+) -> TrainingShapes | TrainingBatches:
     """Read the shapes to learn from: all at once, or in batches where these are asked for.
 
-    Raises InputError where they do not fit in memory together while they are coded.
+    Raises InputError where they do not fit in memory together while they are `coded`.
     """
-    if 0 < config.batch < source.count:
-        return find_training_batches(source, config)
-    if config.method == "sparse-coding":
+    if 0 < options.batch < source.count:
+        return find_training_batches(source, options)
+    if coded:
         fix = "set `batch`, the number of shapes in memory at a time (docs/scale.md)"
-        size = size_at_once(source, config)
-        check_fits(place_of(config), size, "learning from all shapes at once", fix)
-    return find_training_shapes(source.whole(), config)
+        size = size_at_once(source, options)
+        check_fits(options.place, size, "learning from all shapes at once", fix)
+    return find_training_shapes(source.whole(), options)
 
 
-def size_at_once(source: ShapeSource, config: LearnDictConfig) -> int:
+def size_at_once(source: ShapeSource, options: TrainingOptions) -> int:
     """Bytes that sparse coding of all shapes at once takes, as measured: benchmarks/batches.py."""
-    p, every = len(source.head.landmark_names), config.every
+    p, every = len(source.head.landmark_names), options.every
     step = every if isinstance(every, int) else max(every.values())
-    copies = 2 if config.symmetry == "double" else 1
-    return 8 * source.count * (6 * p + copies * (9 * p + 4 * config.k) // step)
+    copies = 2 if options.symmetry == "double" else 1
+    return 8 * source.count * (6 * p + copies * (9 * p + 4 * options.atoms) // step)
 
 
 def make_dictionary(
     training: TrainingShapes | TrainingBatches,
     config: LearnDictConfig,
+    options: TrainingOptions,
     inputs: Mapping[str, str],
 ) -> Making:
     """Make the dictionary of training shapes; `inputs` are the digests of their files.
@@ -171,9 +195,10 @@ def make_dictionary(
         note=counted(len(training), "shape"),
     )
     prior, batched = None, isinstance(training, TrainingBatches)
-    k = find_k(min(config.batch, len(training)) if batched else len(training), config)
+    k = find_k(min(config.batch, len(training)) if batched else len(training), options)
+    coding = Coding(k, config.beta, config.iterations)
     if isinstance(training, TrainingBatches):
-        made = yield from _sparse_coding_in_batches(training, config, k)
+        made = yield from _sparse_coding_in_batches(training, coding, config.batch)
     else:
         match config.method:
             case "exemplars":
@@ -181,9 +206,9 @@ def make_dictionary(
             case "pca-bases":
                 made = yield from _pca_bases(training, config.bases)
             case _:
-                made = yield from _sparse_coding(training, config, k)
+                made = yield from _sparse_coding(training, coding)
         if config.prior.components:
-            prior, note = learn_prior(training, config)
+            prior, note = learn_prior(training, config.prior, options)
             yield Outcome(note=note)
     provenance = {
         "method": config.method,
@@ -211,15 +236,23 @@ def _exemplars(training: TrainingShapes) -> Making:
     return dictionary
 
 
-def _sparse_coding(training: TrainingShapes, config: LearnDictConfig, k: int) -> Making:
+class Coding(NamedTuple):
+    """Sparse coding of shapes by k atoms: the weight of the sparsity, and the rounds."""
+
+    k: int
+    beta: float
+    iterations: int
+
+
+def _sparse_coding(training: TrainingShapes, coding: Coding) -> Making:
     """Learn by sparse coding, with the objective of each round in its note."""
     shapes = training.alignment.shapes
-    rounds = learn(shapes, k, config.beta, iterations=config.iterations)
+    rounds = learn(shapes, coding.k, coding.beta, iterations=coding.iterations)
     for learned in rounds:
         note = f"objective {learned.trace[-1]:.6g}"
-        yield Outcome(done=1, total=config.iterations, unit="round", note=note)
+        yield Outcome(done=1, total=coding.iterations, unit="round", note=note)
     summary = summarise(
-        [(shapes, learned.coefficients, training.scale)], learned.atoms, config.beta
+        [(shapes, learned.coefficients, training.scale)], learned.atoms, coding.beta
     )
     mesh_vertices = _mix_meshes(training, learned.atoms)
     dictionary = replace(
@@ -233,31 +266,31 @@ def _sparse_coding(training: TrainingShapes, config: LearnDictConfig, k: int) ->
     warnings = [*_dead_atoms(summary)]
     if training.mesh_vertices is not None and mesh_vertices is None:
         warnings.append("the meshes are left out: an atom is no combination of the training shapes")
-    yield Outcome(total=config.iterations, warnings=tuple(warnings), note=_note(summary))
+    yield Outcome(total=coding.iterations, warnings=tuple(warnings), note=_note(summary))
     return dictionary
 
 
-def _sparse_coding_in_batches(training: TrainingBatches, config: LearnDictConfig, k: int) -> Making:
+def _sparse_coding_in_batches(training: TrainingBatches, coding: Coding, size: int) -> Making:
     """Learn from a sample as large as a batch, then by rounds over all shapes.
 
     The trace is that of all shapes, and starts with the atoms of the sample.
     """
-    sample = training.shapes.column.take(evenly(len(training), min(config.batch, len(training))))
-    for learned in learn(sample, k, config.beta, iterations=config.iterations):
+    sample = training.shapes.column.take(evenly(len(training), min(size, len(training))))
+    for learned in learn(sample, coding.k, coding.beta, iterations=coding.iterations):
         note = f"sample of {counted(len(sample), 'shape')}, objective {learned.trace[-1]:.6g}"
         yield Outcome(done=1, unit="round", note=note)
     atoms, trace = learned.atoms, learned.trace
     if len(sample) < len(training):
         del sample, learned
-        rounds = improve(training.shapes, atoms, config.beta, iterations=config.iterations)
+        rounds = improve(training.shapes, atoms, coding.beta, iterations=coding.iterations)
         for improved in rounds:
             atoms, trace = improved.atoms, improved.trace
             yield Outcome(done=1, unit="round", note=f"objective {trace[-1]:.6g}")
     coded = (
-        (shapes, sparse_code(shapes, atoms, config.beta), scale)
+        (shapes, sparse_code(shapes, atoms, coding.beta), scale)
         for shapes, scale in zip(training.shapes, training.scale, strict=True)
     )
-    summary = summarise(coded, atoms, config.beta)
+    summary = summarise(coded, atoms, coding.beta)
     yield Outcome(warnings=tuple(_dead_atoms(summary)), note=_note(summary))
     return replace(
         training.dictionary,

@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.config import LearnDictConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.motion import (
     find_acceleration,
@@ -31,7 +31,7 @@ from shapefit.meshes.dense import carry_mesh
 from shapefit.pipelines.outcome import Failure, Note
 
 
-def apply_symmetry(shapes: ShapeSet, config: LearnDictConfig) -> ShapeSet:
+def apply_symmetry(shapes: ShapeSet, options: TrainingOptions) -> ShapeSet:
     """Return the shapes, or their symmetric ones, or the shapes and then their mirror images.
 
     A mirror image has the item and sequence of its shape. The shapes come without meshes unless
@@ -39,22 +39,22 @@ def apply_symmetry(shapes: ShapeSet, config: LearnDictConfig) -> ShapeSet:
     can be mirrored as a surface only, not vertex by vertex as mixing meshes needs. Raises
     InputError where the shapes have no `mirror_index`, or one that does not pair the landmarks.
     """
-    if config.symmetry == "none":
+    if options.symmetry == "none":
         return shapes
-    index = find_partners(shapes, config)
+    index = find_partners(shapes, options)
     lateral = lateral_axis(shapes.shapes, index)
     bare = replace(shapes, mesh_vertices=None, mesh_faces=None)
-    if config.symmetry == "symmetrise":
+    if options.symmetry == "symmetrise":
         return replace(bare, shapes=symmetrise(shapes.shapes, index, lateral))
     twice = bare.take(np.tile(np.arange(len(shapes)), 2))
     return replace(twice, shapes=double(shapes.shapes, index, lateral))
 
 
-def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> NDArray[Any]:
+def find_partners(shapes: ShapeSet, options: TrainingOptions) -> NDArray[Any]:
     """Return the partner of each landmark. Raises InputError as `apply_symmetry` does."""
-    if config.mirror is not None:
-        return read_mirror(shapes.landmark_names, config.mirror)
-    place = place_of(config)
+    if options.mirror is not None:
+        return read_mirror(shapes.landmark_names, options.mirror)
+    place = options.place
     fix = "give `mirror`, store the index of each landmark's mirror image, or set `symmetry: none`"
     index = Extras.of(shapes.extras, len(shapes)).whole.get("mirror_index")
     if index is None:
@@ -80,6 +80,27 @@ def read_mirror(names: tuple[str, ...], mirror: Mapping[str, str]) -> NDArray[An
     return index
 
 
+@dataclass(frozen=True, kw_only=True)
+class TrainingOptions:
+    """How shapes become training shapes; the keys of `learn-dict` that say so.
+
+    place    of the files, for messages
+    atoms    to learn, for which as many shapes are needed
+    fewer    with fewer shapes, as many atoms will do
+    batch    shapes in memory at a time; those of a batch lie in unnamed files in `folder`
+    """
+
+    place: str
+    every: int | Mapping[str, int] = 1
+    align: Literal["all", "none"] | tuple[str, ...] = "all"
+    symmetry: Literal["none", "symmetrise", "double"] = "none"
+    mirror: Mapping[str, str] | None = None
+    atoms: int = 1
+    fewer: bool = False
+    batch: int = 0
+    folder: Path = Path()
+
+
 @dataclass(frozen=True)
 class TrainingShapes:
     """n training shapes: `original` in their unit, and `alignment` of the normalised ones.
@@ -103,7 +124,7 @@ class TrainingShapes:
         return len(self.original)
 
 
-def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingShapes:
+def find_training_shapes(given: ShapeSet, options: TrainingOptions) -> TrainingShapes:
     """Take every n-th shape of each sequence, made symmetric or doubled, normalised and aligned.
 
     Shapes that cannot be normalised are failures. Raises InputError for shapes without the pairs
@@ -118,12 +139,12 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
         if fine.sequences:
             bodies = find_lengths(fine.shapes, fine.edges, fine.sequences)[1]
     sequences = given.sequences or ("",) * len(given)
-    kept = given.take(every_nth(sequences, config.every))
+    kept = given.take(every_nth(sequences, options.every))
     usable, failures = separate(kept)
-    shapes = apply_symmetry(usable, config) if len(usable) else usable
-    check_number(len(shapes), failures, config)
+    shapes = apply_symmetry(usable, options) if len(usable) else usable
+    check_number(len(shapes), failures, options)
     normalised = normalise(shapes.shapes)
-    alignment = align(normalised.points, shapes.landmark_names, config)
+    alignment = align(normalised.points, shapes.landmark_names, options)
     mesh, edges = shapes.mesh_vertices, shapes.edges
     return TrainingShapes(
         original=shapes,
@@ -133,42 +154,32 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
         dictionary=dictionary_of(
             shapes,
             alignment.mean,
-            None if config.symmetry == "none" else find_partners(usable, config),
+            None if options.symmetry == "none" else find_partners(usable, options),
             acceleration=acceleration,
             give=give,
             edge_length=None if edges is None else find_edge_length(shapes.shapes, edges),
             bodies=bodies,
         ),
         failures=failures,
-        warnings=tuple(find_warnings(usable, shapes, alignment, config)),
+        warnings=tuple(find_warnings(usable, shapes, alignment, options)),
     )
 
 
-def check_number(number: int, failures: Sequence[Failure], config: LearnDictConfig) -> None:
+def check_number(number: int, failures: Sequence[Failure], options: TrainingOptions) -> None:
     """Raise InputError where there are no shapes, or not as many as atoms."""
     if not number:
         found = "there are 0 shapes to learn from"
         if failures:
             found += f"; {failures[0].item}, for one: {failures[0].reason}"
         raise input_error("shapes", found, "give more shapes")
-    if find_k(number, config) > number:
-        found = f"{config.k} atoms are more than the {counted(number, 'shape')} to learn from"
+    if find_k(number, options) > number:
+        found = f"{options.atoms} atoms are more than the {counted(number, 'shape')} to learn from"
         raise input_error("k", found, "lower k or `every`, or give more shapes")
 
 
-def find_k(number: int, config: LearnDictConfig) -> int:
-    """Return the number of atoms for a number of shapes; fewer will do where none was asked for."""
-    return atoms_of(config) if "k" in config.model_fields_set else min(atoms_of(config), number)
-
-
-def atoms_of(config: LearnDictConfig) -> int:
-    """Return how many atoms are learned, for which as many shapes are needed; 1 without coding."""
-    return config.k if config.method == "sparse-coding" else 1
-
-
-def place_of(config: LearnDictConfig) -> str:
-    """Name the files of the shapes, for messages."""
-    return ", ".join(map(str, config.shapes))
+def find_k(number: int, options: TrainingOptions) -> int:
+    """Return the number of atoms for a number of shapes."""
+    return min(options.atoms, number) if options.fewer else options.atoms
 
 
 def dictionary_of(
@@ -239,19 +250,19 @@ def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
     return shapes.take(usable), failures
 
 
-def align(points: Floats, names: tuple[str, ...], config: LearnDictConfig) -> Alignment:
+def align(points: Floats, names: tuple[str, ...], options: TrainingOptions) -> Alignment:
     """Turn normalised shapes (n, 3, p) onto each other, or leave them in their common frame."""
-    if config.align == "none":
+    if options.align == "none":
         unturned = np.tile(np.eye(3), (len(points), 1, 1))
         return Alignment(points, points.mean(axis=0), unturned, rounds=0, still=True)
-    return generalised_procrustes(points, chosen_landmarks(names, config))
+    return generalised_procrustes(points, chosen_landmarks(names, options))
 
 
-def chosen_landmarks(names: tuple[str, ...], config: LearnDictConfig) -> list[int] | None:
+def chosen_landmarks(names: tuple[str, ...], options: TrainingOptions) -> list[int] | None:
     """Return the indices of the landmarks that shapes are aligned by; None for all."""
-    if config.align in ("all", "none"):
+    if options.align in ("all", "none"):
         return None
-    indices: list[int] = match_landmarks(names, config.align, place="align").tolist()
+    indices: list[int] = match_landmarks(names, options.align, place="align").tolist()
     return indices
 
 
@@ -261,12 +272,12 @@ def still_moving(rounds: int) -> str:
 
 
 def find_warnings(
-    given: ShapeSet, shapes: ShapeSet, alignment: Alignment, config: LearnDictConfig
+    given: ShapeSet, shapes: ShapeSet, alignment: Alignment, options: TrainingOptions
 ) -> Iterator[str]:
     """Say what became worse on the way from the shapes given to those to learn from."""
-    if find_k(len(shapes), config) < atoms_of(config):
+    if find_k(len(shapes), options) < options.atoms:
         shapes_there = counted(len(shapes), "shape")
-        yield Note(f"{len(shapes)} atoms in place of {config.k}: there are {shapes_there}")
+        yield Note(f"{len(shapes)} atoms in place of {options.atoms}: there are {shapes_there}")
     if not alignment.still:
         yield still_moving(alignment.rounds)
     if given.mesh_vertices is not None and shapes.mesh_vertices is None:

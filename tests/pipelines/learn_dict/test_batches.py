@@ -252,8 +252,9 @@ def test_memory_grows_with_the_batch_alone(people, tmp_path):
         )
         with open_shapes(config.shapes) as source:
             tracemalloc.start()
-            training = find_training_batches(source, config)
-            list(learn_dict.make_dictionary(training, config, {}))
+            options = learn_dict.plan_training(config)
+            training = find_training_batches(source, options)
+            list(learn_dict.make_dictionary(training, config, options, {}))
             peak = tracemalloc.get_traced_memory()[1]
             tracemalloc.stop()
         return peak
