@@ -151,6 +151,37 @@ def read_rows(section: Section, name: str) -> Iterator[tuple[int, list[str]]]:
         raise input_error(f"{name}:{line}", "a quote is never closed", QUOTES) from error
 
 
+Columns = Sequence[Sequence[str]]
+Lines = NDArray[np.int64]
+
+
+def read_columns(
+    section: Section, width: int, name: str, widths: Problems, *, padded: bool = False
+) -> tuple[Columns, Lines]:
+    """Return the cells of a section by column, without empty rows, and the line of each row.
+
+    Rows of another width go to `widths`, unless they are `padded` with empty cells.
+    """
+    columns = split_columns(section, width) if section else None
+    if columns is not None:
+        return columns, np.arange(section.line, section.line + len(columns[0]))
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    try:
+        for line, row in read_rows(section, name):
+            row += [""] * (width - len(row)) if padded else []
+            if len(row) != width:
+                found = f"has {len(row)} cells for {width} columns"
+                widths.tell(f"{name}:{line}: {found}; write one cell per column", line)
+                continue
+            rows.append(row)
+            lines.append(line)
+    except InputError:
+        widths.raise_if_any()
+        raise
+    return list(zip(*rows, strict=True)) or [()] * width, np.array(lines, np.int64)
+
+
 def bad_line(place: str, error: csv.Error) -> InputError:
     """Say what the csv module found at a place."""
     if "new-line" in str(error):
@@ -170,10 +201,6 @@ def _check_quotes(row: list[str], text: str, place: str) -> None:
     for cell in row:
         if cell.count('"') % 2 and '"{}"'.format(cell.replace('"', '""')) not in text:
             raise input_error(place, "cannot be read as CSV (a quote inside a cell)", QUOTES)
-
-
-Columns = Sequence[Sequence[str]]
-Lines = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -208,32 +235,12 @@ class CsvText:
         """
         widths = Problems()
         for section in chain([self._first.without_header()], self._sections):
-            columns, lines = self._split(section, widths)
+            columns, lines = read_columns(section, len(self.columns), self.name, widths)
             if self._spaced:
                 columns = [[cell.strip() for cell in column] for column in columns]
             if len(lines):
                 yield Block(dict(zip(self.columns, columns, strict=True)), lines)
         widths.raise_if_any()
-
-    def _split(self, section: Section, widths: Problems) -> tuple[Columns, Lines]:
-        width = len(self.columns)
-        columns = split_columns(section, width) if section else None
-        if columns is not None:
-            return columns, np.arange(section.line, section.line + len(columns[0]))
-        rows: list[list[str]] = []
-        lines: list[int] = []
-        try:
-            for line, row in read_rows(section, self.name):
-                if len(row) != width:
-                    found = f"has {len(row)} cells for {width} columns"
-                    widths.tell(f"{self.name}:{line}: {found}; write one cell per column", line)
-                    continue
-                rows.append(row)
-                lines.append(line)
-        except InputError:
-            widths.raise_if_any()
-            raise
-        return list(zip(*rows, strict=True)), np.array(lines, np.int64)
 
     def _split_header(self) -> list[str]:
         try:

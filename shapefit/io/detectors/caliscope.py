@@ -7,23 +7,22 @@ Points 0 to 32 are the body and have the names of mediapipe_33; hands (100, 200 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error
 from shapefit.io.csv.numbers import read_numbers
-from shapefit.io.csv.text import Section, read_rows, read_sections, split_columns
+from shapefit.io.csv.text import read_columns, read_sections
 from shapefit.io.foreign.recording import Instances, Recording
+from shapefit.io.memory import check_fits
+from shapefit.io.problems import Problems
 from shapefit.io.skeletons import SKELETONS
-
-Table = NDArray[np.float64]
 
 CAMERAS = ("port", "cam_id")
 NEEDED = ("frame_index", "point_id", "img_loc_x", "img_loc_y")
-BLOCK = 4096
 LAST_FRAME = 2.0**40
 
 
@@ -49,36 +48,25 @@ def record(paths: tuple[Path, ...]) -> Recording:
     keys, place = np.unique(number * 2 * LAST_FRAME + frame[whole], return_inverse=True)
     row = place[placed[whole]]
     port = np.floor_divide(keys + LAST_FRAME, 2 * LAST_FRAME).astype(np.intp)
-    frames = cameras[port], keys - port * 2 * LAST_FRAME
+    frames = keys - port * 2 * LAST_FRAME
     column = np.searchsorted(ids, point[placed])
     cells = row * max(len(ids), 1) + column
     repeated = len(cells) - len(np.unique(cells))
     if repeated:
         notes += (f"{counted(repeated, 'point')} given twice, the last of each is used",)
-    where = x[placed], y[placed]
-    starts = {number: float(frames[1][frames[0] == number].min()) for number in cameras.tolist()}
-
-    def blocks() -> Iterator[Instances]:
-        order = np.argsort(row, kind="stable")
-        for start in range(0, len(frames[0]), BLOCK):
-            stop = min(start + BLOCK, len(frames[0]))
-            mine = order[
-                np.searchsorted(row, start, sorter=order) : np.searchsorted(row, stop, sorter=order)
-            ]
-            points = np.full((stop - start, len(ids), 2), np.nan)
-            for axis, values in enumerate(where):
-                points[row[mine] - start, column[mine], axis] = values[mine]
-            ports, numbers = frames[0][start:stop], frames[1][start:stop]
-            first = np.array([starts[port] for port in ports.tolist()])
-            yield Instances(
-                points=points,
-                frames=(numbers - first).astype(np.int64),
-                labels=[f"{number:g}" for number in numbers.tolist()],
-                individuals=np.zeros(stop - start, np.int64),
-                videos=[f"{video}/port {port:g}" for port in ports.tolist()],
-            )
-
+    check_fits(str(path), 2 * 8 * len(keys) * len(ids), "what it holds")
+    points = np.full((len(keys), len(ids), 2), np.nan)
+    points[row, column] = np.column_stack([x[placed], y[placed]])
+    starts = np.full(len(cameras), np.inf)
+    np.minimum.at(starts, port, frames)
     video = path.name.partition(".")[0]
+    every = Instances(
+        points=points,
+        frames=(frames - starts[port]).astype(np.int64),
+        labels=[f"{number:g}" for number in frames.tolist()],
+        individuals=np.zeros(len(keys), np.int64),
+        videos=[f"{video}/port {number:g}" for number in cameras[port].tolist()],
+    )
     body = SKELETONS["mediapipe_33"].landmark_names
     names = [body[int(i)] if 0 <= i < len(body) and i == int(i) else f"{i:g}" for i in ids.tolist()]
     return Recording(
@@ -86,50 +74,40 @@ def record(paths: tuple[Path, ...]) -> Recording:
         video=video,
         dimensions=2,
         landmark_names=tuple(names),
-        blocks=blocks,
-        frames=len(frames[0]),
+        blocks=every.blocks,
+        frames=len(keys),
         unit="px",
         notes=notes,
     )
 
 
-def _read(path: Path) -> Table:
+def _read(path: Path) -> Floats:
     """Return camera, frame, point, x and y of every row (n, 5), NaN where a cell is empty.
 
     Raises InputError for cells that are no numbers, and for rows of another length.
     """
-    sections = read_sections(path)
-    first = next(sections)
-    header = _header(first.data.partition(b"\n")[0])
-    camera = next(name for name in CAMERAS if name in header)
-    places = [header.index(name) for name in (camera, *NEEDED)]
-    parts = [_columns(first.without_header(), header, places, str(path))]
-    parts += [_columns(section, header, places, str(path)) for section in sections]
+    parts: list[Floats] = []
+    header: list[str] = []
+    problems = Problems()
+    for section in read_sections(path):
+        if not header:
+            header = _header(section.data.partition(b"\n")[0])
+            camera = next(name for name in CAMERAS if name in header)
+            section = section.without_header()
+        columns, lines = read_columns(section, len(header), str(path), problems)
+        problems.raise_if_any()
+        wanted = {name: columns[header.index(name)] for name in (camera, *NEEDED)}
+        parts.append(np.column_stack([_numbers(path, *each, lines) for each in wanted.items()]))
     return np.concatenate(parts)
 
 
-def _columns(section: Section, header: list[str], places: list[int], name: str) -> Table:
-    if not section:
-        return np.empty((0, len(places)))
-    columns = split_columns(section, len(header))
-    if columns is None:
-        rows = []
-        for line, row in read_rows(section, name):
-            if len(row) != len(header):
-                found = f"has {len(row)} cells for {len(header)} columns"
-                raise input_error(f"{name}:{line}", found, "write one cell per column")
-            rows.append(row)
-        columns = [list(column) for column in zip(*rows, strict=True)] or [[] for _ in header]
-    values = []
-    for place in places:
-        cells = columns[place]
-        numbers = read_numbers(cells)
-        if numbers.strange.any():
-            bad = int(np.argmax(numbers.strange))
-            found = f"'{cells[bad][:40]}' is no number (column {header[place]})"
-            raise input_error(f"{name}:{section.line + bad}", found, "give numbers")
-        values.append(numbers.values)
-    return np.stack(values, axis=1)
+def _numbers(path: Path, name: str, cells: Sequence[str], lines: Integers) -> Floats:
+    numbers = read_numbers(cells)
+    if numbers.strange.any():
+        bad = int(np.argmax(numbers.strange))
+        found = f"'{cells[bad][:40]}' is no number (column {name})"
+        raise input_error(f"{path}:{lines[bad]}", found, "give numbers")
+    return numbers.values
 
 
 def _header(line: bytes) -> list[str]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.foreign.recording import Instances
+from shapefit.io.layout import UNKNOWN_UNIT
 
 COORDINATES = ("x", "y", "z", "likelihood")
 
@@ -37,6 +38,11 @@ class Layout:
     def dimensions(self) -> Literal[2, 3]:
         """2, or 3 where there is a column z."""
         return 3 if self.points.shape[2] == 3 else 2
+
+    @property
+    def unit(self) -> str:
+        """Pixels for landmarks; tables of 3D points do not say it."""
+        return "px" if self.dimensions == 2 else UNKNOWN_UNIT
 
     def instances(self, values: Floats, start: int, labels: Sequence[str]) -> Instances:
         """Return the rows (n, columns) of frames `start` and on, each individual an instance."""

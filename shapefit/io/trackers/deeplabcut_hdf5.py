@@ -7,6 +7,7 @@ names stand beside it as levels and codes.
 
 from __future__ import annotations
 
+import pickle
 import pickletools
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,11 +29,12 @@ from shapefit.io.trackers.recognition import look
 ALLOWED = frozenset(
     ("MARK", "LIST", "TUPLE", "INT", "LONG", "UNICODE", "PUT", "GET", "APPEND", "STOP")
 )
-"""Opcodes of lists and tuples of names and numbers in protocol 0; no other one is understood."""
+"""Opcodes of lists and tuples of names and numbers in protocol 0, which can execute nothing."""
+
+BROKEN = (ValueError, IndexError, KeyError, TypeError, AttributeError, EOFError, OverflowError)
+"""What the standard library raises for pickles that are cut off or damaged."""
 
 FIX = "save it as CSV"
-
-_MARK = object()
 
 
 def names_of(place: str, pickled: Any) -> list[Any]:
@@ -43,48 +45,19 @@ def names_of(place: str, pickled: Any) -> list[Any]:
     if not isinstance(pickled, bytes):
         raise input_error(place, "holds no list of names", FIX)
     try:
-        found = _walk(place, pickled)
-    except (ValueError, IndexError, KeyError, UnicodeError, OverflowError) as error:
+        for code, argument, _ in pickletools.genops(pickled):
+            if code.name not in ALLOWED:
+                found = f"holds the opcode {code.name}, which is not read here"
+                raise input_error(place, found, FIX)
+            if code.name == "PUT" and argument > len(pickled):
+                raise ValueError(f"it puts {argument} names aside")  # pickle would make room
+        names = pickle.loads(pickled)
+    except (*BROKEN, pickle.UnpicklingError) as error:
         text = printable(str(error).partition("\n")[0])
         raise input_error(place, f"holds a list that cannot be read ({text})", FIX) from error
-    if not isinstance(found, list):
+    if not isinstance(names, list):
         raise input_error(place, "holds no list of names", FIX)
-    return found
-
-
-def _walk(place: str, pickled: bytes) -> Any:
-    stack: list[Any] = []
-    memory: dict[int, Any] = {}
-    for code, argument, _ in pickletools.genops(pickled):
-        name = code.name
-        if name not in ALLOWED:
-            raise input_error(place, f"holds the opcode {name}, which is not read here", FIX)
-        if name == "STOP":
-            break
-        if name == "MARK":
-            stack.append(_MARK)
-        elif name in ("LIST", "TUPLE"):
-            values = _pop_to_mark(stack)
-            stack.append(values if name == "LIST" else tuple(values))
-        elif name == "PUT":
-            memory[int(argument or 0)] = stack[-1]
-        elif name == "GET":
-            stack.append(memory[int(argument or 0)])
-        elif name == "APPEND":
-            value = stack.pop()
-            if not isinstance(stack[-1], list):
-                raise ValueError("a value is appended to what is no list")
-            stack[-1].append(value)
-        else:
-            stack.append(argument)
-    return stack.pop()
-
-
-def _pop_to_mark(stack: list[Any]) -> list[Any]:
-    values: list[Any] = []
-    while (value := stack.pop()) is not _MARK:
-        values.append(value)
-    return values[::-1]
+    return names
 
 
 KEYS = ("df_with_missing", "tracks")
@@ -130,7 +103,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         notes=layout.notes,
         edges=skeleton_edges(path, layout.landmarks),
         frames=frames,
-        unit="px" if layout.dimensions == 2 else "unknown",
+        unit=layout.unit,
     )
 
 

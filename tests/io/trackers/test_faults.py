@@ -195,7 +195,7 @@ HEADER = "scorer,n,n,n,n\nbodyparts,a,a,b,b\ncoords,x,y,x,y\n"
     ("text", "found"),
     [
         (HEADER + "0,1,2,3,4\n0,1,2,3,4\n", "t/0 occurs more than once"),
-        (HEADER + "0,1,2,3,4\n1,1,2,3\n", ":5: has another number of cells"),
+        (HEADER + "0,1,2,3,4\n1,1,2,3\n", ":5: has 4 cells for 5 columns"),
         (HEADER + "0,1,2,3,4\n1,1,2,three,4\n", ":5: column 4 is 'three'; write a number"),
         (HEADER + "0,1,2,3,4\none,1,2,3,4\n", ":5: the frame is 'one'"),
         (HEADER + '0,1,2,3,"4\n', ":4: a bad cell"),
