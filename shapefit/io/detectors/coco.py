@@ -23,6 +23,7 @@ from shapefit.errors import counted, input_error
 from shapefit.io.detectors.detections import (
     Detections,
     as_recording,
+    edges_of,
     image_key,
     numbered,
 )
@@ -48,7 +49,7 @@ def record_results(paths: tuple[Path, ...]) -> Recording:
     found = read_json(path)
     if not isinstance(found, list):
         raise input_error(path, "is no list of results", "give COCO results")
-    detections = Detections()
+    detections = Detections.in_file(path)
     images = []
     for number, entry in enumerate(found):
         if not isinstance(entry, dict) or not isinstance(entry.get("keypoints"), list):
@@ -61,17 +62,15 @@ def record_results(paths: tuple[Path, ...]) -> Recording:
     detections.frames, order = numbered(images)
     names = labels_of(order)
     detections.labels = [names[frame] for frame in detections.frames]
-    values = detections.values(str(path))
+    detections.unordered = not are_series(names)
+    values = detections.values()
     confidence, notes = scaled(values[..., 2], order)
     return as_recording(
         detections,
         values,
         np.asarray(~values.any(axis=2) | np.isnan(values).any(axis=2)),
         confidence=confidence,
-        name=str(path),
-        video=path.name.partition(".")[0],
         frames=len(order),
-        unordered=not are_series(names),
         notes=notes,
     )
 
@@ -124,7 +123,7 @@ def record_annotations(paths: tuple[Path, ...]) -> Recording:
         for number, image in enumerate(images)
     }
     called = [image.get("file_name") or image["id"] for image in images]
-    detections = Detections()
+    detections = Detections.in_file(path)
     without = unlisted = 0
     for number, entry in enumerate(annotations):
         keypoints = entry.get("keypoints")
@@ -147,7 +146,8 @@ def record_annotations(paths: tuple[Path, ...]) -> Recording:
         detections.identities.append(_identity(entry))
     labels = labels_of(called)
     detections.labels = [labels[frame] for frame in detections.frames]
-    values = detections.values(str(path))
+    detections.unordered = not are_series(labels)
+    values = detections.values()
     notes: tuple[str, ...] = ()
     if without:
         notes += (f"{counted(without, 'annotation')} without keypoints left out",)
@@ -157,10 +157,7 @@ def record_annotations(paths: tuple[Path, ...]) -> Recording:
         detections,
         values,
         ~(values[..., 2] > 0),
-        name=str(path),
-        video=path.name.partition(".")[0],
         frames=len(called),
-        unordered=not are_series(labels),
         landmark_names=names or None,
         edges=_edges(categories, columns),
         notes=notes,
@@ -223,11 +220,7 @@ def _edges(
     pairs: dict[tuple[int, int], None] = {}
     for category in categories:
         own = columns.get(category.get("id"), [])
-        lines = category.get("skeleton")
-        for line in lines if isinstance(lines, list) else ():
-            ends = (
-                [end - 1 for end in line if isinstance(end, int)] if isinstance(line, list) else []
-            )
-            if len(ends) == 2 and all(0 <= end < len(own) for end in ends):
-                pairs[own[ends[0]], own[ends[1]]] = None
+        for a, b in edges_of(category.get("skeleton"), len(own) + 1):
+            if a and b:
+                pairs[own[a - 1], own[b - 1]] = None
     return tuple(pairs)

@@ -6,13 +6,15 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error, listed
+from shapefit.io.detectors.frame_files import Images
 from shapefit.io.foreign.recording import ANYBODY, Instances, Recording
 
 NAMED_BY_COUNT: Mapping[int, str] = {17: "coco_17", 26: "halpe_26", 33: "mediapipe_33"}
@@ -23,19 +25,33 @@ NAMED_BY_COUNT: Mapping[int, str] = {17: "coco_17", 26: "halpe_26", 33: "mediapi
 class Detections:
     """What grows while files are read, one entry for each detection.
 
-    numbers are x, y and, with `step` 3, the confidence of each landmark, empty where nothing was
-    found; scores, the confidences where they stand by themselves; frames, labels and videos as in
-    `Instances`; identities what the file calls who it is, None or a negative number where it does
-    not know.
+    name and video as in a Recording; unordered, whether they are images of no video; numbers, x, y
+    and, with `step` 3, the confidence of each landmark, empty where nothing was found; scores, the
+    confidences where they stand by themselves; frames, labels and videos as in `Instances`;
+    identities what the file calls who it is, None or a negative number where it does not know.
     """
 
+    name: str
+    video: str
     step: int = 3
+    unordered: bool = False
+    videos: list[str] | None = None
     numbers: list[Sequence[float]] = field(default_factory=list)
     scores: list[Sequence[float]] = field(default_factory=list)
     frames: list[int] = field(default_factory=list)
     labels: list[str] = field(default_factory=list)
     identities: list[Any] = field(default_factory=list)
-    videos: list[str] | None = None
+
+    @classmethod
+    def in_file(cls, path: Path, step: int = 3) -> Self:
+        """Begin with those of one file."""
+        return cls(str(path), path.name.partition(".")[0], step)
+
+    @classmethod
+    def in_images(cls, images: Images, step: int = 3) -> Self:
+        """Begin with those of files of a frame each, of one video or several."""
+        several = len({file.video for file in images.files}) > 1
+        return cls(images.name, images.video, step, images.unordered, [] if several else None)
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -51,16 +67,16 @@ class Detections:
         if self.videos is not None and video is not None:
             self.videos.append(video)
 
-    def values(self, name: str) -> Floats:
+    def values(self) -> Floats:
         """Return the numbers (N, p, step), NaN where a detection has none or they are not finite.
 
         Raises InputError where detections have different numbers of landmarks, and for texts.
         """
-        return _numbers(self.numbers, self.step, name)
+        return _numbers(self.numbers, self.step, self.name)
 
-    def confidence(self, name: str) -> Floats:
+    def confidence(self) -> Floats:
         """Return the scores (N, p), as `values` returns the numbers."""
-        return _numbers(self.scores, 1, name)[..., 0]
+        return _numbers(self.scores, 1, self.name)[..., 0]
 
 
 def _numbers(given: list[Sequence[float]], step: int, name: str) -> Floats:
@@ -96,8 +112,6 @@ def as_recording(
     missing: NDArray[np.bool_],
     *,
     confidence: Floats | None = None,
-    name: str,
-    video: str,
     frames: int,
     notes: tuple[str, ...] = (),
     **further: Any,
@@ -111,8 +125,8 @@ def as_recording(
     if not values.size:
         text = f"nobody was found in {counted(frames, 'frame')}"
         return Recording(
-            name=name,
-            video=video,
+            name=detections.name,
+            video=detections.video,
             dimensions=2,
             landmark_names=(),
             blocks=list,
@@ -132,8 +146,8 @@ def as_recording(
     known = NAMED_BY_COUNT.get(every.points.shape[1])
     further.setdefault("default_keypoints", None if further.get("landmark_names") else known)
     return Recording(
-        name=name,
-        video=video,
+        name=detections.name,
+        video=detections.video,
         dimensions=2,
         landmark_count=every.points.shape[1],
         blocks=every.blocks,
@@ -141,6 +155,7 @@ def as_recording(
         frames=frames,
         notes=notes + doubts,
         unit=further.pop("unit", "px"),
+        unordered=detections.unordered,
         **further,
     )
 
@@ -199,8 +214,10 @@ def _plain(identity: Any) -> str | None:
 
 def edges_of(lines: Any, count: int) -> tuple[tuple[int, int], ...]:
     """Return those of a list of lines that join two of so many landmarks."""
-    pairs = (
-        [tuple(line) for line in lines if isinstance(line, list)] if isinstance(lines, list) else []
-    )
-    whole = [pair for pair in pairs if len(pair) == 2 and all(type(end) is int for end in pair)]
+    pairs = lines if isinstance(lines, list) else []
+    whole = [
+        tuple(pair)
+        for pair in pairs
+        if isinstance(pair, list) and len(pair) == 2 and all(type(end) is int for end in pair)
+    ]
     return tuple((a, b) for a, b in whole if 0 <= a < count and 0 <= b < count)

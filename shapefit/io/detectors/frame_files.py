@@ -84,21 +84,30 @@ def frame_files(paths: Sequence[Path], folder: str) -> list[FrameFile]:
     ]
 
 
-def folder_of(paths: Sequence[Path], suffix: str, but: str = "") -> tuple[str, str, Sequence[Path]]:
-    """Return how messages name a folder, or the files in it, the name of its video, and the files.
+class Images(NamedTuple):
+    """Files of one recording: how messages name them, their video, and each in order."""
 
-    Of a folder that is given as a whole the file `but` is left out.
-    Raises InputError as `files_in`.
+    name: str
+    video: str
+    files: list[FrameFile]
+
+    @property
+    def unordered(self) -> bool:
+        """Whether files are named as images, without numbers of frames."""
+        return not all(file.label.isdigit() for file in self.files)
+
+
+def images_in(paths: Sequence[Path], suffix: str, but: str = "") -> Images:
+    """Return the files of a folder that is given as a whole, but for one, or these files.
+
+    Raises InputError as `files_in` and `frame_files`.
     """
     folder = paths[0] if paths[0].is_dir() else paths[0].parent
+    own = paths
     if paths[0].is_dir():
-        paths = [path for path in files_in(folder, suffix) if path.name != but]
-    return str(paths[0] if len(paths) == 1 else folder), folder.resolve().name, paths
-
-
-def unordered(files: Sequence[FrameFile]) -> bool:
-    """Whether files are named as images, without numbers of frames."""
-    return not all(file.label.isdigit() for file in files)
+        own = [path for path in files_in(folder, suffix) if path.name != but]
+    video = folder.resolve().name
+    return Images(str(paths[0] if len(own) == 1 else folder), video, frame_files(own, video))
 
 
 def _video_names(series: list[tuple[str, str]], folder: str) -> list[str]:

@@ -7,7 +7,6 @@ and keypoint_scores, which are taken as they are; they may be a little above 1.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import numpy as np
 
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import Detections, as_recording, edges_of
-from shapefit.io.detectors.frame_files import folder_of, frame_files, unordered
+from shapefit.io.detectors.frame_files import images_in
 from shapefit.io.detectors.json_text import (
     Outline,
     first_outline,
@@ -57,30 +56,26 @@ def record_video(paths: tuple[Path, ...]) -> Recording:
         raise input_error(path, "no list of instances", FIX)
     if found and isinstance(found[0], dict) and "instances" not in found[0]:
         found = [{"frame_id": 0, "instances": found}]
-    detections = Detections(step=2)
+    detections = Detections.in_file(path, step=2)
     for place, frame in enumerate(found):
         instances = frame.get("instances") if isinstance(frame, dict) else None
         if not isinstance(instances, list):
             raise input_error(f"{path}:[{place}]", "a frame without `instances`", FIX)
         label = frame.get("frame_id")
         _add(detections, instances, place, str(place if label is None else label), path)
-    return _recorded(detections, str(path), path.name.partition(".")[0], len(found), meta)
+    return _recorded(detections, len(found), meta)
 
 
 def record_images(paths: tuple[Path, ...]) -> Recording:
     """Return the images of a folder, or these files, as one recording."""
-    name, video, own = folder_of(paths, ".json")
-    detections = Detections(step=2, videos=[])
-    files = frame_files(own, video)
-    for path, part, frame, label in files:
+    images = images_in(paths, ".json")
+    detections = Detections.in_images(images, step=2)
+    for path, part, frame, label in images.files:
         instances = read_json(path)
         if not isinstance(instances, list):
             raise input_error(path, "no list of instances, as the other files", FIX)
         _add(detections, instances, frame, label, path, part)
-    if len({file.video for file in files}) == 1:
-        detections.videos = None
-    recording = _recorded(detections, name, video, len(files), {})
-    return replace(recording, unordered=unordered(files))
+    return _recorded(detections, len(images.files), {})
 
 
 def _is_list_of_instances(own: Outline) -> bool:
@@ -119,16 +114,14 @@ def _add(
         )
 
 
-def _recorded(detections: Detections, name: str, video: str, frames: int, meta: Any) -> Recording:
-    values, scores = detections.values(name), detections.confidence(name)
+def _recorded(detections: Detections, frames: int, meta: Any) -> Recording:
+    values, scores = detections.values(), detections.confidence()
     names = _names(meta, values.shape[1])
     return as_recording(
         detections,
         values,
         np.isnan(values).any(axis=2) | ~(scores > 0),
         confidence=scores,
-        name=name,
-        video=video,
         frames=frames,
         landmark_names=names,
         edges=edges_of(meta.get("skeleton_links"), values.shape[1]) if names else (),

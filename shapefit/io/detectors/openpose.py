@@ -19,7 +19,7 @@ import numpy as np
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.detectors.coco import labels_of, scaled
 from shapefit.io.detectors.detections import Detections, as_recording
-from shapefit.io.detectors.frame_files import folder_of, frame_files, unordered
+from shapefit.io.detectors.frame_files import images_in
 from shapefit.io.detectors.json_text import (
     BYTE_ORDER_MARK,
     first_outline,
@@ -44,25 +44,19 @@ def is_openpose(path: Path, head: bytes) -> bool:
 
 def record(paths: tuple[Path, ...]) -> Recording:
     """Return the frames of a folder, or these files, as one recording."""
-    name, video, own = folder_of(paths, ".json")
-    detections = Detections(videos=[])
+    images = images_in(paths, ".json")
+    detections = Detections.in_images(images)
     strange: list[str] = []
     further = 0
-    files = frame_files(own, video)
-    for path, part, frame, label in files:
+    for path, part, frame, label in images.files:
         contents = read_json(path)
         people = people_of(contents)
         if people is None:
             strange.append(path.name)
             continue
         for person in people:
-            if not isinstance(person, dict):
-                raise input_error(path, "a person that is no object", "check what wrote the file")
-            numbers = keypoints_of(person, path)
-            detections.add(numbers, frame, label, person.get("person_id"), part)
+            detections.add(keypoints_of(person, path), frame, label, person.get("person_id"), part)
             further += any(person.get(key) for key in OTHERS)
-    if len({file.video for file in files}) == 1:
-        detections.videos = None
     notes: tuple[str, ...] = ()
     if strange:
         notes += (
@@ -70,16 +64,13 @@ def record(paths: tuple[Path, ...]) -> Recording:
         )
     if further:
         notes += (f"hands and faces left out, of {counted(further, 'detection')}",)
-    values = detections.values(name)
+    values = detections.values()
     return as_recording(
         detections,
         values,
         ~(values[..., 2] > 0),
         confidence=values[..., 2],
-        name=name,
-        video=video,
-        frames=len(files) - len(strange),
-        unordered=unordered(files),
+        frames=len(images.files) - len(strange),
         notes=notes,
     )
 
@@ -97,14 +88,16 @@ def people_of(contents: Any) -> Sequence[Any] | None:
     return () if contents.keys() <= {"version", "part_candidates"} else None
 
 
-def keypoints_of(person: dict[str, Any], path: Path) -> list[float]:
+def keypoints_of(person: Any, place: object) -> list[float]:
     """Return x, y and confidence of each landmark of a person, as they stand in the file."""
+    if not isinstance(person, dict):
+        raise input_error(place, "a person that is no object", "check what wrote the file")
     found: Any = next((person[key] for key in POSE if person.get(key) is not None), [])
     if not isinstance(found, list):
-        raise input_error(path, "keypoints that are no list", "check what wrote the file")
+        raise input_error(place, "keypoints that are no list", "check what wrote the file")
     if len(found) % 3:
         what = f"a person of {len(found)} numbers, which are not 3 for each landmark"
-        raise input_error(path, what, "check what wrote the file")
+        raise input_error(place, what, "check what wrote the file")
     return found
 
 
@@ -123,7 +116,7 @@ def record_all(paths: tuple[Path, ...]) -> Recording:
     found = read_json(path)
     if not isinstance(found, dict):
         raise input_error(path, "is no object of images", "give AlphaPose's results")
-    detections = Detections()
+    detections = Detections.in_file(path)
     images = list(found)
     labels = labels_of(images)
     for place, (image, contents) in enumerate(found.items()):
@@ -131,19 +124,15 @@ def record_all(paths: tuple[Path, ...]) -> Recording:
         if people is None:
             raise input_error(f"{path}: {image}", "no list of people", "give AlphaPose's results")
         for person in people:
-            if not isinstance(person, dict):
-                fix = "check what wrote the file"
-                raise input_error(f"{path}: {image}", "a person that is no object", fix)
-            detections.add(keypoints_of(person, path), place, labels[place], person.get("idx"))
-    values = detections.values(str(path))
+            numbers = keypoints_of(person, f"{path}: {image}")
+            detections.add(numbers, place, labels[place], person.get("idx"))
+    values = detections.values()
     confidence, notes = scaled(values[..., 2], images)
     return as_recording(
         detections,
         values,
         np.asarray(~(values[..., 2] > 0)),
         confidence=confidence,
-        name=str(path),
-        video=path.name.partition(".")[0],
         frames=len(images),
         notes=notes,
     )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import Detections, as_recording, edges_of
-from shapefit.io.detectors.frame_files import folder_of, frame_files, unordered
+from shapefit.io.detectors.frame_files import images_in
 from shapefit.io.foreign.recording import FRACTION, Recording
 from shapefit.io.sources import read_whole
 
@@ -54,14 +54,13 @@ def is_ultralytics(path: Path, head: bytes) -> bool:
 
 def record(paths: tuple[Path, ...]) -> Recording:
     """Return the images of a folder of labels, or these files, as one recording."""
-    name, video, own = folder_of(paths, ".txt", "classes.txt")
-    files = frame_files(own, video)
-    rows = [(file, row) for file in files for row in _rows(file.path)]
+    images = images_in(paths, ".txt", "classes.txt")
+    rows = [(file, row) for file in images.files for row in _rows(file.path)]
     layout = _stated(paths[0] if paths[0].is_dir() else paths[0].parent) or _guessed(
-        [row for _, row in rows], name
+        [row for _, row in rows], images.name
     )
     width = BOX + layout.landmarks * layout.step
-    detections = Detections(step=layout.step, videos=[])
+    detections = Detections.in_images(images, step=layout.step)
     for file, row in rows:
         rest = len(row) - width
         if rest not in (0, 1, 2):
@@ -69,9 +68,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
             raise input_error(file.path, found, f"check kpt_shape in {FILE}")
         who = row[-1] if rest == 2 else None
         detections.add(row[BOX:width], file.frame, file.label, who, file.video)
-    if len({file.video for file in files}) == 1:
-        detections.videos = None
-    values = detections.values(name)
+    values = detections.values()
     missing, confidence = _seen(values)
     numbers = tuple(map(str, range(layout.landmarks)))
     person = layout.people and layout.landmarks == 17
@@ -80,10 +77,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         values,
         missing,
         confidence=confidence,
-        name=name,
-        video=video,
-        frames=len(files),
-        unordered=unordered(files),
+        frames=len(images.files),
         unit=FRACTION,
         landmark_names=layout.names or (None if person else numbers),
         default_keypoints="coco_17" if person else None,

@@ -18,7 +18,7 @@ import numpy as np
 from shapefit.errors import input_error
 from shapefit.io.detectors.detections import Detections, as_recording
 from shapefit.io.detectors.json_text import read_json, without_collection
-from shapefit.io.foreign.recording import FRACTION, Recording, video_name
+from shapefit.io.foreign.recording import FRACTION, Recording
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.plain.point_rows import are_fractions
 
@@ -50,14 +50,14 @@ def record(paths: tuple[Path, ...]) -> Recording:
         found = [found]
     if not isinstance(found, list):
         raise input_error(path, "is no list of frames", "give MediaPipe's landmarks")
-    detections = Detections()
+    detections = Detections(str(path), video_name(path))
     names: list[Any] = []
     for number, frame in enumerate(found):
         for body in _bodies(frame):
             numbers = [value for point in body for value in _numbers(point)]
             detections.add(numbers, number, str(number), None)
             names = names or [point.get("name") for point in body]
-    values = detections.values(str(path))
+    values = detections.values()
     placed = values[np.isfinite(values).all(axis=2)]
     fractions = are_fractions(placed[:, :2])
     named = all(isinstance(name, str) and name for name in names) and len({*names}) == len(names)
@@ -66,8 +66,6 @@ def record(paths: tuple[Path, ...]) -> Recording:
         values,
         np.asarray(np.isnan(values[..., :2]).any(axis=2)),
         confidence=np.nan_to_num(values[..., 2]),
-        name=str(path),
-        video=video_name(path),
         frames=len(found),
         unit=FRACTION if fractions else UNKNOWN_UNIT,
         size_needed=fractions,
