@@ -16,7 +16,7 @@ from shapefit.errors import input_error
 from shapefit.evaluation.summary import Summary, summarise
 from shapefit.face.options import config_of, default
 from shapefit.face.records import Fit, Shapes, result_set, shape_set
-from shapefit.io.kinds.given import given_source
+from shapefit.io.kinds.opening import given_source
 from shapefit.pipelines.evaluate.judgement import find_grouping, image_errors, judge
 from shapefit.pipelines.evaluate.measurement import visible_enough
 

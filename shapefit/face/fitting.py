@@ -28,7 +28,8 @@ from shapefit.face.records import (
 from shapefit.io.extras import Extras
 from shapefit.io.foreign.sources import landmark_file
 from shapefit.io.joined import Source
-from shapefit.io.kinds.given import check_given_dictionary, given_source
+from shapefit.io.kinds.dictionaries import check_given_dictionary
+from shapefit.io.kinds.opening import given_source
 from shapefit.io.options import InputOptions, Track, input_options
 from shapefit.io.plain.arrays import of_array
 from shapefit.io.records import LandmarkSet, concatenate

@@ -12,7 +12,7 @@ from shapefit.config import LearnDictConfig
 from shapefit.errors import counted
 from shapefit.face.options import config_of, default
 from shapefit.face.records import Dictionary, Shapes, rows_of, shape_set
-from shapefit.io.kinds.given import given_source
+from shapefit.io.kinds.opening import given_source
 from shapefit.io.layout import DICTIONARY
 from shapefit.pipelines.learn_dict.run import make_dictionary, plan_training
 from shapefit.pipelines.learn_dict.training_shapes import find_training_shapes

@@ -1,4 +1,4 @@
-"""Several files of records as one source, some items at a time."""
+"""Several files of records as one source: whether they go together, and some items at a time."""
 
 from __future__ import annotations
 
@@ -6,16 +6,173 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any, Generic, Self
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.io.agreement import common_head, conform
+from shapefit.errors import input_error, listed
 from shapefit.io.columns import stretches
+from shapefit.io.extras import EDGES, Array, Extras
+from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.name_index import ItemList, check_unique_items
 from shapefit.io.options import Direction
+from shapefit.io.problems import Axis, check_magnitudes
 from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
+
+Text = TypeVar("Text", bound=str)
+APART = "use files that agree, or process them separately"
+ALL_OR_NONE = "give it to all files (CSV cannot hold it) or to none, or process them separately"
+
+
+def common_head(
+    heads: Sequence[tuple[str, Any]],
+    y_axes: Sequence[tuple[str, Direction | None]],
+    y_axis: Direction,
+) -> Any:
+    """Return what all items of files have in common, each head and direction with the file's name.
+
+    The landmarks of images are those of all files in order of appearance, those of shapes and of
+    results are the same in all; where no file states the direction of y, it is `y_axis`. Raises
+    InputError where files do not go together.
+    """
+    (_, first), *_ = heads
+    names = first.landmark_names
+    if isinstance(first, LandmarkSet):
+        names = tuple(dict.fromkeys(name for _, head in heads for name in head.landmark_names))
+    if isinstance(first, ResultSet):
+        _check_same_datasets(heads)
+    else:
+        heads = [(place, head.arrange(names, place)) for place, head in heads]
+    if isinstance(first, LandmarkSet):
+        stated = (_edges(head) for _, head in heads)
+        lines = next((each for each in stated if each is not None), None)
+        heads = [(place, _with_edges(head, lines)) for place, head in heads]
+    if isinstance(first, ShapeSet):
+        meshes = [(place, head.mesh_vertices) for place, head in heads]
+        sizes = [(place, None if m is None else np.array(m.shape[1:])) for place, m in meshes]
+        check_same_array("mesh", sizes)
+        check_same_array("mesh_faces", [(place, head.mesh_faces) for place, head in heads])
+    check_same_extras([(place, Extras.of(head.extras, 0)) for place, head in heads])
+    units = [(place, None if head.unit == UNKNOWN_UNIT else head.unit) for place, head in heads]
+    changes: dict[str, Any] = {
+        "unit": agreed("unit", units, UNKNOWN_UNIT),
+        "frame_rate": agreed_rate([(place, head.frame_rate) for place, head in heads]),
+    }
+    if not isinstance(first, ShapeSet):
+        changes["y_axis"] = agreed("y_axis", y_axes, y_axis)
+    for name in ("sequences", "confidence", "edges"):
+        known = (getattr(head, name, None) for _, head in heads)
+        if (value := next((each for each in known if each is not None), None)) is not None:
+            changes[name] = value
+    return heads[0][1].replaced(**changes)
+
+
+def conform(part: Any, head: Any, place: str) -> Any:
+    """Return a part of one file with the landmarks and fields of the whole source."""
+    changes: dict[str, Any] = {"unit": head.unit, "frame_rate": head.frame_rate}
+    if head.sequences is not None and part.sequences is None:
+        changes["sequences"] = ("",) * len(part)
+    if isinstance(part, ResultSet):
+        items, landmarks = Axis("item", part.items), Axis("landmark", part.landmark_names)
+        check_magnitudes(place, part.shapes, items, landmarks)
+        return part.replaced(**changes, y_axis=head.y_axis, attributes=head.attributes)
+    if isinstance(part, ShapeSet):
+        return part.arrange(head.landmark_names, place).replaced(**changes, edges=head.edges)
+    if head.confidence is not None and part.confidence is None:
+        changes["confidence"] = np.ones((len(part), len(part.landmark_names)))
+    part = part.replaced(**changes, y_axis=head.y_axis).arrange(head.landmark_names, place)
+    return _with_edges(part, _edges(head))
+
+
+def _edges(images: LandmarkSet) -> Array | None:
+    return Extras.of(images.extras, len(images)).whole.get(EDGES)
+
+
+def _with_edges(images: LandmarkSet, edges: Array | None) -> LandmarkSet:
+    """Return images whose edges are those of the first file that has any."""
+    if edges is None:
+        return images
+    extras = Extras.of(images.extras, len(images))
+    return images.replaced(extras=Extras(extras.per_item, {**extras.whole, EDGES: edges}))
+
+
+def agreed(what: str, stated: Sequence[tuple[str, Text | None]], default: Text) -> Text:
+    """Return what all files state, `default` if none does; each comes with its name.
+
+    Raises InputError where two files differ.
+    """
+    first: tuple[str, Text] | None = None
+    for place, value in stated:
+        if value is None:
+            continue
+        if first is None:
+            first = (place, value)
+        elif value != first[1]:
+            found = f"its {what} is '{value}', that of {first[0]} is '{first[1]}'"
+            raise input_error(place, found, APART)
+    return default if first is None else first[1]
+
+
+def agreed_rate(stated: Sequence[tuple[str, float | None]]) -> float | None:
+    """Return the frame rate that all files state, None if none does; raises as `agreed`."""
+    texts = [(place, None if rate is None else f"{rate:.17g}") for place, rate in stated]
+    text = agreed("frame_rate", texts, "")
+    return float(text) if text else None
+
+
+def check_same_array(what: str, files: Sequence[tuple[str, NDArray[np.int64] | None]]) -> None:
+    """Raise InputError unless all files have the same array, or none has it."""
+    for place, array in files[1:]:
+        _compare(what, files[0], (place, array))
+
+
+def check_same_extras(files: Sequence[tuple[str, Extras]]) -> None:
+    """Raise InputError unless all files carry the same further datasets.
+
+    Those per item must agree in the shape of a row, the others in their values.
+    """
+    first_place, first = files[0]
+    for place, extras in files[1:]:
+        for has, names in (("has no", first.keys() - extras), ("has the", extras.keys() - first)):
+            if names:
+                found = f"{has} dataset {', '.join(sorted(names))}, unlike {first_place}"
+                raise input_error(place, found, ALL_OR_NONE)
+        for name in first:
+            one, other = _comparable(first, name), _comparable(extras, name)
+            _compare(f"dataset {name}", (first_place, one), (place, other))
+
+
+def _check_same_datasets(heads: Sequence[tuple[str, ResultSet]]) -> None:
+    """Raise InputError unless all results have the same landmarks and datasets."""
+    (first_place, first), *others = heads
+    for place, head in others:
+        if head.landmark_names != first.landmark_names:
+            found = f"its landmarks are not those of {first_place}, in their order"
+            raise input_error(place, found, APART)
+        if differing := sorted(head.datasets ^ first.datasets):
+            found = f"only one of it and {first_place} has {listed(differing, 'and')}"
+            raise input_error(place, found, APART)
+
+
+def _comparable(extras: Extras, name: str) -> Array | None:
+    if name in extras.per_item:
+        return np.array(["per item", *extras.per_item[name].shape[1:]], dtype=object)
+    return extras.whole.get(name)
+
+
+def _compare(what: str, first: tuple[str, Array | None], file: tuple[str, Array | None]) -> None:
+    place, array = file
+    first_place, expected = first
+    if array is None and expected is None:
+        return
+    if array is None:
+        raise input_error(place, f"has no {what}, unlike {first_place}", APART)
+    if expected is None:
+        raise input_error(place, f"has a {what}, unlike {first_place}", APART)
+    floats = array.dtype.kind == expected.dtype.kind == "f"
+    if not np.array_equal(array, expected, equal_nan=floats):
+        raise input_error(place, f"its {what} is not that of {first_place}", APART)
 
 
 @dataclass(frozen=True)

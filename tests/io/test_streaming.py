@@ -8,7 +8,7 @@ from io import FileIO
 import pytest
 
 from shapefit.io import landmark_writer, read_results, result_writer
-from shapefit.io.hdf5.latched_file import PAGE, Spool
+from shapefit.io.hdf5.writing import PAGE, Spool
 
 MAKE = """
 import os, resource, signal, sys

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
-from shapefit.io.csv.numbers import read_numbers
-from shapefit.io.csv.text import Block, CsvText
+from shapefit.io.csv.text import Block, CsvText, read_numbers
 from shapefit.io.layout import MODE_COUNT
 from shapefit.io.memory import check_fits
 from shapefit.io.problems import Problems

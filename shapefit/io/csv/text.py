@@ -6,6 +6,7 @@ A section is split at commas where it has no quotes, else read with care; every 
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -14,6 +15,7 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
+import orjson
 from numpy.typing import NDArray
 
 from shapefit.errors import InputError, input_error
@@ -284,3 +286,51 @@ class CsvText:
                 problems.tell(f"{place}: there is no column '{column}'; {fix}")
         problems.raise_if_any()
         return columns
+
+
+_NUMBERS = {float, int}
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A column as numbers: NaN in cells that are empty or `strange` (no number at all)."""
+
+    values: NDArray[np.float64]
+    strange: NDArray[np.bool_]
+
+
+def read_numbers(cells: Sequence[str]) -> Numbers:
+    """Read decimal numbers, inf and nan; spaces around them do not count."""
+    none_strange = np.zeros(len(cells), bool)
+    filled = [cell or "null" for cell in cells] if "" in cells else cells
+    try:
+        values = orjson.loads(f"[{','.join(filled)}]")  # four times as fast as float()
+    except orjson.JSONDecodeError:
+        values = []
+    if len(values) == len(cells):
+        kinds = set(map(type, values))
+        if kinds <= _NUMBERS:
+            return Numbers(np.fromiter(values, np.float64, len(values)), none_strange)
+        if kinds <= {*_NUMBERS, type(None)} and values.count(None) == cells.count(""):
+            return Numbers(np.array(values, np.float64), none_strange)
+    return _read_one_by_one(cells)
+
+
+def _read_one_by_one(cells: Sequence[str]) -> Numbers:
+    values = np.full(len(cells), math.nan)
+    strange = np.zeros(len(cells), bool)
+    for row, cell in enumerate(cells):
+        try:
+            values[row] = _number(cell.strip())
+        except ValueError:
+            strange[row] = True
+    return Numbers(values, strange)
+
+
+def _number(cell: str) -> float:
+    """Return what a cell says; float() alone would take 1_000 and the digits of all scripts."""
+    if not cell:
+        return math.nan
+    if "_" in cell or not cell.isascii():
+        raise ValueError
+    return float(cell)

@@ -14,8 +14,7 @@ import numpy as np
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error
-from shapefit.io.csv.numbers import read_numbers
-from shapefit.io.csv.text import read_columns, read_sections
+from shapefit.io.csv.text import read_columns, read_numbers, read_sections
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.memory import check_fits
 from shapefit.io.problems import Problems

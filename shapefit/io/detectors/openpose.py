@@ -88,7 +88,7 @@ def people_of(contents: Any) -> Sequence[Any] | None:
     return () if contents.keys() <= {"version", "part_candidates"} else None
 
 
-def keypoints_of(person: Any, place: object) -> list[float]:
+def keypoints_of(person: Any, place: str | Path) -> list[float]:
     """Return x, y and confidence of each landmark of a person, as they stand in the file."""
     if not isinstance(person, dict):
         raise input_error(place, "a person that is no object", "check what wrote the file")

@@ -13,8 +13,7 @@ import numpy as np
 
 from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.extras import is_per_item
-from shapefit.io.hdf5.opening import open_hdf5
-from shapefit.io.hdf5.pieces import Stored, read_rows, size_in_memory, was_written
+from shapefit.io.hdf5.opening import Stored, open_hdf5, read_rows, size_in_memory, was_written
 from shapefit.io.layout import (
     AXES,
     FORMATS,

@@ -14,11 +14,12 @@ from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
 from shapefit.io.formats import find_reader
 from shapefit.io.layout import DICTIONARY
+from shapefit.io.stored import checks
+from shapefit.io.stored.checks import Datasets, Given
 from shapefit.io.writing import record_writer
 
 if TYPE_CHECKING:
     from shapefit.io.hdf5.reading import Hdf5Reader
-    from shapefit.io.stored.checks import Datasets
 
 
 def read_dictionary(path: Path) -> Dictionary:
@@ -100,8 +101,6 @@ def _read_prior(reader: Hdf5Reader, fields: dict[str, Any]) -> Mixture | None:
 
 def check_dictionary(reader: Datasets) -> None:
     """Raise InputError for a dictionary with which no fit is possible."""
-    from shapefit.io.stored import checks
-
     atoms, mean = reader.read("atoms"), reader.read("mean_shape")
     if atoms.size == 0:
         found = f"has the shape {atoms.swapaxes(-1, -2).shape}"
@@ -118,6 +117,11 @@ def check_dictionary(reader: Datasets) -> None:
     checks.check_indices(reader, "edges", "p")
     _check_mirror(reader)
     checks.check_indices(reader, "mesh_faces", "q")
+
+
+def check_given_dictionary(dictionary: Dictionary, name: str) -> None:
+    """Raise InputError for what `read_dictionary` would not read from a file."""
+    check_dictionary(Given(name, dictionary, DICTIONARY))
 
 
 def _check_mirror(reader: Datasets) -> None:

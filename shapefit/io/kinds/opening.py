@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -15,13 +15,15 @@ from shapefit.io.foreign.opening import group_inputs, mixture, open_recording
 from shapefit.io.foreign.sources import without_gaps
 from shapefit.io.foreign.table import FileFormat
 from shapefit.io.formats import find_format, find_reader
-from shapefit.io.joined import LandmarkSource, ResultSource, ShapeSource, SourceFile
+from shapefit.io.joined import LandmarkSource, ResultSource, ShapeSource, Source, SourceFile
 from shapefit.io.landmark_names import check_known
 from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Dataset, Format
+from shapefit.io.name_index import ItemList
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.problems import Axis, check_magnitudes, warn_of_zeros
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet
 from shapefit.io.sources import source_name
+from shapefit.io.stored.checks import Given, check_values
 from shapefit.io.stored.files import open_stored, read_rows, stored_file
 from shapefit.io.stored.reader import StoredReader
 from shapefit.io.writing import record_writer
@@ -85,6 +87,22 @@ def open_results(paths: Sequence[Path], without: Collection[Dataset] = PROOFS) -
     """
     known = [(find_format(path), (path,)) for path in paths]
     return ResultSource([_open(RESULTS, *own, AS_THEY_ARE, without=without) for own in known])
+
+
+def given_source(
+    records: Record, name: str, rename: Mapping[str, str], *, gaps: bool = False
+) -> Source[Record]:
+    """Return landmarks or shapes in memory as a source; `name` stands for a file in messages.
+
+    With `gaps` landmarks of shapes may be unknown. Raises InputError as for what a file holds.
+    """
+    given = Given(name, records, records.FORM)
+    check_values(given, records.FORM, gaps=gaps, items=records.items)
+    check_known(rename, [(name, records.landmark_names)])
+    records = records.with_whole_points().renamed(rename, name)
+    items = ItemList(lambda: [records.items], lambda row: given.place("item", row))
+    stated = records.y_axis if isinstance(records, LandmarkSet) else None
+    return Source([SourceFile.held(name, records, items, y_axis=stated)])
 
 
 def read_shapes(

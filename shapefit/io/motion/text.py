@@ -12,7 +12,7 @@ import orjson
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, counted, input_error
-from shapefit.io.csv.numbers import read_numbers
+from shapefit.io.csv.text import read_numbers
 
 BLOCK_LINES = 4096
 

@@ -1,16 +1,19 @@
-"""Arrays of NumPy as columns of Parquet, and back."""
+"""Arrays as columns of Parquet and back; which columns a dataset of a record is."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterator, Mapping
 from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.extras import Array
+from shapefit.io.extras import Array, names_apart
+from shapefit.io.layout import AXES, Dataset, Format, fits_kind
 from shapefit.io.parquet.library import pyarrow
+from shapefit.io.stored.writer import as_stored, storable
 
 types = pyarrow.types
 
@@ -145,3 +148,153 @@ def _from_values(values: Any, place: Place) -> Array:
 
 def _first_null(values: Any) -> int:
     return int(np.argmax(values.is_null().to_numpy(zero_copy_only=False)))
+
+
+COORDINATES = ("x", "y", "z")
+"""Columns of the landmarks of an image, or of its shape: a list each, one number per landmark."""
+
+SHAPE, NAME, COMPLEX = "shape", "dataset", "complex"
+"""Metadata of a column: the shape of a row, as JSON, where it has several axes; the name of the
+dataset, where the column could not have it; the type of complex numbers, which are stored as pairs.
+"""
+
+TEXT_BYTES = 32
+"""That a text counts for, whatever it is: row groups do not depend on how the items are called."""
+
+
+class Column(NamedTuple):
+    """A column to be written: its field, its values, and the bytes of a row before compression."""
+
+    field: Any
+    values: Any
+    row_bytes: int
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it holds a text per item."""
+        return bool(pyarrow.types.is_string(self.field.type))
+
+
+def columns_of(dataset: Dataset, form: Format) -> tuple[str, ...]:
+    """Return the names of the columns that hold a dataset of the layout."""
+    if dataset != form.points:
+        return (dataset.name,)
+    return COORDINATES[: int(dataset.axes[-1])]
+
+
+def further_names(names: Iterator[str], form: Format) -> dict[str, str]:
+    """Return the column of each further dataset: x, y and z are taken."""
+    return names_apart(names, {*form.names, *COORDINATES})
+
+
+def to_columns(record: Any, further: Mapping[str, Array], form: Format) -> Iterator[Column]:
+    """Yield all that a record has for each of its items, `further` datasets too, as columns."""
+    for dataset in form.growing:
+        value = getattr(record, dataset.attribute)
+        if value is None:
+            continue
+        values = as_stored(dataset, value)
+        names = columns_of(dataset, form)
+        if dataset.counted_by:
+            counts = next(each for each in form.datasets if each.name == dataset.counted_by)
+            numbers = getattr(record, counts.attribute)
+            yield _column(dataset.name, values, to_ragged_column(values, numbers))
+        elif len(names) > 1:
+            for axis, name in enumerate(names):
+                yield _column(name, values[..., axis])
+        else:
+            yield _column(dataset.name, values)
+    columns = further_names(iter(further), form)
+    for name, values in further.items():
+        metadata = {} if columns[name] == name else {NAME: name}
+        stored = storable(values)
+        if stored.dtype.kind == "c":
+            metadata[COMPLEX] = stored.dtype.newbyteorder("=").name
+            stored = np.stack([stored.real, stored.imag], axis=-1)
+        if stored.dtype.kind == "f" and stored.dtype.itemsize > np.dtype(float).itemsize:
+            found = f"the dataset {name} has numbers of {8 * stored.dtype.itemsize} bits"
+            raise input_error("Parquet", found, "store them as float64, or write HDF5")
+        yield _column(columns[name], stored, metadata=metadata)
+
+
+def _column(
+    name: str, values: Array, column: Any = None, metadata: dict[str, str] | None = None
+) -> Column:
+    row = values.shape[1:]
+    said = dict(metadata or {})
+    if len(row) > 1:
+        said[SHAPE] = json.dumps(row)
+    column = to_column(values) if column is None else column
+    each = TEXT_BYTES if values.dtype.kind == "O" else values.itemsize
+    return Column(pyarrow.field(name, column.type, metadata=said or None), column, prod(row) * each)
+
+
+def said_of(field: Any, key: str) -> str | None:
+    """Return what the metadata of a column says."""
+    said = (field.metadata or {}).get(key.encode())
+    return None if said is None else said.decode("utf-8", "replace")
+
+
+Shape = tuple[int, ...]
+
+
+def find_row_shapes(
+    form: Format,
+    fields: Mapping[str, Any],
+    sizes: dict[str, int],
+    length: Callable[[str], int | None],
+) -> tuple[dict[str, Shape], list[str]]:
+    """Return the shape of a row of each dataset per item that is there, and what is wrong.
+
+    fields  of the schema, by the names of the columns
+    sizes   of the axes that are known, such as p; those that are found are added
+    length  returns how many values the first row of a column has; None without rows
+    """
+    shapes: dict[str, Shape] = {}
+    problems: list[str] = []
+    for dataset in form.growing:
+        columns = columns_of(dataset, form)
+        if not (dataset.required or fields.keys() & columns):
+            continue
+        for name in columns:
+            if name not in fields:
+                problems.append(f"column {name}: there is no such column; {_wanted(dataset, form)}")
+                continue
+            kind = column_type(fields[name])
+            is_list = len(dataset.axes) > 1 or bool(dataset.counted_by)
+            if not fits_kind(kind.kind, dataset) or bool(kind.sizes) != is_list:
+                found = f"holds values of type {fields[name].type}"
+                problems.append(f"column {name}: {found}; {_wanted(dataset, form)}")
+                continue
+            axes = dataset.axes[1:] if len(columns) == 1 else dataset.axes[1:-1]
+            row = None
+            if not dataset.counted_by:
+                sized = [size for size in kind.sizes if size is not None]
+                row = prod(sized) if len(sized) == len(kind.sizes) else length(name)
+            shape = _shape(axes, sizes, row)
+            if row is not None and prod(shape) != row:
+                found = f"holds lists of {row} values, not of {prod(shape)}"
+                problems.append(f"column {name}: {found}; {_wanted(dataset, form)}")
+            shapes[dataset.name] = shape if len(columns) == 1 else (*shape, len(columns))
+    return shapes, problems
+
+
+def _shape(axes: tuple[str | int, ...], sizes: dict[str, int], row: int | None) -> Shape:
+    """Return the sizes of axes; one not known yet is what a row of so many values leaves."""
+    known = [axis if isinstance(axis, int) else sizes.get(axis) for axis in axes]
+    if None in known:
+        rest = prod(size for size in known if size is not None)
+        sizes[str(axes[known.index(None)])] = (row or 0) // max(rest, 1)
+    return tuple(axis if isinstance(axis, int) else sizes[axis] for axis in axes)
+
+
+def _wanted(dataset: Dataset, form: Format) -> str:
+    """Say how to store a dataset in a column."""
+    if dataset == form.points:
+        return "store lists of numbers, one for each landmark"
+    kinds = {"number": "numbers", "index": "integers"}
+    kind = kinds.get(dataset.kind, "UTF-8 text")
+    if len(dataset.axes) == 1 and not dataset.counted_by:
+        return f"store {kind}"
+    axes = [AXES.get(str(axis), str(axis)) for axis in dataset.axes[1:]]
+    return f"store lists of {kind}" + (f" ({' x '.join(axes)})" if axes else "")

@@ -26,18 +26,27 @@ from shapefit.io.layout import (
     fits_kind,
 )
 from shapefit.io.memory import check_fits
-from shapefit.io.parquet.columns import Place, column_type, in_one, to_array, to_ragged
-from shapefit.io.parquet.library import damage, pyarrow
-from shapefit.io.parquet.metadata import NAMES, read_metadata, root_attributes, whole_datasets
-from shapefit.io.parquet.schema import (
+from shapefit.io.parquet.columns import (
     COMPLEX,
     NAME,
     SHAPE,
+    Place,
+    column_type,
     columns_of,
     find_row_shapes,
+    in_one,
     said_of,
+    to_array,
+    to_ragged,
 )
-from shapefit.io.parquet.streams import ColumnStream, row_group_starts, stored_bytes
+from shapefit.io.parquet.library import (
+    ColumnStream,
+    damage,
+    pyarrow,
+    row_group_starts,
+    stored_bytes,
+)
+from shapefit.io.parquet.metadata import NAMES, read_metadata, root_attributes, whole_datasets
 from shapefit.io.problems import input_problems
 from shapefit.io.stored.reader import StoredReader, is_text, wanted
 from shapefit.stores.reading import open_bytes

@@ -11,9 +11,9 @@ from typing import Any
 from shapefit.errors import input_error
 from shapefit.io.extras import Array
 from shapefit.io.layout import Format
+from shapefit.io.parquet.columns import Column, to_columns
 from shapefit.io.parquet.library import pyarrow
 from shapefit.io.parquet.metadata import attribute_metadata, file_metadata
-from shapefit.io.parquet.schema import Column, to_columns
 from shapefit.io.sources import is_stream
 from shapefit.io.stored.writer import StoredWriter, check_alike
 from shapefit.io.whole.atomic import atomic_file, write_all

@@ -1,46 +1,66 @@
-"""Checks of the values in a file: finite, not negative, indices in range, named items."""
+"""Checks of values in files and in memory: finite, not negative, indices in range, named items."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.geometry.normalisation import LARGEST
-from shapefit.io.layout import LANDMARKS, SHAPES, Format
+from shapefit.io.layout import LANDMARKS, SHAPES, Format, fit_axes
 from shapefit.io.problems import Problems
+from shapefit.io.stored.reader import StoredReader
 
 Blocks = Iterable[NDArray[np.float64]]
 Bad = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
-class Datasets(Protocol):
-    """What is checked: an open file, or datasets in memory."""
+class Given:
+    """Datasets in memory, with what the checks ask an open file for."""
 
-    @property
-    def landmark_names(self) -> Sequence[str]:
-        """Names of the landmarks."""
+    def __init__(self, name: str, record: Any, form: Format) -> None:
+        self._name = name
+        self._values: Mapping[str, Any] = {
+            dataset.name: getattr(record, dataset.attribute) for dataset in form.datasets
+        }
+        self._sizes: dict[str, int] = {}
+        for dataset in form.datasets:
+            if (value := self._values[dataset.name]) is not None:
+                shape = (len(value),) if dataset.kind == "text" else value.shape
+                fit_axes(dataset.memory_axes, shape, self._sizes)
+        self.landmark_names: tuple[str, ...] = record.landmark_names
 
     def has(self, name: str) -> bool:
         """Whether there is such a dataset."""
+        return self._values[name] is not None
 
     def size(self, axis: str) -> int | None:
         """Length of an axis of the format; None if nothing has it."""
+        return self._sizes.get(axis)
 
     def place(self, name: str, row: int | None = None) -> str:
         """Name a dataset, or a row of it, in messages."""
+        whole = self._name if name == self._name else f"{self._name}.{name}"
+        return whole + ("" if row is None else f"[{row}]")
 
     def read(self, name: str) -> Any:
         """Return a dataset; None if there is none."""
+        return self._values[name]
 
     def read_blocks(self, name: str, part: slice | None = None) -> Iterator[Any]:
-        """Read a dataset per item, or the rows of a part of it, some at a time."""
+        """Read a dataset, or the rows of a part of it."""
+        yield self._values[name][part or slice(None)]
 
     def is_written(self, name: str) -> bool:
-        """Whether anything was ever written to the dataset."""
+        """Whether the dataset has values: in memory all have."""
+        return True
+
+
+Datasets = StoredReader | Given
+"""What is checked."""
 
 
 def check_values(

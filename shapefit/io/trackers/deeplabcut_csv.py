@@ -15,14 +15,12 @@ import numpy as np
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error, printable
-from shapefit.io.csv.numbers import read_numbers
-from shapefit.io.csv.text import Section, bad_line, read_columns, read_sections
+from shapefit.io.csv.text import Section, bad_line, read_columns, read_numbers, read_sections
 from shapefit.io.foreign.recording import Instances, Recording, stacked, video_name
 from shapefit.io.motion.text import read_head, read_plain
 from shapefit.io.problems import Problems
 from shapefit.io.sources import source_name
-from shapefit.io.trackers.columns import SAVE, Layout, arrange
-from shapefit.io.trackers.deeplabcut_project import skeleton_edges
+from shapefit.io.trackers.deeplabcut_table import SAVE, Layout, arrange, skeleton_edges
 from shapefit.io.trackers.frame_names import image_labels, number_label
 from shapefit.io.trackers.reading import BLOCK_FRAMES
 
@@ -146,7 +144,7 @@ class _Table:
                 numbers = read_numbers(cells)
             values[:, column] = numbers.values
             told = {}
-            for row in np.flatnonzero(numbers.strange):
+            for row in np.flatnonzero(numbers.strange).tolist():
                 found = f"column {column + 1} is {printable(columns[column][row])!r}"
                 told[int(lines[row])] = f"{self._name}:{lines[row]}: {found}; {FIX}"
             problems.add(list(told), told.__getitem__)

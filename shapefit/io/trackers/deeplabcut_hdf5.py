@@ -20,8 +20,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error, listed, printable
 from shapefit.io.foreign.recording import Instances, Recording, video_name
 from shapefit.io.sources import HDF5_SIGNATURE
-from shapefit.io.trackers.columns import Layout, arrange
-from shapefit.io.trackers.deeplabcut_project import skeleton_edges
+from shapefit.io.trackers.deeplabcut_table import Layout, arrange, skeleton_edges
 from shapefit.io.trackers.frame_names import image_labels, number_labels
 from shapefit.io.trackers.reading import DAMAGED, TrackerFile, frame_ranges, text
 from shapefit.io.trackers.recognition import look
@@ -49,7 +48,7 @@ def names_of(place: str, pickled: Any) -> list[Any]:
             if code.name not in ALLOWED:
                 found = f"holds the opcode {code.name}, which is not read here"
                 raise input_error(place, found, FIX)
-            if code.name == "PUT" and argument > len(pickled):
+            if code.name == "PUT" and int(argument or 0) > len(pickled):
                 raise ValueError(f"it puts {argument} names aside")  # pickle would make room
         names = pickle.loads(pickled)
     except (*BROKEN, pickle.UnpicklingError) as error:

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error, printable
-from shapefit.io.hdf5.opening import open_hdf5
-from shapefit.io.hdf5.pieces import Stored, read_rows, size_in_memory, was_written
+from shapefit.io.hdf5.opening import Stored, open_hdf5, read_rows, size_in_memory, was_written
 from shapefit.io.memory import ALWAYS_FITS, check_fits
 
 BLOCK_FRAMES = 4096

@@ -11,11 +11,9 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.geometry.bone_tree import find_bones
 from shapefit.geometry.joint_rotations import Rig, find_places
-from shapefit.io.written.deeplabcut_3d import by_video
-from shapefit.io.written.gltf import Scene
-from shapefit.io.written.morphs import add_morph, quaternions
+from shapefit.io.written.gltf import Scene, add_morph, quaternions
 from shapefit.io.written.motion import Motion
-from shapefit.io.written.outputs import motion_output
+from shapefit.io.written.outputs import by_video, motion_output
 from shapefit.io.written.rig import node_names, rigged
 from shapefit.meshes.wireframe import tubes
 

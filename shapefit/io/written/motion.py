@@ -15,8 +15,8 @@ from shapefit.errors import counted, input_error
 from shapefit.geometry.joint_rotations import Rig
 from shapefit.io.options import OutputOptions
 from shapefit.io.records import Names
+from shapefit.io.written.gltf import Morph, find_morph
 from shapefit.io.written.metres import in_metres
-from shapefit.io.written.morphs import Morph, find_morph
 from shapefit.io.written.tracks import Track
 from shapefit.lifting.verdict import DOUBT, PLAUSIBILITY
 

@@ -96,6 +96,14 @@ def by_individual(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
     )
 
 
+def by_video(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
+    """Put the individuals of a video in one file; a sequence is `video/individual`, or a video."""
+    groups: dict[str, list[Motion]] = {}
+    for motion in motions:
+        groups.setdefault(motion.name.rpartition("/")[0] or motion.name, []).append(motion)
+    return groups
+
+
 def _files(
     target: Path, groups: dict[str, list[Motion]], write: Write
 ) -> dict[PurePosixPath, Callable[[Path], None]]:

@@ -30,7 +30,7 @@ FORMATS: dict[str, FileFormat] = {
         writes=(*EITHER, "result"),
         points_only=False,
     ),
-    "deeplabcut-3d": _motion("a DeepLabCut 3D CSV", (), "deeplabcut_3d:table_output"),
+    "deeplabcut-3d": _motion("a DeepLabCut 3D CSV", (), "point_tables:table_output"),
     "glb": _motion("a GLB file", (".glb",), "glb:glb_output", atom_meshes=True),
-    "trc": _motion("a TRC file", (".trc",), "trc:trc_output"),
+    "trc": _motion("a TRC file", (".trc",), "point_tables:trc_output"),
 }

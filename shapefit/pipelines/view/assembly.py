@@ -13,8 +13,8 @@ from shapefit.config import ViewConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted
 from shapefit.io import read_dictionary
-from shapefit.io.agreement import agreed
 from shapefit.io.formats import find_format
+from shapefit.io.joined import agreed
 from shapefit.io.kinds.listing import Listing, list_file
 from shapefit.io.options import input_options
 from shapefit.io.skeletons import edges_of

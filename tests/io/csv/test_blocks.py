@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from shapefit.io import landmark_writer, read_results, sources
 from shapefit.io.csv import text as csv_sections
 from shapefit.io.csv import writing as csv_writing
-from shapefit.io.csv.numbers import read_numbers
-from shapefit.io.csv.text import Section, read_rows, split_columns
+from shapefit.io.csv.text import Section, read_numbers, read_rows, split_columns
 from shapefit.io.records import LandmarkSet
 from tests.io.files import save
 

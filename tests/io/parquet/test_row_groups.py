@@ -12,7 +12,7 @@ import pytest
 
 from shapefit.io import landmark_writer, open_landmarks
 from shapefit.io.kinds import opening
-from shapefit.io.parquet import streams, writing
+from shapefit.io.parquet import library, writing
 from shapefit.io.records import LandmarkSet
 
 COUNT = 300
@@ -46,7 +46,7 @@ def write(tmp_path, images) -> Callable[..., Path]:
 @pytest.mark.parametrize("size", [1, 7, 64, 1000])
 @pytest.mark.parametrize("rows", [10, 64, 300])
 def test_rows_are_the_same_whatever_the_row_groups(write, images, rows, size, same, monkeypatch):
-    monkeypatch.setattr(streams, "BATCH", 13)
+    monkeypatch.setattr(library, "BATCH", 13)
     path = write(rows)
     with open_landmarks([path]) as source:
         start = 0

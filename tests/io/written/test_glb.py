@@ -11,7 +11,7 @@ import trimesh
 from shapefit.geometry.rotations import turn_about_axis
 from shapefit.io import read_shapes
 from shapefit.io.skeletons import PEOPLE
-from shapefit.io.written.morphs import quaternions
+from shapefit.io.written.gltf import quaternions
 from tests.io.files import save
 from tests.io.written.test_bvh import MILLIMETRE, NAMES
 

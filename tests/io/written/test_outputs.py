@@ -15,7 +15,7 @@ from shapefit.errors import InputError
 from shapefit.io.layout import LANDMARKS, RESULTS
 from shapefit.io.options import OutputOptions
 from shapefit.io.writing import record_writer
-from shapefit.io.written import outputs, trc
+from shapefit.io.written import outputs, point_tables
 from shapefit.io.written.outputs import by_individual, motion_output
 from tests.io.files import save
 
@@ -61,14 +61,14 @@ def test_a_full_disk(tmp_path, several, one, monkeypatch, problems):
     record = several.take([0, 1]) if one else several
     (tmp_path / "man.trc").write_text("old")
     (tmp_path / "man_a.trc").write_text("old")
-    original = trc.write_trc
+    original = point_tables.write_trc
 
     def fill(path, motions):
         original(path, motions)
         if one or motions[0].name == "b":
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(trc, "trc_output", motion_output(fill, by_individual))
+    monkeypatch.setattr(point_tables, "trc_output", motion_output(fill, by_individual))
     (line,) = problems(save, tmp_path / "man.trc", record)
     assert "cannot be written: No space left on device; free some space" in line
     assert sorted(os.listdir(tmp_path)) == ["man.trc", "man_a.trc"]

@@ -1,10 +1,12 @@
-"""The columns of a DeepLabCut table: which individual, landmark and coordinate each one holds."""
+"""What DeepLabCut's tables share: columns of individuals and landmarks, and a skeleton."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,8 @@ from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.foreign.recording import Instances
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.sources import is_stream
+from shapefit.stores.urls import UrlPath
 
 COORDINATES = ("x", "y", "z", "likelihood")
 
@@ -105,3 +109,40 @@ def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
         find("likelihood") if "likelihood" in present else None,
         (f"columns left out: {abbreviate(list(others))}",) if others else (),
     )
+
+
+FILE = "config.yaml"
+FOLDERS_ABOVE = 2
+"""Predictions lie in a folder of the project, labels in a folder of that."""
+
+
+def skeleton_edges(path: Path, names: Sequence[str]) -> tuple[tuple[int, int], ...]:
+    """Return the edges of `skeleton` between these landmarks, by place in `names`.
+
+    It lists pairs of names, or chains of them. A pair with a name that the table has not is left
+    out; a file that is no YAML, or not of DeepLabCut, says nothing.
+    """
+    if is_stream(path) or isinstance(path, UrlPath):
+        return ()
+    folder = path.resolve().parent
+    near = (each / FILE for each in (folder, *folder.parents[:FOLDERS_ABOVE]))
+    found = next((each for each in near if each.is_file()), None)
+    place = {name: number for number, name in enumerate(names)}
+    pairs = () if found is None else _pairs(found)
+    edges = ((place[a], place[b]) for a, b in pairs if a != b and a in place and b in place)
+    return tuple(dict.fromkeys(edges))
+
+
+def _pairs(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield neighbours of each chain in the skeleton of a project."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    try:
+        found: Any = YAML(typ="safe", pure=True).load(path)
+    except (YAMLError, OSError, ValueError, RecursionError):
+        return
+    chains = found.get("skeleton") if isinstance(found, dict) else None
+    for chain in chains if isinstance(chains, list) else ():
+        if isinstance(chain, list):
+            yield from pairwise(map(str, chain))
