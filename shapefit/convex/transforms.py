@@ -43,8 +43,14 @@ class Transforms:
     def gathered(
         cls, first: Indices, count: Indices, atom: Indices, blocks: Floats, k: int
     ) -> Transforms:
-        """Put lists in which each image has its `count` from `first` on in the order of images."""
-        place = np.repeat(first - starts_of(count), count) + np.arange(count.sum())
+        """Put lists in which each image has its `count` from `first` on in the order of images.
+
+        Lists that stand in this order already are not copied.
+        """
+        shift, total = first - starts_of(count), count.sum()
+        if not shift.any():
+            return cls(count, atom[:total], blocks[:total], k)
+        place = np.repeat(shift, count) + np.arange(total)
         return cls(count, atom[place], blocks.take(place, axis=0), k)
 
     @classmethod

@@ -33,8 +33,13 @@ template <int count>
 template <int count>
 [[gnu::always_inline]] inline void sum_tile(const GramSystem& s, long i, long j,
                                             Lanes (&sums)[BLOCK][count]) {
-    constexpr int TURNS = count == 1 ? 4 : count == 2 ? 2 : 1;
-    Lanes parts[TURNS][BLOCK][count] = {};
+    constexpr int TURNS = count < 3 ? 2 : 1;
+    Lanes parts[TURNS][BLOCK][count];
+    for (int r = 0; r < BLOCK; ++r)
+        for (int v = 0; v < count; ++v) {
+            parts[0][r][v] = load(s.factor + (i + r) * s.factor_stride + j + v * WIDTH);
+            for (int t = 1; t < TURNS; ++t) parts[t][r][v] = Lanes{};
+        }
     long f = 0;
     for (; f + TURNS <= s.rows; f += TURNS)
         for (int t = 0; t < TURNS; ++t)
@@ -48,8 +53,8 @@ template <int count>
                            s.scaled + (m + t) * s.factor_stride + i, -1, parts[t]);
     for (int r = 0; r < BLOCK; ++r)
         for (int v = 0; v < count; ++v) {
-            sums[r][v] = load(s.factor + (i + r) * s.factor_stride + j + v * WIDTH);
-            for (int t = 0; t < TURNS; ++t) sums[r][v] += parts[t][r][v];
+            sums[r][v] = parts[0][r][v];
+            for (int t = 1; t < TURNS; ++t) sums[r][v] += parts[t][r][v];
         }
 }
 

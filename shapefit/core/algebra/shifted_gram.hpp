@@ -29,6 +29,7 @@ class ShiftedGram {
     long unknowns() const { return n_; }
     long right_side() const { return tiled_; }  // the column of F that holds f
     double* row(long f) { return F_ + f * stride_; }  // zero between the unknowns and f
+    long stride() const { return stride_; }
 
     // C = shift I, shift > 0; x may be r. `by_rows` allows the inverse to be taken in the space of
     // the rows where these are fewer (Woodbury), which loses digits where the shift is tiny.

@@ -181,35 +181,39 @@ void ActiveBlocks::lay_directions(double sigma, const double* moved) {
     }
 }
 
+// `directions` rows of one block: (top . B, low . B), the numbers of each `room` apart.
+template <int directions>
+[[gnu::always_inline]] inline void write_block(const double* number, long room, const double* B,
+                                               long atom_stride, long q, double* row, long stride) {
+    for (int half = 0; half < 2; ++half)  // the second writes over what pads the first
+        for (long j = 0; j < atom_stride; j += WIDTH) {
+            const Lanes b0 = load(B + j), b1 = load(B + atom_stride + j);
+            const Lanes b2 = load(B + 2 * atom_stride + j);
+            for (int r = 0; r < directions; ++r) {
+                const double* t = number + (7 * r + 3 * half) * room;
+                store(row + r * stride + half * q + j, t[0] * b0 + t[room] * b1 + t[2 * room] * b2);
+            }
+        }
+}
+
 long ActiveBlocks::write_rows(double sigma, LaidAtoms& atoms, const double* moved,
                               ShiftedGram& gram) {
     const long unknowns = gram.unknowns(), q = unknowns / 2, right = gram.right_side();
-    const long stride = atoms.stride(), n = room;
     lay_directions(sigma, moved);
     long rows = 0;
     for (long c = 0; c < count; ++c) {
-        const double* B = atoms.at(index[c]);
-        const double* number[6];
-        double* row[6];
-        int taken = 0;
-        for (int r = 0; r < 6; ++r) {
-            if (weight[r * n + c] == 0) continue;
-            number[taken] = row_ + 7 * r * n + c;
-            row[taken++] = gram.row(rows++);
+        const double *B = atoms.at(index[c]), *number = row_ + c;
+        const int directions = weight[4 * room + c] == 0 ? 4 : 6;  // four where f1 = f2
+        double* row = gram.row(rows);
+        if (directions == 4)
+            write_block<4>(number, room, B, atoms.stride(), q, row, gram.stride());
+        else
+            write_block<6>(number, room, B, atoms.stride(), q, row, gram.stride());
+        for (int r = 0; r < directions; ++r, row += gram.stride()) {
+            for (long j = unknowns; j < right; ++j) row[j] = 0;
+            row[right] = number[(7 * r + 6) * room];
         }
-        for (int half = 0; half < 2; ++half)  // the second writes over what pads the first
-            for (long j = 0; j < stride; j += WIDTH) {
-                const Lanes b0 = load(B + j), b1 = load(B + stride + j);
-                const Lanes b2 = load(B + 2 * stride + j);
-                for (int r = 0; r < taken; ++r) {
-                    const double* t = number[r] + 3 * half * n;
-                    store(row[r] + half * q + j, t[0] * b0 + t[n] * b1 + t[2 * n] * b2);
-                }
-            }
-        for (int r = 0; r < taken; ++r) {
-            for (long j = unknowns; j < right; ++j) row[r][j] = 0;
-            row[r][right] = number[r][6 * n];
-        }
+        rows += directions;
     }
     return rows;
 }
