@@ -1,5 +1,7 @@
 #include "shifted_gram.hpp"
 
+#include "vectors.hpp"
+
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
@@ -121,22 +123,25 @@ void factorise_block(const GramSystem& s, long i) {
     }
 }
 
-// L^T x = D^-1 z from below, four unknowns at a time; x is as wide as the columns.
+// L^T x = D^-1 z from below, four unknowns at a time; x is as wide as the columns. The four found last
+// stay in registers: a vector cannot be loaded yet from where they were stored one by one.
 void substitute_back(const GramSystem& s, double* x) {
+    double below[BLOCK] = {};
     for (long i = s.columns - BLOCK; i >= 0; i -= BLOCK) {
         double values[BLOCK];
         for (int r = 0; r < BLOCK; ++r) {
             const double* row = s.scaled + (i + r) * s.factor_stride;
-            values[r] = row[s.columns];
             double sum = 0;
-            for (long j = i + BLOCK; j < s.columns; ++j) sum += row[j] * x[j];
-            values[r] -= sum;
+            for (long j = i + 2 * BLOCK; j < s.columns; ++j) sum += row[j] * x[j];
+            if (i + BLOCK < s.columns)
+                for (int c = 0; c < BLOCK; ++c) sum += row[i + BLOCK + c] * below[c];
+            values[r] = row[s.columns] - sum;
         }
         for (int r = BLOCK - 1; r >= 0; --r) {
             const double* row = s.scaled + (i + r) * s.factor_stride;
-            for (int c = r + 1; c < BLOCK; ++c) values[r] -= row[i + c] * x[i + c];
-            x[i + r] = values[r];
+            for (int c = r + 1; c < BLOCK; ++c) values[r] -= row[i + c] * values[c];
         }
+        for (int r = 0; r < BLOCK; ++r) x[i + r] = below[r] = values[r];
     }
 }
 
@@ -181,7 +186,7 @@ constexpr long stride_for(long columns) {
 
 ShiftedGram::ShiftedGram(Workspace& workspace, long most_rows, long most_unknowns) {
     const long columns = blocks_of(most_unknowns), stride = stride_for(columns);
-    F_ = workspace.zeros<double>(most_rows * stride);
+    F_ = workspace.zeros<double>(blocks_of(most_rows) * stride);
     turned_ = workspace.zeros<double>(columns * stride);
     factor_ = workspace.zeros<double>(columns * stride);
     scaled_ = workspace.zeros<double>(columns * stride);
@@ -219,22 +224,20 @@ void ShiftedGram::solve(long rows, const double* C, const double* r, double* x) 
 // x = (r - F^T s) / shift with (shift I + F F^T) s = F r - shift f.
 void ShiftedGram::solve_by_rows(long rows, double shift, const double* r, double* x) {
     const long columns = blocks_of(rows);
+    for (long e = rows * stride_; e < columns * stride_; ++e) F_[e] = 0;
     for (long j = 0; j < n_; ++j) {
         double* turned = turned_ + j * stride_;
-        for (long f = 0; f < rows; ++f) turned[f] = F_[f * stride_ + j];
-        for (long f = rows; f < columns; ++f) turned[f] = 0;
+        for (long f = 0; f < columns; f += BLOCK)
+            for (int e = 0; e < BLOCK; ++e) turned[f + e] = F_[(f + e) * stride_ + j];
         turned[columns] = r[j];
     }
     for (long f = 0; f < rows; ++f) small_[f] = -shift * F_[f * stride_ + tiled_];
     const GramSystem s = system(turned_, n_, columns, shift < 1);
     begin_with_shift(s, shift, small_, rows);
     solve_system(s, small_);
-    for (long j = 0; j < n_; ++j) x[j] = r[j];
-    for (long f = 0; f < rows; ++f) {
-        const double* row = F_ + f * stride_;
-        for (long j = 0; j < n_; ++j) x[j] -= small_[f] * row[j];
-    }
-    for (long j = 0; j < n_; ++j) x[j] /= shift;
+    double* mixture = turned_;
+    mix_rows(small_, rows, F_, stride_, padded(n_), mixture);
+    for (long j = 0; j < n_; ++j) x[j] = (r[j] - mixture[j]) / shift;
 }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

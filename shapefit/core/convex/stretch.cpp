@@ -58,7 +58,7 @@ class StretchSolver {
           room_(workspace_, padded_, p_ > 1 ? p_ - 1 : 1, robust() ? 2 * p_ : 0) {
         const auto numbers = [&](long count) { return workspace_.zeros<double>(count); };
         reduced_.data = numbers(3 * p_ * padded_);
-        active_ = {workspace_.zeros<int64_t>(padded_), numbers(6 * padded_)};
+        active_ = {workspace_.zeros<int64_t>(padded_ + 1), numbers(6 * padded_)};
         last_weights_ = workspace_.vector<double>(p_);
         rho_ = workspace_.vector<double>(p_);
         bounds_ = numbers(p_), ones_ = numbers(p_), row_ = numbers(p_);
@@ -190,12 +190,13 @@ class StretchSolver {
             Lanes size = {};
             for (int e = 0; e < 6; ++e) size += magnitude(load(M + e * padded_ + i));
             for (int lane = 0; lane < WIDTH && i + lane < k_; ++lane) {
-                if (size[lane] == 0) continue;
-                double* block = active_.blocks + 6 * active_.count;
-                for (int e = 0; e < 6; ++e) block[e] = M[e * padded_ + i + lane];
-                active_.atom[active_.count++] = i + lane;
+                active_.atom[active_.count] = i + lane;
+                active_.count += size[lane] != 0;
             }
         }
+        for (long c = 0; c < active_.count; ++c)
+            for (int e = 0; e < 6; ++e)
+                active_.blocks[6 * c + e] = M[e * padded_ + active_.atom[c]];
     }
 
     // M = 0 and the multiple of w that is dual feasible.
