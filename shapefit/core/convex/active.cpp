@@ -60,7 +60,7 @@ void LaidAtoms::reset(const Planes& planes) {
 const double* LaidAtoms::lay(long i) {
     double* out = data_ + i * size_;
     for (int b = 0; b < 3; ++b) {
-        for (long j = 0; j < planes_.columns; ++j) out[b * stride_ + j] = planes_.column(b, j)[i];
+        for (long j = 0; j < planes_.columns; ++j) out[b * stride_ + j] = *planes_.at(b, j, i);
         for (long j = planes_.columns; j < stride_; ++j) out[b * stride_ + j] = 0;
     }
     laid_[i] = true;

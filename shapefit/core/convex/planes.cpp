@@ -8,7 +8,7 @@ Planes turn_atoms(Tensor<const double> atoms, Workspace& workspace) {
     planes.data = workspace.zeros<double>(3 * p * planes.padded_atoms);
     for (long i = 0; i < k; ++i)
         for (int b = 0; b < 3; ++b)
-            for (long j = 0; j < p; ++j) planes.column(b, j)[i] = atoms[i][b][j];
+            for (long j = 0; j < p; ++j) *planes.at(b, j, i) = atoms[i][b][j];
     return planes;
 }
 
@@ -24,13 +24,13 @@ double reduce_atoms(const Planes& all, const double* omega, const Reduction& red
             Lanes along = {};
             for (long m = 0; m < reduction.seen; ++m) {
                 const long j = reduction.visible[m];
-                along += (omega[j] * reduction.h[m]) * load(all.column(b, j) + i);
+                along += (omega[j] * reduction.h[m]) * load(all.at(b, j, i));
             }
             for (long m = 0; m < q; ++m) {
                 const long j = reduction.visible[m];
-                const Lanes x = omega[j] * load(all.column(b, j) + i) - reduction.h[m] * along;
+                const Lanes x = omega[j] * load(all.at(b, j, i)) - reduction.h[m] * along;
                 squares += x * x;
-                store(reduced.column(b, m) + i, x);
+                store(reduced.at(b, m, i), x);
             }
         }
         for (int lane = 0; lane < WIDTH; ++lane) largest = larger(largest, squares[lane]);
@@ -50,14 +50,12 @@ template <int count>
                                                   const double* y1, double* N, long i) {
     Lanes sums[6][count] = {};
     for (long j = 0; j < B.columns; ++j)
-        for (int b = 0; b < 3; ++b) {
-            const double* plane = B.column(b, j) + i;
+        for (int b = 0; b < 3; ++b)
             for (int v = 0; v < count; ++v) {
-                const Lanes atoms = load(plane + v * WIDTH);
+                const Lanes atoms = load(B.at(b, j, i + v * WIDTH));
                 sums[b][v] += y0[j] * atoms;
                 sums[3 + b][v] += y1[j] * atoms;
             }
-        }
     for (int e = 0; e < 6; ++e)
         for (int v = 0; v < count; ++v) store(N + e * B.padded_atoms + i + v * WIDTH, sums[e][v]);
 }

@@ -1,7 +1,8 @@
 // Atoms with the atoms innermost, and their correlation with a dual point.
 //
 // Blocks of all atoms lie as six rows of `padded` numbers: entry (a, b) of block i is in row
-// 3 a + b, so that loops over atoms vectorise. Zero atoms fill the last vector.
+// 3 a + b, so that loops over atoms vectorise. Zero atoms fill the last vector. The atoms themselves
+// lie PADDING together, in the order in which they are read.
 #pragma once
 
 #include "../algebra/lanes.hpp"
@@ -11,11 +12,14 @@
 namespace shapefit::SHAPEFIT_LEVEL {
 
 struct Planes {
-    double* data = nullptr;  // (3, columns, padded)
+    double* data = nullptr;  // (padded / PADDING, columns, 3, PADDING)
     long columns = 0;
     long padded_atoms = 0;
 
-    double* column(int b, long j) const { return data + (b * columns + j) * padded_atoms; }
+    // Entry (b, j) of atoms i, i + 1, ... up to the next multiple of PADDING.
+    double* at(int b, long j, long i) const {
+        return data + ((i / PADDING * columns + j) * 3 + b) * PADDING + i % PADDING;
+    }
 };
 
 // B (k, 3, p) as planes.
