@@ -41,17 +41,25 @@ template <int count>
     for (int v = 0; v < count; ++v) store(out + column + v * WIDTH, sums[v]);
 }
 
+// The last `left` vectors, at most `most`, all at once: each sum alone would wait for itself.
+template <int most>
+[[gnu::always_inline]] inline void mix_last_columns(long left, const double* x, long m,
+                                                    const double* rows, long stride, long column,
+                                                    double* out) {
+    if (left == most)
+        mix_columns<most>(x, m, rows, stride, column, out);
+    else if constexpr (most > 1)
+        mix_last_columns<most - 1>(left, x, m, rows, stride, column, out);
+}
+
 // out = sum_r x_r row_r for m padded rows of n numbers.
 inline void mix_rows(const double* x, long m, const double* rows, long stride, long n,
                      double* out) {
+    constexpr int MOST = 8;  // as many sums as hide the latency
     long column = 0;
-    for (; column + 8 * WIDTH <= n; column += 8 * WIDTH)  // as many sums as hide the latency
-        mix_columns<8>(x, m, rows, stride, column, out);
-    if (column + 4 * WIDTH <= n) {
-        mix_columns<4>(x, m, rows, stride, column, out);
-        column += 4 * WIDTH;
-    }
-    for (; column < n; column += WIDTH) mix_columns<1>(x, m, rows, stride, column, out);
+    for (; column + MOST * WIDTH <= n; column += MOST * WIDTH)
+        mix_columns<MOST>(x, m, rows, stride, column, out);
+    mix_last_columns<MOST - 1>((n - column) / WIDTH, x, m, rows, stride, column, out);
 }
 
 // y -= sum_e x_e row_(index_e) for m rows of n numbers.
