@@ -4,6 +4,7 @@
 #include "convex/data.hpp"
 #include "dictionary/data.hpp"
 #include "lifting/data.hpp"
+#include "metrics/data.hpp"
 #include "outliers/data.hpp"
 #include "perspective/data.hpp"
 #include "posterior/data.hpp"
@@ -35,6 +36,9 @@ struct Kernels {
     void (*find_modes)(const ModesData&, Range);
     void (*find_coefficients)(const CoefficientsData&, Range);
     void (*find_precisions)(const PrecisionData&, Range);
+    void (*find_similarity_errors)(const SimilarityData&, Range);
+    void (*find_camera_errors)(const CameraData&, Range);
+    void (*find_spread)(const SpreadData&, Range);
     void (*smooth_sequence)(const SequenceData&);  // of one sequence
     TreeSize (*record_tree)(const TreeData&);  // of one image
     void (*add_products)(const ProductsData&);  // of all shapes, one after another

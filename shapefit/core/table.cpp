@@ -14,6 +14,7 @@
 #include "lifting/rotation_step.hpp"
 #include "lifting/scaled_coefficients.hpp"
 #include "lifting/synchronisation.hpp"
+#include "metrics/shape_errors.hpp"
 #include "outliers/parts.hpp"
 #include "perspective/projection.hpp"
 #include "perspective/refinement.hpp"
@@ -60,6 +61,9 @@ const Level table = {
             .find_modes = find_modes,
             .find_coefficients = find_coefficients,
             .find_precisions = find_precisions,
+            .find_similarity_errors = find_similarity_errors,
+            .find_camera_errors = find_camera_errors,
+            .find_spread = find_spread,
             .smooth_sequence = smooth_sequence,
             .record_tree = record_tree,
             .add_products = add_products,

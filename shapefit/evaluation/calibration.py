@@ -74,16 +74,21 @@ class Coverage:
 
 
 def find_squares(
-    estimate: Floats, truth: Floats, deviation: Floats, correlation: Floats | None
+    estimate: Floats,
+    truth: Floats,
+    rotation: Floats,
+    deviation: Floats,
+    correlation: Floats | None,
 ) -> tuple[Floats, Floats]:
-    """d^T C^-1 d, d = e_j - (y_j - t) / s with s, t of the metric `camera`; and the width.
+    """d^T C^-1 d, d = e_j - (R x_j - t) / s with s, t of the metric `camera`; and the width.
 
-    estimate e, truth y, deviation (n, 3, p) in the camera frame, correlation (n, 3, p) of x with
-    y, x with z, y with z, or None for none -> squares (n, p), and the width (n, p) of the 90%
-    ellipsoid, sqrt(q tr C / 3), in the unit of the truth. nan for landmarks that one side lacks,
-    images with fewer than three, and those that s shrinks to a point.
+    estimate e and deviation (n, 3, p) in the camera frame, truth x (n, 3, p), rotation R (n, 3, 3)
+    from its frame there, correlation (n, 3, p) of x with y, x with z, y with z, or None for none
+    -> squares (n, p), and the width (n, p) of the 90% ellipsoid, sqrt(q tr C / 3), in the unit of
+    the truth. nan for landmarks that one side lacks, images with fewer than three, and those that
+    s shrinks to a point.
     """
-    apart, scale = placed_apart(estimate, truth)
+    apart, scale, _ = placed_apart(estimate, truth, rotation)
     visible = visible_in_both(estimate, truth)
     judged = visible & (visible.sum(axis=1) >= FEWEST_LANDMARKS)[:, None] & (scale > 0)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):

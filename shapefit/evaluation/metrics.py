@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from shapefit import core
 from shapefit.arrays import Flags, Floats
-from shapefit.geometry.normalisation import centroid, spread
-from shapefit.geometry.procrustes import coincide, similarity_transform
 
 FEWEST_LANDMARKS = 3
 """A similarity or a camera makes any two points coincide, so fewer say nothing."""
@@ -22,10 +21,11 @@ def similarity(estimate: Floats, truth: Floats) -> Floats:
     estimate and truth (n, 3, p) in any two frames -> (n,), in the unit of the truth. R is proper:
     a mirrored estimate is not forgiven.
     """
-    visible = visible_in_both(estimate, truth)
-    source, target = _filled(estimate, visible), _filled(truth, visible)
-    aligned = similarity_transform(source, target).apply(source)
-    return _mean_distance(aligned, target, visible)
+    error = np.empty(len(truth))
+    core.find_similarity_errors(
+        estimate=estimate, truth=truth, fewest=FEWEST_LANDMARKS, error=error, threads=1
+    )
+    return error
 
 
 def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
@@ -34,24 +34,28 @@ def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
     estimate (n, 3, p) in the camera frame; truth (n, 3, p) in the frame of its file and rotation
     (n, 3, 3) from there to the camera -> (n,), in the unit of the truth.
     """
-    turned = rotation @ truth
-    visible = visible_in_both(estimate, turned)
-    apart, _ = placed_apart(estimate, turned)
-    return _mean_over_visible(np.linalg.norm(apart, axis=-2), visible, fewest=FEWEST_LANDMARKS)
+    return placed_apart(estimate, truth, rotation)[2]
 
 
-def placed_apart(estimate: Floats, turned: Floats) -> tuple[Floats, Floats]:
-    """min over s >= 0, t of sum_j |s e_j + t - y_j|^2; then s e_j + t - y_j (n, 3, p), and s (n,).
+def placed_apart(
+    estimate: Floats, truth: Floats, rotation: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return s e_j + t - R x_j (n, 3, p) with s, t of `camera`, s (n,), and `camera` itself.
 
-    estimate e and the truth y (n, 3, p), both in the camera frame; hidden landmarks are 0 apart.
+    Landmarks that one side lacks are 0 apart.
     """
-    visible = visible_in_both(estimate, turned)
-    source = _filled(estimate, visible) - centroid(estimate, visible)[..., None]
-    target = _filled(turned, visible) - centroid(turned, visible)[..., None]
-    size = (source**2).sum(axis=(-2, -1))
-    overlap = np.maximum((source * target).sum(axis=(-2, -1)), 0.0)
-    scale = np.divide(overlap, size, out=np.zeros_like(size), where=size > 0)
-    return scale[:, None, None] * source - target, scale
+    apart, scale, error = np.empty(truth.shape), np.empty(len(truth)), np.empty(len(truth))
+    core.find_camera_errors(
+        estimate=estimate,
+        truth=truth,
+        rotation=rotation,
+        fewest=FEWEST_LANDMARKS,
+        apart=apart,
+        scale=scale,
+        error=error,
+        threads=1,
+    )
+    return apart, scale, error
 
 
 def reprojection(fitted: Floats, observed: Floats) -> Floats:
@@ -79,25 +83,15 @@ def truth_scale(estimate: Floats, truth: Floats) -> Floats:
     (n, 3, p) each -> (n,); nan where the true landmarks lie on one point, which leaves no scale.
     The spread is taken in the frame of the truth file, for `similarity` and `camera` alike.
     """
-    visible = visible_in_both(estimate, truth)
-    flat = coincide(_filled(truth, visible))
-    return np.where(flat, np.nan, spread(truth, visible))
+    spread = np.empty(len(truth))
+    core.find_spread(estimate=estimate, truth=truth, spread=spread, threads=1)
+    return spread
 
 
 def visible_in_both(first: Floats, second: Floats) -> Flags:
     """Landmarks with finite coordinates on both sides; (n, d, p) each -> (n, p)."""
     visible: Flags = np.all(np.isfinite(first) & np.isfinite(second), axis=-2)
     return visible
-
-
-def _filled(points: Floats, visible: Flags) -> Floats:
-    """Put hidden points on the centroid, where they change neither similarity nor scale."""
-    return np.where(visible[..., None, :], points, centroid(points, visible)[..., None])
-
-
-def _mean_distance(first: Floats, second: Floats, visible: Flags) -> Floats:
-    distance = np.linalg.norm(first - second, axis=-2)
-    return _mean_over_visible(distance, visible, fewest=FEWEST_LANDMARKS)
 
 
 def _mean_over_visible(values: Floats, visible: Flags, fewest: int) -> Floats:

@@ -28,9 +28,9 @@ def deviations_of(C):
     return sd, np.stack([C[..., a, b] / (sd[:, a] * sd[:, b]) for a, b in PAIRS], axis=1)
 
 
-def find_levels(*bars):
+def find_levels(estimate, truth, *bars):
     """The level of the ellipsoid on which the truth lies, uniform where bars are true; widths."""
-    square, width = find_squares(*bars)
+    square, width = find_squares(estimate, truth, np.tile(np.eye(3), (len(truth), 1, 1)), *bars)
     return chi2.cdf(square, 3), width
 
 

@@ -35,6 +35,9 @@ NB_MODULE(_core, module) {
     define(module, "find_modes", kernel.find_modes);
     define(module, "find_coefficients", kernel.find_coefficients);
     define(module, "find_precisions", kernel.find_precisions);
+    define(module, "find_similarity_errors", kernel.find_similarity_errors);
+    define(module, "find_camera_errors", kernel.find_camera_errors);
+    define(module, "find_spread", kernel.find_spread);
     define(module, "smooth_sequence", kernel.smooth_sequence);
     define(module, "record_tree", kernel.record_tree);
     define(module, "add_products", kernel.add_products);

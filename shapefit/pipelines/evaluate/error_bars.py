@@ -43,7 +43,7 @@ def judge_error_bars(
     own = match_landmarks(results.landmark_names, judgement.landmarks)
     with np.errstate(all="ignore"):  # overflow is not an error to report
         square, width = in_blocks(
-            lambda estimate, true, rotation, *bars: find_squares(estimate, rotation @ true, *bars),
+            find_squares,
             judgement.estimate,
             judgement.true,
             rotation,

@@ -41,7 +41,7 @@ def test_the_tables_hold_what_the_error_bars_are_worth(desk, reported, sure, tru
     assert "Without error bars, and left out: convex." in page
     R = sure.extras["true_rotation"]
     correlation = sure.extras["shape_correlation"].swapaxes(1, 2)
-    square, width = find_squares(sure.shapes, R @ truth.shapes, sure.shape_sd, correlation)
+    square, width = find_squares(sure.shapes, truth.shapes, R, sure.shape_sd, correlation)
     level = chi2.cdf(square, 3)
     row = desk.row("calibration.csv", group="Subject 13", landmark="", unit="m")
     assert float(row["inside_50"]) == pytest.approx((level[:5] <= 0.5).mean())
