@@ -309,9 +309,11 @@ def keep_trusted(errors: ImageErrors, grouping: Mapping[str, Sequence[str]]) -> 
         rows = np.flatnonzero(errors.sequences.among(members) & both)
         if not len(rows):
             continue
-        left_out = int(LEAST_TRUSTED * len(rows))
-        rising = rows[np.argsort(trust[rows], kind="stable")]
-        kept = np.sort(rising[left_out:])
+        left_out, own = int(LEAST_TRUSTED * len(rows)), trust[rows]
+        least = np.partition(own, left_out)[left_out]
+        out = own < least
+        out[np.flatnonzero(own == least)[: left_out - out.sum()]] = True
+        kept = rows[~out]
         found.append(
             Kept(
                 method=errors.method,
@@ -322,7 +324,7 @@ def keep_trusted(errors: ImageErrors, grouping: Mapping[str, Sequence[str]]) -> 
                 mean=mean(values[rows]),
                 kept=len(kept),
                 mean_kept=mean(values[kept]),
-                plausibility=float(trust[rising[left_out]]),
+                plausibility=float(least),
             )
         )
     return found

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from shapefit.arrays import Floats
 from shapefit.meshes.ellipses import Ellipses, covariances, seen_ellipses
@@ -146,6 +145,8 @@ def _dots(points: Floats, kind: str) -> str:
 
 def _hull(points: Floats) -> str:
     """Fill the convex hull of a mesh."""
+    from scipy.spatial import ConvexHull, QhullError
+
     try:
         corners = points.T[ConvexHull(points.T).vertices]
     except (QhullError, ValueError):

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMATS = ("png", "svg")
+DPI = 150
 
 # Okabe and Ito 2008: told apart with every common form of colour blindness.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000", "#F0E442")
@@ -37,7 +38,11 @@ def save(figure: Figure, path: Path, file_format: str) -> None:
     with matplotlib.rc_context({"svg.hashsalt": "shapefit"}), warnings.catch_warnings():
         # A letter that the font lacks, as some names have, is drawn as a box.
         warnings.filterwarnings("ignore", "Glyph .* missing from ")
-        figure.savefig(path, format=file_format, dpi=150, metadata=metadata)
+        if engine := figure.get_layout_engine():  # one layout for all formats
+            figure.set_dpi(DPI)
+            engine.execute(figure)
+            figure.set_layout_engine(None)
+        figure.savefig(path, format=file_format, dpi=DPI, metadata=metadata)
 
 
 def writers(name: str, figure: Figure) -> dict[str, Callable[[Path], None]]:

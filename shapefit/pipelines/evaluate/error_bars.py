@@ -47,8 +47,8 @@ def judge_error_bars(
             judgement.estimate,
             judgement.true,
             rotation,
-            deviation[:, :, own],
-            None if correlation is None else correlation[:, :, own],
+            deviation.take(own, axis=2),
+            None if correlation is None else correlation.take(own, axis=2),
         )
         widths = {NORMALISED: width / judgement.scale[:, None], judgement.truth.unit: width}
     bars = ErrorBars(

@@ -83,8 +83,9 @@ def judge(
     rows = _truth_rows(file, keys, truth)
     names = common_landmarks(file, results.landmark_names, truth.landmark_names)
     warnings = _left_out(file, results, truth, names)
-    estimate = results.shapes[:, :, match_landmarks(results.landmark_names, names)]
-    true = truth.shapes[:, :, match_landmarks(truth.landmark_names, names)][rows]
+    # `take` gives them in the order of the core, an index gives them landmark by landmark.
+    estimate = results.shapes.take(match_landmarks(results.landmark_names, names), axis=2)
+    true = truth.shapes[rows].take(match_landmarks(truth.landmark_names, names), axis=2)
     true[rows < 0] = np.nan
 
     rotation = find_rotation(file, results, true, frame)
