@@ -55,7 +55,7 @@ from shapefit.verification.terms import DONE, LOOKING, Terms, lacks_proof, read_
 Chunk = tuple[ResultSet, LandmarkSet | None]
 """Results, with the landmarks of the same images where they are given."""
 
-CHUNK_BYTES = 1 << 23
+CHUNK_BYTES = 1 << 24
 """Of the largest arrays of the images that are checked together."""
 
 FEWEST, MOST = 16, 4096
@@ -326,8 +326,8 @@ def require_proof(chunks: Iterator[Chunk], terms: Terms, file: Path) -> Iterator
 def side_by_side(
     verify: Callable[[ResultSet, LandmarkSet | None], list[Check]], chunks: Iterable[Chunk]
 ) -> Iterator[tuple[ResultSet, list[Check]]]:
-    """Verify chunks on all cores; gives them out in order, a few ahead of what is taken."""
-    workers = os.cpu_count() or 1
+    """Verify chunks on all cores but the one that reads; gives them out in order, a few ahead."""
+    workers = max((os.cpu_count() or 1) - 1, 1)
     waiting: deque[tuple[ResultSet, Future[list[Check]]]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         for chunk in chunks:

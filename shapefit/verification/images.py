@@ -57,8 +57,8 @@ def read_images(
     and 0 where a landmark is unseen or was set aside (p,) before the fit. The points have their
     centroid, over visible ones, at 0 and a mean over coordinates of 1 of the standard deviations.
     """
-    raw = stated_by(result, "landmarks", file)[rows].swapaxes(1, 2)
-    seen = np.isfinite(raw).all(axis=1) & ~aside
+    raw = np.ascontiguousarray(stated_by(result, "landmarks", file)[rows].swapaxes(1, 2))
+    seen = np.isfinite(raw[:, 0]) & np.isfinite(raw[:, 1]) & ~aside
     weights = np.where(seen, stated_confidence(result, file)[rows], 0.0)
     if terms.least_score is not None and LANDMARK_COVARIANCE not in result.extras:
         weights = ((weights > 0) & (weights >= terms.least_score)).astype(float)
@@ -72,9 +72,9 @@ def read_images(
     visible = weights > 0
     W = np.where(visible[:, None], raw, 0.0)
     count = np.maximum(visible.sum(axis=1), 1)[:, None]
-    centroid = W.sum(axis=2) / count
+    centroid = np.einsum("nap->na", W) / count
     centred = np.where(visible[:, None], W - centroid[..., None], 0.0)
-    size = np.sqrt((centred**2).sum(axis=2) / count).mean(axis=1)
+    size = np.sqrt(np.einsum("nap,nap->na", centred, centred) / count).mean(axis=1)
     points = centred / size[:, None, None]
     counted = np.zeros(len(rows), dtype=np.int64)
     if result.transform_count is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,13 +34,17 @@ class Subject:
     terms: Terms
     file: Path
 
+    def of(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return the rows of the images, which ascend; a copy only where they are not all."""
+        return values if len(self.rows) == len(values) else values[self.rows]
+
     def stated(self, name: str) -> Floats:
         """Return what the result says of the images, a dataset of numbers."""
-        return stated_by(self.result, name, self.file)[self.rows]
+        return self.of(stated_by(self.result, name, self.file))
 
     def words(self) -> NDArray[np.str_]:
         """Return the status of each image."""
-        return stated_by(self.result, "status", self.file)[self.rows].astype(str)
+        return self.of(stated_by(self.result, "status", self.file)).astype(str)
 
     def transforms(self) -> Transforms:
         """Return the active transforms. Raises InputError for atoms that are not there."""
@@ -53,6 +58,6 @@ class Subject:
             raise input_error(self.file, found, "give the dictionary of the fit")
         fitted = np.zeros(len(r), dtype=bool)
         fitted[self.rows] = True
-        mine = np.repeat(fitted, r.transform_count)
-        counts = r.transform_count[self.rows]
+        mine = slice(None) if fitted.all() else np.repeat(fitted, r.transform_count)
+        counts = self.of(r.transform_count)
         return Transforms.of(r.active_transforms[mine], r.transform_atom[mine], counts, k)

@@ -33,8 +33,10 @@ def spectral_norms(blocks: Floats) -> Floats:
 
 def third_rows(blocks: Floats, norms: Floats) -> Floats:
     """(x cross y) / s1 of blocks (a, 2, 3), which completes them to s1 R: (a, 3); 0 for 0."""
-    across = np.cross(blocks[:, 0], blocks[:, 1])
-    return np.divide(across, norms[:, None], out=np.zeros_like(across), where=norms[:, None] > 0)
+    (x0, x1, x2), (y0, y1, y2) = blocks.transpose(1, 2, 0)
+    across = np.stack([x1 * y2 - x2 * y1, x2 * y0 - x0 * y2, x0 * y1 - x1 * y0])
+    thirds: Floats = np.divide(across, norms, out=np.zeros_like(across), where=norms > 0)
+    return thirds.T
 
 
 def polar_rows(blocks: Floats, norms: Floats) -> tuple[Floats, Floats]:

@@ -22,6 +22,9 @@ from shapefit.verification.proofs.block_norms import nuclear_norms
 from shapefit.verification.proofs.transforms import Atoms
 from shapefit.verification.terms import Terms
 
+BLOCK = 128
+"""Images whose products with the atoms are in the cache of the processor together."""
+
 
 @dataclass(frozen=True)
 class Value:
@@ -85,11 +88,11 @@ def dual_bound(
     n, _, p = dual.shape
     omega, factor, lam = images.weights[:, None], images.factor, images.lam
     weighted = dual * omega
-    N = (weighted.reshape(2 * n, p) @ atoms.columns).reshape(n, 2, 3, atoms.count)
-    norms = nuclear_norms(N[:, 0], N[:, 1])
-    if kept is not None:
-        norms = np.where(kept, norms, 0.0)
-    most = largest(norms)
+    most = np.empty(n)
+    for some in (slice(start, start + BLOCK) for start in range(0, n, BLOCK)):
+        N = (weighted[some].reshape(-1, p) @ atoms.columns).reshape(-1, 2, 3, atoms.count)
+        norms = nuclear_norms(N[:, 0], N[:, 1])
+        most[some] = largest(norms if kept is None else np.where(kept[some], norms, 0.0))
     magnitude = np.sqrt((weighted**2).sum(axis=1)).sum(axis=1) * atoms.reach
     slack = 2 * factor * (magnitude / lam + 1)
     checks = [check("the dual is feasible", most / lam - 1, slack)]

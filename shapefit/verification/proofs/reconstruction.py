@@ -13,6 +13,10 @@ ACTIVE = 1e-6
 """Share of the largest coefficient of an image beyond which an atom is active."""
 
 
+PIVOT = 1e-6
+"""Share of the trace above which no rounding makes a pivot negative."""
+
+
 def check_active(subject: Subject) -> Check:
     """Check how many coefficients are not negligible; those at the limit may count or not."""
     size, stated = np.abs(subject.stated("coefficients")), subject.stated("active_atoms")
@@ -69,15 +73,33 @@ def check_nearest(rotation: Floats, total: Floats, size: Floats, error: Floats) 
     H = R.swapaxes(1, 2) @ total
     skew = np.abs(H - H.swapaxes(1, 2))
     H = np.where(np.isfinite(H), (H + H.swapaxes(1, 2)) / 2, 0.0)
-    trace = np.trace(H, axis1=1, axis2=2)
+    trace = H[:, 0, 0] + H[:, 1, 1] + H[:, 2, 2]
     sums = trace[:, None, None] * np.eye(3) - H
-    least = np.linalg.eigvalsh(np.where(np.isfinite(sums), sums, 0.0))[:, 0]
+    sums = np.where(np.isfinite(sums), sums, 0.0)
+    least = np.zeros(len(H))
+    doubtful = ~surely_positive(sums)
+    least[doubtful] = np.linalg.eigvalsh(sums[doubtful])[:, 0]
     absent = np.where(np.isnan(rotation).all(axis=(1, 2)), 0.0, np.inf)
     return [
         check("rotation is absent without transforms", absent, 0.0, ~turned),
         check("rotation is nearest to the transforms", skew, 2 * error[:, None, None], turned),
         check("rotation is nearest to the transforms", -least, 3 * error, turned),
     ]
+
+
+def surely_positive(A: Floats) -> Flags:
+    """Whether A (n, 3, 3) are positive definite by far: pivots of elimination above PIVOT tr A.
+
+    Elimination without exchanges errs by a few roundings of the trace where all pivots are above 0.
+    """
+    least = PIVOT * (A[:, 0, 0] + A[:, 1, 1] + A[:, 2, 2])
+    first = A[:, 0, 0]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        b, c = A[:, 1, 0] / first, A[:, 2, 0] / first
+        second = A[:, 1, 1] - b * A[:, 1, 0]
+        e = A[:, 2, 1] - c * A[:, 1, 0]
+        third = A[:, 2, 2] - c * A[:, 2, 0] - e * e / second
+    return (first > least) & (second > least) & (third > least) & (least > 0)
 
 
 def check_proper(rotation: Floats, factor: Floats, made: Flags) -> Check:
