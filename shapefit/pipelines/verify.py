@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -31,6 +29,7 @@ from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.stored.files import read_rows
 from shapefit.io.stored.reader import StoredReader
 from shapefit.pipelines.outcome import Failure, Outcome, unread
+from shapefit.pipelines.overlap import side_by_side
 from shapefit.stores.locations import files_in
 from shapefit.stores.reading import read_bytes
 from shapefit.stores.shelf import find_state
@@ -200,15 +199,18 @@ def verify_file(part: Part, work: Work) -> Generator[Outcome, None, None]:
             wrong += coverage.begin(results.names, head, terms, carried)
             yield Outcome(failures=tuple(Failure(*each) for each in wrong))
 
-            def verify(result: ResultSet, images: LandmarkSet | None) -> list[Check]:
+            def verify(chunk: Chunk) -> tuple[ResultSet, list[Check]]:
+                result, images = chunk
                 checks = verify_images(
                     result, atoms, work.dictionary.atom_items, aside, terms, file
                 )
                 checks += [*check_metres(result, size), *check_position(result, size)]
-                return checks + (check_landmarks(result, images) if images is not None else [])
+                checks += check_landmarks(result, images) if images is not None else []
+                return result, checks
 
-            chunks = read_chunks(results, atoms, given)
-            for result, checks in side_by_side(verify, require_proof(chunks, terms, file)):
+            chunks = require_proof(read_chunks(results, atoms, given), terms, file)
+            workers = max((os.cpu_count() or 1) - 1, 1)  # one core reads
+            for result, checks in side_by_side(verify, chunks, workers):
                 coverage.add(result, checks)
                 if part.entry is not None:
                     items.add(result.items, count_failed(result, terms))
@@ -321,22 +323,6 @@ def require_proof(chunks: Iterator[Chunk], terms: Terms, file: Path) -> Iterator
             found = "holds no dual and transforms that prove its gaps (`proof: false`)"
             raise input_error(file, found, "fit again with `proof: true`")
         yield chunk
-
-
-def side_by_side(
-    verify: Callable[[ResultSet, LandmarkSet | None], list[Check]], chunks: Iterable[Chunk]
-) -> Iterator[tuple[ResultSet, list[Check]]]:
-    """Verify chunks on all cores but the one that reads; gives them out in order, a few ahead."""
-    workers = max((os.cpu_count() or 1) - 1, 1)
-    waiting: deque[tuple[ResultSet, Future[list[Check]]]] = deque()
-    with ThreadPoolExecutor(workers) as pool:
-        for chunk in chunks:
-            waiting.append((chunk[0], pool.submit(verify, chunk[0], chunk[1])))
-            if len(waiting) > workers:
-                result, future = waiting.popleft()
-                yield result, future.result()
-        for result, future in waiting:
-            yield result, future.result()
 
 
 def find_failures(result: ResultSet, checks: list[Check]) -> tuple[Failure, ...]:

@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
-from typing import TYPE_CHECKING
+from threading import Lock
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,9 @@ if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
     from shapefit.lifting.methods import Solve
 
+Given = TypeVar("Given")
+Found = TypeVar("Found")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
@@ -68,9 +72,15 @@ class Plan:
     needs_rate: bool
     warnings: tuple[str, ...]
 
-    def overlaps(self, source: LandmarkSource) -> bool:
-        """Whether batches are read and written on threads of their own, as several are worth it."""
-        return self.threads != 1 and source.count > (self.read.batch or BATCH)
+    def lifts_at_a_time(self, source: LandmarkSource) -> int:
+        """How many batches are lifted beside reading and writing; 0 where all is one after another.
+
+        Of the convex program, which is solved quickly, one is arranged while another is solved.
+        """
+        if self.threads == 1 or source.count <= (self.read.batch or BATCH):
+            return 0
+        quick = self.record.optimum and self.lift.search is None
+        return 2 if quick and source.count > 2 * BATCH else 1
 
     def warn_of(self, source: LandmarkSource) -> tuple[str, ...]:
         """Say what is doubtful of the files and of the dictionary together."""
@@ -168,7 +178,7 @@ def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
     """
     check_needs(config, dictionary)
     METHODS[config.method].load()
-    solve = choose_solver(config)
+    solve = one_at_a_time(choose_solver(config))
     return Chain(
         sequences=choose_refinement(config, dictionary),
         program=choose_program(config),
@@ -181,6 +191,17 @@ def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
         view=choose_view(config),
         leave_out=choose_groups(config, dictionary),
     )
+
+
+def one_at_a_time(work: Callable[[Given], Found]) -> Callable[[Given], Found]:
+    """Return work that one thread does while others wait: it has threads of its own."""
+    turn = Lock()
+
+    def alone(given: Given) -> Found:
+        with turn:
+            return work(given)
+
+    return alone
 
 
 def choose_weights(config: FitConfig) -> Callable[[LandmarkSet], Floats]:

@@ -1,5 +1,6 @@
 """The plan of a fit: the options of each step, and chunks that divide no sequence."""
 
+import time
 from dataclasses import replace
 from itertools import pairwise
 
@@ -20,8 +21,10 @@ from shapefit.pipelines.fit.plan import (
     choose_settings,
     choose_solver,
     find_misfit,
+    one_at_a_time,
 )
 from shapefit.pipelines.fit.read import whole_sequences
+from shapefit.pipelines.overlap import side_by_side
 
 
 @pytest.fixture
@@ -115,3 +118,17 @@ def test_ended_sequences_are_given_out_before_the_stream_ends():
         raise AssertionError("read too far")
 
     assert next(whole_sequences(stream())).sequences == ("a", "a")
+
+
+def test_what_has_threads_of_its_own_is_done_one_at_a_time():
+    inside, most = [], []
+
+    def work(number):
+        inside.append(number)
+        time.sleep(0.002)
+        most.append(len(inside))
+        inside.remove(number)
+        return number
+
+    assert list(side_by_side(one_at_a_time(work), range(9), 3)) == list(range(9))
+    assert max(most) == 1

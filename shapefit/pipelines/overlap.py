@@ -1,33 +1,42 @@
-"""Work beside other work: the next batch is read, and the last one written, while one is lifted.
+"""Work beside other work: batches side by side, and the last one written while others are made.
 
 Threads are imported where there is more than one batch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from itertools import islice
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
 Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
-def read_ahead(items: Iterator[Item], on_thread: bool) -> Iterator[Item]:
-    """Give out the items, of which the next one is made on a thread of its own, if it shall be."""
-    if not on_thread:
-        yield from items
+def side_by_side(
+    work: Callable[[Item], Result], items: Iterable[Item], workers: int
+) -> Iterator[Result]:
+    """Do work with so many items at a time, each on a thread of its own, but for 0 workers.
+
+    Results come in the order of the items, of which the next one is got meanwhile.
+    """
+    if not workers:
+        yield from map(work, items)
         return
     from concurrent.futures import ThreadPoolExecutor
 
-    with ThreadPoolExecutor(1) as pool:
-        coming = pool.submit(tuple, islice(items, 1))
-        while found := coming.result():
-            coming = pool.submit(tuple, islice(items, 1))
-            yield from found
+    waiting: deque[Future[Result]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        for item in items:
+            waiting.append(pool.submit(work, item))
+            if len(waiting) > workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
 
 
 @contextmanager

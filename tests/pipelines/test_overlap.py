@@ -1,35 +1,44 @@
-"""Reading ahead and writing behind keep order, items and errors."""
+"""Work side by side and writing behind keep order, items and errors."""
 
 import threading
+import time
 
 import pytest
 
-from shapefit.pipelines.fit.overlap import read_ahead, written_behind
+from shapefit.pipelines.overlap import side_by_side, written_behind
 
 
-def failing(count):
-    yield from range(count)
-    raise OSError("the disk is gone")
-
-
-def test_items_come_in_order_one_ahead():
-    made = []
+@pytest.mark.parametrize("workers", [0, 1, 2, 3])
+def test_results_come_in_order_few_ahead(workers):
+    read, threads = [], set()
 
     def items():
         for number in range(20):
-            made.append((number, threading.get_ident()))
+            read.append(number)
             yield number
 
+    def work(number):
+        threads.add(threading.get_ident())
+        time.sleep(0.002 * (number % 3))
+        return 10 * number
+
     found = []
-    for number in read_ahead(items(), on_thread=True):
-        assert len(made) <= number + 2
-        found.append(number)
-    assert found == list(range(20))
-    assert threading.get_ident() not in {ident for _, ident in made}
+    for result in side_by_side(work, items(), workers):
+        assert len(read) <= result // 10 + workers + 1
+        found.append(result)
+    assert found == [10 * number for number in range(20)]
+    assert (threading.get_ident() in threads) == (workers == 0)
+    assert len(threads) <= max(workers, 1)
 
 
-def test_an_error_of_the_reader_comes_after_what_was_read():
-    numbers = read_ahead(failing(2), on_thread=True)
+@pytest.mark.parametrize("workers", [0, 1, 2])
+def test_an_error_of_the_work_comes_after_what_was_done(workers):
+    def work(number):
+        if number == 2:
+            raise OSError("the disk is gone")
+        return number
+
+    numbers = side_by_side(work, range(9), workers)
     assert [next(numbers), next(numbers)] == [0, 1]
     with pytest.raises(OSError, match="disk is gone"):
         next(numbers)
