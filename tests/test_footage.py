@@ -5,12 +5,11 @@ import pytest
 
 from benchmarks.detected import THIRTEEN
 from benchmarks.footage import SIZE, choose_clips, film, gaps, lasting_noise, look
-from shapefit.config import FitConfig
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import landmark_writer, open_landmarks, read_results, read_shapes
+from shapefit.io import open_landmarks, read_shapes
 from shapefit.pipelines.evaluate.measurement import as_named
-from shapefit.pipelines.fit import run as fit
+from tests.pipelines.fitted import fit_images
 
 BAND = 0.02
 
@@ -20,17 +19,7 @@ def error(tmp_path):
     """Mean normalised similarity error of landmarks lifted by the dictionary people."""
 
     def error(images, truth, names, **keys):
-        with landmark_writer(tmp_path / "landmarks.h5") as writer:
-            writer.append(images)
-        config = FitConfig(
-            landmarks=str(tmp_path / "landmarks.h5"),
-            dictionary="people",
-            output=str(tmp_path / "result.h5"),
-            **keys,
-        )
-        for _ in fit.run(config):
-            pass
-        found = as_named(read_results(tmp_path / "result.h5"), names)
+        found = as_named(fit_images(tmp_path, images, "people", **keys)[0], names)
         rows = [truth.items.index(item) for item in found.items]
         true = truth.shapes[rows][..., [truth.landmark_names.index(name) for name in names]]
         own = found.shapes[..., [found.landmark_names.index(name) for name in names]]

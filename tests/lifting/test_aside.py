@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig
 from shapefit.config.named_files import find_dictionary
-from shapefit.io import LandmarkSet, read_dictionary, read_results
+from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import PEOPLE
 from shapefit.pipelines import verify
-from shapefit.pipelines.fit import run as fit
-from tests.io.files import save
+from tests.pipelines.fitted import fit_images
 
 FEET = slice(15, 21)
 
@@ -42,18 +40,8 @@ def images(people, rng):
 @pytest.fixture
 def lift(tmp_path):
     def lift(images, **keys):
-        save(tmp_path / "views.h5", images)
-        config = FitConfig(
-            landmarks=str(tmp_path / "views.h5"),
-            dictionary="people",
-            output=str(tmp_path / "result.h5"),
-            method="posterior",
-            posterior={"views": 12},
-            **keys,
-        )
-        for _ in fit.run(config):
-            pass
-        return read_results(tmp_path / "result.h5")
+        keys |= {"method": "posterior", "posterior": {"views": 12}}
+        return fit_images(tmp_path, images, "people", **keys)[0]
 
     return lift
 

@@ -7,13 +7,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import read_results, write_dictionary
+from shapefit.io import write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit.pipelines.fit.run import run
 from tests.io.files import save
+from tests.pipelines.fitted import fit_file
 
 NAMES = tuple("abcdefgh")
 N, K = 9, 5
@@ -46,10 +45,7 @@ def bench(tmp_path_factory):
     def fit(images=images, suffix=".h5", **keys):
         path = folder / f"views{suffix}"
         save(path, images)
-        output = folder / "result.h5"
-        config = FitConfig(landmarks=[path], dictionary=folder / "d.h5", output=output, **keys)
-        list(run(config))
-        return read_results(output)
+        return fit_file(path, folder / "d.h5", folder / "result.h5", **keys)[0]
 
     return images, fit
 

@@ -5,18 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig
 from shapefit.config.named_files import find_dictionary
 from shapefit.dictionary.mapped import mapped
 from shapefit.errors import InputError
 from shapefit.io import (
     LandmarkSet,
     read_dictionary,
-    read_results,
     write_dictionary,
 )
 from shapefit.io.skeletons import PEOPLE, SKELETONS
-from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.joints import (
     MEANS,
     check_enough,
@@ -27,7 +24,7 @@ from shapefit.pipelines.joints import (
     named_as_joints,
     of_files,
 )
-from tests.io.files import save
+from tests.pipelines.fitted import fit_images
 
 BODY = SKELETONS["body_25b"]
 
@@ -63,16 +60,9 @@ def as_detected(images, skeleton, theta=MEANS):
 @pytest.fixture
 def lift(tmp_path):
     def lift(images, dictionary="people", **keys):
-        save(tmp_path / "views.h5", images)
-        given = {"method": "posterior"} | keys
-        config = FitConfig(
-            landmarks=str(tmp_path / "views.h5"),
-            dictionary=str(dictionary),
-            output=str(tmp_path / "result.h5"),
-            **given,
-        )
-        *_, last = fit.run(config)
-        return read_results(tmp_path / "result.h5"), last
+        keys = {"method": "posterior"} | keys
+        found, outcomes = fit_images(tmp_path, images, dictionary, **keys)
+        return found, outcomes[-1]
 
     return lift
 

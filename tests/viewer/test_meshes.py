@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from shapefit.config import FitConfig, LearnDictConfig, ViewConfig
+from shapefit.config import LearnDictConfig, ViewConfig
 from shapefit.io import read_results
-from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.view.run import make_page
 from shapefit.viewer.thumbnails import in_image
+from tests.pipelines.fitted import fit_file
 
 ITEMS = ("sedan_2/view_1", "pickup_1/view_4")
 MESH = "return Array.from(shapefit.layer(arguments[0]).mesh(shapefit.frame))"
@@ -32,16 +32,8 @@ def cars(project, tmp_path_factory):
         export = {
             "folder": folder / name, "frame": "camera", "unit": "landmarks", "items": ITEMS,
         }  # fmt: skip
-        config = FitConfig(
-            landmarks=(data / "cars_views.h5",),
-            dictionary=dictionary,
-            output=folder / f"{name}.h5",
-            method="convex+refine",
-            camera=camera,
-            export=export,
-            **{"lambda": 1.0},
-        )
-        list(fit.run(config))
+        keys = {"method": "convex+refine", "camera": camera, "export": export, "lambda": 1.0}
+        fit_file(data / "cars_views.h5", dictionary, folder / f"{name}.h5", **keys)
     return folder
 
 

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
 
-from shapefit.config import FitConfig
 from shapefit.io import (
     open_landmarks,
     read_dictionary,
-    read_results,
     read_shapes,
     write_dictionary,
 )
-from shapefit.pipelines.fit import run as fit
 from tests.io.files import save
-
-
-def _write_landmarks(path: Path, images) -> Path:
-    save(path, images)
-    return path
+from tests.pipelines.fitted import fit_file
 
 
 @pytest.fixture(scope="package")
@@ -60,14 +51,8 @@ def run(tmp_path, cars, views, monkeypatch):
 
     def run_fit(images=views, dictionary=cars, output=tmp_path / "result.h5", **keys):
         settings = {"method": "convex+refine", "transforms": True} | keys
-        config = FitConfig(
-            landmarks=[str(_write_landmarks(tmp_path / "views.h5", images))],
-            dictionary=str(dictionary),
-            output=str(output),
-            **settings,
-        )
-        outcomes = list(fit.run(config))
-        return read_results(config.output), outcomes
+        save(tmp_path / "views.h5", images)
+        return fit_file(tmp_path / "views.h5", dictionary, output, **settings)
 
     return run_fit
 

@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.io import LandmarkSet, read_results, write_dictionary
-from shapefit.pipelines.fit.run import run
+from shapefit.io import LandmarkSet, write_dictionary
 from tests.io.files import save
+from tests.pipelines.fitted import fit_file
 
 NAMES = tuple(f"point{j}" for j in range(10))
 
@@ -86,9 +85,6 @@ def fit(tmp_path):
         elif isinstance(images, str):
             path = tmp_path / "views.csv"
             path.write_text(images)
-        output = str(tmp_path / "result.h5")
-        config = FitConfig(landmarks=[str(path)], dictionary=str(dictionary), output=output, **keys)
-        outcomes = list(run(config))
-        return read_results(config.output), outcomes
+        return fit_file(path, dictionary, tmp_path / "result.h5", **keys)
 
     return fit

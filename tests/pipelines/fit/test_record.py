@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig
-from shapefit.io import open_landmarks, read_results, write_dictionary
+from shapefit.io import open_landmarks, write_dictionary
 from shapefit.io.extras import Extras
 from shapefit.pipelines.fit.record import OF_A_RESULT
-from shapefit.pipelines.fit.run import run
 from tests.io.files import save
+from tests.pipelines.fitted import fit_file
 from tests.pipelines.told import warnings
 
 
@@ -25,15 +24,9 @@ def fit(project, made_cars, tmp_path):
         whole = {"camera_matrix": images.extras["camera_matrix"]}
         whole |= {} if edges is None else {"edges": np.array(edges)}
         save(tmp_path / "views.h5", replace(images, extras=Extras(per_item, whole)))
-        config = FitConfig(
-            landmarks=[str(tmp_path / "views.h5")],
-            dictionary=str(tmp_path / "dictionary.h5"),
-            output=str(tmp_path / output),
-            **keys,
-        )
-        outcomes = list(run(config))
-        told = warnings(outcomes)
-        return read_results(config.output), told
+        dictionary = tmp_path / "dictionary.h5"
+        found, outcomes = fit_file(tmp_path / "views.h5", dictionary, tmp_path / output, **keys)
+        return found, warnings(outcomes)
 
     return fit
 

@@ -15,7 +15,6 @@ from shapefit.io import (
     LandmarkSet,
     open_landmarks,
     read_dictionary,
-    read_results,
     read_shapes,
     write_dictionary,
 )
@@ -23,10 +22,11 @@ from shapefit.lifting.sequences import clips
 from shapefit.pipelines import projection as projecting
 from shapefit.pipelines import verify
 from shapefit.pipelines.evaluate import run as evaluating
-from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.fit.motion import find_known
 from shapefit.pipelines.learn_dict import run as learning
 from tests.io.files import save
+from tests.pipelines.fitted import fit_file
+from tests.pipelines.told import warnings
 
 
 @pytest.fixture(scope="module")
@@ -45,13 +45,10 @@ def people(project, tmp_path_factory):
 
 
 def fitted(folder, landmarks, **keys):
-    output = folder / "result.h5"
-    config = FitConfig(
-        landmarks=(landmarks,), dictionary=folder / "dictionary.h5", output=output,
-        **{"method": "sequences", **keys},
-    )  # fmt: skip
-    outcomes = list(fit.run(config))
-    return read_results(output), [w for outcome in outcomes for w in outcome.warnings]
+    keys = {"method": "sequences", **keys}
+    dictionary, output = folder / "dictionary.h5", folder / "result.h5"
+    found, outcomes = fit_file(landmarks, dictionary, output, **keys)
+    return found, warnings(outcomes)
 
 
 def images_of(path):

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig, LearnDictConfig
+from shapefit.config import LearnDictConfig
 from shapefit.dictionary.from_2d.judgement import DOUBTFUL, LEARNED, Judgement
 from shapefit.errors import InputError
 from shapefit.geometry.rotations import random_rotations
@@ -15,13 +15,12 @@ from shapefit.io import (
     LandmarkSet,
     ShapeSet,
     read_dictionary,
-    read_results,
     write_shapes,
 )
-from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict.from_2d import find_doubts
 from tests.io.files import save
+from tests.pipelines.fitted import fit_file
 
 N, P = 60, 10
 
@@ -55,9 +54,8 @@ def learn(tmp_path):
 
 def lift(tmp_path):
     """Fit the images by what was learned of them."""
-    config = {"landmarks": tmp_path / "images.h5", "dictionary": tmp_path / "dict.h5"}
-    list(fit.run(FitConfig(**config, output=tmp_path / "result.h5", method="posterior")))
-    return read_results(tmp_path / "result.h5")
+    files = (tmp_path / name for name in ("images.h5", "dict.h5", "result.h5"))
+    return fit_file(*files, method="posterior")[0]
 
 
 def error(result, truth, sign):

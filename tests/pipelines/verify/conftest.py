@@ -7,10 +7,10 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig, LearnDictConfig
-from shapefit.pipelines.fit import run as fit
+from shapefit.config import LearnDictConfig
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.verify import Request, run
+from tests.pipelines.fitted import fit_file
 
 TERMS = {
     "squared": {},
@@ -55,13 +55,7 @@ def fitted(dictionaries, landmarks, tmp_path_factory):
         name = f"{kind} {sorted(keys.items())}"
         if name not in known:
             known[name] = folder / f"{len(known)}.h5"
-            config = FitConfig(
-                landmarks=[str(landmarks[kind])],
-                dictionary=str(dictionaries[kind]),
-                output=str(known[name]),
-                **keys,
-            )
-            list(fit.run(config))
+            fit_file(landmarks[kind], dictionaries[kind], known[name], **keys)
         return known[name]
 
     return fit_once

@@ -4,11 +4,11 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig, LearnDictConfig
+from shapefit.config import LearnDictConfig
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, landmark_writer, read_dictionary
-from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
+from tests.pipelines.fitted import fit_file
 from tests.pipelines.verify.conftest import TERMS
 
 PERSPECTIVE = {"model": "perspective", "intrinsics": "camera_matrix"}
@@ -62,16 +62,7 @@ def test_pmp_has_no_proof_and_is_no_failure(project, tmp_path, verify, landmarks
             LearnDictConfig(shapes=shapes, method="pca-bases", every=8, output=str(dictionary))
         )
     )
-    list(
-        fit.run(
-            FitConfig(
-                landmarks=[str(landmarks["people"])],
-                dictionary=str(dictionary),
-                output=str(result),
-                method="pmp",
-            )
-        )
-    )
+    fit_file(landmarks["people"], dictionary, result, method="pmp")
     found = verify(result, dictionary)
     assert found.failures == {}
     assert "The method pmp has no proof of an optimum." in found.note
@@ -120,11 +111,7 @@ def test_hard_images_are_accepted(tmp_path, verify, dictionaries, rng):
         writer.append(images)
     for loss, term in TERMS.items():
         output = tmp_path / f"{loss}.h5"
-        config = FitConfig(
-            landmarks=[str(path)], dictionary=str(dictionaries["people"]), output=str(output),
-            **term,
-        )  # fmt: skip
-        list(fit.run(config))
+        fit_file(path, dictionaries["people"], output, **term)
         assert verify(output, dictionaries["people"], [path]).failures == {}
 
 

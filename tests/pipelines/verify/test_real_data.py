@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig, LearnDictConfig, ProjectConfig
+from shapefit.config import LearnDictConfig, ProjectConfig
 from shapefit.io import landmark_writer, open_landmarks, read_shapes, write_shapes
 from shapefit.pipelines import projection as projecting
-from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
+from tests.pipelines.fitted import fit_file
 from tests.pipelines.verify.conftest import TERMS
 
 IMAGES = 150
@@ -52,13 +52,7 @@ def cars(real_data, tmp_path_factory):
 
 def accept(data, verify, folder, **keys):
     output = folder / "result.h5"
-    config = FitConfig(
-        landmarks=[str(data.landmarks)],
-        dictionary=str(data.dictionary),
-        output=str(output),
-        **keys,
-    )
-    list(fit.run(config))
+    fit_file(data.landmarks, data.dictionary, output, **keys)
     found = verify(output, data.dictionary, [data.landmarks])
     assert found.done >= IMAGES - 1
     assert found.failures == {}

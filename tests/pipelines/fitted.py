@@ -1,0 +1,29 @@
+"""Landmarks fitted from file to file, as the command does it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from shapefit.config import FitConfig
+from shapefit.io import LandmarkSet, ResultSet, read_results
+from shapefit.pipelines.fit.run import run
+from shapefit.pipelines.outcome import Outcome
+from tests.io.files import save
+
+
+def fit_file(
+    landmarks: Path, dictionary: Path | str, output: Path, **keys: Any
+) -> tuple[ResultSet, list[Outcome]]:
+    """Fit a file of landmarks with keys of the config; return the result and the outcomes."""
+    paths = {"landmarks": str(landmarks), "dictionary": str(dictionary), "output": str(output)}
+    outcomes = list(run(FitConfig(**paths, **keys)))
+    return read_results(output), outcomes
+
+
+def fit_images(
+    folder: Path, images: LandmarkSet, dictionary: Path | str, **keys: Any
+) -> tuple[ResultSet, list[Outcome]]:
+    """Write images to views.h5 in a folder and fit them there, to result.h5."""
+    save(folder / "views.h5", images)
+    return fit_file(folder / "views.h5", dictionary, folder / "result.h5", **keys)
