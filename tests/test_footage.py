@@ -7,8 +7,9 @@ from benchmarks.detected import THIRTEEN
 from benchmarks.footage import SIZE, choose_clips, film, gaps, lasting_noise, look
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import open_landmarks, read_shapes
+from shapefit.io import read_shapes
 from shapefit.pipelines.evaluate.measurement import as_named
+from tests.io.files import load
 from tests.pipelines.fitted import fit_images
 
 BAND = 0.02
@@ -42,8 +43,7 @@ def test_a_body_before_a_camera_at_rest(real_data, error, method, stated):
 @pytest.mark.parametrize(("method", "stated"), [("posterior", 0.250), ("sequences", 0.216)])
 def test_a_detected_man_on_a_beam(real_data, error, method, stated):
     folder = real_data / "detected/pose2sim_balancing"
-    with open_landmarks([folder / "cam03.h5"]) as source:
-        images = source.whole().take(slice(0, 100, 3))
+    images = load(folder / "cam03.h5").take(slice(0, 100, 3))
     truth = read_shapes([folder / "cam03_truth.h5"], gaps=True)
     found = error(images, truth, THIRTEEN, method=method, sequences={"frame_rate": 20})
     assert found == pytest.approx(stated, rel=BAND)

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from shapefit.io import landmark_writer, open_landmarks
 from shapefit.io.records import LandmarkSet
+from tests.io.files import load, save
 
 BAND = 0.02
 COMMAND = str(Path(sys.executable).with_name("shapefit"))
@@ -118,11 +118,9 @@ def test_cars_of_the_sample_data(project, tmp_path):
 
 def keep_images(path: Path, which: Callable[[LandmarkSet], np.ndarray]) -> int:
     """Keep of a file the images that `which` finds, by number; return how many."""
-    with open_landmarks([path]) as source:
-        (images,) = source.chunks(source.count)
+    images = load(path)
     few = which(images)
-    with landmark_writer(path) as writer:
-        writer.append(images.take(few))
+    save(path, images.take(few))
     return len(few)
 
 

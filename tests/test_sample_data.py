@@ -10,6 +10,7 @@ import trimesh
 
 from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.options import InputOptions
+from tests.io.files import load
 
 MADE = {
     "make_people": (
@@ -32,12 +33,6 @@ def folder(project):
 @pytest.fixture(scope="module")
 def cars(folder):
     return read_shapes([folder / "cars.h5"])
-
-
-def images(path):
-    with open_landmarks([path]) as source:
-        (chunk,) = source.chunks(10**6)
-    return chunk
 
 
 def activities(shapes):
@@ -134,12 +129,12 @@ def test_the_tables_of_people_are_frames_of_the_test_set(folder):
     assert frames.landmark_names == truth.landmark_names
     np.testing.assert_allclose(frames.shapes, truth.shapes[where], atol=ROUNDING)
 
-    views = images(folder / "people_views.csv")
+    views = load(folder / "people_views.csv")
     assert len(views) == 12
     assert set(views.items) <= set(truth.items)
     assert np.isfinite(views.landmarks[:, 0]).sum(axis=1).min() >= 10
     assert np.isnan(views.landmarks).any()
-    one = images(folder / "one_person.csv")
+    one = load(folder / "one_person.csv")
     assert (len(one), np.isfinite(one.landmarks).all()) == (1, True)
 
 
@@ -209,7 +204,7 @@ def test_landmarks_lie_where_their_names_say(cars):
 
 
 def test_views_are_pictures_of_the_cars_under_their_true_rotation(folder, cars):
-    views = images(folder / "cars_views.h5")
+    views = load(folder / "cars_views.h5")
     assert (len(views), views.unit, views.y_axis) == (108, "px", "down")
     assert views.landmark_names == cars.landmark_names
     centre = np.append(PRINCIPAL_POINT, 1)
@@ -236,7 +231,7 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(folder, cars):
 
 
 def test_a_car_hides_the_landmarks_of_its_far_side(folder):
-    views = images(folder / "cars_views.h5")
+    views = load(folder / "cars_views.h5")
     seen = np.isfinite(views.landmarks[:, 0])
     assert seen.sum(axis=1).min() >= 20
     assert 0.4 < seen.mean() < 0.7
@@ -252,7 +247,7 @@ def test_a_car_hides_the_landmarks_of_its_far_side(folder):
 
 
 def test_the_table_of_views_holds_the_same_pictures(folder):
-    stored, table = (images(folder / f"cars_views.{suffix}") for suffix in ("h5", "csv"))
+    stored, table = (load(folder / f"cars_views.{suffix}") for suffix in ("h5", "csv"))
     assert stored.items == table.items
     assert stored.landmark_names == table.landmark_names
     np.testing.assert_allclose(stored.landmarks, table.landmarks, atol=1e-4)

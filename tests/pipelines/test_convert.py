@@ -16,7 +16,7 @@ from shapefit.io.extras import Extras
 from shapefit.io.kinds.listing import find_kind
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.pipelines.convert import run
-from tests.io.files import save
+from tests.io.files import load, save
 from tests.pipelines.told import warnings
 
 NAMES = ("a", "b", "c", "d")
@@ -51,8 +51,7 @@ def landmarks(tmp_path, rng) -> LandmarkSet:
 
 def test_landmarks_keep_everything_in_hdf5(tmp_path, landmarks):
     assert convert(tmp_path / "views.h5", output=tmp_path / "same.h5") == []
-    with open_landmarks([tmp_path / "same.h5"]) as source:
-        (same,) = source.chunks(source.count)
+    same = load(tmp_path / "same.h5")
     np.testing.assert_array_equal(same.landmarks, landmarks.landmarks)
     np.testing.assert_array_equal(same.confidence, landmarks.confidence)
     np.testing.assert_array_equal(same.extras["age"], landmarks.extras["age"])
@@ -63,8 +62,7 @@ def test_landmarks_keep_everything_in_hdf5(tmp_path, landmarks):
 def test_landmarks_to_csv_and_back(tmp_path, landmarks):
     convert(tmp_path / "views.h5", output=tmp_path / "views.csv")
     convert(tmp_path / "views.csv", output=tmp_path / "back.h5")
-    with open_landmarks([tmp_path / "back.h5"]) as source:
-        (same,) = source.chunks(source.count)
+    same = load(tmp_path / "back.h5")
     np.testing.assert_array_equal(same.landmarks, landmarks.landmarks)
     assert same.sequences == landmarks.sequences
 
@@ -77,8 +75,7 @@ def test_a_frame_rate_of_the_config_is_stored(tmp_path, landmarks):
 
 def test_doubtful_landmarks_are_hidden(tmp_path, landmarks):
     convert(tmp_path / "views.h5", output=tmp_path / "sure.h5", likelihood_below=0.5)
-    with open_landmarks([tmp_path / "sure.h5"]) as source:
-        (sure,) = source.chunks(source.count)
+    sure = load(tmp_path / "sure.h5")
     doubtful = landmarks.confidence < 0.5
     assert np.isnan(sure.landmarks[:, 0][doubtful]).all()
     np.testing.assert_array_equal(
@@ -173,7 +170,6 @@ def test_pixels_have_two_decimals_in_csv(tmp_path, landmarks):
     save(tmp_path / "wide.h5", wide)
     convert(tmp_path / "wide.h5", output=tmp_path / "wide.csv")
     convert(tmp_path / "wide.csv", output=tmp_path / "back.h5")
-    with open_landmarks([tmp_path / "back.h5"]) as source:
-        (same,) = source.chunks(source.count)
+    same = load(tmp_path / "back.h5")
     np.testing.assert_array_equal(same.landmarks, rounded)
     np.testing.assert_array_equal(same.confidence, wide.confidence)

@@ -9,11 +9,12 @@ import pytest
 
 from shapefit.config import ProjectConfig
 from shapefit.errors import InputError
-from shapefit.io import open_landmarks, write_shapes
+from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.io.stored import files as shape_files
 from shapefit.pipelines.imperfections import BATCH
 from shapefit.pipelines.projection import run
+from tests.io.files import load
 from tests.pipelines.told import done
 
 NAMES = ("head", "left", "right", "foot", "hand")
@@ -51,8 +52,7 @@ def view(folder, *parts, **keys):
         write_shapes(path, shapes)
     config = ProjectConfig(shapes=paths, output=folder / "views.h5", **keys)
     outcomes = list(run(config))
-    with open_landmarks([config.output]) as source:
-        (images,) = source.chunks(10**6)
+    images = load(config.output)
     return images, outcomes
 
 

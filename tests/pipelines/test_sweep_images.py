@@ -7,9 +7,9 @@ import pytest
 
 from shapefit.config.commands.sweep import CorruptionConfig
 from shapefit.errors import InputError
-from shapefit.io import LandmarkSet, open_landmarks
+from shapefit.io import LandmarkSet
 from shapefit.pipelines.sweeps import Choice, choose_images
-from tests.io.files import save
+from tests.io.files import load, save
 
 NAMES = tuple("abcdef")
 
@@ -32,15 +32,9 @@ def choose(tmp_path, images):
         chosen, warm_up = tmp_path / "chosen.h5", tmp_path / "warm_up.h5"
         choice = Choice(least_visible, offset, every)
         choose_images([tmp_path / "all.h5"], choice, corruption, names, chosen, warm_up)
-        return read(chosen), read(warm_up)
+        return load(chosen), load(warm_up)
 
     return choose
-
-
-def read(path):
-    with open_landmarks([path]) as source:
-        (images,) = source.chunks(source.count)
-    return images
 
 
 @pytest.mark.parametrize("block", [3, 1024])

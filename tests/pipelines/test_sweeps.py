@@ -12,12 +12,13 @@ import pytest
 
 from shapefit.config import EvalConfig, FitConfig, LearnDictConfig, ProjectConfig, load_config
 from shapefit.errors import InputError
-from shapefit.io import open_landmarks, read_dictionary, read_results
+from shapefit.io import read_dictionary, read_results
 from shapefit.pipelines import projection as project
 from shapefit.pipelines.evaluate import run as evaluate
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.sweeps import run
+from tests.io.files import load
 from tests.pipelines.told import done, warnings
 
 PEOPLE = Path(__file__).resolve().parents[2] / "sample_data"
@@ -122,8 +123,7 @@ def test_every_nth_image_is_fitted(sweep, tmp_path, monkeypatch):
     _, (row,) = sweep({"fit.lambda": [0.1]}, every=7)
     items = read_results(tmp_path / "out/work/1_0.1/result.h5").items
     list(project.run(ProjectConfig(shapes=(TRUTH,), output=tmp_path / "views.h5")))
-    with open_landmarks([tmp_path / "views.h5"]) as source:
-        (views,) = source.chunks(source.count)
+    views = load(tmp_path / "views.h5")
     assert items == views.items[::7]
     assert int(row["images"]) == len(items)
 

@@ -14,6 +14,7 @@ import pytest
 from shapefit.io import open_landmarks, read_results, read_shapes
 from shapefit.io.kinds.listing import find_kind
 from shapefit.io.records import concatenate
+from tests.io.files import load
 
 NAMES = ["nose", "tail", "paw"]
 X = [[1.0, 2.0, 3.0], [4.0, None, 6.0], [7.0, 8.0, 9.0]]
@@ -107,8 +108,7 @@ def test_the_example_is_read(project, tmp_path, monkeypatch):
     (example,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     names: dict[str, object] = {}
     exec(compile(example, "docs/files.md", "exec"), names)
-    with open_landmarks([Path("landmarks.parquet")]) as source:
-        images = source.whole()
+    images = load(Path("landmarks.parquet"))
     np.testing.assert_array_equal(images.landmarks, np.swapaxes(names["points"], 1, 2))
     assert images.landmark_names == ("nose", "tail", "left ear")
     assert (images.unit, images.y_axis) == ("px", "down")

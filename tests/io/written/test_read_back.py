@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from shapefit.io import open_landmarks, read_shapes
+from shapefit.io import read_shapes
 from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet
-from tests.io.files import save
+from tests.io.files import load, save
 
 
 def test_trc(tmp_path, scene):
@@ -40,8 +40,7 @@ def test_coco(tmp_path, rng):
         extras=Extras({"frame": np.array([0, 0, 1, 2])}),
     )
     save(tmp_path / "film.json", given)
-    with open_landmarks([tmp_path / "film.json"]) as source:
-        (back,) = source.chunks(source.count)
+    back = load(tmp_path / "film.json")
     assert back.landmark_names == given.landmark_names
     assert back.y_axis == "down"
     np.testing.assert_allclose(back.landmarks, points)

@@ -7,12 +7,11 @@ import pytest
 import trimesh
 
 from shapefit.io import (
-    open_landmarks,
     read_dictionary,
     read_shapes,
     write_dictionary,
 )
-from tests.io.files import save
+from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 
 
@@ -27,8 +26,7 @@ def cars(made_cars, tmp_path_factory):
 @pytest.fixture(scope="package")
 def views(project):
     """Six views of sample cars, the landmarks in pixels, y down."""
-    with open_landmarks([project / "sample_data/cars_views.h5"]) as source:
-        (images,) = source.chunks(1000)
+    images = load(project / "sample_data/cars_views.h5")
     return images.take(slice(0, 108, 20))
 
 

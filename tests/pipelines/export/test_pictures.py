@@ -8,9 +8,9 @@ import pytest
 from matplotlib.image import imread
 
 from shapefit.convex.transforms import Transforms
-from shapefit.io import open_landmarks
 from shapefit.pipelines.export.carried_mesh import Pose
 from shapefit.pipelines.export.fitted_images import fitted_image
+from tests.io.files import load
 
 
 @pytest.fixture
@@ -226,8 +226,7 @@ class TestFittedImages:
 
 
 def test_people_are_drawn_with_their_bones(draw, people, project, sheets):
-    with open_landmarks([project / "sample_data/people_views.csv"]) as source:
-        (images,) = source.chunks(100)
+    images = load(project / "sample_data/people_views.csv")
     draw(images, people, most=0, sheet=2)
     (((first, _), model),) = sheets
     assert model.edges.shape == (14, 2)

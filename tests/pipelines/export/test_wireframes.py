@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from shapefit.io import LandmarkSet, open_landmarks, read_dictionary, read_shapes, write_dictionary
+from shapefit.io import LandmarkSet, read_dictionary, read_shapes, write_dictionary
+from tests.io.files import load
 
 FORMATS = pytest.mark.parametrize("file_format", ["obj", "ply", "ply-ascii", "glb"])
 PIXEL = 6.2e-5
@@ -13,9 +14,7 @@ PIXEL = 6.2e-5
 
 @pytest.fixture
 def poses(project):
-    with open_landmarks([project / "sample_data/people_views.csv"]) as source:
-        (images,) = source.chunks(100)
-    return images
+    return load(project / "sample_data/people_views.csv")
 
 
 @pytest.fixture

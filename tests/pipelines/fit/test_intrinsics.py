@@ -9,8 +9,9 @@ from shapefit.convex.solution import Status
 from shapefit.errors import InputError
 from shapefit.geometry.pinhole import Camera
 from shapefit.geometry.rotations import rotation_angle
-from shapefit.io import LandmarkSet, open_landmarks, read_shapes, write_dictionary
+from shapefit.io import LandmarkSet, read_shapes, write_dictionary
 from shapefit.pipelines.fit.camera import all_aside, find_camera
+from tests.io.files import load
 from tests.pipelines.told import failures, warnings
 
 N = 4
@@ -136,9 +137,7 @@ def cars(project):
 
 @pytest.fixture(scope="module")
 def views(project):
-    with open_landmarks([project / "sample_data" / "cars_views.h5"]) as source:
-        (chunk,) = source.chunks(1000)
-    return chunk
+    return load(project / "sample_data" / "cars_views.h5")
 
 
 @pytest.fixture

@@ -14,7 +14,6 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import (
     LandmarkSet,
-    open_landmarks,
     read_dictionary,
     read_shapes,
     write_dictionary,
@@ -22,6 +21,7 @@ from shapefit.io import (
 )
 from shapefit.pipelines.fit import chain as lifting_chain
 from shapefit.pipelines.learn_dict import run as learn_dict
+from tests.io.files import load
 from tests.pipelines.told import done, warnings
 
 NAMES = tuple(f"point{j}" for j in range(10))
@@ -300,8 +300,7 @@ def test_names_that_leave_nothing_out_are_refused(run, tmp_path, models, items, 
 def test_real_cars_are_fitted_as_by_a_dictionary_learned_without_them(fit, real_data, tmp_path):
     """Every twentieth car; the model most of them show learned out of the dictionary."""
     models = read_shapes([real_data / "cars" / "models.h5"])
-    with open_landmarks([real_data / "cars" / "annotated_cars.h5"]) as source:
-        (chunk,) = source.chunks(2000)
+    chunk = load(real_data / "cars" / "annotated_cars.h5")
     cars = chunk.take(slice(0, None, 20))
     names, counts = np.unique(cars.extras["true_model"].astype(str), return_counts=True)
     model = str(names[counts.argmax()])

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from shapefit.geometry.lens import complete, distort
-from shapefit.io import open_landmarks, write_dictionary
+from shapefit.io import write_dictionary
 from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.fit.camera import doubts, straightened
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import run as run_verify
-from tests.io.files import save
+from tests.io.files import load, save
 from tests.pipelines.told import failures
 
 MATRIX = np.array([[800.0, 0, 640], [0, 820, 360], [0, 0, 1]])
@@ -181,8 +181,7 @@ def test_the_truth_projects_nearer_to_real_detections(real_data):
     ratios = []
     for name in ("fly/Cam-A", "pose2sim_balancing/cam01", "pose2sim_balancing/cam03",
                  "pyxy3d_desk/port_1", "pyxy3d_desk/port_3"):  # fmt: skip
-        with open_landmarks([folder / f"{name}.h5"]) as source:
-            (images,) = source.chunks(source.count)
+        images = load(folder / f"{name}.h5")
         with h5py.File(folder / f"{name}.h5") as file:
             truth, matrix = file["true_shapes"][()], file["camera_matrix"][()]
         plane = truth[..., :2] / truth[..., 2:]

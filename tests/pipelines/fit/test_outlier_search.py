@@ -8,10 +8,11 @@ import pytest
 from shapefit.config.commands.fit_sections import OutliersConfig
 from shapefit.convex.newton import solve_newton
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import open_landmarks, write_dictionary
+from shapefit.io import write_dictionary
 from shapefit.pipelines.fit import outlier_search
 from shapefit.pipelines.fit.outlier_search import choose_search, find_seeds
 from shapefit.pipelines.imperfections import corrupt
+from tests.io.files import load
 from tests.pipelines.told import failures
 
 METHODS = ("ransac", "truncated")
@@ -20,8 +21,7 @@ METHODS = ("ransac", "truncated")
 @pytest.fixture(scope="module")
 def views(project):
     """Views of the cars with at least 12 visible landmarks."""
-    with open_landmarks([project / "sample_data" / "cars_views.h5"]) as source:
-        (views,) = source.chunks(1000)
+    views = load(project / "sample_data" / "cars_views.h5")
     return views.take(np.isfinite(views.landmarks[:, 0]).sum(axis=1) >= 12)
 
 

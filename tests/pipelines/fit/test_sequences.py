@@ -13,7 +13,6 @@ from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import (
     LandmarkSet,
-    open_landmarks,
     read_dictionary,
     read_shapes,
     write_dictionary,
@@ -24,7 +23,7 @@ from shapefit.pipelines import verify
 from shapefit.pipelines.evaluate import run as evaluating
 from shapefit.pipelines.fit.motion import find_known
 from shapefit.pipelines.learn_dict import run as learning
-from tests.io.files import save
+from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 from tests.pipelines.told import warnings
 
@@ -49,12 +48,6 @@ def fitted(folder, landmarks, **keys):
     dictionary, output = folder / "dictionary.h5", folder / "result.h5"
     found, outcomes = fit_file(landmarks, dictionary, output, **keys)
     return found, warnings(outcomes)
-
-
-def images_of(path):
-    with open_landmarks([path]) as source:
-        (images,) = source.chunks(10**6)
-    return images
 
 
 def written(path, images):
@@ -109,7 +102,7 @@ def test_error_bars_keep_what_frames_have_in_common(people):
 def test_covariances_agree_with_deviations_and_correlations(people, tmp_path, camera):
     keys = {"model": camera, "focal": 1e6, "principal_point": [0.0, 0.0]}
     keys = {"camera": keys} if camera == "perspective" else {}
-    images = images_of(people / "views.h5")
+    images = load(people / "views.h5")
     first = np.flatnonzero(np.array(images.sequences) == images.sequences[0])
     path = written(tmp_path / "first.h5", images.take(first))
     found, _ = fitted(people, path, posterior={"covariance": True}, **keys)
@@ -124,7 +117,7 @@ def test_covariances_agree_with_deviations_and_correlations(people, tmp_path, ca
 
 
 def test_a_body_that_hardly_turns_is_but_steadied(people, project, tmp_path):
-    images = images_of(people / "views.h5").take([7] * 24)
+    images = load(people / "views.h5").take([7] * 24)
     jitter = 0.01 * np.random.default_rng(2).standard_normal(images.landmarks.shape)
     size = np.ptp(images.landmarks[0], axis=1).max()
     still = replace(
@@ -157,7 +150,7 @@ def test_the_program_that_sequences_start_from_is_proved(people):
 
 
 def test_sequences_of_one_image_are_single_images(people, tmp_path):
-    images = images_of(people / "views.h5").take(slice(0, 20))
+    images = load(people / "views.h5").take(slice(0, 20))
     alone = replace(images, sequences=tuple(map(str, range(20))))
     path = written(tmp_path / "alone.h5", alone)
     single, _ = fitted(people, path, method="posterior")
@@ -169,7 +162,7 @@ def test_sequences_of_one_image_are_single_images(people, tmp_path):
 
 
 def test_copies_of_a_frame_stay_within_a_standard_deviation(people, tmp_path):
-    one = images_of(people / "views.h5").take([7])
+    one = load(people / "views.h5").take([7])
     copies = replace(
         one.take([0] * 12),
         items=tuple(map(str, range(12))),
@@ -188,7 +181,7 @@ def test_results_do_not_depend_on_threads(people):
 
 
 def test_an_unknown_frame_rate_is_a_warning(people, tmp_path):
-    images = replace(images_of(people / "views.h5").take(slice(0, 10)), frame_rate=None)
+    images = replace(load(people / "views.h5").take(slice(0, 10)), frame_rate=None)
     path = written(tmp_path / "unknown.h5", images)
     assert any("frame rate is unknown" in text for text in fitted(people, path)[1])
     assert not any("frame rate" in t for t in fitted(people, path, sequences={"frame_rate": 24})[1])
@@ -200,7 +193,7 @@ def test_an_unknown_frame_rate_is_a_warning(people, tmp_path):
 
 @pytest.mark.parametrize("rate", [0.0, -5.0, np.nan])
 def test_a_frame_rate_that_is_none_is_an_error(people, tmp_path, rate):
-    path = written(tmp_path / "landmarks.h5", images_of(people / "views.h5").take(slice(0, 3)))
+    path = written(tmp_path / "landmarks.h5", load(people / "views.h5").take(slice(0, 3)))
     with h5py.File(path, "r+") as file:
         file.attrs["frame_rate"] = rate
     with pytest.raises(InputError, match="frame_rate is"):
@@ -208,7 +201,7 @@ def test_a_frame_rate_that_is_none_is_an_error(people, tmp_path, rate):
 
 
 def test_sequences_out_of_order_are_an_error(people, tmp_path):
-    images = images_of(people / "views.h5").take(slice(0, 6))
+    images = load(people / "views.h5").take(slice(0, 6))
     mixed = replace(images, sequences=("a", "a", "b", "b", "a", "a"))
     with pytest.raises(InputError, match="the sequence 'a' goes on after others"):
         fitted(people, written(tmp_path / "mixed.h5", mixed))
@@ -240,7 +233,7 @@ def test_known_lengths_come_from_shapes_or_a_table(people, project, tmp_path):
 
 
 def test_landmarks_are_renamed_and_strange_ones_left_out(people, tmp_path):
-    images = images_of(people / "views.h5").take(slice(0, 8))
+    images = load(people / "views.h5").take(slice(0, 8))
     names = list(images.landmark_names)
     odd = replace(images, landmark_names=("first", *names[1:-1], names[-1] + "x"))
     path = written(tmp_path / "odd.h5", odd)

@@ -8,10 +8,10 @@ import pytest
 
 from shapefit.config import FitConfig, LearnDictConfig
 from shapefit.evaluation.metrics import similarity, truth_scale
-from shapefit.io import open_landmarks, read_results, read_shapes
+from shapefit.io import read_results, read_shapes
 from shapefit.pipelines.fit.run import run as run_fit
 from shapefit.pipelines.learn_dict.run import run as run_learn_dict
-from tests.io.files import save
+from tests.io.files import load, save
 
 pytestmark = pytest.mark.real_data
 
@@ -54,8 +54,7 @@ def anipose(path, names, points):
 def test_half_of_a_recording_lifts_the_rest(tmp_path, real_data, name, truth, write, bound):
     folder = real_data / "detected"
     known = read_shapes([folder / f"{truth}.h5"], gaps=True)
-    with open_landmarks([folder / f"{name}.h5"]) as source:
-        (images,) = source.chunks(source.count)
+    images = load(folder / f"{name}.h5")
     n = len(known)
     points = known.shapes[: n // 2].swapaxes(1, 2)
     file = write(tmp_path / "training.csv", known.landmark_names, points)

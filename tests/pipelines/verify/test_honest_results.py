@@ -6,8 +6,9 @@ import pytest
 
 from shapefit.config import LearnDictConfig
 from shapefit.errors import InputError
-from shapefit.io import LandmarkSet, landmark_writer, read_dictionary
+from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.pipelines.learn_dict import run as learn_dict
+from tests.io.files import save
 from tests.pipelines.fitted import fit_file
 from tests.pipelines.verify.conftest import TERMS
 
@@ -107,8 +108,7 @@ def test_hard_images_are_accepted(tmp_path, verify, dictionaries, rng):
         items=tuple(f"image{i}" for i in range(12)),
     )
     path = tmp_path / "landmarks.h5"
-    with landmark_writer(path) as writer:
-        writer.append(images)
+    save(path, images)
     for loss, term in TERMS.items():
         output = tmp_path / f"{loss}.h5"
         fit_file(path, dictionaries["people"], output, **term)

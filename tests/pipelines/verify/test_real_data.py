@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from shapefit.config import LearnDictConfig, ProjectConfig
-from shapefit.io import landmark_writer, open_landmarks, read_shapes, write_shapes
+from shapefit.io import read_shapes, write_shapes
 from shapefit.pipelines import projection as projecting
 from shapefit.pipelines.learn_dict import run as learn_dict
+from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 from tests.pipelines.verify.conftest import TERMS
 
@@ -40,10 +41,8 @@ def people(real_data, tmp_path_factory):
 def cars(real_data, tmp_path_factory):
     """A dictionary of all models, and every eighth annotated car."""
     folder = tmp_path_factory.mktemp("cars")
-    with open_landmarks([real_data / "cars/annotated_cars.h5"]) as source:
-        (images,) = source.chunks(source.count)
-    with landmark_writer(folder / "views.h5") as writer:
-        writer.append(images.take(slice(0, None, 8)))
+    images = load(real_data / "cars/annotated_cars.h5")
+    save(folder / "views.h5", images.take(slice(0, None, 8)))
     keys = {"method": "exemplars", "align": "none", "output": str(folder / "dictionary.h5")}
     models = [str(real_data / "cars/models.h5")]
     list(learn_dict.run(LearnDictConfig(shapes=models, **keys)))
