@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from shapefit.config.model import CommandConfig, ConfigModel, marked_keys, with_all_optional
 from shapefit.config.paths import STANDARD_STREAM, OfTheData, PathWords
-from shapefit.config.settings import STANDARD_INPUT, Config, Settings, check
+from shapefit.config.settings import STANDARD_INPUT, Settings, check
 from shapefit.errors import input_error
 from shapefit.stores.opening import use_storage_options
 
@@ -122,19 +122,6 @@ def load_config(
         found = f"{' and '.join(readers)} would both read it"
         raise input_error(STANDARD_INPUT, found, "name a file for one of them")
     return config
-
-
-def load_model(
-    model: type[Config],
-    file: ConfigFile | None = None,
-    overrides: Sequence[str] = (),
-    arguments: Mapping[str, object] | None = None,
-) -> Config:
-    """Return the checked config of what `read_settings` reads.
-
-    Raises InputError with every problem at once, each with its place.
-    """
-    return check(model, read_settings(model, file, overrides, arguments))
 
 
 def read_settings(

@@ -15,7 +15,7 @@ from shapefit.config.commands.evaluate import ErrorMetric
 from shapefit.config.commands.fit import FitConfig
 from shapefit.config.commands.learn_dict import LearnDictConfig
 from shapefit.config.commands.project import ProjectConfig
-from shapefit.config.loader import ConfigFile, load_model
+from shapefit.config.loader import ConfigFile, read_settings
 from shapefit.config.model import (
     CommandConfig,
     ConfigModel,
@@ -178,7 +178,8 @@ class SweepConfig(CommandConfig):
             made["landmarks"] = "-" if info.data.get("project") else None
             made["dictionary"] = "-" if info.data.get("learn_dict") else None
         try:
-            return load_model(COMMANDS[name], ConfigFile(absolute_path(value)), arguments=made)
+            file, model = ConfigFile(absolute_path(value)), COMMANDS[name]
+            return check(model, read_settings(model, file, (), made))
         except InputError as error:
             raise ValueError("; ".join(error.problems)) from None
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
 from shapefit.arrays import Floats
@@ -26,3 +28,14 @@ def make_images(path: str | Path, points: Floats, first: int = 0, **fields: Any)
     """Write images of points (n, 2, 8), numbered from the first."""
     items = tuple(f"i{n}" for n in range(first, first + len(points)))
     save(Path(path), LandmarkSet(landmarks=points, landmark_names=NAMES, items=items, **fields))
+
+
+def same_bits(parts: Iterable[str], whole: str) -> None:
+    """Assert that the results in the folder out are, one after the other, those of one run."""
+    with h5py.File(whole) as expected:
+        for name in ("item", "shapes", "dual", "coefficients", "objective"):
+            pieces = []
+            for part in parts:
+                with h5py.File(f"out/{part}") as file:
+                    pieces.append(file[name][:])
+            np.testing.assert_array_equal(np.concatenate(pieces), expected[name][:])

@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
 from shapefit.cli.main import run as shapefit
 
@@ -21,7 +20,7 @@ from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts import part
 from shapefit.pipelines.parts import run as parts
 from shapefit.pipelines.parts.run import run, tell_pace
-from tests.pipelines.parts.made import NAMES, make_dictionary, make_images
+from tests.pipelines.parts.made import NAMES, make_dictionary, make_images, same_bits
 from tests.pipelines.told import done
 
 
@@ -57,13 +56,7 @@ def stamps() -> dict[str, int]:
 
 def same_as_one_run() -> None:
     fit("whole.h5")
-    with h5py.File("whole.h5") as whole:
-        for name in ("item", "shapes", "dual", "coefficients", "objective"):
-            pieces = []
-            for part in names():
-                with h5py.File(f"out/{part}") as file:
-                    pieces.append(file[name][:])
-            np.testing.assert_array_equal(np.concatenate(pieces), whole[name][:])
+    same_bits(names(), "whole.h5")
 
 
 def test_parts_are_the_same_bits_as_one_run(folder):
