@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -126,11 +127,23 @@ class _Radii(NamedTuple):
     of_squares: NDArray[np.intp]
 
 
+def quantile(level: float) -> float:
+    """x with P(chi^2_3 <= x) = erf(sqrt(x / 2)) - sqrt(2 x / pi) exp(-x / 2) = level.
+
+    By bisection, as SciPy takes longer to import.
+    """
+    if level == 1:
+        return math.inf
+    low, high = 0.0, 100.0
+    while low < (x := (low + high) / 2) < high:
+        below = math.erf(math.sqrt(x / 2)) - math.sqrt(2 * x / math.pi) * math.exp(-x / 2) < level
+        low, high = (x, high) if below else (low, x)
+    return high
+
+
 @cache
 def _radii() -> _Radii:
-    from scipy.special import chdtri
-
-    parts = [*(chdtri(3.0, 1 - np.array(nominal)) for nominal in (LEVELS, CURVE)), SQUARES]
+    parts = [*(np.array([*map(quantile, nominal)]) for nominal in (LEVELS, CURVE)), SQUARES]
     radii = np.unique(np.concatenate(parts))
     return _Radii(radii, *(np.searchsorted(radii, part) for part in parts))
 

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from shapefit.evaluation.calibration import Coverages, ErrorBars, find_squares, keep_trusted
+from shapefit.evaluation.calibration import (
+    CURVE,
+    Coverages,
+    ErrorBars,
+    find_squares,
+    keep_trusted,
+    quantile,
+)
 from shapefit.evaluation.summary import ImageErrors
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -94,6 +101,10 @@ def test_an_image_that_no_scale_above_zero_fits_is_not_judged(rng):
     level, width = find_levels(estimate, truth, deviations_of(C)[0], None)
     assert np.isnan(level).all(axis=1).tolist() == [False, True]
     assert np.isnan(width).all(axis=1).tolist() == [False, True]
+
+
+def test_quantiles_are_those_of_chi_squared():
+    np.testing.assert_allclose([*map(quantile, CURVE)], chi2.ppf(CURVE, 3), rtol=1e-14, atol=1e-300)
 
 
 def test_groups_and_landmarks_are_summed_up():

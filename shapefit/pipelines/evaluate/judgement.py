@@ -161,6 +161,8 @@ def _truth_rows(file: Path, keys: Sequence[str], truth: ShapeSet) -> NDArray[np.
     """Index of the truth of each image, -1 where there is none."""
     if not len(truth):
         raise input_error("truth", "holds no shapes", f"give the truth of the images of {file}")
+    if tuple(keys) == truth.items:
+        return np.arange(len(keys))
     index = {item: row for row, item in enumerate(truth.items)}
     rows = np.array([index.get(key, -1) for key in keys], dtype=np.intp)
     if (rows < 0).all():
