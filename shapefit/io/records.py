@@ -97,6 +97,8 @@ class Records:
     def with_whole_points(self) -> Self:
         """Return the same items; a landmark with one unknown coordinate has none."""
         unknown = np.isnan(self.points).any(axis=1, keepdims=True)
+        if not unknown.any():
+            return self
         points = np.where(unknown, np.nan, self.points)
         return self.replaced(**{self.FORM.points.attribute: points})
 
