@@ -123,8 +123,7 @@ def _rows(path: Path) -> list[list[float]]:
 def _seen(values: Table) -> tuple[NDArray[np.bool_], Table | None]:
     """Return which landmarks are missing, and the confidences where v is not 0, 1 or 2."""
     if values.shape[2] == 2:
-        nowhere = (values <= 0).all(axis=2) | np.isnan(values).any(axis=2)
-        return np.asarray(nowhere), None
+        return np.asarray((values <= 0).all(axis=2)), None
     v = values[..., 2]
     marks = np.isin(v, (0, 1, 2)).all()
     return ~(v > 0), None if marks else v

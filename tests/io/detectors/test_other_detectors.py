@@ -111,6 +111,14 @@ def test_yolo_without_visibility_and_with_tracks(written, tmp_path):
     assert np.isnan(images.landmarks[0, 0]).tolist() == [False, True, False, False]
 
 
+@pytest.mark.parametrize("place", ["nan .5", ".25 nan", "nan nan"])
+def test_a_yolo_landmark_without_a_coordinate_is_missing(written, tmp_path, place):
+    written("data.yaml", "kpt_shape: [4, 2]\n")
+    written("labels/a.txt", f"0 .5 .5 .1 .1 .25 .5 {place} .5 .25 .3 .8\n")
+    images, _ = read(tmp_path / "labels")
+    assert np.isnan(images.landmarks[0]).tolist() == [[False, True, False, False]] * 2
+
+
 def test_yolo_predictions_of_people_without_data_yaml(written, tmp_path):
     line = "0 .5 .5 .1 .1" + " .25 .5 .75" * 16 + " .25 .5 1\n"
     written("labels/v_1.txt", line * 2)
