@@ -92,13 +92,4 @@ class Summary:
 
 def input_options(config: InputConfig, track: Track = "none") -> InputOptions:
     """Return what the section says; `track` where it leaves that open."""
-    return InputOptions(
-        format=config.format,
-        keypoints=config.keypoints,
-        individual=config.individual,
-        track=config.track or track,
-        likelihood_below=config.likelihood_below,
-        rename=config.rename,
-        image_size=config.image_size,
-        y_axis=config.y_axis,
-    )
+    return InputOptions(**{**dict(config), "track": config.track or track})

@@ -36,10 +36,10 @@ from shapefit.lifting.methods import (
 from shapefit.lifting.options import BETA, PerspectiveOptions
 from shapefit.pipelines.fit.camera import find_calibrated
 from shapefit.pipelines.fit.chain import Chain, Lifter, Refinement, Search, View, weigh_seen
-from shapefit.pipelines.fit.read import BATCH, ReadOptions, plan_reading, warn_of_source
+from shapefit.pipelines.fit.read import BATCH, ReadOptions, warn_of_source
 from shapefit.pipelines.fit.record import RecordOptions, warn_of_names
 from shapefit.pipelines.fit.report import ReportOptions
-from shapefit.pipelines.joints import MEANS, Mapped, find_hung, of_files
+from shapefit.pipelines.joints import MEANS, Mapped, find_hung, match_names, of_files
 
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
@@ -61,7 +61,6 @@ class Plan:
     """
 
     dictionary: Dictionary
-    input: InputOptions
     read: ReadOptions
     mapped: Mapped
     lift: Chain
@@ -91,26 +90,29 @@ class Plan:
 def plan_fit(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[str]) -> Plan:
     """Return the plan of a fit of landmarks of these names with a dictionary.
 
-    Raises InputError where the dictionary lacks what the method needs, or the output cannot hold
-    what the config asks for.
+    Raises InputError where the dictionary lacks what the method needs, it and the landmarks have
+    too few names in common, or the output cannot hold what the config asks for.
     """
     method, target = METHODS[config.method], output_format(config)
     dictionary = of_files(dictionary, landmark_names, in_place=method.has_prior)
     if config.transforms and target.points_only:
         found = f"cannot be stored in {config.output}: CSV holds points only"
         raise input_error("transforms", found, "name an HDF5 output, or leave it out")
-    read = plan_reading(
-        landmark_names,
-        dictionary.landmark_names,
-        place=", ".join(str(path) for path in config.landmarks) + ": landmark names",
+    names, place = dictionary.landmark_names, ", ".join(map(str, config.landmarks))
+    place += ": landmark names"
+    joints, strange = match_names(landmark_names, names, place, in_place=method.has_prior)
+    read = ReadOptions(
+        names=names,
+        joints=joints,
+        leave_out=bool(strange),
+        place=place,
         batch=None if method.sequences else math.ceil(config.chunk / STRETCH) * STRETCH,
         camera=find_calibrated(config.camera),
-        in_place=method.has_prior,
     )
     hung = find_hung(dictionary)
-    active = method.has_prior and bool(read.joints.stand_ins or hung is not None)
+    active = method.has_prior and bool(joints.stand_ins or hung is not None)
     mapped = Mapped(
-        read.joints,
+        joints,
         config.theta or MEANS,
         active,
         config.posterior.covariance,
@@ -119,7 +121,6 @@ def plan_fit(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence
     )
     return Plan(
         dictionary=dictionary,
-        input=read_options(config),
         read=read,
         mapped=mapped,
         lift=choose_chain(with_covariance(config) if active else config, mapped.see(dictionary)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, LandmarkSource
 from shapefit.io.records import concatenate
 from shapefit.pipelines.fit.camera import find_doubts, straightened
-from shapefit.pipelines.joints import Joints, match_names, name_warnings, named_as_joints
+from shapefit.pipelines.joints import Joints, name_warnings, named_as_joints
 from shapefit.pipelines.outcome import nothing_in
 
 if TYPE_CHECKING:
@@ -38,30 +38,6 @@ class ReadOptions:
     place: str
     batch: int | None
     camera: CalibratedCamera | None = None
-
-
-def plan_reading(
-    own: Sequence[str],
-    names: tuple[str, ...],
-    *,
-    place: str,
-    batch: int | None,
-    camera: CalibratedCamera | None,
-    in_place: bool,
-) -> ReadOptions:
-    """Return how files with landmarks of the names `own` are read; `in_place` as in find_joints.
-
-    Raises InputError where landmarks and dictionary have too few names in common.
-    """
-    joints, strange = match_names(own, names, place, in_place=in_place)
-    return ReadOptions(
-        names=names,
-        joints=joints,
-        leave_out=bool(strange),
-        place=place,
-        batch=batch,
-        camera=camera,
-    )
 
 
 def read_images(source: LandmarkSource, options: ReadOptions) -> Iterator[LandmarkSet]:
