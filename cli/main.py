@@ -149,5 +149,4 @@ def main() -> NoReturn:
     except SystemExit:
         code = _stopped(_signals[0])
     handle_stopping(signal.SIG_DFL)  # all is done, and nothing is left to unwind
-    gc.freeze()  # or Python looks for cycles in all of it, a sixth of the time of one image
     sys.exit(code)

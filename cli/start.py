@@ -30,9 +30,15 @@ def main() -> NoReturn:
     # Threads are the core's. On a busy machine those of BLAS wait for one another: a fit of
     # sequences took 9 times as long with two of them as with one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    import platform
+
+    vars(platform.uname())["processor"] = ""  # h5py asks, and Python would run `uname` to know
     from .main import main as run_command_line
 
-    run_command_line()
+    try:
+        run_command_line()
+    except SystemExit as ended:
+        _end(ended)
 
 
 def handle_stopping(handler: Handler) -> None:
@@ -40,6 +46,18 @@ def handle_stopping(handler: Handler) -> None:
     for number in STOPPING:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, handler)
+
+
+def _end(ended: SystemExit) -> NoReturn:
+    """End without taking all objects apart one by one, a tenth of the time of one image."""
+    import atexit
+    import sys
+
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+    os._exit(ended.code if isinstance(ended.code, int) else 1)
 
 
 def _leave(number: int, _frame: FrameType | None) -> NoReturn:

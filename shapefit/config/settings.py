@@ -11,7 +11,6 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -354,5 +353,7 @@ def _known(model: type[BaseModel], owner: type[BaseModel], location: Location) -
 
 
 def _did_you_mean(text: str, choices: Iterable[str]) -> str:
+    from difflib import get_close_matches
+
     nearest = get_close_matches(text, list(choices), n=1)
     return f"; did you mean {nearest[0]!r}?" if nearest else ""

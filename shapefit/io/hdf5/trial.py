@@ -61,9 +61,7 @@ def try_opening(
     or as this program wrote them, never.
     """
     state = find_state(path)
-    if state is None or not hasattr(os, "fork") or INSTALLED in path.parents:
-        return
-    if _is_as_written(path, state) or (path, state) in _sound:
+    if state is None or not hasattr(os, "fork") or _is_known(path, state):
         return
     found = _tried(path, state, walk, library, expands)
     if found is not None:
@@ -80,7 +78,7 @@ def try_together(paths: Iterable[Path]) -> None:
     Where it does not come to its end, each file is tried when it is opened.
     """
     found = ((path, find_state(path)) for path in paths)
-    new = [(path, state) for path, state in found if state and not _is_as_written(path, state)]
+    new = [(path, state) for path, state in found if state and not _is_known(path, state)]
     if new and hasattr(os, "fork"):
         sizes = [state[0] for _, state in new]
         seconds, memory = SECONDS + sum(sizes) // BYTES_A_SECOND, MEMORY + max(sizes)
@@ -100,7 +98,10 @@ def mark_written(path: Path) -> None:
             os.setxattr(path, WRITTEN, _words(state))
 
 
-def _is_as_written(path: Path, state: State) -> bool:
+def _is_known(path: Path, state: State) -> bool:
+    """Whether a file is sound without a trial: tried before, installed, or as it was written."""
+    if (path, state) in _sound or INSTALLED in path.parents:
+        return True
     with suppress(OSError, AttributeError):
         return os.getxattr(path, WRITTEN) == _words(state)
     return False

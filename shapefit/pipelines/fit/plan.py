@@ -45,6 +45,9 @@ if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
     from shapefit.lifting.methods import Solve
 
+FEW_BATCHES = 8
+"""That are lifted one at a time: what threads cost each other is more than what they gain."""
+
 Given = TypeVar("Given")
 Found = TypeVar("Found")
 
@@ -79,7 +82,7 @@ class Plan:
         if self.threads == 1 or source.count <= (self.read.batch or BATCH):
             return 0
         quick = self.record.optimum and self.lift.search is None
-        return 2 if quick and source.count > 2 * BATCH else 1
+        return 2 if quick and source.count > FEW_BATCHES * BATCH else 1
 
     def warn_of(self, source: LandmarkSource) -> tuple[str, ...]:
         """Say what is doubtful of the files and of the dictionary together."""

@@ -22,6 +22,7 @@ from shapefit.io import (
     read_dictionary,
     result_writer,
 )
+from shapefit.io.foreign.opening import look_into
 from shapefit.io.formats import find_target_format
 from shapefit.io.options import OutputOptions
 from shapefit.pipelines.export.carried_mesh import meshes_that_follow
@@ -47,6 +48,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     files = (*(config.landmarks if rows is None else ()), config.dictionary)
     # The digest of an object takes the whole of it.
     on_threads(local_copy, (path for path in files if isinstance(path, UrlPath)))
+    look_into(files)
     dictionary = read_dictionary(config.dictionary)
     settle, wanted = plan_settling(config, dictionary), plan_exports(config, dictionary)
     seconds, done = 0.0, 0
