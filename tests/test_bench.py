@@ -1,7 +1,5 @@
 """The verdict of `make bench`: what makes it fail, and where its floors are kept."""
 
-from __future__ import annotations
-
 import pytest
 
 from benchmarks import floors

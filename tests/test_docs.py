@@ -1,7 +1,5 @@
 """The generated pages say what the code says, and leave nothing out."""
 
-from __future__ import annotations
-
 import importlib.util
 from collections.abc import Iterator
 from pathlib import Path

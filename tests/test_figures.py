@@ -1,7 +1,5 @@
 """No two pages state the same figure of accuracy or speed; and every link of a page resolves."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 A page rounds, which adds half of its last digit.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import re

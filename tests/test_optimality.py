@@ -1,7 +1,5 @@
 """How often methods are optimal: counted against the best objectives, of the same model only."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Pages, comments and messages are read: Markdown, Python (strings, docstrings, co
 of the core, the page's HTML and scripts, configs and the Makefile.
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import re

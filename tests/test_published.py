@@ -1,7 +1,5 @@
 """The paper's numbers stand beside ours in reports of `eval` and `simulate`."""
 
-from __future__ import annotations
-
 import json
 import re
 import runpy

@@ -1,7 +1,5 @@
 """What a release says of itself agrees, and what runs elsewhere is well formed."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

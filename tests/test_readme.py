@@ -1,7 +1,5 @@
 """The commands of the README run, in their order, on a copy of what they read."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,7 +1,5 @@
 """A method, a file format and a metric are added by an entry in a table: each runs end to end."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The walk through the files of the package: down the map of CONTRIBUTING.md, with few climbs."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The wheel: complete, and at work without a compiler and without the checkout."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil

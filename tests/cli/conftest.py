@@ -1,7 +1,5 @@
 """Stand-ins for the pipelines, so that the command line is tested alone."""
 
-from __future__ import annotations
-
 import io
 import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout

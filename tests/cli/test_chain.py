@@ -1,7 +1,5 @@
 """The commands one after the other, on sample data and on real data."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from types import SimpleNamespace

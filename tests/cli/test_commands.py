@@ -1,7 +1,5 @@
 """What the commands hand to their pipelines and print; options, hints, completion, progress."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

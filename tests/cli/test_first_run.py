@@ -1,7 +1,5 @@
 """The first run of an installation: nothing is compiled, cached or loaded on the solver's clock."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

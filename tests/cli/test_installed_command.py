@@ -1,7 +1,5 @@
 """The installed command as a process: start-up, pipes, signals, terminals."""
 
-from __future__ import annotations
-
 import os
 import pty
 import resource

@@ -1,7 +1,5 @@
 """Outcomes fold into a report of bounded size."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from shapefit.cli.report import LISTED, Report

@@ -1,7 +1,5 @@
 """What a process imports: start-up is most of the time of a short run."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

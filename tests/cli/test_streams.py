@@ -1,7 +1,5 @@
 """Standard streams that the shell closed, or sent to a full disk, of the installed command."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

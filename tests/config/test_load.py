@@ -1,7 +1,5 @@
 """Files, options and arguments become one checked config."""
 
-from __future__ import annotations
-
 import io
 import json
 import math

@@ -1,7 +1,5 @@
 """Every problem of a config is told at once, at its place, with what to do."""
 
-from __future__ import annotations
-
 import re
 import socket
 from pathlib import Path

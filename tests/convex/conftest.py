@@ -1,7 +1,5 @@
 """Problems of all kinds, real views, and a certificate in plain NumPy as independent judge."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The batched data-space ADMM against the paper's three steps with their 3k x 3k inverses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The fast solver against the paper's ADMM on a thousand images."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The certificate against plain NumPy, weak duality, and hand-made cases."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Cases that break solvers: each must end OPTIMAL in a few hundred steps, certified by NumPy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The fast solver against cvxpy with Clarabel, which shares no line and no idea with it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

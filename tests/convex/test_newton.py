@@ -1,7 +1,5 @@
 """Statuses of the fast solver, each with its certificate, and the symmetries of the program."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ objectives.json holds what commit 0fff6c6, before the compiled core, reached. To
 anew, run `python -m tests.convex.test_objectives FOLDER` with that version installed.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterator

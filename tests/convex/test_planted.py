@@ -1,7 +1,5 @@
 """Problems built from their own optimum."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a problem accepts, refuses and fills in."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

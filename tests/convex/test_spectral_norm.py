@@ -1,7 +1,5 @@
 """Norms and prox of 2x3 blocks against an SVD, and against the condition of optimality."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given

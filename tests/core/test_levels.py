@@ -1,7 +1,5 @@
 """The instruction set: forced by the environment, and the solver's tests at each one."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

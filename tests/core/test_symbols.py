@@ -4,8 +4,6 @@ The linker keeps one of several equal weak symbols. An inline function that two 
 one name would run with the instructions of the wrong level, on processors that lack them too.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Mixtures over shapes: a certificate, planted mixtures, weights, scikit-learn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

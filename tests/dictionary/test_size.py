@@ -1,7 +1,5 @@
 """Lifted shapes are as large as the training shapes were."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The commands in this process, for results to compare with, and dictionaries of sample data."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py

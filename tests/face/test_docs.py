@@ -1,7 +1,5 @@
 """The examples of docs/python.md run one after the other and print what the page says."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

@@ -1,7 +1,5 @@
 """Small records for the tests of files, and a look at what an error says."""
 
-from __future__ import annotations
-
 import io
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Files written and read as a whole, as most tests do."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Skeletons of detectors: their order, their pairs, and the joints that they share with people."""
 
-from __future__ import annotations
-
 import pytest
 
 from shapefit.io.skeletons import (

@@ -1,7 +1,5 @@
 """Images whose shapes, rotations and coefficients are known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

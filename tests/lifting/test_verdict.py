@@ -1,7 +1,5 @@
 """One rule over what a method knows of its error: planted doubts are found, and only those."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

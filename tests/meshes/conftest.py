@@ -1,7 +1,5 @@
 """Meshes to test with: a box, and the real cars with meshes in the paper's orientation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

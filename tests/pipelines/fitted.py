@@ -1,7 +1,5 @@
 """Landmarks fitted from file to file, as the command does it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The command line gives one answer: whatever the format, the level, the files or the threads."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

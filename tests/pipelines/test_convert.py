@@ -1,7 +1,5 @@
 """`convert`: what can be read is written in another format, nothing lost on the way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`info`: what files hold, in words that are true."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

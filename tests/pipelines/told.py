@@ -1,7 +1,5 @@
 """What the outcomes of a run tell, put together."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from shapefit.pipelines.outcome import Counted, Outcome

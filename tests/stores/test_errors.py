@@ -1,7 +1,5 @@
 """What is wrong with a store is said at once, at the URL, with a fix."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 

@@ -1,7 +1,5 @@
 """What is given to stores is shown nowhere: not in outputs, manifests, messages or configs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A browser to open pages in, and a made scene to show."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

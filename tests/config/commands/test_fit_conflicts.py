@@ -1,7 +1,5 @@
 """Keys of `fit` that do not go together: told at the place of the first that a message names."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Files of detectors, read in one go."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

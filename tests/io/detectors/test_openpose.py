@@ -1,7 +1,5 @@
 """Folders of frames: people in any order, numbers in names, what may be wrong; and AlphaPose."""
 
-from __future__ import annotations
-
 import os
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Real files of other tools hold what independent readers found in them."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """People joined over frames, against figures whose identity is known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files that are no recordings: each is named for what it is, in one line."""
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import io

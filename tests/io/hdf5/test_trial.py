@@ -1,7 +1,5 @@
 """Files on which libhdf5 hangs, crashes or fills the memory are named, and nothing else happens."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Tables that other programs wrote, from arrays, by hand."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Row groups: rows are the same whatever they are, and what was decoded is let go."""
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Callable
 from pathlib import Path

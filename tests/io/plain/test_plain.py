@@ -1,7 +1,5 @@
 """Tables, arrays and lists of points in the layouts that people have them in."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

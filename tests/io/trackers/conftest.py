@@ -1,7 +1,5 @@
 """Made points, and what an error says of a file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

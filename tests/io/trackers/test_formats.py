@@ -1,7 +1,5 @@
 """Each format gives back the points that it was made of."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

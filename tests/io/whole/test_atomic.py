@@ -1,7 +1,5 @@
 """Outputs appear whole or not at all, whatever ends the writer."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os

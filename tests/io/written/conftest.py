@@ -1,7 +1,5 @@
 """A person who walks in a known world, and the result that a perfect fit of it would be."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The JSON file has COCO's layout, 3D points beside those of the image, and says its units."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

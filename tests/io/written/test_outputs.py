@@ -1,7 +1,5 @@
 """Files in metres appear all together or not at all, and only where they can be written."""
 
-from __future__ import annotations
-
 import errno
 import os
 from dataclasses import replace

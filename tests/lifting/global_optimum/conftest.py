@@ -1,7 +1,5 @@
 """The model with one rotation by other means: scipy's non-negative least squares at a rotation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """Cells hold all rotations; the inequalities of a cell; no dropped cell holds a better rotation."""
 
-from __future__ import annotations
-
 from itertools import combinations_with_replacement
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rounding is on the safe side: what the search claims holds in exact rational arithmetic."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

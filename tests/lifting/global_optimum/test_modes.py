@@ -1,7 +1,5 @@
 """All readings of an image: shapes whose readings are known, and random descents."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

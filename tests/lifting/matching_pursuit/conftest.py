@@ -1,7 +1,5 @@
 """Images of mixtures of a mean shape and few bases of either sign."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """From a pursuit to shapes in the camera frame, through `lift`, and on real motion capture."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

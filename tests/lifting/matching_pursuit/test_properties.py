@@ -1,7 +1,5 @@
 """What changes a pursuit and what does not, and the rules that end it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import MappingProxyType
 

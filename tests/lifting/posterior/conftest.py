@@ -1,7 +1,5 @@
 """Scenes whose posterior is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

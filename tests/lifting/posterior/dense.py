@@ -1,7 +1,5 @@
 """The posterior under one Gaussian in plain NumPy, without a shortcut: the judge of the kernel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

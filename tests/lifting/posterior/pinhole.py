@@ -1,7 +1,5 @@
 """Shapes of a mixture before pinhole cameras."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from shapefit.convex.newton import solve_newton

@@ -1,7 +1,5 @@
 """The posterior under mixtures: sampling, equivariance, calibration, gross landmarks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

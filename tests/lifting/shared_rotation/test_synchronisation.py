@@ -1,7 +1,5 @@
 """One rotation for all transforms: planted, certified, and against many random climbs."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

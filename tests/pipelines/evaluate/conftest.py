@@ -1,7 +1,5 @@
 """Seven images of five landmarks in three sequences, and a config that judges them."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Results in many files: the report is that of one file, in memory that does not grow with them."""
 
-from __future__ import annotations
-
 import json
 import tracemalloc
 from dataclasses import replace

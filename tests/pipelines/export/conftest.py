@@ -1,7 +1,5 @@
 """A dictionary of sample cars and a few of their views, fitted with exports."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

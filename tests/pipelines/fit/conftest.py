@@ -1,7 +1,5 @@
 """Planted images of six atoms, and what fits them from files to files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A dictionary of eight landmarks, and numbered images of them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A fit on a Dask cluster: the same bits as in one process, whoever is killed meanwhile."""
 
-from __future__ import annotations
-
 import json
 import os
 import resource

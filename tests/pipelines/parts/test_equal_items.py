@@ -1,7 +1,5 @@
 """Items that are in two parts are found, all of them and no others."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tracemalloc

@@ -1,7 +1,5 @@
 """A fit from an object store into one: the same bits as on a disk, resumed, and nothing half."""
 
-from __future__ import annotations
-
 import json
 from io import BytesIO
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A fit part by part from Parquet, and to Parquet: the same bits as from HDF5 to HDF5."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

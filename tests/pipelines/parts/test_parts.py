@@ -1,7 +1,5 @@
 """A fit part by part: the same bits as in one run, resumed where it stopped."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Parts of sequences: each sequence whole, in one part of one file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

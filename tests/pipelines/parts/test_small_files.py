@@ -1,7 +1,5 @@
 """Archives of small files: several to a part, planned once, and a manifest that grows by lines."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

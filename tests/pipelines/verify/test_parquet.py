@@ -1,7 +1,5 @@
 """Results of all kinds in Parquet: the proofs in them hold, and all comes back to HDF5."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

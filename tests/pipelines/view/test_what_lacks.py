@@ -1,7 +1,5 @@
 """A page says what its files lack, and shows the rest; what cannot be shown is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py

@@ -1,7 +1,5 @@
 """The tree of a global optimum: a true one passes, and every way to spoil one is found."""
 
-from __future__ import annotations
-
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from typing import NamedTuple
