@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ import numpy as np
 
 from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.extras import is_per_item
-from shapefit.io.hdf5.opening import Stored, open_hdf5, read_rows, size_in_memory, was_written
+from shapefit.io.hdf5.file import Hdf5File
 from shapefit.io.layout import (
     AXES,
     FORMATS,
@@ -25,7 +23,6 @@ from shapefit.io.layout import (
     fit_axes,
     fits_kind,
 )
-from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 from shapefit.io.problems import input_problems
 from shapefit.io.stored.reader import StoredReader, is_text, wanted
 
@@ -106,19 +103,6 @@ CACHE_BYTES = 1 << 20
 """Of chunks that are kept for each dataset; by default HDF5 keeps 8 MB, and rows are read once."""
 
 
-@contextmanager
-def damage(place: str | Path) -> Iterator[None]:
-    """Turn what h5py raises for a truncated or damaged file into an InputError."""
-    try:
-        yield
-    except UnicodeDecodeError:
-        raise
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
-        reason = str(error).partition("\n")[0]
-        fix = "the file may be cut off or damaged: copy or make it again"
-        raise input_error(place, f"cannot be read ({reason})", fix) from error
-
-
 class Hdf5Reader(StoredReader):
     """An open HDF5 file of a known layout."""
 
@@ -127,9 +111,7 @@ class Hdf5Reader(StoredReader):
     def __init__(self, path: Path, form: Format) -> None:
         super().__init__(path, form)
         self._counted = CountedRows()
-        self._asked: dict[str, Stored] = {}
-        with self._damage():
-            self._file = open_hdf5(path, CACHE_BYTES)
+        self._file = Hdf5File(path, CACHE_BYTES)
         try:
             self._check_format()
             self._check_datasets()
@@ -140,29 +122,28 @@ class Hdf5Reader(StoredReader):
 
     def close(self) -> None:
         """Close the file."""
-        self._asked.clear()
         self._file.close()
 
     def place(self, name: str, row: int | None = None) -> str:
         """Name a dataset, or a row of it, in messages."""
-        return f"{self.path}:/{name}" + ("" if row is None else f"[{row}]")
+        return self._file.place(name, row)
 
     def is_written(self, name: str) -> bool:
         """Whether anything was ever written to a dataset; a sparse file can be without limits."""
-        with self._damage(name):
-            return bool(self._file[name].id.get_storage_size())
+        with self._file.damage(name):
+            return bool(self._file.root[name].id.get_storage_size())
 
     @property
     def names(self) -> frozenset[str]:
         """Names of what the root holds, groups too."""
-        with self._damage():
-            return frozenset(self._file)
+        with self._file.damage():
+            return frozenset(self._file.root)
 
     @cached_property
     def _extra_names(self) -> tuple[list[str], list[str]]:
         found: list[Any] = []
-        with self._damage():
-            self._file.visititems(lambda name, node: found.append((name, node)))
+        with self._file.damage():
+            self._file.root.visititems(lambda name, node: found.append((name, node)))
         per_item: list[str] = []
         whole: list[str] = []
         for name, dataset in found:
@@ -171,7 +152,7 @@ class Hdf5Reader(StoredReader):
                 raise input_error(self.path, strange, "rename it or remove it")
             if name in self.form.names or not isinstance(dataset, h5py.Dataset):
                 continue
-            with self._damage(name):
+            with self._file.damage(name):
                 carried = dataset.shape is not None and (
                     _is_text(dataset) or dataset.dtype.kind in "biufc"
                 )
@@ -183,22 +164,8 @@ class Hdf5Reader(StoredReader):
             (per_item if mine else whole).append(name)
         return per_item, whole
 
-    def _check_written(self, name: str) -> None:
-        """Raise InputError for a large dataset that takes next to no place in the file."""
-        with self._damage(name):
-            dataset = self._file[name]
-            size, stored = dataset.nbytes, dataset.id.get_storage_size()
-            written = was_written(dataset)
-        if not written:
-            found = f"of its {in_words(size)} the file holds {in_words(stored)}"
-            raise input_error(self.place(name), found, "write its values, or make it smaller")
-
     def _bytes(self, name: str, rows: slice | tuple[()]) -> int:
-        return self._size(name, self._own_rows(name, rows))
-
-    def _size(self, name: str, rows: slice | tuple[()]) -> int:
-        with self._damage(name):
-            return size_in_memory(self._stored(name), rows)
+        return self._file.size(name, self._own_rows(name, rows))
 
     def _own_rows(self, name: str, rows: slice | tuple[()]) -> slice | tuple[()]:
         """Return the rows that items have in a dataset: other ones where it is counted."""
@@ -207,38 +174,23 @@ class Hdf5Reader(StoredReader):
             return rows
         return self._counted.of(self, dataset, rows) if self.has(dataset.counted_by) else slice(0)
 
-    def _stored(self, name: str) -> Stored:
-        if name not in self._asked:
-            self._asked[name] = Stored.of(self._file[name])
-        return self._asked[name]
-
     def _values(self, name: str, rows: slice | tuple[()]) -> Any:
-        rows = self._own_rows(name, rows)
-        size = self._size(name, rows)
-        check_fits(self.place(name), size)
-        if size > ALWAYS_FITS:
-            self._check_written(name)
-        try:
-            with self._damage(name):
-                texts = read_rows(self._stored(name), rows)
-            if not self._stored(name).text:
-                return texts
-        except UnicodeDecodeError as error:
-            fix = "write its strings as UTF-8"
-            raise input_error(self.place(name), "holds text that is not UTF-8", fix) from error
+        texts = self._file.rows(name, self._own_rows(name, rows))
+        if not self._file.stored(name).text:
+            return texts
         if "\0" in "".join(np.ravel(texts)):
             raise input_error(self.place(name), "holds a string with a zero byte", "remove it")
         return texts
 
     def _check_format(self) -> None:
-        with self._damage():
-            stored = {name: _plain(value) for name, value in self._file.attrs.items()}
+        with self._file.damage():
+            stored = {name: _decoded(self._file.attribute(name)) for name in self._file.root.attrs}
         self._root = {name: value for name, value in stored.items() if value is not None}
         self._check_texts()
         found = self._root.get("format")
         if found is None:
-            with self._damage():
-                wrong = stranger(self._file, self.form.name)
+            with self._file.damage():
+                wrong = stranger(self._file.root, self.form.name)
             raise input_error(self.path, *wrong)
         if found != self.form.name:
             raise input_error(self.path, f"is a {found} file", f"give a {self.form.name} file")
@@ -247,11 +199,11 @@ class Hdf5Reader(StoredReader):
     def _check_datasets(self) -> None:
         problems: list[str] = []
         for dataset in self.form.datasets:
-            with self._damage(dataset.name):
-                node = self._file.get(dataset.name)
+            with self._file.damage(dataset.name):
+                node = self._file.root.get(dataset.name)
             if isinstance(node, h5py.Dataset):
                 self._present.add(dataset.name)
-                with self._damage(dataset.name):
+                with self._file.damage(dataset.name):
                     wrong = _wrong_kind(node, dataset) or self._wrong_shape(node, dataset)
             elif node is None and not dataset.required:
                 continue
@@ -270,9 +222,6 @@ class Hdf5Reader(StoredReader):
         sizes = ", ".join(str(self._sizes.get(str(axis), axis)) for axis in dataset.axes)
         return f"has the shape {shape}; {wanted(dataset)}, here ({sizes})"
 
-    def _damage(self, name: str = "") -> AbstractContextManager[None]:
-        return damage(self.place(name) if name else self.path)
-
 
 def _is_text(dataset: Any) -> bool:
     return h5py.check_string_dtype(dataset.dtype) is not None
@@ -285,28 +234,18 @@ def _wrong_kind(node: Any, dataset: Dataset) -> str | None:
     return f"holds values of type {'text' if text else node.dtype}; {wanted(dataset)}"
 
 
-def _plain(value: Any) -> Any:
-    """Return an attribute as Python's own str, int or float; as a list where it is an array.
-
-    None for one that is empty.
-    """
-    if isinstance(value, h5py.Empty):
-        return None
-    if isinstance(value, np.ndarray):
-        return _plain(value.flat[0]) if value.size == 1 else value.tolist()
-    if isinstance(value, bytes):
-        return value.decode("utf-8", "replace")
-    return value.item() if isinstance(value, np.generic) else value
+def _decoded(value: Any) -> Any:
+    """Return an attribute, bytes as text."""
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
 def hdf5_form(path: Path) -> Format:
     """Return the layout that an HDF5 file says it has. Raises InputError where it is not ours."""
-    with damage(path), open_hdf5(path) as file:
-        stated = file.attrs.get("format")
-        wrong = stranger(file) if stated is None else None
+    with Hdf5File(path) as file, file.damage():
+        name = _decoded(file.attribute("format"))
+        wrong = stranger(file.root) if name is None else None
     if wrong is not None:
         raise input_error(path, *wrong)
-    name = stated.decode("utf-8", "replace") if isinstance(stated, bytes | np.bytes_) else stated
     if not isinstance(name, str) or name not in FORMATS:
         found = f"is a {name} file" if isinstance(name, str) else "has a format that is no text"
         raise input_error(path, found, f"give one of {', '.join(FORMATS)}")

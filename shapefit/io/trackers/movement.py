@@ -13,8 +13,9 @@ import numpy as np
 
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import Instances, Recording, video_name
+from shapefit.io.hdf5.file import DAMAGED
 from shapefit.io.trackers.frame_names import number_labels
-from shapefit.io.trackers.reading import DAMAGED, TrackerFile, check_unique, text
+from shapefit.io.trackers.reading import TrackerFile, check_unique, text
 
 POSITION, CONFIDENCE = "position", "confidence"
 

@@ -15,10 +15,10 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io.foreign.recording import Instances, Recording, video_name
+from shapefit.io.hdf5.file import DAMAGED
 from shapefit.io.trackers.frame_names import number_label
 from shapefit.io.trackers.reading import (
     BLOCK_FRAMES,
-    DAMAGED,
     TrackerFile,
     check_unique,
     frame_ranges,

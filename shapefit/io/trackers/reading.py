@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from math import prod
-from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import input_error, printable
-from shapefit.io.hdf5.opening import Stored, open_hdf5, read_rows, size_in_memory, was_written
-from shapefit.io.memory import ALWAYS_FITS, check_fits
+from shapefit.errors import input_error
+from shapefit.io.hdf5.file import DAMAGED, Hdf5File
 
 BLOCK_FRAMES = 4096
 """Of a video that are read at a time."""
@@ -26,75 +23,24 @@ MOST_BYTES = 1 << 27
 MOST_TEXTS = 1_000_000
 """Names that a dataset of names can hold."""
 
-DAMAGED = "the file may be cut off or damaged: copy or make it again"
-FILTERS = ("plugin", "filter")
-"""Words of HDF5 about a compression that it does not have."""
 
-
-class TrackerFile:
-    """An open HDF5 file of another tool; a context manager. Whatever is wrong is an InputError."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        with self.damage():
-            self._file = open_hdf5(path)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._file.close()
-
-    def place(self, name: str) -> str:
-        """Name a dataset or group in messages."""
-        return f"{self.path}:/{printable(name.strip('/'))}"
-
-    @contextmanager
-    def damage(self, name: str = "") -> Iterator[None]:
-        """Turn what h5py raises for damaged files, and for filters it lacks, into an InputError."""
-        try:
-            yield
-        except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
-            place = self.place(name) if name else str(self.path)
-            reason = printable(str(error).partition("\n")[0])
-            if any(words in reason.lower() for words in FILTERS):
-                found = f"is compressed in a way that is not built in here ({reason})"
-                fix = "write it again with gzip or without compression"
-                raise input_error(place, found, fix) from error
-            raise input_error(place, f"cannot be read ({reason})", DAMAGED) from error
+class TrackerFile(Hdf5File):
+    """An open HDF5 file of another tool."""
 
     def groups(self, group: str) -> tuple[str, ...]:
         """Return the names of the groups in a group."""
         with self.damage(group):
-            node = self._file[group]
+            node = self.root[group]
             return tuple(name for name in node if isinstance(node.get(name), h5py.Group))
 
     def has(self, name: str) -> bool:
         """Whether there is such a dataset or group."""
         with self.damage(name):
-            return self._file.get(name) is not None
-
-    def is_dataset(self, name: str) -> bool:
-        """Whether there is such a dataset."""
-        with self.damage(name):
-            return isinstance(self._file.get(name), h5py.Dataset)
-
-    def attribute(self, name: str, node: str = "/") -> Any:
-        """Return an attribute as Python's own str, bytes, number or list; None without it."""
-        with self.damage(node):
-            attributes = self._file[node].attrs
-            value = attributes[name] if name in attributes else None  # noqa: SIM401
-        if value is None or isinstance(value, h5py.Empty):
-            return None
-        if isinstance(value, np.ndarray):
-            value = value.flat[0] if value.size == 1 else value.tolist()
-        return value.item() if isinstance(value, np.generic) else value
+            return self.root.get(name) is not None
 
     def shape(self, name: str, axes: str = "") -> tuple[int, ...]:
         """Return the shape of a dataset; InputError unless it has as many axes as are listed."""
-        self._require(name)
-        with self.damage(name):
-            shape = tuple(self._file[name].shape or ())
+        shape = self.stored(name).shape
         if axes and len(shape) != len(axes.split(", ")):
             found = f"has the shape {shape}"
             raise input_error(self.place(name), found, f"its axes should be ({axes})")
@@ -109,32 +55,14 @@ class TrackerFile:
 
     def fields(self, name: str) -> tuple[str, ...]:
         """Return the names of the columns of a table; InputError where it is none."""
-        self._require(name)
-        with self.damage(name):
-            found = self._file[name].dtype.names
+        found = self.stored(name).dataset.dtype.names
         if not found:
             raise input_error(self.place(name), "is not a table of named columns", DAMAGED)
         return tuple(found)
 
-    def rows(self, name: str, rows: slice | tuple[Any, ...] = ()) -> Any:
-        """Return rows of a dataset as they stand in the file; `()` is all of it."""
-        self._require(name)
-        with self.damage(name):
-            dataset = self._file[name]
-            stored = Stored.of(dataset)
-            whole = rows if isinstance(rows, slice) or rows == () else ()
-            check_fits(self.place(name), size_in_memory(stored, whole))
-            self._check_written(name)
-            if whole is not rows:
-                return dataset[rows]
-            return read_rows(stored, rows)
-
     def numbers(self, name: str, rows: slice | tuple[Any, ...] = ()) -> NDArray[np.float64]:
         """Return rows of a dataset as numbers. Raises InputError where they are none."""
-        with self.damage(name):
-            self._require(name)
-            kind = self._file[name].dtype.kind
-        if kind not in "biuf":
+        if self.stored(name).dataset.dtype.kind not in "biuf":
             raise input_error(self.place(name), "holds no numbers", DAMAGED)
         values = self.rows(name, rows)
         with self.damage(name):
@@ -151,15 +79,14 @@ class TrackerFile:
 
     def is_text(self, name: str) -> bool:
         """Whether a dataset holds text."""
-        with self.damage(name):
-            return h5py.check_string_dtype(self._file[name].dtype) is not None
+        return self.stored(name).text
 
     def scales(self, name: str) -> tuple[str, ...]:
         """Return the names of the dimension scales of a dataset; InputError without them."""
-        self._require(name)
+        dataset = self.stored(name).dataset
         with self.damage(name):  # h5py's own `dims` can abort the process on damaged files
-            scales = self._file[name].attrs["DIMENSION_LIST"]
-            names = [text(h5py.h5r.get_name(own[0], self._file.id) or b"") for own in scales]
+            scales = dataset.attrs["DIMENSION_LIST"]
+            names = [text(h5py.h5r.get_name(own[0], self.root.id) or b"") for own in scales]
         return tuple(name.strip("/") for name in names)
 
     def ranges(self, name: str, axis: int) -> Iterator[slice]:
@@ -167,10 +94,9 @@ class TrackerFile:
 
         A chunk that two blocks share is decompressed for each of them.
         """
-        self._require(name)
+        self.check_written(name)
         with self.damage(name):
-            self._check_written(name)
-            dataset = self._file[name]
+            dataset = self.stored(name).dataset
             count, chunks = dataset.shape[axis], dataset.chunks
             entry = dataset.nbytes // max(count, 1)
         step = max(min(BLOCK_FRAMES, BLOCK_BYTES // max(entry, 1)), 1)
@@ -181,28 +107,16 @@ class TrackerFile:
 
     def texts(self, name: str) -> tuple[str, ...]:
         """Return a dataset of names. Raises InputError where they are none, or too many."""
-        self._require(name)
+        stored = self.stored(name)
+        if prod(stored.shape) > MOST_TEXTS:
+            raise input_error(self.place(name), f"holds {stored.shape} names", DAMAGED)
+        if not stored.text:
+            if stored.dataset.size == 0:
+                return ()  # SLEAP writes lists without entries as numbers
+            raise input_error(self.place(name), "holds no text", DAMAGED)
         with self.damage(name):
-            dataset = self._file[name]
-            if prod(dataset.shape or ()) > MOST_TEXTS:
-                raise input_error(self.place(name), f"holds {dataset.shape} names", DAMAGED)
-            if h5py.check_string_dtype(dataset.dtype) is None:
-                if dataset.size == 0:
-                    return ()  # SLEAP writes lists without entries as numbers
-                raise input_error(self.place(name), "holds no text", DAMAGED)
-            found = np.ravel(dataset[()])
+            found = np.ravel(stored.dataset[()])
         return tuple(text(value) for value in found)
-
-    def _check_written(self, name: str) -> None:
-        """Raise InputError for a large dataset that takes next to no place in the file."""
-        dataset = self._file[name]
-        if dataset.nbytes > ALWAYS_FITS and not was_written(dataset):
-            found = f"has the shape {dataset.shape}, and next to nothing of it was written"
-            raise input_error(self.place(name), found, DAMAGED)
-
-    def _require(self, name: str) -> None:
-        if not self.is_dataset(name):
-            raise input_error(self.place(name), "there is no such dataset", DAMAGED)
 
 
 def text(value: Any) -> str:

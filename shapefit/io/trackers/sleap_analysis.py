@@ -15,8 +15,9 @@ import numpy as np
 
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import Instances, Recording, video_name
+from shapefit.io.hdf5.file import DAMAGED
 from shapefit.io.trackers.frame_names import apart
-from shapefit.io.trackers.reading import DAMAGED, TrackerFile, check_unique, read_edges, text
+from shapefit.io.trackers.reading import TrackerFile, check_unique, read_edges, text
 
 SLEAP_ORDER = ("track", "xy", "node", "frame")
 FRAMES_FIRST = ("frame", "track", "node", "xy")

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from shapefit.arrays import Integers
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import ANYBODY, Instances, Recording, video_name
+from shapefit.io.hdf5.file import DAMAGED
 from shapefit.io.trackers.frame_names import apart, name_of
 from shapefit.io.trackers.reading import (
     BLOCK_FRAMES,
-    DAMAGED,
     TrackerFile,
     check_unique,
     frame_ranges,

@@ -251,7 +251,7 @@ def more_than_memory_holds(file):
     [
         ("table.h5", two_tables, "holds the tables df_with_missing and tracks"),
         ("poses.nc", bounding_boxes, "holds bboxes, not poses"),
-        ("tracks.analysis.h5", never_written, "next to nothing of it was written"),
+        ("tracks.analysis.h5", never_written, "the file holds 0 bytes; write its values"),
         ("tracks.analysis.h5", more_than_memory_holds, "tracks"),
     ],
 )
