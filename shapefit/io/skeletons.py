@@ -15,23 +15,11 @@ from itertools import pairwise
 from types import MappingProxyType
 from typing import NamedTuple
 
-PEOPLE = (
-    "pelvis",
-    "rhip",
-    "rknee",
-    "rankle",
-    "lhip",
-    "lknee",
-    "lankle",
-    "neck",
-    "head",
-    "rshoulder",
-    "relbow",
-    "rwrist",
-    "lshoulder",
-    "lelbow",
-    "lwrist",
+_JOINTS = (
+    "pelvis rhip rknee rankle lhip lknee lankle neck head rshoulder relbow rwrist lshoulder lelbow "
+    "lwrist"
 )
+PEOPLE = tuple(_JOINTS.split())
 """The joints of the dictionary `people`."""
 
 FURTHER = ("rheel", "rball", "rtoe", "lheel", "lball", "ltoe", "rhand", "lhand", "spine")
@@ -162,11 +150,13 @@ class Skeleton:
     @property
     def people(self) -> dict[str, str]:
         """The joint that each landmark stands for alone."""
-        return {
-            name: joint
-            for name, part in self.parts.items()
-            if (joint := PARTS[part].joint) is not None and PARTS[part].alone
-        }
+        return _alone(self.parts)
+
+
+def _alone(parts: Mapping[str, str]) -> dict[str, str]:
+    """Return the joints of those parts, by landmark, that stand for one alone."""
+    known = {name: PARTS[part] for name, part in parts.items()}
+    return {name: part.joint for name, part in known.items() if part.joint and part.alone}
 
 
 def _skeleton(name: str, landmarks: str, lines: str, parts: Mapping[str, str]) -> Skeleton:
@@ -301,25 +291,26 @@ _PRESETS = (
 SKELETONS: Mapping[str, Skeleton] = MappingProxyType({preset.name: preset for preset in _PRESETS})
 
 
+_MARKED = {name: part for preset in _PRESETS for name, part in preset.parts.items()}
+"""The part of the body, a name in `PARTS`, that a landmark of any preset marks."""
+
+
 def people_joints(names: Iterable[str]) -> dict[str, str]:
     """Return the joints of the dictionary `people` by those of the names that have one.
 
     All presets together: no name stands for two joints.
     """
-    known = {name: joint for preset in _PRESETS for name, joint in preset.people.items()}
-    return {name: known[name] for name in names if name in known}
+    return _alone({name: _MARKED[name] for name in names if name in _MARKED})
 
 
 def people_parts(names: Iterable[str]) -> dict[str, Part]:
     """Return the parts of the body that those of the names mark which mark one."""
-    known = {name: part for preset in _PRESETS for name, part in preset.parts.items()}
-    return {name: PARTS[known[name]] for name in names if name in known}
+    return {name: PARTS[_MARKED[name]] for name in names if name in _MARKED}
 
 
 def part_names(names: Iterable[str]) -> dict[str, str]:
     """Return the part of the body, a name in `PARTS`, of those of the names that mark one."""
-    known = {name: part for preset in _PRESETS for name, part in preset.parts.items()}
-    known |= {joint: joint for joint in (*PEOPLE, *FURTHER)}
+    known = _MARKED | {joint: joint for joint in (*PEOPLE, *FURTHER)}
     return {name: known[name] for name in names if name in known}
 
 

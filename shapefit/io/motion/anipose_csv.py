@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import abbreviate, input_error
+from shapefit.errors import abbreviate
 from shapefit.io.foreign.recording import Instances, Recording
 from shapefit.io.motion.recognition import find_landmarks, split_columns
-from shapefit.io.motion.text import read_blocks, read_head, read_plain, read_table
+from shapefit.io.motion.text import read_blocks, read_head, read_plain, read_table, split_lines
 
 FRAME = "fnum"
 
@@ -37,7 +37,11 @@ def record(paths: tuple[Path, ...]) -> Recording:
         for first, texts in read_blocks(path, 1):
             numbers = read_plain(texts, ",", len(columns))
             if numbers is None:
-                numbers = read_rows(path, first, texts, wanted, len(columns))
+                rows, lines = split_lines(path, first, texts, ",", len(columns))
+                numbers = np.full((len(rows), len(columns)), np.nan)
+                cells = [[row[column] for column in wanted] for row in rows]
+                if rows:
+                    numbers[:, wanted] = read_table(cells, lines, path)
             n = len(numbers)
             points, rest = numbers[:, kept], numbers[:, scores]
             yield Instances.of_one(
@@ -56,26 +60,6 @@ def record(paths: tuple[Path, ...]) -> Recording:
         blocks=blocks,
         notes=(f"points left out: {abbreviate(left)}",) if left else (),
     )
-
-
-def read_rows(
-    path: Path, first: int, texts: list[str], wanted: list[int], width: int
-) -> NDArray[np.float64]:
-    """Read the wanted columns of lines cell by cell, as numbers (n, width), NaN in the others."""
-    rows, lines = [], []
-    for line, text in enumerate(texts, first):
-        if not text.strip(" ,"):
-            continue
-        cells = text.split(",")
-        if len(cells) != width:
-            found = f"has {len(cells)} cells for {width} columns"
-            raise input_error(f"{path}:{line}", found, "write one cell per column")
-        rows.append([cells[column] for column in wanted])
-        lines.append(line)
-    numbers = np.full((len(rows), width), np.nan)
-    if rows:
-        numbers[:, wanted] = read_table(rows, lines, path)
-    return numbers
 
 
 def _labels(numbers: NDArray[np.float64] | None, done: int, n: int) -> list[str]:

@@ -12,7 +12,14 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.geometry.rotations import turns
 from shapefit.io.foreign.recording import Instances, Recording
-from shapefit.io.motion.text import read_blocks, read_plain, read_table, read_words, unique_names
+from shapefit.io.motion.text import (
+    read_blocks,
+    read_plain,
+    read_table,
+    read_words,
+    split_lines,
+    unique_names,
+)
 
 TOO_FEW = "frames are announced, but not there"
 
@@ -128,16 +135,7 @@ def read_motion(path: Path, tree: Hierarchy) -> Iterator[Floats]:
         if plain is not None and np.isfinite(plain).all():
             yield plain
             continue
-        rows, lines = [], []
-        for line, text in enumerate(texts, first):
-            row = text.split()
-            if not row:
-                continue
-            if len(row) != tree.width:
-                found = f"has {len(row)} numbers for {tree.width} channels"
-                raise input_error(f"{path}:{line}", found, "write a frame per line")
-            rows.append(row)
-            lines.append(line)
+        rows, lines = split_lines(path, first, texts, None, tree.width, ("numbers", "channels"))
         if rows:
             yield read_table(rows, lines, path, finite=True)
 

@@ -78,6 +78,30 @@ def read_table(
     return numbers.values.reshape(len(rows), -1)
 
 
+def split_lines(
+    place: object,
+    first: int,
+    texts: Sequence[str],
+    separator: str | None,
+    width: int,
+    of: tuple[str, str] = ("cells", "columns"),
+) -> tuple[list[list[str]], list[int]]:
+    """Return the cells of lines that are not empty, from the line `first` on, and their numbers.
+
+    Raises InputError for lines that have not as many, in the words `of` what for what.
+    """
+    rows, lines = [], []
+    for line, text in enumerate(texts, first):
+        if not text.strip(" \t,"):
+            continue
+        rows.append(text.split(separator))
+        lines.append(line)
+        if len(rows[-1]) != width:
+            found = f"has {len(rows[-1])} {of[0]} for {width} {of[1]}"
+            raise input_error(f"{place}:{line}", found, "write as many")
+    return rows, lines
+
+
 def read_words(words: Sequence[str], count: int, place: str) -> tuple[float, ...]:
     """Return so many words as finite numbers. Raises InputError where they are none."""
     try:
