@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from shapefit.errors import input_error
-from shapefit.io.formats import find_target_format, find_writer
+from shapefit.io.formats import CSV, find_target_format, find_writer
 from shapefit.io.layout import LANDMARKS, RESULTS, Format
 from shapefit.io.options import AS_KNOWN, OutputOptions, Summary
 from shapefit.io.records import LandmarkSet, ResultSet
+from shapefit.io.sources import is_stream
 
 NOTHING_APPENDED = "nothing was appended; append one record, which may be empty"
 
@@ -53,11 +54,14 @@ def record_writer(
 ) -> AbstractContextManager[RecordWriter[Any]]:
     """Write records of one layout, in the format `to`, or in that of the target's name.
 
-    Raises InputError where that format cannot hold them, and for options that are for files in
-    metres where it is none.
+    Raises InputError where that format cannot hold them, for all but CSV on standard output, and
+    for options that are for files in metres where it is none.
     """
     write = find_writer(target, form.kind, to)
     known = find_target_format(target, to)
+    if is_stream(target) and known is not CSV:
+        found = "files of this format cannot go to standard output"
+        raise input_error("output", found, "name a file")
     if known.in_metres:
         return write(target, form, options)  # type: ignore[no-any-return]
     if options.given:

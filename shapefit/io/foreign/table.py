@@ -87,38 +87,31 @@ def _format(
     )
 
 
-_TRACKER, _MOTION = "trackers.recognition", "motion.recognition"
+def _of(
+    place: str, title: str, suffixes: tuple[str, ...], records: tuple[str, ...], **further: Any
+) -> FileFormat:
+    """Return an entry of "folder.module", which `recognition` of the folder knows by that name."""
+    folder, _, module = place.partition(".")
+    recogniser = f"{folder}.recognition:is_{module}"
+    return _format(title, suffixes, records, recogniser, f"{place}:record", **further)
+
+
 _OF_A_FOLDER: Any = {"together": True, "folders": True}
 
 FORMATS: dict[str, FileFormat] = {
-    "deeplabcut-csv": _format(
-        *("a DeepLabCut or Lightning Pose CSV", (".csv",), EITHER),
-        *(f"{_TRACKER}:is_deeplabcut_csv", "trackers.deeplabcut_csv:record"),
+    "deeplabcut-csv": _of(
+        "trackers.deeplabcut_csv", "a DeepLabCut or Lightning Pose CSV", (".csv",), EITHER
     ),
-    "deeplabcut-h5": _format(
-        *("a DeepLabCut HDF5 file", (".h5", ".hdf5"), EITHER),
-        *(f"{_TRACKER}:is_deeplabcut_hdf5", "trackers.deeplabcut_hdf5:record"),
+    "deeplabcut-h5": _of(
+        "trackers.deeplabcut_hdf5", "a DeepLabCut HDF5 file", (".h5", ".hdf5"), EITHER
     ),
-    "jabs-h5": _format(
-        *("a JABS pose file", (".h5",), IMAGES),
-        *(f"{_TRACKER}:is_jabs", "trackers.jabs:record"),
+    "jabs-h5": _of("trackers.jabs", "a JABS pose file", (".h5",), IMAGES),
+    "movement-netcdf": _of("trackers.movement", "a movement netCDF file", (".nc", ".nc4"), EITHER),
+    "nwb-ndx-pose": _of("trackers.nwb", "an NWB file", (".nwb",), EITHER),
+    "sleap-analysis-h5": _of(
+        "trackers.sleap_analysis", "a SLEAP analysis file", (".h5", ".hdf5"), IMAGES
     ),
-    "movement-netcdf": _format(
-        *("a movement netCDF file", (".nc", ".nc4"), EITHER),
-        *(f"{_TRACKER}:is_movement", "trackers.movement:record"),
-    ),
-    "nwb-ndx-pose": _format(
-        *("an NWB file", (".nwb",), EITHER),
-        *(f"{_TRACKER}:is_nwb", "trackers.nwb:record"),
-    ),
-    "sleap-analysis-h5": _format(
-        *("a SLEAP analysis file", (".h5", ".hdf5"), IMAGES),
-        *(f"{_TRACKER}:is_sleap_analysis", "trackers.sleap_analysis:record"),
-    ),
-    "sleap-slp": _format(
-        *("a SLEAP .slp file", (".slp",), IMAGES),
-        *(f"{_TRACKER}:is_slp", "trackers.sleap_labels:record"),
-    ),
+    "sleap-slp": _of("trackers.sleap_labels", "a SLEAP .slp file", (".slp",), IMAGES),
     "alphapose-json": _format(
         *("an AlphaPose file of all images", (".json",), IMAGES),
         *("detectors.openpose:is_alphapose", "detectors.openpose:record_all"),
@@ -154,23 +147,10 @@ FORMATS: dict[str, FileFormat] = {
         *("detectors.ultralytics:is_ultralytics", "detectors.ultralytics:record"),
         **_OF_A_FOLDER,
     ),
-    "acclaim": _format(
-        *("an ASF/AMC motion", (".amc", ".asf"), SHAPES),
-        *(f"{_MOTION}:is_acclaim", "motion.acclaim:record"),
-        together=True,
-    ),
-    "anipose-csv": _format(
-        *("an anipose 3D CSV", (".csv",), SHAPES),
-        *(f"{_MOTION}:is_anipose", "motion.anipose_csv:record"),
-    ),
-    "bvh": _format(
-        *("a BVH motion", (".bvh",), SHAPES),
-        *(f"{_MOTION}:is_bvh", "motion.bvh:record"),
-    ),
-    "c3d": _format(
-        *("a C3D file", (".c3d",), SHAPES),
-        *(f"{_MOTION}:is_c3d", "motion.c3d:record"),
-    ),
+    "acclaim": _of("motion.acclaim", "an ASF/AMC motion", (".amc", ".asf"), SHAPES, together=True),
+    "anipose-csv": _of("motion.anipose_csv", "an anipose 3D CSV", (".csv",), SHAPES),
+    "bvh": _of("motion.bvh", "a BVH motion", (".bvh",), SHAPES),
+    "c3d": _of("motion.c3d", "a C3D file", (".c3d",), SHAPES),
     "mesh": FileFormat(
         title="a mesh with landmarks",
         suffixes=(".obj", ".ply", ".glb"),
@@ -178,10 +158,7 @@ FORMATS: dict[str, FileFormat] = {
         readers={"shapes": "shapefit.io.motion.meshes:read"},
         together=True,
     ),
-    "trc": _format(
-        *("a TRC file", (".trc",), SHAPES),
-        *(f"{_MOTION}:is_trc", "motion.trc:record"),
-    ),
+    "trc": _of("motion.trc", "a TRC file", (".trc",), SHAPES),
     "table": _format(
         *("a table of landmarks", (".csv", ".tsv", ".txt"), EITHER),
         *("plain.any_table:is_table", "plain.any_table:record"),

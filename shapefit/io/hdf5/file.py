@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import input_error, printable
+from shapefit.errors import InputError, input_error, printable
 from shapefit.io.hdf5.opening import open_hdf5
 from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 
@@ -47,6 +47,10 @@ class Hdf5File:
         """Name a dataset or group, or a row of it, in messages."""
         where = f"{self.path}:/{printable(name.strip('/'))}"
         return where + ("" if row is None else f"[{row}]")
+
+    def fault(self, name: str, found: str, fix: str = DAMAGED) -> InputError:
+        """Return the error for what is wrong with a dataset or group."""
+        return input_error(self.place(name), found, fix)
 
     @contextmanager
     def damage(self, name: str = "") -> Iterator[None]:
@@ -84,7 +88,7 @@ class Hdf5File:
     def stored(self, name: str) -> Stored:
         """Return a dataset, and what every read wants to know of it."""
         if not self.is_dataset(name):
-            raise input_error(self.place(name), "there is no such dataset", DAMAGED)
+            raise self.fault(name, "there is no such dataset")
         with self.damage(name):
             if name not in self._asked:
                 self._asked[name] = Stored.of(self.root[name])
@@ -112,7 +116,7 @@ class Hdf5File:
             size, there = dataset.nbytes, dataset.id.get_storage_size()
         if size > ALWAYS_FITS and size > MOST_COMPRESSED * there:
             found = f"of its {in_words(size)} the file holds {in_words(there)}"
-            raise input_error(self.place(name), found, "write its values, or make it smaller")
+            raise self.fault(name, found, "write its values, or make it smaller")
 
 
 TEXT = 100

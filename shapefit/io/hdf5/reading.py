@@ -159,7 +159,7 @@ class Hdf5Reader(StoredReader):
                 flagged = bool(dataset.attrs.get(PER_ITEM_FLAG, True))
             if not carried:
                 fix = "store numbers or text, or remove it"
-                raise input_error(self.place(name), "cannot be carried over", fix)
+                raise self._file.fault(name, "cannot be carried over", fix)
             mine = flagged and is_per_item(name, dataset.shape, self.count)
             (per_item if mine else whole).append(name)
         return per_item, whole
@@ -179,7 +179,7 @@ class Hdf5Reader(StoredReader):
         if not self._file.stored(name).text:
             return texts
         if "\0" in "".join(np.ravel(texts)):
-            raise input_error(self.place(name), "holds a string with a zero byte", "remove it")
+            raise self._file.fault(name, "holds a string with a zero byte", "remove it")
         return texts
 
     def _check_format(self) -> None:

@@ -63,14 +63,9 @@ class Spool:
         if self.error is None:
             return self._file.readinto(buffer) or 0
         target = memoryview(buffer).cast("B")[: max(self._size - self._position, 0)]
-        done = 0
-        while done < len(target):
-            page, offset = divmod(self._position + done, PAGE)
-            part = memoryview(self._page(page))[offset : offset + len(target) - done]
-            target[done : done + len(part)] = part
-            done += len(part)
-        self._position += done
-        return done
+        target[:] = b"".join(self._parts(self._position, len(target)))
+        self._position += len(target)
+        return len(target)
 
     def write(self, data: memoryview) -> int:
         """Write all of `data`, to memory after an error."""
@@ -99,14 +94,18 @@ class Spool:
         return self.error is None
 
     def _keep(self, place: int, data: memoryview) -> None:
-        done = 0
-        while done < len(data):
-            page, offset = divmod(place + done, PAGE)
-            part = data[done : done + PAGE - offset]
-            self._page(page)[offset : offset + len(part)] = part
-            done += len(part)
-        self._position = place + done
-        self._size = max(self._size, self._position)
+        for part in self._parts(place, len(data)):
+            part[:], data = data[: len(part)], data[len(part) :]
+            place += len(part)
+        self._position, self._size = place, max(self._size, place)
+
+    def _parts(self, start: int, size: int) -> Iterator[memoryview]:
+        """Yield so many bytes of the pages from a place on, to read and write."""
+        while size:
+            page, offset = divmod(start, PAGE)
+            part = memoryview(self._page(page))[offset : offset + size]
+            yield part
+            start, size = start + len(part), size - len(part)
 
     def _page(self, number: int) -> bytearray:
         """Return a page to read and write: as in the file, zero beyond its end."""

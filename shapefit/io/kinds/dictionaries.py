@@ -40,7 +40,8 @@ def read_hdf5(path: Path) -> Dictionary:
             if values is not None and not (np.isfinite(values).all() and (values >= 0).all()):
                 fix = "make the dictionary again"
                 raise input_error(reader.place(name), f"holds what is no {kind}", fix)
-        _check_edge_covariance(reader, fields["edge_covariance"])
+        if (C := fields["edge_covariance"]) is not None and C.size:
+            _check_covariance(reader, "edge_covariance", C)
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
         fields["prior"] = _read_prior(reader, fields)
@@ -48,16 +49,6 @@ def read_hdf5(path: Path) -> Dictionary:
         return Dictionary(
             **fields, unit=reader.unit, frame_rate=reader.frame_rate, provenance=provenance
         )
-
-
-def _check_edge_covariance(reader: Hdf5Reader, C: Floats | None) -> None:
-    """Raise InputError for what is no covariance (e, e); None where there is none."""
-    if C is None or C.size == 0:
-        return
-    symmetric = np.isfinite(C).all() and np.allclose(C, C.T, rtol=0, atol=1e-9)
-    if not symmetric or np.linalg.eigvalsh(C)[0] <= 0:
-        found = "is no covariance: not symmetric, or not positive definite"
-        raise input_error(reader.place("edge_covariance"), found, "make the dictionary again")
 
 
 def read_provenance(path: Path) -> dict[str, str]:
@@ -91,12 +82,16 @@ def _read_prior(reader: Hdf5Reader, fields: dict[str, Any]) -> Mixture | None:
     if not np.isfinite(means).all():
         raise input_error(reader.place("prior_means"), "holds what is no number", fix)
     mixture = Mixture.of_landmarks(weights, means, covariances)
-    C = mixture.covariances
-    symmetric = np.isfinite(C).all() and np.allclose(C, C.swapaxes(1, 2), rtol=0, atol=1e-9)
-    if not symmetric or (np.linalg.eigvalsh(C)[:, 0] <= 0).any():
-        found = "holds a matrix that is no covariance: not symmetric, or not positive definite"
-        raise input_error(reader.place("prior_covariances"), found, fix)
+    _check_covariance(reader, "prior_covariances", mixture.covariances)
     return mixture
+
+
+def _check_covariance(reader: Hdf5Reader, name: str, C: Floats) -> None:
+    """Raise InputError for a matrix (..., e, e) that is no covariance."""
+    symmetric = np.isfinite(C).all() and np.allclose(C, C.swapaxes(-1, -2), rtol=0, atol=1e-9)
+    if not symmetric or (np.linalg.eigvalsh(C)[..., 0] <= 0).any():
+        found = "is no covariance: not symmetric, or not positive definite"
+        raise input_error(reader.place(name), found, "make the dictionary again")
 
 
 def check_dictionary(reader: Datasets) -> None:

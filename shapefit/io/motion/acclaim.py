@@ -232,6 +232,9 @@ def read_instances(path: Path, skeleton: Skeleton) -> Iterator[Instances]:
         done += len(labels)
 
 
+SAME_BONES = "give a whole file; every frame must list the same bones"
+OTHER_SKELETON = "give the ASF file of this motion"
+
 Values = list[Floats]
 """Per bone the numbers (n, m) of its degrees of freedom, angles in radians; 0 where not given."""
 
@@ -263,8 +266,7 @@ def read_motion(
             labels, rows = labels[whole:], rows[whole * size :]
     if labels and rows:
         if size and len(rows) != size * len(labels):
-            fix = "give a whole file; every frame must list the same bones"
-            raise input_error(f"{path}:{rows[-1][0]}", "the last frame lacks bones", fix)
+            raise input_error(f"{path}:{rows[-1][0]}", "the last frame lacks bones", SAME_BONES)
         yield labels, _values(path, skeleton, degrees, rows, len(labels))
 
 
@@ -276,31 +278,28 @@ def _values(
     index = {bone.name: number for number, bone in enumerate(skeleton.bones)}
     values = [np.zeros((frames, len(bone.motion))) for bone in skeleton.bones]
     for place in range(size):
-        lines, cells = zip(*rows[place::size], strict=True)
-        lines, cells = lines[:frames], cells[:frames]
+        lines, cells = zip(*rows[place : size * frames : size], strict=True)
         name = cells[0][0]
         for line, words in zip(lines, cells, strict=True):
             if words[0] != name:
                 found = f"{words[0]!r} stands where other frames have {name!r}"
-                fix = "give a whole file; every frame must list the same bones"
-                raise input_error(f"{path}:{line}", found, fix)
+                raise input_error(f"{path}:{line}", found, SAME_BONES)
         if name not in index:
             found = f"the skeleton has no bone {name!r} ({abbreviate([*index])})"
-            raise input_error(f"{path}:{lines[0]}", found, "give the ASF file of this motion")
+            raise input_error(f"{path}:{lines[0]}", found, OTHER_SKELETON)
         bone = skeleton.bones[index[name]]
         for line, words in zip(lines, cells, strict=True):
             if len(words) - 1 != len(bone.motion):
                 there = counted(len(words) - 1, "number")
                 found = f"{there} for the {len(bone.motion)} degrees of freedom of {name}"
-                raise input_error(f"{path}:{line}", found, "give the ASF file of this motion")
+                raise input_error(f"{path}:{line}", found, OTHER_SKELETON)
         if bone.motion:
             numbers = read_table([words[1:] for words in cells], lines, path, finite=True)
             angles = [is_rotation and degrees for is_rotation, _ in bone.motion]
             values[index[name]] = np.where(angles, np.radians(numbers), numbers)
     if rest:
-        line = rows[-1][0]
-        fix = "give a whole file; every frame must list the same bones"
-        raise input_error(f"{path}:{line}", "the last frame lacks bones, or has too many", fix)
+        found = "the last frame lacks bones, or has too many"
+        raise input_error(f"{path}:{rows[-1][0]}", found, SAME_BONES)
     return values
 
 

@@ -32,7 +32,7 @@ def is_acclaim(path: Path, head: bytes) -> bool:
     )
 
 
-def is_anipose(_path: Path, head: bytes) -> bool:
+def is_anipose_csv(_path: Path, head: bytes) -> bool:
     """Whether the first line has columns NAME_x, NAME_y, NAME_z and NAME_ncams or the like."""
     first = head.removeprefix(BOM).partition(b"\n")[0].decode("utf-8", "replace")
     return bool(find_landmarks(split_columns(first)))

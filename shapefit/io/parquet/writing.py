@@ -8,13 +8,11 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
-from shapefit.errors import input_error
 from shapefit.io.extras import Array
 from shapefit.io.layout import Format
 from shapefit.io.parquet.columns import Column, to_columns
 from shapefit.io.parquet.library import pyarrow
 from shapefit.io.parquet.metadata import attribute_metadata, file_metadata
-from shapefit.io.sources import is_stream
 from shapefit.io.stored.writer import StoredWriter, check_alike
 from shapefit.io.whole.atomic import atomic_file, write_all
 
@@ -30,9 +28,6 @@ COMPRESSION = "zstd"
 @contextmanager
 def parquet_output(target: Path, form: Format) -> Iterator[ParquetWriter]:
     """Give a writer to a file that appears on a clean exit."""
-    if is_stream(target):
-        found = "files of this format cannot go to standard output"
-        raise input_error("output", found, "name a file")
     with atomic_file(target) as file:
         sink = _Sink(file)
         writer = ParquetWriter(sink, form)

@@ -18,7 +18,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import InputError, abbreviate, input_error, printable
 from shapefit.io.csv.text import bad_line, read_numbers, refuse_zero_bytes
 from shapefit.io.foreign.recording import Recording, video_name
-from shapefit.io.motion.recognition import is_anipose
+from shapefit.io.motion.recognition import is_anipose_csv
 from shapefit.io.plain.arrays import of_bodies
 from shapefit.io.sources import read_whole
 
@@ -153,7 +153,7 @@ Rows = list[list[str]]
 def is_table(path: Path, head: bytes) -> bool:
     """Whether the first line of a text names columns of landmarks, in another layout than ours."""
     line = _decoded(head).replace("\r", "\n").partition("\n")[0]
-    if not path.name.lower().endswith(ENDINGS) or "\0" in line or is_anipose(path, head):
+    if not path.name.lower().endswith(ENDINGS) or "\0" in line or is_anipose_csv(path, head):
         return False
     return {"item", "landmark"} - {cell.strip(' "\t') for cell in line.split(",")} != set() and (
         understand(line) is not None

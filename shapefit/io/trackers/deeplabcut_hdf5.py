@@ -83,8 +83,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         key = _key(path)
         kind = text(file.attribute("pandas_type", key) or "")
         if kind not in (TABLE, FIXED):
-            found = f"is a {printable(kind)} of pandas, not a table of frames"
-            raise input_error(file.place(key), found, FIX)
+            raise file.fault(key, f"is a {printable(kind)} of pandas, not a table of frames", FIX)
         blocks = _table_blocks(file, key) if kind == TABLE else _fixed_blocks(file, key)
         frames = file.shape(blocks[0].dataset)[1 if blocks[0].transposed else 0]
         labels = None if kind == TABLE else _fixed_labels(file, key, frames)
@@ -124,8 +123,7 @@ def _table_blocks(file: TrackerFile, key: str) -> list[_Block]:
     table = f"{key}/table"
     fields = file.fields(table)
     if "index" not in fields:
-        found = "has no column 'index' for the frames"
-        raise input_error(file.place(table), found, FIX)
+        raise file.fault(table, "has no column 'index' for the frames", FIX)
     blocks = []
     for field in (name for name in fields if name != "index"):
         name = f"{field}_kind"
@@ -133,7 +131,7 @@ def _table_blocks(file: TrackerFile, key: str) -> list[_Block]:
         columns = [_column(place, column) for column in names_of(place, _bytes(file, name, table))]
         blocks.append(_Block(table, field, columns))
     if not blocks:
-        raise input_error(file.place(table), "has no numbers", FIX)
+        raise file.fault(table, "has no numbers", FIX)
     return blocks
 
 
@@ -155,21 +153,19 @@ def _fixed_blocks(file: TrackerFile, key: str) -> list[_Block]:
     for number in range(count if isinstance(count, int) and 0 <= count < 100 else 1):
         dataset = f"{key}/block{number}_values"
         if text(file.attribute(f"block{number}_items_variety", key) or "") != "multi":
-            found = "its columns have no levels (scorer, bodyparts, coords)"
-            raise input_error(file.place(dataset), found, FIX)
+            raise file.fault(dataset, "its columns have no levels (scorer, bodyparts, coords)", FIX)
         columns = _levels(file, f"{key}/block{number}_items")
         rows, width = file.shape(dataset, "frames, columns")
         transposed = not file.attribute("transposed", dataset)
         if (rows if transposed else width) != len(columns):
-            found = f"has the shape {(rows, width)} for {len(columns)} columns"
-            raise input_error(file.place(dataset), found, DAMAGED)
+            raise file.fault(dataset, f"has the shape {(rows, width)} for {len(columns)} columns")
         blocks.append(_Block(dataset, "", columns, transposed))
     if not blocks:
-        raise input_error(file.place(key), "has no numbers", FIX)
+        raise file.fault(key, "has no numbers", FIX)
     axis = f"{key}/axis0"
     named = sorted(each for block in blocks for each in block.columns)
     if file.is_dataset(f"{axis}_level0") and sorted(_levels(file, axis)) != named:
-        raise input_error(file.place(axis), "names other columns than its blocks", DAMAGED)
+        raise file.fault(axis, "names other columns than its blocks")
     return blocks
 
 
@@ -182,10 +178,10 @@ def _levels(file: TrackerFile, start: str) -> list[tuple[str, ...]]:
         known = [text(value) for value in np.ravel(file.rows(level)).tolist()]
         codes = np.ravel(file.rows(f"{start}_label{number}"))
         if codes.dtype.kind not in "iu" or ((codes < -1) | (codes >= len(known))).any():
-            raise input_error(file.place(f"{start}_label{number}"), "are no codes", DAMAGED)
+            raise file.fault(f"{start}_label{number}", "are no codes")
         levels.append(["" if code < 0 else known[code] for code in codes.tolist()])
     if not levels or len({len(level) for level in levels}) > 1:
-        raise input_error(file.place(start), "its levels do not go together", DAMAGED)
+        raise file.fault(start, "its levels do not go together")
     return list(zip(*levels, strict=True))
 
 
@@ -202,8 +198,7 @@ def _fixed_labels(file: TrackerFile, key: str, frames: int) -> list[str]:
         else:
             labels = list(image_labels([text(value) for value in values.tolist()]))
     if len(labels) != frames:
-        found = f"names {len(labels)} frames, and there are {frames}"
-        raise input_error(file.place(f"{key}/axis1"), found, DAMAGED)
+        raise file.fault(f"{key}/axis1", f"names {len(labels)} frames, and there are {frames}")
     return labels
 
 
@@ -236,7 +231,7 @@ def _fixed_rows(file: TrackerFile, block: _Block, rows: slice) -> Any:
 
 def _index_labels(file: TrackerFile, key: str, index: Any) -> list[str]:
     if index.dtype.kind not in "iuf" or index.ndim != 1:
-        raise input_error(file.place(f"{key}/table"), "its index is no number", FIX)
+        raise file.fault(f"{key}/table", "its index is no number", FIX)
     return number_labels(file.place(f"{key}/table"), index)
 
 
@@ -249,5 +244,5 @@ def _numbers(file: TrackerFile, block: _Block, values: Any) -> Floats:
         raise input_error(place, "holds pickled values, not numbers", FIX)
     if values.shape[1:] != (len(block.columns),):
         found = f"has rows of {values.shape[1:]} numbers for {len(block.columns)} columns"
-        raise input_error(file.place(block.dataset), found, DAMAGED)
+        raise file.fault(block.dataset, found)
     return values.astype(np.float64, copy=False)

@@ -15,7 +15,6 @@ from re import sub
 import numpy as np
 
 from shapefit.arrays import Integers
-from shapefit.errors import input_error
 from shapefit.io.foreign.recording import Instances, Recording, video_name
 from shapefit.io.trackers.reading import TrackerFile
 
@@ -52,7 +51,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         shape = file.shape(POINTS)
         if len(shape) not in (3, 4) or shape[-1] != 2:
             found = f"has the shape {shape}"
-            raise input_error(file.place(POINTS), found, "its axes are (frame, [mouse,] point, 2)")
+            raise file.fault(POINTS, found, "its axes are (frame, [mouse,] point, 2)")
         if file.is_dataset(CONFIDENCE):
             file.check_shape(CONFIDENCE, shape[:-1])
         who = None if len(shape) == 3 else _identities(file, shape[0], shape[1])

@@ -13,7 +13,6 @@ import numpy as np
 
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import Instances, Recording, video_name
-from shapefit.io.hdf5.file import DAMAGED
 from shapefit.io.trackers.frame_names import number_labels
 from shapefit.io.trackers.reading import TrackerFile, check_unique, text
 
@@ -40,13 +39,13 @@ def record(paths: tuple[Path, ...]) -> Recording:
         sizes = dict(zip(axes, file.shape(POSITION), strict=True))
         for axis in ("time", "space"):
             if axis not in sizes:
-                raise input_error(file.place(POSITION), f"has no axis {axis}", DAMAGED)
+                raise file.fault(POSITION, f"has no axis {axis}")
         names = _names(file, "keypoint", sizes.get("keypoint", 1))
         individuals = _names(file, "individual", sizes.get("individual", 1))
         space = _names(file, "space", sizes["space"])
         if space not in (("x", "y"), ("x", "y", "z")):
             found = f"names the coordinates {printable(', '.join(space))}"
-            raise input_error(file.place("space"), found, "name them x, y and z")
+            raise file.fault("space", found, "name them x, y and z")
         rate = file.attribute("fps")
         frames = sizes["time"]
     flat = len(space) == 2
@@ -67,11 +66,10 @@ def _axes(file: TrackerFile, name: str) -> Axes:
     """Return the names of the axes of a dataset, as its dimension scales say."""
     found = [SINGULAR.get(axis, axis) for axis in file.scales(name)]
     if len(found) != len(file.shape(name)):
-        what = f"has the shape {file.shape(name)}, and names {len(found)} axes"
-        raise input_error(file.place(name), what, DAMAGED)
+        raise file.fault(name, f"has the shape {file.shape(name)}, and names {len(found)} axes")
     if len(set(found)) != len(found) or not set(found) <= set(WANTED):
         what = f"has the axes {printable(', '.join(found))}"
-        raise input_error(file.place(name), what, f"name them {', '.join(WANTED)}")
+        raise file.fault(name, what, f"name them {', '.join(WANTED)}")
     return tuple(found)
 
 
@@ -82,8 +80,7 @@ def _names(file: TrackerFile, axis: str, size: int) -> tuple[str, ...]:
         return tuple(f"{axis}_{number}" for number in range(size))
     names = file.texts(place)
     if len(names) != size:
-        found = f"names {len(names)}, and there are {size}"
-        raise input_error(file.place(place), found, DAMAGED)
+        raise file.fault(place, f"names {len(names)}, and there are {size}")
     check_unique(file.place(place), names, axis)
     return names
 
@@ -96,7 +93,7 @@ def _read(path: Path, axes: Axes) -> Iterator[Instances]:
             sizes = dict(zip(axes, file.shape(POSITION), strict=True))
             if {*scores, "space"} != set(axes):
                 found = f"has the axes {', '.join(scores)}, and position {', '.join(axes)}"
-                raise input_error(file.place(CONFIDENCE), found, DAMAGED)
+                raise file.fault(CONFIDENCE, found)
             file.check_shape(CONFIDENCE, [sizes[axis] for axis in scores])
         times = file.numbers("time") if file.is_dataset("time") else None
         if times is not None:

@@ -15,7 +15,6 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io.foreign.recording import Instances, Recording, video_name
-from shapefit.io.hdf5.file import DAMAGED
 from shapefit.io.trackers.frame_names import number_label
 from shapefit.io.trackers.reading import (
     BLOCK_FRAMES,
@@ -57,14 +56,14 @@ class Series:
         if self.start is not None:
             if not np.isfinite(self.start):
                 fix = "store the time of the first point"
-                raise input_error(file.place(f"{self.group}/starting_time"), "is no number", fix)
+                raise file.fault(f"{self.group}/starting_time", "is no number", fix)
             return self.start + np.arange(self.count) / (self.rate or 1.0)
         name = f"{self.group}/timestamps"
         file.check_shape(name, (self.count,))
         times = file.numbers(name)
         if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
             fix = "give each point a time of its own, in their order"
-            raise input_error(file.place(name), "does not increase", fix)
+            raise file.fault(name, "does not increase", fix)
         return times
 
     def points(self, file: TrackerFile, rows: slice) -> Floats:
@@ -168,7 +167,7 @@ def _series(file: TrackerFile, group: str, name: str) -> Series:
     data = f"{group}/data"
     shape = file.shape(data, "times, coordinates")
     if shape[1] not in (2, 3):
-        raise input_error(file.place(data), f"has {shape[1]} coordinates", DAMAGED)
+        raise file.fault(data, f"has {shape[1]} coordinates")
     has_confidence = file.is_dataset(f"{group}/confidence")
     if has_confidence:
         file.check_shape(f"{group}/confidence", shape[:1])
@@ -178,8 +177,7 @@ def _series(file: TrackerFile, group: str, name: str) -> Series:
         start = float(file.numbers(f"{group}/starting_time"))
         rate = _number(file.attribute("rate", f"{group}/starting_time"))
     elif not file.is_dataset(f"{group}/timestamps"):
-        found = "has neither timestamps nor starting_time"
-        raise input_error(file.place(group), found, DAMAGED)
+        raise file.fault(group, "has neither timestamps nor starting_time")
     return Series(
         group=group,
         name=name,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.hdf5.file import DAMAGED, Hdf5File
+from shapefit.io.hdf5.file import Hdf5File
 
 BLOCK_FRAMES = 4096
 """Of a video that are read at a time."""
@@ -42,8 +42,7 @@ class TrackerFile(Hdf5File):
         """Return the shape of a dataset; InputError unless it has as many axes as are listed."""
         shape = self.stored(name).shape
         if axes and len(shape) != len(axes.split(", ")):
-            found = f"has the shape {shape}"
-            raise input_error(self.place(name), found, f"its axes should be ({axes})")
+            raise self.fault(name, f"has the shape {shape}", f"its axes should be ({axes})")
         return shape
 
     def check_shape(self, name: str, wanted: Sequence[int]) -> None:
@@ -51,19 +50,19 @@ class TrackerFile(Hdf5File):
         shape = self.shape(name)
         if shape != tuple(wanted):
             found = f"has the shape {shape}, and other datasets want {tuple(wanted)}"
-            raise input_error(self.place(name), found, DAMAGED)
+            raise self.fault(name, found)
 
     def fields(self, name: str) -> tuple[str, ...]:
         """Return the names of the columns of a table; InputError where it is none."""
         found = self.stored(name).dataset.dtype.names
         if not found:
-            raise input_error(self.place(name), "is not a table of named columns", DAMAGED)
+            raise self.fault(name, "is not a table of named columns")
         return tuple(found)
 
     def numbers(self, name: str, rows: slice | tuple[Any, ...] = ()) -> NDArray[np.float64]:
         """Return rows of a dataset as numbers. Raises InputError where they are none."""
         if self.stored(name).dataset.dtype.kind not in "biuf":
-            raise input_error(self.place(name), "holds no numbers", DAMAGED)
+            raise self.fault(name, "holds no numbers")
         values = self.rows(name, rows)
         with self.damage(name):
             return np.asarray(values, np.float64)
@@ -109,11 +108,11 @@ class TrackerFile(Hdf5File):
         """Return a dataset of names. Raises InputError where they are none, or too many."""
         stored = self.stored(name)
         if prod(stored.shape) > MOST_TEXTS:
-            raise input_error(self.place(name), f"holds {stored.shape} names", DAMAGED)
+            raise self.fault(name, f"holds {stored.shape} names")
         if not stored.text:
             if stored.dataset.size == 0:
                 return ()  # SLEAP writes lists without entries as numbers
-            raise input_error(self.place(name), "holds no text", DAMAGED)
+            raise self.fault(name, "holds no text")
         with self.damage(name):
             found = np.ravel(stored.dataset[()])
         return tuple(text(value) for value in found)
@@ -147,8 +146,8 @@ def read_edges(file: TrackerFile, name: str, count: int) -> tuple[tuple[int, int
         return ()
     shape = file.shape(name)
     if len(shape) != 2 or shape[1] != 2:
-        raise input_error(file.place(name), f"has the shape {shape}, not (edges, 2)", DAMAGED)
+        raise file.fault(name, f"has the shape {shape}, not (edges, 2)")
     pairs = file.numbers(name)
     if not ((pairs >= 0) & (pairs < count)).all():
-        raise input_error(file.place(name), "points at landmarks that are not there", DAMAGED)
+        raise file.fault(name, "points at landmarks that are not there")
     return tuple((int(a), int(b)) for a, b in pairs)

@@ -110,7 +110,7 @@ def is_sleap_analysis(path: Path, head: bytes) -> bool:
     return {"tracks", "node_names"} <= look(path, head).entries
 
 
-def is_slp(path: Path, head: bytes) -> bool:
+def is_sleap_labels(path: Path, head: bytes) -> bool:
     """Whether the file has metadata with the version of SLEAP's format, and frames."""
     found = look(path, head)
     return found.slp and {"frames", "instances"} <= found.entries

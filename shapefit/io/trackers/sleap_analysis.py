@@ -15,7 +15,6 @@ import numpy as np
 
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import Instances, Recording, video_name
-from shapefit.io.hdf5.file import DAMAGED
 from shapefit.io.trackers.frame_names import apart
 from shapefit.io.trackers.reading import TrackerFile, check_unique, read_edges, text
 
@@ -36,8 +35,7 @@ def record(paths: tuple[Path, ...]) -> Recording:
         axes = _axes(file, len(nodes))
         sizes = dict(zip(axes, file.shape(TRACKS), strict=True))
         if sizes["node"] != len(nodes) or sizes["xy"] != 2:
-            found = f"has the shape {file.shape(TRACKS)} for {len(nodes)} nodes"
-            raise input_error(file.place(TRACKS), found, DAMAGED)
+            raise file.fault(TRACKS, f"has the shape {file.shape(TRACKS)} for {len(nodes)} nodes")
         scores = _score_axes(file, axes)
         edges = read_edges(file, "edge_inds", len(nodes))
         individuals = _individuals(file, sizes["track"])
@@ -60,8 +58,7 @@ def _individuals(file: TrackerFile, count: int) -> tuple[str, ...]:
     if not names:
         return () if count == 1 else tuple(f"track_{number}" for number in range(count))
     if len(names) != count:
-        found = f"names {len(names)} tracks, and there are {count}"
-        raise input_error(file.place("track_names"), found, DAMAGED)
+        raise file.fault("track_names", f"names {len(names)} tracks, and there are {count}")
     return apart([name or f"track_{number}" for number, name in enumerate(names)])
 
 
@@ -85,7 +82,7 @@ def _axes(file: TrackerFile, nodes: int) -> Axes:
         fitting = agreeing or fitting
     if not fitting:
         found = f"has the shape {shape} for {nodes} nodes, which is in no order of axes"
-        raise input_error(file.place(TRACKS), found, DAMAGED)
+        raise file.fault(TRACKS, found)
     return fitting[0]
 
 

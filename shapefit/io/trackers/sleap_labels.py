@@ -199,7 +199,7 @@ def _read_index(file: TrackerFile, metadata: Metadata) -> _Index:
     table = _columns(file, "instances", wanted)
     start, end = frames["instance_id_start"], frames["instance_id_end"]
     if ((start < 0) | (end < start) | (end > len(table["track"]))).any():
-        raise input_error(file.place("frames"), "points at instances that are not there", DAMAGED)
+        raise file.fault("frames", "points at instances that are not there")
     order = np.lexsort((frames["frame_idx"], frames["video"]))
     rows, owner = _spread(start[order], end[order])
     found = {name: values[rows] for name, values in table.items()}
@@ -224,7 +224,7 @@ def _columns(file: TrackerFile, name: str, wanted: str) -> dict[str, Integers]:
     """Return columns of a table as integers."""
     known = file.fields(name)
     if lost := [column for column in wanted.split() if column not in known]:
-        raise input_error(file.place(name), f"has no column {lost[0]}", DAMAGED)
+        raise file.fault(name, f"has no column {lost[0]}")
     file.shape(name, "rows")
     table = file.rows(name)
     return {column: table[column].astype(np.int64) for column in wanted.split()}
@@ -261,9 +261,9 @@ def _check(file: TrackerFile, found: dict[str, Integers], metadata: Metadata) ->
             continue
         wanted = {"x", "y", "visible", *(("score",) if kind == PREDICTED else ())}
         if lost := sorted(wanted - set(file.fields(table))):
-            raise input_error(file.place(table), f"has no column {lost[0]}", DAMAGED)
+            raise file.fault(table, f"has no column {lost[0]}")
         if end[own].max() > file.shape(table, "points")[0]:
-            raise input_error(file.place(table), "ends before the points of instances", DAMAGED)
+            raise file.fault(table, "ends before the points of instances")
 
 
 def _replaced(found: dict[str, Integers]) -> NDArray[np.bool_]:

@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 
 from shapefit import __version__
 from shapefit.arrays import Floats
-from shapefit.errors import input_error
 from shapefit.io.extras import METRES_PER_UNIT, Extras
 from shapefit.io.foreign.sources import FRAME
 from shapefit.io.layout import Format
 from shapefit.io.options import Summary
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
-from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_file, write_all
 from shapefit.io.writing import NOTHING_APPENDED
 
@@ -86,8 +84,6 @@ class JsonWriter:
 @contextmanager
 def json_output(target: Path, form: Format) -> Iterator[JsonWriter]:
     """Give a writer to a JSON file that appears on a clean exit."""
-    if is_stream(target):
-        raise input_error("output", "JSON cannot go to standard output", "name a file")
     with atomic_file(target) as file:
         writer = JsonWriter(lambda data: write_all(file, data))
         yield writer

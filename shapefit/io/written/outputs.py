@@ -11,7 +11,6 @@ from pathlib import Path, PurePosixPath
 from shapefit.errors import input_error
 from shapefit.io.layout import Format
 from shapefit.io.options import OutputOptions, Summary
-from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_path, check_output
 from shapefit.io.whole.folder import staged_files, write_and_sync
 from shapefit.io.whole.item_files import file_stem
@@ -65,9 +64,6 @@ def motion_output(
 
     @contextmanager
     def output(target: Path, form: Format, options: OutputOptions) -> Iterator[MotionWriter]:
-        if is_stream(target):
-            found = "files of this format cannot go to standard output"
-            raise input_error("output", found, "name a file")
         if isinstance(target, UrlPath):
             found = "motion can be several files, which do not appear together in an object store"
             raise input_error(target, found, "write it to this machine, and copy it there")

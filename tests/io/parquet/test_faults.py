@@ -186,9 +186,8 @@ def test_counts_that_do_not_fit_their_lists(tmp_path, results, rng):
 
 
 def test_standard_output_is_refused():
-    writing = record_writer(Path("-"), SHAPES, to="parquet")
     with pytest.raises(InputError, match="cannot go to standard output; name a file"):
-        writing.__enter__()
+        record_writer(Path("-"), SHAPES, to="parquet").__enter__()
 
 
 def test_a_pipe_is_refused(write):
