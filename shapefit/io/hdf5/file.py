@@ -45,7 +45,8 @@ class Hdf5File:
 
     def place(self, name: str, row: int | None = None) -> str:
         """Name a dataset or group, or a row of it, in messages."""
-        where = f"{self.path}:/{printable(name.strip('/'))}"
+        name = name.strip("/")
+        where = f"{self.path}:/{name if name.isprintable() else printable(name)}"
         return where + ("" if row is None else f"[{row}]")
 
     def fault(self, name: str, found: str, fix: str = DAMAGED) -> InputError:
