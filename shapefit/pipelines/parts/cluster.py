@@ -21,6 +21,9 @@ ADDRESS = "DASK_SCHEDULER_ADDRESS"
 RETRIES = 2
 """Times that a part is tried again, on other workers if there are some."""
 
+MOST_RETRIES = 10
+"""The same while a worker has not tried it: one that failed, and so is idle, may take it back."""
+
 AHEAD = 4
 """Parts that each thread of the cluster has waiting; more would only fill the scheduler."""
 
@@ -166,10 +169,13 @@ def on_cluster(client: Any, jobs: deque[Job]) -> Iterator[Done]:
                 found = "the scheduler is gone; what is done stays"
                 fix = "start it and its workers again, and run the same command again"
                 raise input_error(address, found, fix) from None
-            if done.passing and len(failed_on) < RETRIES:
+            if done.passing:
                 workers = next(iter(client.who_has([future]).values()), ())
-                ended.add(submitted(job, (*failed_on, next(iter(workers), ""))))
-                continue
+                failed_on = (*failed_on, next(iter(workers), ""))
+                untried = client.nthreads().keys() - set(failed_on)
+                if len(failed_on) <= (MOST_RETRIES if untried else RETRIES):
+                    ended.add(submitted(job, failed_on))
+                    continue
             yield done
         ended.update(next_ones())
 
