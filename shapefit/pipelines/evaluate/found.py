@@ -37,7 +37,7 @@ class Found:
         self.methods: list[MethodImages] = []
         self.errors: list[ImageErrors] = []
         self.shares: list[ImageErrors] = []
-        self.warnings = dict.fromkeys(truth.count_gaps())
+        self.warnings = dict.fromkeys(truth.lacks)
         self.sheets: dict[str, dict[Path, None]] = {}
         self.bars: dict[str, Coverages] = {}
         self.floors = Floors(options.floors, truth.head, options.folder) if options.floors else None

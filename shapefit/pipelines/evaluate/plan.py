@@ -9,13 +9,14 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.config import EvalConfig, ViewConfig
 from shapefit.config.commands.evaluate import FloorsConfig
 from shapefit.errors import counted, input_error
 from shapefit.io import ShapeSource, open_shapes
 from shapefit.io.columns import Texts, nearest_folder
-from shapefit.io.name_index import NameIndex
+from shapefit.io.name_index import NameIndex, index_of
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import ShapeSet
 from shapefit.io.whole.folder import check_folder
@@ -136,15 +137,25 @@ def _view(config: EvalConfig) -> ViewConfig:
 
 
 AT_A_TIME = 1 << 14
-"""Shapes that are read at a time to count what they lack."""
+"""Shapes that are read at a time for their names, and to count what they lack."""
 
 
 class Truth:
-    """The true shapes of an evaluation, found by their items."""
+    """The true shapes of an evaluation, found by their items; lacks: what is unknown of them."""
 
     def __init__(self, source: ShapeSource, folder: Path | None) -> None:
         self._source = source
         self._folder = folder
+        self._names = Texts(folder)
+        self._next = 0
+        shapes, landmarks = 0, 0
+        for part in source.file_chunks(AT_A_TIME):
+            self._names.append(part.items)
+            gaps = np.asarray(np.isnan(part.shapes).any(axis=1))
+            shapes += int(gaps.any(axis=1).sum())
+            landmarks += int(gaps.sum())
+        number = f"{counted(landmarks, 'landmark')} of {counted(shapes, 'shape')}"
+        self.lacks = [f"the truth lacks {number} (NaN): left out"] if shapes else []
 
     @property
     def head(self) -> ShapeSet:
@@ -161,30 +172,28 @@ class Truth:
 
         Where none is, the first shape of all, so that an error can say what they are called.
         """
-        names, index = self._index
-        rows = np.unique(index.find(items, names))
-        rows = rows[rows >= 0]
+        rows = self._in_order(items)
+        if rows is None:
+            rows = np.unique(self._index.find(items, self._names))
+            rows = rows[rows >= 0]
         return self._source.take(rows if len(rows) else np.arange(min(1, self.count)))
 
-    def count_gaps(self) -> list[str]:
-        """Say how many landmarks of the truth are unknown."""
-        shapes, landmarks = 0, 0
-        for part in self._source.file_chunks(AT_A_TIME):
-            gaps = np.asarray(np.isnan(part.shapes).any(axis=1))
-            shapes += int(gaps.any(axis=1).sum())
-            landmarks += int(gaps.sum())
-        if not shapes:
-            return []
-        lacks = f"{counted(landmarks, 'landmark')} of {counted(shapes, 'shape')}"
-        return [f"the truth lacks {lacks} (NaN): left out"]
+    def _in_order(self, items: Sequence[str]) -> NDArray[np.intp] | None:
+        """Return rows that are called so one after another, from the first or the next one on.
+
+        So they are where results are files of the same images; others are found by an index.
+        """
+        for start in (self._next, 0):
+            rows = slice(start, start + len(items))
+            near = self._names[start : start + 1] == tuple(items[:1])
+            if near and self._names[rows] == tuple(items):
+                self._next = rows.stop
+                return np.arange(start, rows.stop)
+        return None
 
     @cached_property
-    def _index(self) -> tuple[Texts, NameIndex]:
-        names, index = Texts(self._folder), NameIndex(self._folder)
-        for block in self._source.names():
-            names.append(block)
-            index.add(block)
-        return names, index
+    def _index(self) -> NameIndex:
+        return index_of(self._folder, self._names.blocks())
 
 
 @contextmanager
