@@ -138,6 +138,7 @@ def lay_out(axis: Axes, slots: float, top: float, label: str) -> None:
     axis.set_xlim(-0.7, slots - 0.3)
     axis.set_ylim(0, top)
     axis.set_ylabel(label, color=INK)
+    axis.xaxis.set_label_coords(0.5, 0)  # there is none: its place need not be found
     style(axis, "top", "right", "left", grid="y")
 
 
@@ -145,7 +146,7 @@ def add_head(figure: Figure, axis: Axes, title: str, methods: Sequence[str]) -> 
     """Put the title above the first row, the legend of the methods below the last."""
     from matplotlib.patches import Patch
 
-    axis.set_title(title, loc="left", color=INK, fontsize=12, pad=20)
+    axis.set_title(title, loc="left", color=INK, fontsize=12, pad=20, y=1)
     looks = [look(index) for index in range(len(methods))]
     entry = LETTER * max(map(len, methods)) + LEGEND_HANDLE
     columns = max(1, min(len(methods), 4, int(figure.get_figwidth() / entry)))

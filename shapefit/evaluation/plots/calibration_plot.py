@@ -68,7 +68,7 @@ def _style_curves(axis: Axes) -> None:
     axis.set_yticks(range(0, 101, 25))
     axis.set_xlabel("nominal level (%)", color=INK)
     axis.set_ylabel("truth inside (%)", color=INK)
-    axis.set_title("Error bars, all landmarks", loc="left", color=INK, fontsize=11)
+    axis.set_title("Error bars, all landmarks", loc="left", color=INK, fontsize=11, y=1)
     style(axis, "top", "right", grid="both")
 
 
@@ -94,5 +94,5 @@ def _draw_landmarks(
     axis.set_ylim(0, 100)
     axis.set_yticks([0, *(100 * level for level in LEVELS), 100])
     title = f"Inside {LEVELS[-1]:.0%} (bars) and {LEVELS[0]:.0%} (marks), by landmark"
-    axis.set_title(title, loc="left", color=INK, fontsize=11)
+    axis.set_title(title, loc="left", color=INK, fontsize=11, y=1)
     style(axis, "top", "right")
