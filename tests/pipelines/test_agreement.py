@@ -13,17 +13,10 @@ from shapefit.io import write_dictionary
 from shapefit.io.records import LandmarkSet
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
+from tests.pipelines.verify.conftest import TERMS
 
 NAMES = tuple("abcdefgh")
 N, K = 9, 5
-
-TERMS = {
-    "squared": {},
-    "exact": {"loss": "exact"},
-    "l1": {"outliers": {"method": "l1"}},
-    "sparse-error": {"outliers": {"method": "sparse-error"}},
-}
-"""Data term -> the keys of `fit` that choose it."""
 
 
 @pytest.fixture(scope="module")
