@@ -1,6 +1,8 @@
-"""The arrays that signatures name; docstrings give their axes."""
+"""The arrays that signatures name; docstrings give their axes. Their median."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,3 +10,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+
+
+def median(values: NDArray[Any]) -> float:
+    """Median of numbers (n,), one at least; NumPy's first takes 0.06 s to import masked arrays."""
+    ordered = np.sort(values)
+    return float((ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, median
 from shapefit.core.stretches import on_threads
 from shapefit.lifting.posterior.posterior import Modes
 from shapefit.lifting.sequences.noise import LEAST_TURN, find_haste, find_noise, find_turn
@@ -155,7 +155,7 @@ def refine_clip(
     found: Refined,
 ) -> None:
     """Refine one sequence from the images that are `there` (t,); write down the finite ones."""
-    unit = float(np.median(clips.scale[clip][there]))
+    unit = median(clips.scale[clip][there])
     seen = in_unit(clips, clip, unit)
     acceleration = motion.acceleration * find_haste(seen, motion.acceleration)
     rows = np.arange(clip.start, clip.stop)[finite]
@@ -178,7 +178,7 @@ def refine_clip(
     assert smoothed.deviation is not None
     assert smoothed.correlation is not None
     away = (smoothed.points[there] - seen.start[there]) / sd
-    if np.median((away**2).mean(axis=(1, 2))) > (NEAR if turn < LEAST_TURN else FARTHEST):
+    if median((away**2).mean(axis=(1, 2))) > (NEAR if turn < LEAST_TURN else FARTHEST):
         steady_images()
         return
     found.points[rows] = unit * smoothed.points[finite]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, median
 from shapefit.lifting.sequences.observations import Observations
 from shapefit.lifting.sequences.smoothing import Model, Smoothed, first_lengths, smooth
 
@@ -86,7 +86,7 @@ def find_turn(seen: Observations, model: Model) -> float:
     apart = np.where(there[:, None], bone - mean, 0.0)
     spread = np.sqrt((apart**2).sum(axis=(0, 1)) / np.maximum(count, 1))
     lengths = first_lengths(seen.start, model)
-    return float(np.median(spread[usable] / np.maximum(lengths[usable], 1e-12)))
+    return median(spread[usable] / np.maximum(lengths[usable], 1e-12))
 
 
 def find_haste(seen: Observations, acceleration: Floats) -> float:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from shapefit.arrays import median
 from shapefit.config import FitConfig, find_config, load_config
 from shapefit.config.loader import find_presets
 from shapefit.config.paths import STANDARD_STREAM
@@ -78,4 +79,4 @@ def are_long(sequences: Sequence[str] | None) -> bool:
     if not sequences:
         return False
     _, which, counts = np.unique(sequences, return_inverse=True, return_counts=True)
-    return bool(np.median(counts[which]) >= ENOUGH)
+    return median(counts[which]) >= ENOUGH

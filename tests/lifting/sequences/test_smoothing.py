@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from shapefit.arrays import median
 from shapefit.lifting.sequences import clips as clips_of
 from shapefit.lifting.sequences import smoothing
 from shapefit.lifting.sequences.noise import find_haste, find_noise, find_turn
@@ -255,3 +256,9 @@ def test_single_images_cost_next_to_nothing(rng):
     np.testing.assert_array_equal(found, points)
     assert np.isnan(deviation).all()
     assert np.isnan(noise).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 6])
+def test_the_median_is_that_of_numpy(rng, count):
+    values = rng.standard_normal(count)
+    assert median(values) == np.median(values)
