@@ -52,10 +52,9 @@ class Coder:
 
     def __call__(self, names: Sequence[str]) -> NDArray[np.int32]:
         """Return the codes of names."""
-        codes = self._codes
-        return np.fromiter(
-            (codes.setdefault(name, len(codes)) for name in names), np.int32, len(names)
-        )
+        for name in dict.fromkeys(names):
+            self._codes.setdefault(name, len(self._codes))
+        return np.fromiter(map(self._codes.__getitem__, names), np.int32, len(names))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -2,15 +2,19 @@
 
 import csv
 import errno
+import io
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from shapefit.evaluation.report import Method, Report, Solving
+from shapefit.evaluation.summary import ImageErrors
 from shapefit.evaluation.tables import csv_json as tables
 from shapefit.evaluation.tables.csv_json import write_table
 from shapefit.evaluation.tables.document import ABSENT, decimals_of, number
+from shapefit.io.columns import Texts
 from shapefit.io.csv.writing import write_per_image
 
 
@@ -46,6 +50,29 @@ def test_csv_keeps_all_digits(tmp_path, image_errors):
     value = 0.1 + 0.2
     write_per_image(tmp_path / "per_image.csv", [image_errors(values=(value,) * 4)])
     assert float(rows_of(tmp_path / "per_image.csv")[1][4]) == value
+
+
+@pytest.mark.parametrize("in_a_file", [False, True])
+def test_names_and_errors_are_written_as_by_the_library(tmp_path, in_a_file):
+    """Names in quotes where they need them, of an image and a sequence without one nothing."""
+    names = ("a,b", 'c"d', "e\nf", "g\rh", " i ", "", "ü", "plain")
+    values = (0.1 + 0.2, np.nan, 1e-5, 1e16, -0.0, 5e-324, 12.0, 1e-4)
+    items = names
+    if in_a_file:
+        items = Texts(None)
+        items.append(names)
+    errors = ImageErrors("m, n", "similarity", "m", items, names[::-1], np.array(values))
+    write_per_image(tmp_path / "per_image.csv", [errors, errors], of="value")
+    rows = [
+        ("m, n", sequence, item, "similarity", "" if np.isnan(value) else repr(value), "m")
+        for sequence, item, value in zip(names[::-1], names, values, strict=True)
+    ]
+    lines = []
+    for row in [("value", "sequence", "item", "metric", "error", "unit"), *rows, *rows]:
+        lines.append(io.StringIO())
+        csv.writer(lines[-1]).writerow(row)
+    expected = "".join(line.getvalue().removesuffix("\r\n") + "\n" for line in lines)
+    assert (tmp_path / "per_image.csv").read_bytes() == expected.encode()
 
 
 def test_json_counts_and_lists_failures(report):
