@@ -212,8 +212,8 @@ def rows_of(
     rows = np.empty(room // 8 + 1, np.uint64)
     size = core.write_csv_rows(
         letters=np.frombuffer(letters.ljust(len(letters) // 8 * 8 + 8), np.uint64),
-        starts=starts,
-        texts=texts,
+        starts=starts.astype(np.int64, copy=False),
+        texts=texts.astype(np.int64, copy=False),
         numbers=numbers,
         leading=len(before),
         as_python=as_python,
