@@ -51,13 +51,13 @@ double subtract_shapes(const ImageTransforms& M, Tensor<const double> B, Matrix<
     return norms;
 }
 
-// The translation of axis a beside the mean: the mean of what M and E leave.
+// The translation of one axis beside the mean: the mean of what M and, if any, E leave.
 double find_shift(Vector<const double> omega, const double* left, const double* E, bool quadratic) {
     double shift = 0, total = 0;
     for (long j = 0; j < omega.size[0]; ++j) {
         if (!(omega[j] > 0)) continue;
         const double weight = quadratic ? square(omega[j]) : 1;
-        shift += weight * (left[j] - E[j] / omega[j]);
+        shift += weight * (E ? left[j] - E[j] / omega[j] : left[j]);
         total += weight;
     }
     return shift / total;
@@ -126,7 +126,8 @@ void Certifier::certify(long image, const ImageTransforms& M, const ConvexPoint&
     sums.primal = program.lam[image] * norms;
     for (int a = 0; a < 2; ++a) {
         double *E = point.errors[image][a].data, *Y = point.dual[image][a].data;
-        const double shift = find_shift(omega, left[a].data, E, program.delta > 0);
+        const bool quadratic = program.delta > 0, squared = quadratic && !(program.bound < INFINITE);
+        const double shift = find_shift(omega, left[a].data, squared ? nullptr : E, quadratic);
         point.translation[image][a] = mean[a] + shift;
         add_axis(program, omega, total, shift, centred[a].data, left[a].data, E, Y, sums);
     }

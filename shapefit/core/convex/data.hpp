@@ -52,7 +52,7 @@ struct ConvexPoint {
     Arguments& from;
     Matrix<double> translation = from("translation", "n 2");  // T
     Tensor<double> dual = from("dual", "n 2 p");  // Y
-    Tensor<double> errors = from("errors", "n 2 p");  // E
+    Tensor<double> errors = from("errors", "n 2 p");  // E, 0 before an image is solved
 };
 
 // What a point proves: P, (P - D) / P and ||Omega o (W - sum M_i B_i - T)|| / ||Omega o (W - mean)||.

@@ -75,7 +75,6 @@ PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
     const double sigma = STEP / program.lam;
     memcpy(room.start_M, iterate.M, sizeof(double) * 6 * k);
     memcpy(room.start_y, iterate.y, sizeof(double) * n);
-    correlate(program.planes, iterate.y, iterate.y + q, room.N);
     long steps = 0;
     while (steps < MOST_ROUNDS && steps < program.most_steps) {
         const long rows = build_system(program, iterate, sigma, room);

@@ -19,7 +19,8 @@ struct PrimalDualEnd {
     bool solved;
 };
 
-// Takes the iterate to the tolerance; where it does not get there the iterate is left as it was.
+// Takes the iterate, of which room.N holds the correlation, to the tolerance; where it does not get
+// there the iterate is left as it was.
 PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate, Room& room);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -202,7 +202,6 @@ class StretchSolver {
     // M = 0 and the multiple of w that is dual feasible.
     void start_cold(long image, double lam) {
         memset(iterate_.M, 0, sizeof(double) * 6 * padded_);
-        memset(task_.point.errors[image].data, 0, sizeof(double) * 2 * p_);
         correlate(reduced_, w_, w_ + q(), room_.N);
         const double largest = larger(largest_nuclear_norm(room_.N, padded_), TINY);
         const double scale = smaller(1, lam / largest);
@@ -217,6 +216,7 @@ class StretchSolver {
         }
         long steps = 0;
         if (near && quadratic()) {
+            correlate(reduced_, iterate_.y, iterate_.y + q(), room_.N);
             const PrimalDualEnd end = solve_primal_dual(reduced, iterate_, room_);
             steps = end.steps;
             if (end.solved) return steps;

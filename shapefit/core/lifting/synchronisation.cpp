@@ -9,6 +9,7 @@ namespace {
 
 constexpr int STARTS = 4;  // the sum of all transforms, and the largest ones
 constexpr double STILL = 1e-13;  // largest entry of the last change of Rbar
+constexpr double SAME = 1e-6;    // and of the difference to a maximum that another start has found
 constexpr int MOST_ROUNDS = 2000;
 constexpr double RANK_ONE = 1e-8;  // s1 s2 / (s1^2 + s2^2) below which rounding hides the second
 
@@ -16,6 +17,33 @@ double squared_norm(const double* M) {
     double total = 0;
     for (int e = 0; e < 6; ++e) total += square(M[e]);
     return total;
+}
+
+bool is_near(const double* R, const double* other, double most) {
+    double change = 0;
+    for (int e = 0; e < 9; ++e) change = larger(change, magnitude(R[e] - other[e]));
+    return change <= most;
+}
+
+// As `climb`; what comes near the maximum at `known` stops there, with the value 0.
+double climb_elsewhere(Tensor<const double> blocks, const double* known, Matrix<double> R) {
+    double value = 0;
+    for (int round = 0; round < MOST_ROUNDS; ++round) {
+        double total[6] = {}, before[9];
+        value = 0;
+        for (long i = 0; i < blocks.size[0]; ++i) {
+            const double* M = blocks[i].data;
+            double inner = 0;
+            for (int e = 0; e < 6; ++e) inner += M[e] * R.data[e];
+            if (inner <= 0) continue;
+            value += square(inner);
+            for (int e = 0; e < 6; ++e) total[e] += inner * M[e];
+        }
+        for (int e = 0; e < 9; ++e) before[e] = R.data[e];
+        if (!polar_rotation({total, {2, 3}}, R) || is_near(R.data, before, STILL)) break;
+        if (known && is_near(R.data, known, SAME)) return 0;
+    }
+    return value;
 }
 
 // Climb from the sum of all blocks (k, 2, 3) and from the largest ones; the best goes to R.
@@ -37,7 +65,7 @@ void synchronise_image(Tensor<const double> blocks, double* norms, double* R) {
             for (int e = 0; e < 6; ++e) start[e] = blocks[longest].data[e];
         }
         if (!polar_rotation({start, {2, 3}}, {trial, {3, 3}})) continue;
-        const double value = climb(blocks, {trial, {3, 3}});
+        const double value = climb_elsewhere(blocks, best < 0 ? nullptr : R, {trial, {3, 3}});
         if (value > best) {
             best = value;
             for (int e = 0; e < 9; ++e) R[e] = trial[e];
@@ -78,25 +106,7 @@ void synchronise(const SynchronisationData& data, Range range) {
 }
 
 double climb(Tensor<const double> blocks, Matrix<double> R) {
-    double value = 0;
-    for (int round = 0; round < MOST_ROUNDS; ++round) {
-        double total[6] = {}, before[9];
-        value = 0;
-        for (long i = 0; i < blocks.size[0]; ++i) {
-            const double* M = blocks[i].data;
-            double inner = 0;
-            for (int e = 0; e < 6; ++e) inner += M[e] * R.data[e];
-            if (inner <= 0) continue;
-            value += square(inner);
-            for (int e = 0; e < 6; ++e) total[e] += inner * M[e];
-        }
-        for (int e = 0; e < 9; ++e) before[e] = R.data[e];
-        if (!polar_rotation({total, {2, 3}}, R)) break;
-        double change = 0;
-        for (int e = 0; e < 9; ++e) change = larger(change, magnitude(R.data[e] - before[e]));
-        if (change <= STILL) break;
-    }
-    return value;
+    return climb_elsewhere(blocks, nullptr, R);
 }
 
 bool polar_rotation(Matrix<const double> matrix, Matrix<double> R) {

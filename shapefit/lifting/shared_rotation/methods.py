@@ -95,10 +95,10 @@ def _alternate_from_solution(problem: Problem, settings: Settings, *, signed: bo
         found = replace(
             _alternate_or_restart(inliers, settings, start, signed=signed), outliers=outliers
         )
-    status = tuple(
-        first if first in (Status.DEGENERATE, Status.NUMERICAL_FAILURE) else second
-        for first, second in zip(solution.status, found.status, strict=True)
-    )
+    failed, status = (Status.DEGENERATE, Status.NUMERICAL_FAILURE), found.status
+    if any(each in solution.status for each in failed):  # rare, and slow to ask of each image
+        both = zip(solution.status, status, strict=True)
+        status = tuple(first if first in failed else second for first, second in both)
     return replace(
         found,
         status=status,
