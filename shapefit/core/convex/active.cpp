@@ -241,14 +241,17 @@ void ActiveBlocks::apply_weights(const double* X, double* out) const {
 
 void ActiveBlocks::subtract_fit(LaidAtoms& atoms, double* y0, double* y1, long q) const {
     const long stride = atoms.stride(), n = room;
-    for (long c = 0; c < count; ++c) {
-        const double* B = atoms.at(index[c]);
-        const double m0 = prox[c], m1 = prox[n + c], m2 = prox[2 * n + c];
-        const double m3 = prox[3 * n + c], m4 = prox[4 * n + c], m5 = prox[5 * n + c];
-        for (long j = 0; j < q; ++j) {
-            const double b0 = B[j], b1 = B[stride + j], b2 = B[2 * stride + j];
-            y0[j] -= m0 * b0 + m1 * b1 + m2 * b2;
-            y1[j] -= m3 * b0 + m4 * b1 + m5 * b2;
+    for (long j = 0; j < q; j += WIDTH) {
+        Lanes top = {}, low = {};
+        for (long c = 0; c < count; ++c) {
+            const double *B = atoms.at(index[c]) + j, *m = prox + c;
+            const Lanes b0 = load(B), b1 = load(B + stride), b2 = load(B + 2 * stride);
+            top += m[0] * b0 + m[n] * b1 + m[2 * n] * b2;
+            low += m[3 * n] * b0 + m[4 * n] * b1 + m[5 * n] * b2;
+        }
+        for (int lane = 0; lane < WIDTH && j + lane < q; ++lane) {
+            y0[j + lane] -= top[lane];
+            y1[j + lane] -= low[lane];
         }
     }
 }
