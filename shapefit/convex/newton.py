@@ -30,7 +30,8 @@ def solve_newton(
     k = len(problem.atoms)
     first, count = np.zeros(n, np.int64), np.zeros(n, np.int64)
     atom, blocks = np.empty(n * k, np.int64), np.empty((n * k, 2, 3))
-    translation, dual, errors = np.zeros((n, 2)), np.zeros((n, 2, p)), np.zeros((n, 2, p))
+    translation, dual = np.zeros((n, 2)), np.zeros((n, 2, p))
+    errors = np.zeros((n, 2, 0 if problem.loss is Loss.SQUARED else p))
     objective, gap, residual = np.zeros(n), np.zeros(n), np.zeros(n)
     steps, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
     core.solve_convex(
@@ -42,6 +43,8 @@ def solve_newton(
     )  # fmt: skip
     if problem.loss is Loss.EXACT:  # P is no bound while the landmarks are not met
         gap[residual > tolerance] = np.nan
+    if problem.loss is Loss.SQUARED:
+        errors = np.broadcast_to(0.0, dual.shape)
     transforms = Transforms.gathered(first, count, atom, blocks, k)
     status = tuple(map(_STATUS.__getitem__, codes.tolist()))
     return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)

@@ -52,7 +52,8 @@ struct ConvexPoint {
     Arguments& from;
     Matrix<double> translation = from("translation", "n 2");  // T
     Tensor<double> dual = from("dual", "n 2 p");  // Y
-    Tensor<double> errors = from("errors", "n 2 p");  // E, 0 before an image is solved
+    // E, 0 before an image is solved; the squared loss has none
+    Tensor<double> errors = from("errors", "n 2 p?");
 };
 
 // What a point proves: P, (P - D) / P and ||Omega o (W - sum M_i B_i - T)|| / ||Omega o (W - mean)||.
