@@ -10,10 +10,10 @@ namespace {
 // sigma lambda: the count of steps is flat from 0.3 to 4.
 constexpr double STEP = 1;
 constexpr long MOST_ROUNDS = 8;
-// A gap that tells a start from which the steps diverge: soon nearly all atoms are active, and each
-// step costs many times what the augmented Lagrangian asks. Attempts that converge stay below 0.87.
+// The gap of a start from which the steps diverge: soon nearly all atoms are active, and each step
+// costs many times what the augmented Lagrangian asks. Attempts that converge stay below 0.9.
 // This and the start that is put back in the end are for speed: the certificate judges either solver.
-constexpr double HOPELESS = 0.9;
+constexpr double HOPELESS = 0.95;
 
 // The right-hand side w - y - sum P_i B_i, and the rest of it in the rows of F.
 long build_system(const ReducedProgram& program, const Iterate& iterate, double sigma, Room& room) {
