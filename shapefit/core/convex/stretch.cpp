@@ -79,7 +79,7 @@ class StretchSolver {
         ReducedProgram reduced{reduced_, laid_, w_,
                                program_.lam[image] / (units_.dual * units_.atoms), program_.delta,
                                CLOSER * task_.options.tolerance, task_.options.most_steps};
-        const bool near = start(image, same_mask, reduced.lam);
+        const bool near = start(same_mask, reduced.lam);
         long steps = solve_reduced(image, reduced, near, 0);
         remember(same_mask);
         write(image);
@@ -145,9 +145,9 @@ class StretchSolver {
     }
 
     // The first iterate; returns whether it is the solution of a neighbour with the same weights.
-    bool start(long image, bool same_mask, double lam) {
+    bool start(bool same_mask, double lam) {
         const bool known = last_.known && start_from_last(same_mask);
-        if (!known) start_cold(image, lam);
+        if (!known) start_cold(lam);
         return known && same_mask;
     }
 
@@ -200,7 +200,7 @@ class StretchSolver {
     }
 
     // M = 0 and the multiple of w that is dual feasible.
-    void start_cold(long image, double lam) {
+    void start_cold(double lam) {
         memset(iterate_.M, 0, sizeof(double) * 6 * padded_);
         correlate(reduced_, w_, w_ + q(), room_.N);
         const double largest = larger(largest_nuclear_norm(room_.N, padded_), TINY);
