@@ -16,6 +16,7 @@ from shapefit.errors import input_error, listed
 from shapefit.io.foreign.table import FORMATS as OF_OTHERS
 from shapefit.io.foreign.table import FileFormat
 from shapefit.io.sources import (
+    BYTE_ORDER_MARK,
     HDF5_SIGNATURE,
     PARQUET_SIGNATURE,
     is_stream,
@@ -110,11 +111,11 @@ def find_format(path: Path, name: str = "auto") -> FileFormat:
     if HDF5.has_suffix(path):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
-    other = load("shapefit.io.foreign.unknown:stranger")(path, head)
+    other = load("shapefit.io.foreign.opening:stranger")(path, head)
     if other is not None:
         raise other
     if b"\0" in head and not CSV.has_suffix(path):
-        raise load("shapefit.io.foreign.unknown:unknown")(path, FORMATS.values())
+        raise load("shapefit.io.foreign.opening:unknown")(path, FORMATS.values())
     if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"["):
         raise load("shapefit.io.detectors.json_text:unknown_json")(path, head)
     return CSV
@@ -194,7 +195,7 @@ def begins_like_parquet(path: Path, head: bytes) -> bool:
 
 def begins_like_tidy_csv(path: Path, head: bytes) -> bool:
     """Whether the first line names the columns of our tables."""
-    line = head.partition(b"\n")[0].removeprefix(b"\xef\xbb\xbf").strip()
+    line = head.partition(b"\n")[0].removeprefix(BYTE_ORDER_MARK).strip()
     columns = {cell.strip(b' "') for cell in line.split(b",")}
     return {b"item", b"landmark"} <= columns and not HDF5.has_suffix(path)
 

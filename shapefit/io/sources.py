@@ -18,6 +18,9 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 PARQUET_SIGNATURE = b"PAR1"
 STREAM = "-"
 
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+"""With which some programs begin text in UTF-8."""
+
 BLOCK_BYTES = 1 << 16
 """Of text that are read at a time; larger blocks leave the processor's cache and take longer."""
 

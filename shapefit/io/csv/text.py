@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import InputError, input_error
 from shapefit.io.problems import Problems
-from shapefit.io.sources import read_text_blocks, source_name
-
-BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+from shapefit.io.sources import BYTE_ORDER_MARK, read_text_blocks, source_name
 
 MOST_BYTES = 1 << 20
 """A section grows to this size where no record ends before; a cell cannot be so long."""

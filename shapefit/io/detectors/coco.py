@@ -22,12 +22,12 @@ from shapefit.arrays import Floats
 from shapefit.errors import counted, input_error
 from shapefit.io.detectors.detections import (
     Detections,
+    are_series,
     as_recording,
     edges_of,
     image_key,
     numbered,
 )
-from shapefit.io.detectors.frame_files import are_series
 from shapefit.io.detectors.json_text import outline, read_json, without_collection
 from shapefit.io.foreign.recording import Recording
 

@@ -16,11 +16,9 @@ import orjson
 
 from shapefit.errors import InputError, abbreviate, input_error
 from shapefit.io.foreign.recording import Recording
-from shapefit.io.sources import read_whole
+from shapefit.io.sources import BYTE_ORDER_MARK, read_whole
 
 Paths = tuple[Path, ...]
-
-BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 _NUMBERS = re.compile(rb"[-+\d.eE,\s]{8,}")
 _TOKENS = re.compile(rb'"((?:[^"\\]|\\.)*)"\s*(:?)|[{}\[\]]', re.DOTALL)

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.detectors.detections import Detections, as_recording, edges_of
-from shapefit.io.detectors.frame_files import images_in
+from shapefit.io.detectors.detections import Detections, as_recording, edges_of, images_in
 from shapefit.io.detectors.json_text import (
     Outline,
     first_outline,

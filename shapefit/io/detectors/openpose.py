@@ -18,16 +18,15 @@ import numpy as np
 
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.detectors.coco import labels_of, scaled
-from shapefit.io.detectors.detections import Detections, as_recording
-from shapefit.io.detectors.frame_files import images_in
+from shapefit.io.detectors.detections import Detections, as_recording, images_in
 from shapefit.io.detectors.json_text import (
-    BYTE_ORDER_MARK,
     first_outline,
     outline,
     read_json,
     without_collection,
 )
 from shapefit.io.foreign.recording import Recording
+from shapefit.io.sources import BYTE_ORDER_MARK
 
 PEOPLE = ("people", "bodies")
 POSE = ("pose_keypoints_2d", "pose_keypoints", "joints")

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.detectors.detections import Detections, as_recording, edges_of
-from shapefit.io.detectors.frame_files import images_in
+from shapefit.io.detectors.detections import Detections, as_recording, edges_of, images_in
 from shapefit.io.foreign.recording import FRACTION, Recording
 from shapefit.io.sources import read_whole
 

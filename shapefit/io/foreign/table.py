@@ -90,9 +90,8 @@ def _format(
 def _of(
     place: str, title: str, suffixes: tuple[str, ...], records: tuple[str, ...], **further: Any
 ) -> FileFormat:
-    """Return an entry of "folder.module", which `recognition` of the folder knows by that name."""
-    folder, _, module = place.partition(".")
-    recogniser = f"{folder}.recognition:is_{module}"
+    """Return an entry of "folder.module", which `recognition` knows by the name of the module."""
+    recogniser = f"foreign.recognition:is_{place.partition('.')[2]}"
     return _format(title, suffixes, records, recogniser, f"{place}:record", **further)
 
 
@@ -154,7 +153,7 @@ FORMATS: dict[str, FileFormat] = {
     "mesh": FileFormat(
         title="a mesh with landmarks",
         suffixes=(".obj", ".ply", ".glb"),
-        recogniser="shapefit.io.motion.recognition:is_mesh",
+        recogniser="shapefit.io.foreign.recognition:is_mesh",
         readers={"shapes": "shapefit.io.motion.meshes:read"},
         together=True,
     ),

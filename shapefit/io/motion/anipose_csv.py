@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate
+from shapefit.io.foreign.recognition import find_landmarks, split_columns
 from shapefit.io.foreign.recording import Instances, Recording
-from shapefit.io.motion.recognition import find_landmarks, split_columns
 from shapefit.io.motion.text import read_blocks, read_head, read_plain, read_table, split_lines
 
 FRAME = "fnum"

@@ -17,8 +17,8 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, abbreviate, input_error, printable
 from shapefit.io.csv.text import bad_line, read_numbers, refuse_zero_bytes
+from shapefit.io.foreign.recognition import is_anipose_csv
 from shapefit.io.foreign.recording import Recording, video_name
-from shapefit.io.motion.recognition import is_anipose_csv
 from shapefit.io.plain.arrays import of_bodies
 from shapefit.io.sources import read_whole
 

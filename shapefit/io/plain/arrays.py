@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, counted, input_error, listed
-from shapefit.io.detectors.frame_files import are_series
+from shapefit.io.detectors.detections import are_series
 from shapefit.io.detectors.json_text import read_json
 from shapefit.io.foreign.recording import ANYBODY, FRACTION, Instances, Recording, video_name
 from shapefit.io.layout import UNKNOWN_UNIT

@@ -18,13 +18,13 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import input_error, listed, printable
+from shapefit.io.foreign.recognition import look
 from shapefit.io.foreign.recording import Instances, Recording, video_name
 from shapefit.io.hdf5.file import DAMAGED
 from shapefit.io.sources import HDF5_SIGNATURE
 from shapefit.io.trackers.deeplabcut_table import Layout, arrange, skeleton_edges
 from shapefit.io.trackers.frame_names import image_labels, number_labels
 from shapefit.io.trackers.reading import TrackerFile, frame_ranges, text
-from shapefit.io.trackers.recognition import look
 
 ALLOWED = frozenset(
     ("MARK", "LIST", "TUPLE", "INT", "LONG", "UNICODE", "PUT", "GET", "APPEND", "STOP")

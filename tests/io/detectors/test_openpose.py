@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.detectors.frame_files import frame_files
+from shapefit.io.detectors.detections import frame_files
 from shapefit.io.formats import FORMATS, find_format
 
 from .conftest import read

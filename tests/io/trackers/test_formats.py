@@ -7,9 +7,9 @@ import pytest
 from benchmarks import tracker_files as made
 from benchmarks.tracker_files import WRITERS, individual_names, landmark_names
 from shapefit.io import open_landmarks, read_shapes
+from shapefit.io.foreign.recognition import is_deeplabcut_csv
 from shapefit.io.formats import find_format
 from shapefit.io.options import InputOptions
-from shapefit.io.trackers.recognition import is_deeplabcut_csv
 
 FORMAT = {
     "table.csv": "a DeepLabCut or Lightning Pose CSV",
