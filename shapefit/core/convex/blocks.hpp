@@ -47,6 +47,14 @@ struct BlockLanes {
     return blocks;
 }
 
+// left -= M B for one block M (2, 3) and atom B (3, n), its rows `stride` apart; left (2, n).
+[[gnu::always_inline]] inline void subtract_shape(const double* M, const double* B, long stride,
+                                                  double* left, long n) {
+    for (int a = 0; a < 2; ++a, left += n, M += 3)
+        for (long j = 0; j < n; ++j)
+            left[j] -= M[0] * B[j] + M[1] * B[stride + j] + M[2] * B[2 * stride + j];
+}
+
 // sum_i ||prox_t(M_i + sigma (N_i + step dN_i))||_F^2, and s1 + s2 of every argument in total (k,):
 // atom i is active where total[i] > t. M, N, dN (6, k), k a multiple of PADDING.
 double moreau(const double* M, const double* N, double step, const double* dN, double sigma,

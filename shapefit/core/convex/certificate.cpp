@@ -40,12 +40,7 @@ double subtract_shapes(const ImageTransforms& M, Tensor<const double> B, Matrix<
     for (long e = 0; e < M.count; ++e) {
         const double* m = M.blocks + 6 * e;
         const double q[6] = {m[0], m[1], m[2], m[3], m[4], m[5]};
-        const double* b = B[M.atom[e]].data;
-        for (int a = 0; a < 2; ++a) {
-            double* row = left[a].data;
-            for (long j = 0; j < p; ++j)
-                row[j] -= m[3 * a] * b[j] + m[3 * a + 1] * b[p + j] + m[3 * a + 2] * b[2 * p + j];
-        }
+        subtract_shape(q, B[M.atom[e]].data, p, left.data, p);
         norms += spectral_norm(invariants(q));
     }
     return norms;

@@ -173,13 +173,8 @@ class StretchSolver {
         const long n = 2 * q();
         memcpy(left, w_, sizeof(double) * n);
         list_active(iterate_.M);
-        for (long c = 0; c < active_.count; ++c) {
-            const double *M = active_.blocks + 6 * c, *B = laid_.at(active_.atom[c]);
-            for (int a = 0; a < 2; ++a)
-                for (long j = 0; j < q(); ++j)
-                    for (int b = 0; b < 3; ++b)
-                        left[a * q() + j] -= M[3 * a + b] * B[b * laid_.stride() + j];
-        }
+        for (long c = 0; c < active_.count; ++c)
+            subtract_shape(active_.blocks + 6 * c, laid_.at(active_.atom[c]), laid_.stride(), left, q());
         return dot(left, left, n) < EXPLAINED * dot(w_, w_, n);
     }
 
