@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import faulthandler
+import gc
+import importlib
 import os
 import random
 import resource
 import shutil
 import signal
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import h5py
 import numpy as np
-from shapefit.cli.main import run
+from shapefit.cli.main import run as run_command
 
+import shapefit
+
+from .base_files import make_base_files
 from .case import Case
 from .kinds import KINDS
 from .past_findings import FINDINGS
@@ -29,13 +36,13 @@ SECONDS = 20
 BYTES = 4 << 30
 """Of memory, for one case."""
 
-TOLD = 5000
-"""Cases after which it is said how many there were."""
-
 ALLOWED = (0, 1, 2)
 """Exit codes: all went well, some items failed, the input is wrong."""
 
 CRASHES = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL)
+
+IN_MEMORY = Path("/dev/shm")
+"""Folder of files that no disk has to hold."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,37 @@ class Tally:
         return f"{self.cases} cases; exit codes {counts}; {len(self.findings)} findings"
 
 
+def run(cases: list[Case]) -> Tally:
+    """Run cases in this process, and print what is wrong."""
+    with tempfile.TemporaryDirectory(dir=IN_MEMORY if IN_MEMORY.is_dir() else None) as folder:
+        base, work = Path(folder) / "base", Path(folder) / "work"
+        base.mkdir()
+        work.mkdir()
+        with silenced():
+            make_base_files(base)
+            import_all()
+        return run_cases(cases, base, work)
+
+
+def import_all() -> None:
+    """Import the whole package, which the cases, being forks, then need not do."""
+    package = Path(shapefit.__file__).parent
+    for file in package.rglob("[!_]*.py"):
+        with suppress(ImportError):  # of libraries that are optional
+            importlib.import_module(
+                ".".join(file.relative_to(package.parent).with_suffix("").parts)
+            )
+    gc.collect()
+    gc.freeze()
+
+
+@contextmanager
+def silenced() -> Iterator[None]:
+    """Send what the commands print to nowhere."""
+    with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+        yield
+
+
 def run_cases(cases: Iterable[Case], base: Path, work: Path) -> Tally:
     """Run the cases one after the other, in copies of the folder of good files; print findings."""
     tally = Tally()
@@ -79,8 +117,6 @@ def run_cases(cases: Iterable[Case], base: Path, work: Path) -> Tally:
         for finding in run_case(case, folder, tally):
             print(finding, flush=True)
             tally.findings.append(finding)
-        if tally.cases % TOLD == 0:
-            print(tally, flush=True)
     return tally
 
 
@@ -88,7 +124,7 @@ def run_case(case: Case, folder: Path, tally: Tally) -> Iterator[Finding]:
     """Spoil the files in the folder, run the command there, and yield what is wrong with that."""
     command = case_command(case, folder)
     before = set(os.listdir(folder))
-    status, usage = in_child(lambda: run(command), folder)
+    status, usage = in_child(lambda: run_command(command), folder)
     told = (folder / "stderr").read_text(errors="surrogateescape")
     code = os.waitstatus_to_exitcode(status)
 
