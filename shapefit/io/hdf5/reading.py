@@ -243,7 +243,7 @@ def hdf5_form(path: Path) -> Format:
     """Return the layout that an HDF5 file says it has. Raises InputError where it is not ours."""
     with Hdf5File(path) as file, file.damage():
         name = _decoded(file.attribute("format"))
-        wrong = stranger(file.root) if name is None else None
+        wrong = None if "format" in file.root.attrs else stranger(file.root)
     if wrong is not None:
         raise input_error(path, *wrong)
     if not isinstance(name, str) or name not in FORMATS:
