@@ -145,6 +145,13 @@ def test_broken_lists_of_names(write, problem, blob):
     assert problem(path).endswith("save it as CSV")
 
 
+def test_a_pickle_that_asks_for_room_for_a_billion_names(write, problem):
+    path = write("table.h5")
+    with h5py.File(path, "a") as file:
+        file["df_with_missing/table"].attrs["values_block_0_kind"] = np.bytes_(b"(lp999999999\n.")
+    assert "it puts 999999999 names aside" in problem(path)
+
+
 def test_values_that_are_pickled(write, problem):
     path = write("fixed.h5")
     with h5py.File(path, "a") as file:
