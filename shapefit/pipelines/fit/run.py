@@ -51,7 +51,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     look_into(files)
     dictionary = read_dictionary(config.dictionary)
     settle, wanted = plan_settling(config, dictionary), plan_exports(config, dictionary)
-    seconds, done = 0.0, 0
+    seconds, done, inputs = 0.0, 0, dict[str, str]()
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         config, said = settle(source)
         said = (said_of_y(source), *said)
@@ -68,13 +68,14 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
         ):
             report = Report(plan.report, dictionary)
             for batch in batches:
+                inputs = inputs or digests(files)  # while the next batches are lifted
                 yield report.of(batch, source.count)
                 write(batch.record)
                 exports.add(batch.record, batch.lifting.estimate.transforms)
                 seconds += batch.seconds
                 done += len(batch.images)
             warnings = plan.warn_of(source) + report.warnings
-            writer.attributes.update(attributes_of(config, digests(files), seconds, done))
+            writer.attributes.update(attributes_of(config, inputs, seconds, done))
     of_writer = writer.summary.warnings
     if plan.needs_rate and not source.head.frame_rate:
         of_writer = with_rate_warning(of_writer)
