@@ -40,6 +40,8 @@ class CountedRows:
         """
         start, stop, _ = items.indices(reader.count)
         known = self._known.get(dataset.name, {})
+        if start in known and stop in known:
+            return slice(known[start], known[stop])
         item, row = max((each for each in known.items() if each[0] <= start), default=(0, 0))
         first = row + _total(reader, dataset, slice(item, start))
         end = first + _total(reader, dataset, slice(start, stop))

@@ -158,12 +158,9 @@ def find_warnings(
 ) -> tuple[str | Counted, ...]:
     """Count images that stopped at the iteration limit, and warn where the camera looks wrong."""
     found: list[str | Counted] = []
-    limited = [
-        image
-        for image, status in enumerate(lifting.estimate.status)
-        if status is Status.ITERATION_LIMIT
-    ]
-    if limited and not options.strict:
+    states = lifting.estimate.status
+    if Status.ITERATION_LIMIT in states and not options.strict:
+        limited = [image for image, one in enumerate(states) if one is Status.ITERATION_LIMIT]
         gap = lifting.estimate.relative_gap
         worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
         found.append(
