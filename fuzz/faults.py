@@ -78,8 +78,8 @@ def build(folder: Path) -> Path:
 
 def run(commands: Sequence[str], kills: int, *, quick: bool) -> int:
     """Run the cases of these commands; returns the exit code."""
-    from .__main__ import silenced
     from .base_files import make_base_files
+    from .campaign import silenced
 
     shim = ctypes.CDLL(os.environ["LD_PRELOAD"])
     failed = cases = 0
