@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -41,6 +42,11 @@ class Comparison:
 
 Side = Callable[[], Turn]
 
+NO_SPINNING = {"OPENBLAS_THREAD_TIMEOUT": "4"}
+"""Threads of BLAS sleep at once. By default they wait for 25 ms by turning round, which counts as
+time of the processor: short turns took up to twice as long, in one process and not in the next.
+"""
+
 
 class Worker:
     """A process of worker.py, warm; each call is one turn."""
@@ -53,6 +59,7 @@ class Worker:
             stdout=subprocess.PIPE,
             text=True,
             cwd="/",
+            env=os.environ | NO_SPINNING,
         )
         self._read()
 
