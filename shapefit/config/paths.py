@@ -129,6 +129,8 @@ def absolute_path(value: Any) -> Path:
     text = str(value)
     if not text:
         raise ValueError("expected a path, found an empty string")
+    if "\0" in text:
+        raise ValueError("expected a path, found one with a zero byte")
     if DATA in text:
         if text.startswith(DATA):
             raise ValueError(

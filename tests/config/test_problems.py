@@ -148,6 +148,10 @@ def test_a_proper_rotation_is_accepted():
 @pytest.mark.parametrize(
     ("option", "expected"),
     [
+        (
+            'pictures.folder="\\0"',
+            '--set pictures.folder="\\0": expected a path, found one with a zero byte',
+        ),
         ("lambda=-1", "--set lambda=-1: expected a number > 0 or auto, found -1"),
         ("lambda=", "--set lambda=: expected a number > 0 or auto, found nothing"),
         ("solver.tol=1", "--set solver.tol=1: unknown key 'tol'; the keys here are tolerance, max"),
@@ -235,7 +239,7 @@ def test_a_config_that_cannot_be_read_is_named(folder):
         ("x" * 300, "/" + "x" * 300 + " cannot be read: File name too long; check the path"),
         ("loop", "c.yaml:1:12: {folder}/loop cannot be read: Too many levels of symbolic links;"),
         ("socket", "c.yaml:1:12: {folder}/socket is neither a file nor a pipe; name one, or use -"),
-        ('"a\\0b"', "; check the spelling"),
+        ('"a\\0b"', "expected a path, found one with a zero byte"),
         ("'*/" + "x" * 300 + "'", "; check the pattern"),
         ("3", "c.yaml:1:12: expected a path, found 3"),
         ("''", "c.yaml:1:12: "),
