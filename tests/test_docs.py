@@ -1,6 +1,7 @@
-"""The generated pages say what the code says, and leave nothing out."""
+"""Generated pages say what the code says; links of all pages resolve."""
 
 import importlib.util
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -51,3 +52,41 @@ def test_every_command_is_on_the_page(pages):
     for command in CONFIGS:
         assert f"## `{command}`" in pages[DOCS / "commands.md"]
         assert f"## `{command}`" in pages[DOCS / "config.md"]
+
+
+PROJECT = DOCS.parent
+PAGES = sorted(
+    path.relative_to(PROJECT)
+    for pattern in ("*.md", "docs/*.md", "benchmarks/**/*.md", "sample_data/*.md")
+    for path in PROJECT.glob(pattern)
+)
+CODE = re.compile(r"^```[\s\S]*?^```|^ {4,}.*$|`[^`\n]*`", re.MULTILINE)
+
+
+def anchors(text: str) -> set[str]:
+    """Return the anchors of the headings of a page, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def broken_links(page: Path) -> Iterator[str]:
+    """Yield the links of a page whose file or heading is not there."""
+    text = CODE.sub("", (PROJECT / page).read_text(encoding="utf-8"))
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        target, _, anchor = link.partition("#")
+        path = (PROJECT / page).parent / target if target else PROJECT / page
+        if "://" in target:
+            continue
+        if not path.exists() or (anchor and anchor not in anchors(path.read_text("utf-8"))):
+            yield f"{page} links to {link}"
+
+
+def test_links_resolve():
+    broken = [link for page in PAGES for link in broken_links(page)]
+    assert not broken, "\n".join(broken)
+
+
+def test_the_index_reaches_every_page():
+    index = (DOCS / "README.md").read_text(encoding="utf-8")
+    linked = set(re.findall(r"\]\(([\w.]+\.md)", index))
+    assert {path.name for path in DOCS.glob("*.md")} - {"README.md"} == linked
