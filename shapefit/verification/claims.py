@@ -17,6 +17,7 @@ from shapefit.verification.proofs.convex import check_fit, check_start
 from shapefit.verification.proofs.one_rotation import check_one_rotation
 from shapefit.verification.proofs.program import Value, dual_bound
 from shapefit.verification.proofs.readings import check_readings
+from shapefit.verification.proofs.reconstruction import check_proper
 from shapefit.verification.proofs.rotation_tree import check_trees
 from shapefit.verification.proofs.transforms import Atoms, Transforms
 from shapefit.verification.statements import (
@@ -70,7 +71,7 @@ def verify_images(
 
 def check_subject(subject: Subject) -> list[Check]:
     """Check the proof of the convex program, and all that follows from the fit."""
-    terms, checks, bound = subject.terms, [], None
+    terms, checks, bound = subject.terms, check_rotation(subject), None
     if terms.has_program:
         M = subject.transforms()
         checks += check_atoms(subject, M)
@@ -85,6 +86,15 @@ def check_subject(subject: Subject) -> list[Check]:
         checks += check_one_rotation(subject, bound)
         return checks + (check_certificate(subject) if terms.is_global else [])
     return [*checks, *check_points_alone(subject)]
+
+
+def check_rotation(subject: Subject) -> list[Check]:
+    """Check that R is proper and orthonormal wherever it is stated; nan without transforms."""
+    if subject.result.rotation is None or subject.terms.has_one_rotation:
+        return []  # one rotation is checked with the shape that it turns
+    R = subject.stated("rotation")
+    stated = np.asarray(~np.isnan(R).all(axis=(1, 2)))
+    return [check_proper(R, subject.images.factor, stated)]
 
 
 def check_certificate(subject: Subject) -> list[Check]:

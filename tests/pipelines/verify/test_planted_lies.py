@@ -298,3 +298,16 @@ def test_a_lie_in_a_perspective_result_is_found(
     honest = fitted("cars", method="convex+refine", camera=camera)
     found = verify(changed(honest, LIES[lie]), dictionaries["cars"])
     assert list(found.failures) == [item_of(honest, IMAGE)]
+
+
+@pytest.mark.parametrize("factor", [0.0, 2.0, 1e-300, 1 + 1e-6])
+@pytest.mark.parametrize("kind", ["people", "prior"])
+def test_what_is_stated_as_rotation_is_one(fitted, changed, verify, dictionaries, kind, factor):
+    honest = fitted(kind, method="convex" if kind == "people" else "posterior")
+
+    def scale(file):
+        file["rotation"][...] *= factor
+
+    found = verify(changed(honest, scale), dictionaries[kind])
+    assert len(found.failures) == found.done
+    assert all("rotation is a rotation" in reason for reason in found.failures.values())
