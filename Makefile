@@ -38,6 +38,12 @@ SITE_READY := $(VENV)/site-ready
 ALL_READY := $(VENV)/all-ready
 CORE := $(wildcard shapefit/core/CMakeLists.txt $(addprefix shapefit/core/,*.?pp */*.?pp))
 SHAPEFIT := $(BIN)/shapefit
+
+# `pip install .` into this environment takes the place of what make installed there, and what runs
+# in the clone then misses the compiled core: it is installed again.
+ifeq ($(wildcard $(VENV)/lib/python*/site-packages/_editable_skbc_shapefit.py),)
+$(shell rm -f $(RUNS) $(READY) $(ALL_READY) $(SITE_READY))
+endif
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
 .PHONY: demo test test-all fuzz faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people bodies footage detected from-2d cars bench clean

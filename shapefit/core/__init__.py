@@ -8,10 +8,21 @@ images of a batch in stretches of STRETCH: only within one do images start from 
 solutions. `parts` holds single steps of the kernels, for the tests that judge them one at a time.
 """
 
-from shapefit.errors import InputError
+from pathlib import Path
+
+from shapefit.errors import InputError, input_error
 
 try:
     from shapefit.core._core import *  # noqa: F403
+except ModuleNotFoundError as error:
+    if error.name != "shapefit.core._core":
+        raise
+    # Python looks in the working directory first: a clone there hides what pip installed.
+    raise input_error(
+        Path(__file__).resolve().parents[1],
+        "Python imports the sources of shapefit from here, and they are not compiled here",
+        "start Python in another folder, or install the clone in place: pip install -e '.[plots]'",
+    ) from None
 except ImportError as error:
     if not str(error).startswith("SHAPEFIT_LEVEL"):
         raise
