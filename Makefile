@@ -9,6 +9,7 @@
 #   make sanitize     the solvers' tests under the address and undefined-behaviour sanitizers (GCC)
 #   make arm64        compile the kernels for arm64 (needs g++-aarch64-linux-gnu)
 #   make fuzz         50,000 damaged files, configs and options, each in a separate process
+#   make mutants      300 small changes of the code, each with the nearest tests; lists what survives
 #   make faults       every writing call fails with every error, 200 kills, and 200 of a cluster's
 #                     workers; outputs stay whole
 #   make pictures     photograph the pages of the demo for README and docs (needs chromium)
@@ -46,7 +47,7 @@ $(shell rm -f $(RUNS) $(READY) $(ALL_READY) $(SITE_READY))
 endif
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test test-all fuzz faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people bodies footage detected from-2d cars bench clean
+.PHONY: demo test test-all fuzz mutants faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people bodies footage detected from-2d cars bench clean
 
 demo: $(RUNS)
 	$(SHAPEFIT) fit sample_data/openpose -d people --set keypoints=body_25 \
@@ -191,6 +192,9 @@ types: $(READY)
 fuzz: $(READY)
 	$(BIN)/python -m fuzz --past
 	$(BIN)/python -m fuzz --cases 50000
+
+mutants: $(READY)
+	$(BIN)/python building/mutants.py
 
 faults: $(ALL_READY)
 	$(BIN)/python -m fuzz.faults
