@@ -9,6 +9,7 @@ from typing import Any
 
 import h5py
 
+from shapefit.errors import input_error, printable
 from shapefit.io.hdf5.trial import try_opening
 from shapefit.stores.opening import store_errors
 from shapefit.stores.reading import shared_bytes
@@ -26,9 +27,52 @@ def open_hdf5(path: Path, cache_bytes: int | None = None) -> h5py.File:
     raises, and InputError where a store does not answer, and where libhdf5 would hang or crash.
     """
     if isinstance(path, UrlPath) and not has_copy(path):
-        return _RemoteFile(path, cache_bytes)
-    try_opening(path)
-    return h5py.File(path, "r", rdcc_nbytes=cache_bytes)
+        file = _RemoteFile(path, cache_bytes)
+    else:
+        try_opening(path)
+        file = h5py.File(path, "r", rdcc_nbytes=cache_bytes)
+    try:
+        refuse_links(file, path)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+COPY_FIX = "copy the values into this file (h5repack, or h5py's copy with expand_external)"
+
+
+def refuse_links(file: h5py.File, path: Path) -> None:
+    """Raise InputError where what a file holds lies elsewhere; nothing outside is touched.
+
+    Elsewhere are external and user-defined links, soft links to what the file does not hold,
+    external storage, and virtual datasets, which also can be made of themselves.
+    """
+    links: list[tuple[bytes, int]] = []
+    file.id.links.visit(lambda name, info: links.append((name, info.type)), info=True)
+
+    def refuse(name: bytes, found: str, fix: str = COPY_FIX) -> None:
+        raise input_error(f"{path}:/{printable(name.decode('utf-8', 'replace'))}", found, fix)
+
+    for name, kind in links:
+        if kind == h5py.h5l.TYPE_EXTERNAL:
+            refuse(name, "is a link to another file")
+        if kind not in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT):
+            refuse(name, "is a link of a kind that is not known here")
+    for name, kind in links:
+        try:
+            node = h5py.h5o.open(file.id, name)
+        except (KeyError, RuntimeError, OSError):
+            if kind == h5py.h5l.TYPE_SOFT:
+                refuse(name, "is a soft link to what this file does not hold", "remove it")
+            continue  # damaged: whoever reads it reports that
+        if not isinstance(node, h5py.h5d.DatasetID):
+            continue
+        creation = node.get_create_plist()
+        if creation.get_layout() == h5py.h5d.VIRTUAL:
+            refuse(name, "is a virtual dataset, made of others")
+        if creation.get_external_count():
+            refuse(name, "has its values in another file")
 
 
 class _RemoteFile(h5py.File):  # type: ignore[misc]
