@@ -53,7 +53,7 @@ ATTRIBUTES: dict[str, Statement] = {
     **_each("unit y_axis frame_rate", by=LANDMARKS),
     **_each("config config_digest method", by=CONFIG),
     **_each("inputs metres_from", by=DICTIONARY),
-    **_each("version solve_seconds images_per_second"),
+    **_each("version solve_seconds images_per_second training_inputs"),
 }
 """What a fit states of all its images, by the name of the attribute."""
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from shapefit.errors import listed
 from shapefit.evaluation.calibration import Coverages, image_shares
 from shapefit.evaluation.metric_table import PLAUSIBILITY
 from shapefit.evaluation.summary import ImageErrors
-from shapefit.io import ResultSet, read_results
+from shapefit.io import ResultSet, digest, read_results
 from shapefit.pipelines.evaluate.error_bars import judge_error_bars
 from shapefit.pipelines.evaluate.examples import chosen_items, examples_picture, read_lifted
 from shapefit.pipelines.evaluate.floors import Floors
@@ -42,6 +44,7 @@ class Found:
         self.bars: dict[str, Coverages] = {}
         self.floors = Floors(options.floors, truth.head, options.folder) if options.floors else None
         self._options = options
+        self._truth_digests = {digest(path): path for path in options.truth}
         self._held: dict[Path, ResultSet] = {}
 
     def judge_all(self, *, hold: bool) -> Iterator[Outcome]:
@@ -95,7 +98,12 @@ class Found:
         images.add(judgement, results, plausibility, shares)
         if self.floors:
             self.floors.add(shown, judgement, judgement.truth)
-        new = [w for w in (*too_few, *judgement.warnings, *unjudged) if w not in self.warnings]
+        trained = find_training_truth(name, results.attributes, self._truth_digests)
+        new = [
+            w
+            for w in (*trained, *too_few, *judgement.warnings, *unjudged)
+            if w not in self.warnings
+        ]
         self.warnings |= dict.fromkeys(new)
         return Outcome(
             done=len(judgement.items),
@@ -103,3 +111,31 @@ class Found:
             warnings=tuple(new),
             note=name,
         )
+
+
+def find_training_truth(
+    method: str, attributes: Mapping[str, object], truth: Mapping[str, Path]
+) -> list[str]:
+    """Warn where the truth, files by their digests, is what a method's dictionary learned from.
+
+    A fit with `leave_out` ignores, in each image, the atoms of the shape that it shows.
+    """
+    if stated_of(attributes, "config").get("leave_out"):
+        return []
+    training = stated_of(attributes, "training_inputs").values()
+    same = [str(path) for digest, path in truth.items() if digest in training]
+    if not same:
+        return []
+    return [
+        f"{method}: the dictionary was learned from the truth, {listed(same, 'and')}, so these are "
+        "errors on shapes that it has seen: give shapes that took no part in learning"
+    ]
+
+
+def stated_of(attributes: Mapping[str, object], name: str) -> Mapping[str, Any]:
+    """Return the JSON object that an attribute of a result holds; an empty one without."""
+    try:
+        found = json.loads(str(attributes.get(name, "{}")))
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -36,7 +36,8 @@ class ReadingOptions:
 class MeasuringOptions:
     """How results are matched with the truth and measured; keys of the config of the same names.
 
-    results are files by method; folder is that of temporary files.
+    results are files by method; truth the files whose digests are compared with the training data;
+    folder is that of temporary files.
     """
 
     results: Mapping[str, tuple[Path, ...]]
@@ -47,6 +48,7 @@ class MeasuringOptions:
     calibration: bool
     groups: Mapping[str, str]
     floors: FloorsConfig | None
+    truth: tuple[Path, ...]
     folder: Path | None
 
 
@@ -103,6 +105,7 @@ def plan_evaluation(config: EvalConfig) -> Plan:
             calibration=config.calibration,
             groups=config.groups,
             floors=config.floors,
+            truth=config.truth,
             folder=nearest_folder(config.output),
         ),
         writing=WritingOptions(

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from shapefit import __version__
 from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
@@ -75,7 +76,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
                 seconds += batch.seconds
                 done += len(batch.images)
             warnings = plan.warn_of(source) + report.warnings
-            writer.attributes.update(attributes_of(config, inputs, seconds, done))
+            writer.attributes.update(attributes_of(config, dictionary, inputs, seconds, done))
     of_writer = writer.summary.warnings
     if plan.needs_rate and not source.head.frame_rate:
         of_writer = with_rate_warning(of_writer)
@@ -108,15 +109,24 @@ def lift_source(source: LandmarkSource, plan: Plan) -> Generator[Batch, None, No
 
 
 def attributes_of(
-    config: FitConfig, inputs: Mapping[str, str], seconds: float, images: int
+    config: FitConfig,
+    dictionary: Dictionary,
+    inputs: Mapping[str, str],
+    seconds: float,
+    images: int,
 ) -> dict[str, str | float | int]:
-    """Return what is stored of a fit beside its images; `inputs` are the digests of its files."""
+    """Return what is stored of a fit beside its images; `inputs` are the digests of its files.
+
+    `training_inputs` are those of the files that the dictionary was learned from: `eval` warns
+    where one of them is the truth.
+    """
     return {
         "method": config.method,
         "version": __version__,
         "config": config.as_json(),
         "config_digest": hashlib.sha256(config.as_json().encode()).hexdigest(),
         "inputs": json.dumps(inputs),
+        "training_inputs": dictionary.provenance.get("inputs", "{}"),
         "solve_seconds": seconds,
         "images_per_second": images / seconds if seconds > 0 else 0.0,
     }
