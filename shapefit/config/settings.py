@@ -55,6 +55,7 @@ SHORT = (
     "rename",
     "image_size",
     "y_axis",
+    "landmarks",
 )
 """Keys of the section that may be given beside it, in short."""
 

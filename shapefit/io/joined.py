@@ -28,13 +28,13 @@ ALL_OR_NONE = "give it to all files (CSV cannot hold it) or to none, or process 
 def common_head(
     heads: Sequence[tuple[str, Any]],
     y_axes: Sequence[tuple[str, Direction | None]],
-    y_axis: Direction,
+    y_axis: Direction | None,
 ) -> Any:
     """Return what all items of files have in common, each head and direction with the file's name.
 
     The landmarks of images are those of all files in order of appearance, those of shapes and of
-    results are the same in all; where no file states the direction of y, it is `y_axis`. Raises
-    InputError where files do not go together.
+    results are the same in all; where no file states the direction of y, it is `y_axis`, and down
+    without. Raises InputError where files do not go together, or state another direction.
     """
     (_, first), *_ = heads
     names = first.landmark_names
@@ -60,7 +60,11 @@ def common_head(
         "frame_rate": agreed_rate([(place, head.frame_rate) for place, head in heads]),
     }
     if not isinstance(first, ShapeSet):
-        changes["y_axis"] = agreed("y_axis", y_axes, y_axis)
+        changes["y_axis"] = found = agreed("y_axis", y_axes, y_axis or "down")
+        if y_axis not in (None, found):
+            place = next(place for place, stated in y_axes if stated == found)
+            fix = "leave the key out; if the file is wrong, correct its attribute y_axis"
+            raise input_error(place, f"states that y points {found}, and `y_axis` is {y_axis}", fix)
     for name in ("sequences", "confidence", "edges"):
         known = (getattr(head, name, None) for _, head in heads)
         if (value := next((each for each in known if each is not None), None)) is not None:
@@ -223,14 +227,16 @@ class Source(Generic[Record]):
     are. y_axis is where y points in files that do not say it.
     """
 
-    def __init__(self, files: Sequence[SourceFile[Record]], y_axis: Direction = "down") -> None:
+    def __init__(
+        self, files: Sequence[SourceFile[Record]], y_axis: Direction | None = None
+    ) -> None:
         """Take files; raises InputError for items that occur twice, and for files that differ."""
         self._files = files
         self._running: list[Generator[Record, None, None]] = []
         self.count = sum(file.count for file in files)
         self.head: Record = self._checked_head(y_axis)
 
-    def _checked_head(self, y_axis: Direction) -> Record:
+    def _checked_head(self, y_axis: Direction | None) -> Record:
         """Return what all items have in common; files without items do not count."""
         check_unique_items([file.items for file in self._files])
         filled = [file for file in self._files if file.count] or self._files[:1]

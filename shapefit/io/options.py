@@ -30,7 +30,9 @@ class InputOptions:
     likelihood_below  landmarks whose confidence is below this are hidden
     rename            landmarks, as files have them -> the names that they are given out under
     image_size        width and height of the images in pixels, by which fractions are multiplied
-    y_axis            where y points in landmarks and results whose files do not say it
+    y_axis            where y points in landmarks, against what a format of others has by
+                      convention; None as files say it, and down where they do not
+    landmarks         those that are kept, in this order, by their new names; None for all
     """
 
     format: str = "auto"
@@ -40,7 +42,8 @@ class InputOptions:
     likelihood_below: float = 0.0
     rename: Mapping[str, str] = field(default_factory=dict)
     image_size: tuple[float, float] | None = None
-    y_axis: Direction = "down"
+    y_axis: Direction | None = None
+    landmarks: tuple[str, ...] | None = None
 
 
 AS_THEY_ARE = InputOptions()

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from shapefit.config import ConvertConfig
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, input_error
 from shapefit.io import LandmarkSource, ShapeSource, open_landmarks, open_shapes
 from shapefit.io.formats import find_target_format
 from shapefit.io.joined import ResultSource
@@ -49,11 +52,12 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
             replace(sized, meshes=_meshes(source.head) if target.atom_meshes else None),
         ) as writer,
     ):
-        for chunk in source.chunks(config.chunk):
+        chunks, count = _choose(source, config)
+        for chunk in chunks:
             writer.append(_with_rate(chunk, config))
-            yield Outcome(done=len(chunk), total=source.count, unit=_unit(kind))
-        warnings = source.notes + nothing_in(source.count, _unit(kind) + "s")
-        yield Outcome(total=source.count, warnings=warnings)
+            yield Outcome(done=len(chunk), total=count, unit=_unit(kind))
+        warnings = source.notes + nothing_in(count, _unit(kind) + "s")
+        yield Outcome(total=count, warnings=warnings)
     said = writer.summary
     yield Outcome(warnings=said.warnings, note=said.note, written=said.written or (config.output,))
 
@@ -89,10 +93,40 @@ def _meshes(head: Any) -> AtomMeshes | None:
     return None if isinstance(dictionary, str) else meshes_that_follow(pose, dictionary)
 
 
+def _choose(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
+    """Return the items of the individual that is wanted, every n-th of each sequence; how many.
+
+    An individual is the last part of a sequence's name. Raises InputError where none is called so.
+    """
+    wanted, every = config.input.individual, config.every
+    if wanted is None and every == 1:
+        return source.chunks(config.chunk), source.count
+    sequences = list(chain.from_iterable(source.sequences()))
+    rows = np.arange(source.count)
+    if wanted is not None:
+        own = [name == wanted or name.endswith(f"/{wanted}") for name in sequences]
+        rows = rows[np.array(own, dtype=bool)]
+        if not len(rows) and source.count:
+            names = dict.fromkeys(name.rpartition("/")[2] for name in sequences if name)
+            fix = f"there are {abbreviate(list(names))}" if names else "leave `individual` out"
+            found = f"has no individual {wanted!r}"
+            raise input_error(", ".join(map(str, config.files)), found, fix)
+    _, number = np.unique(np.array(sequences)[rows], return_inverse=True)
+    order = np.argsort(number, kind="stable")
+    starts = np.searchsorted(number[order], np.arange(number.max(initial=-1) + 1))
+    place = np.empty(len(rows), np.intp)
+    place[order] = np.arange(len(rows)) - starts[number[order]]
+    rows = rows[place % every == 0]
+    parts = (source.take(rows[at : at + config.chunk]) for at in range(0, len(rows), config.chunk))
+    return parts if len(rows) else source.chunks(config.chunk), len(rows)
+
+
 def _with_rate(records: Any, config: ConvertConfig) -> Any:
-    """Return the records with the frame rate of the config, where it gives one."""
-    rate = config.frame_rate
-    return records if rate is None else replace(records, frame_rate=rate)
+    """Return the records with the frame rate that the config leaves them, where one is known."""
+    rate = config.frame_rate or records.frame_rate
+    if rate is None or (config.frame_rate is None and config.every == 1):
+        return records
+    return replace(records, frame_rate=rate / config.every)
 
 
 def _unit(kind: Kind) -> str:

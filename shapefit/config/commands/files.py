@@ -24,8 +24,11 @@ class ConvertConfig(CommandConfig):
     to: str = Field(default="auto", min_length=1)
     """Format to write (docs/export.md); auto: as the name of the output says, HDF5 without an
     ending."""
+    every: int = Field(default=1, ge=1)
+    """Take every n-th item of each sequence, the first one first; of all items where there are no
+    sequences."""
     frame_rate: float | None = Field(default=None, gt=0)
-    """Frames per second of the sequences; by default, as stated in the files."""
+    """Frames per second of the sequences, before `every`; by default, as stated in the files."""
     height: float | None = Field(default=None, gt=0, le=1000)
     """Height of the body or object in metres, for outputs in metres (docs/export.md); by default
     results are as large as the training shapes of their dictionary."""

@@ -35,6 +35,8 @@ class InputConfig(ConfigModel):
     image_size: Annotated[tuple[Pixels, Pixels] | None, Expected(_SIZE), FromLists] = None
     """Width and height of the images in pixels, for files whose coordinates are fractions of them
     (MediaPipe, YOLO)."""
-    y_axis: Literal["down", "up"] = "down"
-    """Where y points in landmarks whose files do not say it (CSV): down, as pixels are counted, or
-    up."""
+    y_axis: Literal["down", "up"] | None = None
+    """Where y points in landmarks. By default as the format has it, and down, as pixels are
+    counted, where it does not say so (CSV); files of ours that state the opposite are refused."""
+    landmarks: Annotated[tuple[str, ...] | None, FromLists] = Field(default=None, min_length=1)
+    """Landmarks to keep, in this order, by their names after `rename`; by default, all."""

@@ -94,6 +94,9 @@ class LearnDictConfig(CommandConfig):
     """Keep every n-th shape of each sequence, starting with its first; a mapping such as {13_*: 18,
     "*": 2} keeps so many of the sequences that a glob fits, the first that fits, and all shapes of
     those that none fits."""
+    frame_rate: float | None = Field(default=None, gt=0)
+    """Frames per second that the shapes should have: files of another rate are refused, and of one
+    that does not state its rate there is a warning."""
     align: Annotated[
         Literal["all", "none"] | tuple[str, ...],
         Expected(_ALIGN),

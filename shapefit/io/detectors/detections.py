@@ -18,8 +18,8 @@ from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error, listed
 from shapefit.io.foreign.recording import ANYBODY, Instances, Recording
 
-_LAST_NUMBER = re.compile(r"^(.*?)(\d+)(\D*)$", re.DOTALL)
-_DIGITS = re.compile(r"(\d+)")
+_LAST_NUMBER = re.compile(r"^(.*?)([0-9]{1,18})([^0-9]*)$", re.DOTALL)
+_DIGITS = re.compile(r"([0-9]+)")
 
 
 class FrameFile(NamedTuple):

@@ -6,25 +6,29 @@ Landmarks that a file does not name are those of a skeleton known by name (`keyp
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags
-from shapefit.errors import abbreviate, counted, input_error, listed
+from shapefit.arrays import Flags, Floats
+from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io.extras import EDGES, Extras
 from shapefit.io.foreign.recording import FRACTION, Instances, Recording, stacked
 from shapefit.io.foreign.selection import Chosen, choose
 from shapefit.io.joined import SourceFile
-from shapefit.io.landmark_names import nearest_names
+from shapefit.io.landmark_names import match_landmarks, nearest_names
 from shapefit.io.name_index import ItemList
 from shapefit.io.options import InputOptions
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import SKELETONS
+
+R = TypeVar("R", LandmarkSet, ShapeSet)
+
+MIRROR = "mirror_index"
 
 KEY = "keypoints"
 NUMBERED = "numbered"
@@ -102,7 +106,7 @@ class Survey:
 def landmark_file(recording: Recording, options: InputOptions) -> SourceFile[LandmarkSet]:
     """Return a recording of 2D landmarks as a file of a source; its head has `notes`."""
     names = landmark_names(recording, options)
-    recording = in_pixels(recording, options)
+    recording = in_pixels(replace(recording, y_axis=options.y_axis or recording.y_axis), options)
     read = choose(recording, options)
     survey = _survey(recording, read)
     whole = dict(recording.extras)
@@ -137,6 +141,22 @@ def landmark_file(recording: Recording, options: InputOptions) -> SourceFile[Lan
     )
 
 
+LEAST, MOST = -0.5, 1.5
+"""Coordinates that are all within these are fractions of an image, those outside of it too."""
+
+SIZE_FIX = "give the size of the images in pixels: `--set image_size=[1920,1080]`"
+
+
+def are_fractions(known: Floats) -> bool:
+    """Whether coordinates are fractions of an image rather than pixels."""
+    return known.size > 0 and bool(known.min() >= LEAST and known.max() <= MOST)
+
+
+def size_needed(name: str) -> InputError:
+    """Return the error for fractions of images whose size is not known."""
+    return input_error(name, "x and y are fractions of the width and height of the image", SIZE_FIX)
+
+
 def in_pixels(recording: Recording, options: InputOptions) -> Recording:
     """Return a recording whose fractions of the image are pixels, where its size is given.
 
@@ -144,12 +164,10 @@ def in_pixels(recording: Recording, options: InputOptions) -> Recording:
     """
     if recording.unit != FRACTION:
         return recording
-    fix = "give the size of the images in pixels: `--set image_size=[1920,1080]`"
     if options.image_size is None:
         if recording.size_needed:
-            found = "x and y are fractions of the width and height of the image"
-            raise input_error(recording.name, found, fix)
-        return replace(recording, notes=(*recording.notes, f"{SQUEEZED}; {fix}"))
+            raise size_needed(recording.name)
+        return replace(recording, notes=(*recording.notes, f"{SQUEEZED}; {SIZE_FIX}"))
     size = np.array(options.image_size)
 
     def blocks() -> Iterator[Instances]:
@@ -328,16 +346,48 @@ def without_gaps(
     return shapes.take(rows), notes
 
 
+def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
+    """Return landmarks or shapes with these of their landmarks alone, in this order.
+
+    Raises InputError at `place` for names that are not there, or twice.
+    """
+    if len(set(names)) < len(names):
+        raise input_error("landmarks", "a name is there twice", "name each landmark once")
+    columns = match_landmarks(records.landmark_names, names, f"{place}: landmarks")
+    if isinstance(records, LandmarkSet):
+        return records.arrange(names, place, leave_out=True)
+    return _of_landmarks(records, columns)
+
+
 def _of_landmarks(shapes: ShapeSet, columns: NDArray[np.intp]) -> ShapeSet:
-    """Return the shapes with some of their landmarks, and the edges between those."""
+    """Return the shapes with some of their landmarks, and the edges between those.
+
+    Of a tree, whose edges lead from parents to children, a landmark is joined to the nearest of
+    its forebears that stays.
+    """
     edges = shapes.edges
+    place = {int(old): new for new, old in enumerate(columns)}
     if edges is not None:
-        place = {int(old): new for new, old in enumerate(columns)}
-        pairs = [[place[a], place[b]] for a, b in edges.tolist() if a in place and b in place]
+        parents = {b: a for a, b in edges.tolist()}
+        tree = len(parents) == len(edges)
+        pairs = []
+        for a, b in edges.tolist():
+            for _ in range(len(edges) if tree else 0):
+                if a in place or a not in parents:
+                    break
+                a = parents[a]
+            if a in place and b in place:
+                pairs.append([place[a], place[b]])
         edges = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    extras = Extras.of(shapes.extras, len(shapes))
+    whole = {name: values for name, values in extras.whole.items() if name != MIRROR}
+    index = extras.whole.get(MIRROR)
+    if index is not None and all(int(index[old]) in place for old in place):
+        whole[MIRROR] = np.array([place[int(index[old])] for old in place])
     return replace(
         shapes,
         shapes=shapes.shapes[:, :, columns],
         landmark_names=tuple(shapes.landmark_names[int(j)] for j in columns),
         edges=edges,
+        extras=Extras(extras.per_item, whole),
     )

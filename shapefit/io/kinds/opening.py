@@ -12,7 +12,12 @@ import numpy as np
 
 from shapefit.errors import input_error
 from shapefit.io.foreign.opening import group_inputs, mixture, open_recording
-from shapefit.io.foreign.sources import without_gaps
+from shapefit.io.foreign.sources import (
+    are_fractions,
+    keep_landmarks,
+    size_needed,
+    without_gaps,
+)
 from shapefit.io.foreign.table import FileFormat
 from shapefit.io.formats import find_format, find_reader
 from shapefit.io.joined import LandmarkSource, ResultSource, ShapeSource, Source, SourceFile
@@ -33,6 +38,10 @@ PROOFS = PROOF + TREES
 
 UNNEEDED = ("iterations", "mesh_vertices")
 """Datasets that nothing is claimed of."""
+
+CENTRED = 0.1
+"""Share of coordinates below 0 from which on they are no fractions of an image, but points about
+a centre in a unit of their own."""
 
 MOST_HELD = 1 << 21
 """Landmarks of all items and files together that are held, some 50 MB; more are read again."""
@@ -189,7 +198,9 @@ def _open(
     if form is SHAPES:
         landmarks = Axis("landmark", records.landmark_names)
         check_magnitudes(name, records.shapes, Axis("item", records.items), landmarks)
-    elif isinstance(records, LandmarkSet) and records.confidence is None:
+    elif isinstance(records, LandmarkSet):
+        records = in_pixels(records, options, name)
+    if isinstance(records, LandmarkSet) and records.confidence is None:
         found = warn_of_zeros(records.landmarks.swapaxes(1, 2))
         notes += tuple(f"{name}: {text}" for text in found)
     stated = getattr(records, "y_axis", None) if known.states_y_axis else None
@@ -198,15 +209,37 @@ def _open(
 
 
 def _renamed(files: Sequence[SourceFile[Any]], options: InputOptions) -> list[SourceFile[Any]]:
-    """Return files whose landmarks have their new names; InputError for those that none has."""
-    rename = options.rename
+    """Return files whose landmarks have their new names; InputError for those that none has.
+
+    Of these the landmarks that are kept.
+    """
+    rename, kept = options.rename, options.landmarks
     check_known(rename, [(file.name, file.head.landmark_names) for file in files])
+
+    def change(records: Any, place: str) -> Any:
+        records = records.renamed(rename, place) if rename else records
+        return records if kept is None else keep_landmarks(records, kept, place)
+
+    if not rename and kept is None:
+        return list(files)
     return [
-        file.changed(lambda records, place=file.name: records.renamed(rename, place))  # type: ignore[misc]
-        if rename
-        else file
+        file.changed(lambda records, place=file.name: change(records, place))  # type: ignore[misc]
         for file in files
     ]
+
+
+def in_pixels(images: LandmarkSet, options: InputOptions, name: str) -> LandmarkSet:
+    """Return landmarks of a table of ours in pixels, where they are fractions of an image.
+
+    Raises InputError for fractions without `image_size`.
+    """
+    placed = images.landmarks[np.isfinite(images.landmarks)]
+    if not are_fractions(placed) or (placed < 0).mean() > CENTRED:
+        return images
+    if options.image_size is None:
+        raise size_needed(name)
+    size = np.array(options.image_size)[:, None]
+    return replace(images, landmarks=images.landmarks * size, unit="px")
 
 
 def _hiding(file: SourceFile[Any], least: float) -> SourceFile[Any]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -46,7 +46,8 @@ OF_A_POINT = ("x", "y", "z", "confidence")
 _NAMED = re.compile(
     r"(.+)[_.: -](x|y|z|likelihood|confidence|conf|score|visibility|prob|v|c)", re.I
 )
-_NUMBERED = re.compile(r"(x|y|z|visibility|v|c)_?(\d+)", re.I)
+_NUMBERED = re.compile(r"(x|y|z|visibility|v|c)_?([0-9]{1,9})", re.I)
+_NUMBER = re.compile(r"[0-9]{1,9}")
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ def _wide(delimiter: str, names: tuple[str, ...]) -> Columns | None:
     places = list(rest)
     roles = {role: places[at] for role, at in roles.items() if role not in OF_A_POINT}
     others += [name for name in landmarks if name not in whole]
-    numbers = [int(name) if name.isdigit() else -1 for name in whole]
+    numbers = _of_names(whole)
     numbered_names = numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     left = tuple(name for name in others if name and not name.lower().startswith("unnamed"))
     return Columns(delimiter, names, roles, whole, numbered_names and numbers[0] in (0, 1), left)
@@ -143,6 +144,9 @@ ENDINGS = (".csv", ".tsv", ".txt")
 EMPTY = {"na", "n/a", "none", "null", "-", "nan"}
 SHOWN = 2
 """Rows that an error shows as they were understood."""
+
+LAST_FRAME = 2.0**53
+"""Numbers of frames are below it, whole and told apart."""
 
 BODY = 33
 """Landmarks of MediaPipe's body, which has a depth too."""
@@ -228,7 +232,7 @@ def _read_long(path: Path, columns: Columns, rows: Rows) -> Recording:
         values[places[:, 0], places[:, 1]] = _numbers(path, columns, rows, columns.roles[role])
         return values
 
-    numbers = [int(name) if name.isdigit() else -1 for name in landmarks]
+    numbers = _of_names(landmarks)
     numbered = sorted(numbers) == list(range(len(numbers)))
     if numbered:
         order = np.argsort(numbers)
@@ -238,6 +242,11 @@ def _read_long(path: Path, columns: Columns, rows: Rows) -> Recording:
         fill("confidence", 0.0) if "confidence" in columns.roles else None,
         None if numbered else tuple(map(printable, landmarks)), list(first.values()),
     )  # fmt: skip
+
+
+def _of_names(names: Iterable[str]) -> list[int]:
+    """Return the numbers that landmarks are called, -1 for other names."""
+    return [int(name) if _NUMBER.fullmatch(name) else -1 for name in names]
 
 
 def _axes(columns: Columns) -> tuple[str, ...]:
@@ -280,7 +289,7 @@ def _as_recording(
     numbers = None
     if frames is not None:
         found = read_numbers(frames)
-        wrong = found.strange | ~np.isfinite(found.values) | (found.values % 1 != 0)
+        wrong = found.strange | ~(np.abs(found.values) < LAST_FRAME) | (found.values % 1 != 0)
         if wrong.any():
             what = f"the frame {frames[int(wrong.argmax())]!r} is no whole number"
             raise _unsure(path, columns, rows, what, "number the frames, or call the column `item`")

@@ -20,12 +20,10 @@ from shapefit.errors import InputError, counted, input_error, listed
 from shapefit.io.detectors.detections import are_series
 from shapefit.io.detectors.json_text import read_json
 from shapefit.io.foreign.recording import ANYBODY, FRACTION, Instances, Recording, video_name
+from shapefit.io.foreign.sources import are_fractions
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.memory import check_fits
 from shapefit.io.problems import warn_of_zeros
-
-LEAST, MOST = -0.5, 1.5
-"""Coordinates that are all within these are fractions of an image, those outside of it too."""
 
 
 def of_bodies(
@@ -82,11 +80,6 @@ def of_bodies(
         notes=notes,
         **further,
     )
-
-
-def are_fractions(known: Floats) -> bool:
-    """Whether coordinates are fractions of an image rather than pixels."""
-    return known.size > 0 and bool(known.min() >= LEAST and known.max() <= MOST)
 
 
 NUMPY, ZIP = b"\x93NUMPY", b"PK\x03\x04"

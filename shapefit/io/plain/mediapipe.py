@@ -19,8 +19,8 @@ from shapefit.errors import input_error
 from shapefit.io.detectors.detections import Detections, as_recording
 from shapefit.io.detectors.json_text import read_json, without_collection
 from shapefit.io.foreign.recording import FRACTION, Recording, video_name
+from shapefit.io.foreign.sources import are_fractions
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.plain.arrays import are_fractions
 
 BODIES = (
     *("pose_landmarks", "poseLandmarks", "landmarks", "landmark", "keypoints"),

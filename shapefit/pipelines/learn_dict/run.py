@@ -78,7 +78,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
         raise input_error("start", found, "leave it out, or give landmarks")
     else:
         with open_shapes(config.shapes, input_options(config.input)) as source:
-            notes = source.notes
+            notes = source.notes + check_rate(source.head.frame_rate, config)
             training = read_training(source, options, coded=config.method == "sparse-coding")
         making = make_dictionary(training, config, options, digests(config.shapes))
         outcome = next(making)
@@ -93,6 +93,18 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
         outcome = following
     write_dictionary(config.output, dictionary)
     yield replace(outcome, written=(config.output,))
+
+
+def check_rate(stated: float | None, config: LearnDictConfig) -> tuple[str, ...]:
+    """Warn of shapes that do not state their frame rate; InputError for one that is not wanted."""
+    wanted = config.frame_rate
+    if wanted is None or stated == wanted:
+        return ()
+    fix = f"write them at {wanted:g} frames per second: `shapefit convert --set every=N`"
+    if stated is not None:
+        found = f"has {stated:g} frames per second, and `frame_rate` is {wanted:g}"
+        raise input_error(config.shapes[0], found, fix)
+    return (f"{config.shapes[0]}: states no frame rate, and {wanted:g} is wanted; {fix}",)
 
 
 def hold_landmarks(config: LearnDictConfig) -> bool:

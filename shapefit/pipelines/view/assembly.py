@@ -64,7 +64,7 @@ def assemble(
     named = any(sides)
     pairs = (halves(dictionary, landmarks) for _, dictionary in known if dictionary is not None)
     images = any(one.kind != "shapes" for one in every)
-    unsaid = config.input.y_axis if images else "up"
+    unsaid = (config.input.y_axis or "down") if images else "up"
     y_axis = agreed("y_axis", [(str(one.path), one.y_axis) for one in every], unsaid)
     return Scene(
         title=", ".join(listings) + (" and the truth" if truth else ""),
