@@ -23,11 +23,12 @@ void Reduction::find(Vector<const double> omega) {
     for (long m = 0; m < seen; ++m) h[m] *= scale;
 }
 
-void Reduction::reduce(const double* x, const double* omega, double* out) const {
+void Reduction::reduce(const double* x, double anchor, const double* omega, double* out) const {
     double along = 0;
-    for (long m = 0; m < seen; ++m) along += x[visible[m]] * omega[visible[m]] * h[m];
+    for (long m = 0; m < seen; ++m)
+        along += (x[visible[m]] - anchor) * omega[visible[m]] * h[m];
     for (long m = 0; m < seen - 1; ++m)
-        out[m] = x[visible[m]] * omega[visible[m]] - along * h[m];
+        out[m] = (x[visible[m]] - anchor) * omega[visible[m]] - along * h[m];
 }
 
 void Reduction::expand(const double* y, double* out, long p) const {

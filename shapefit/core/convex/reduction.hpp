@@ -23,10 +23,22 @@ struct Reduction {
     void find(Vector<const double> omega);
 
     // out = the first q entries of (x o omega)(I - h h^T); x and omega (p,).
-    void reduce(const double* x, const double* omega, double* out) const;
+    void reduce(const double* x, const double* omega, double* out) const {
+        reduce(x, 0, omega, out);
+    }
+
+    // Landmarks W (2, p) likewise, in rows `stride` apart: from the first one that is seen, so that
+    // no digits are lost where they are far from the origin, and those on one point are exactly 0.
+    void reduce_landmarks(Matrix<const double> W, const double* omega, double* out, long stride) const {
+        for (int a = 0; a < 2; ++a)
+            reduce(W[a].data, W[a][visible[0]], omega, out + a * stride);
+    }
 
     // out = [y 0](I - h h^T) at the visible landmarks, 0 elsewhere: orthogonal to omega. out (p,).
     void expand(const double* y, double* out, long p) const;
+
+  private:
+    void reduce(const double* x, double anchor, const double* omega, double* out) const;
 };
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

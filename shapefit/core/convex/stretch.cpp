@@ -125,15 +125,7 @@ class StretchSolver {
     void take_landmarks(long image) {
         const Matrix<const double> W = program_.landmarks[image];
         double total = 0;
-        for (int a = 0; a < 2; ++a) {
-            // from the first landmark, so that landmarks on one point are exactly zero
-            const double anchor = W[a][reduction_.visible[0]];
-            for (long m = 0; m < reduction_.seen; ++m) {
-                const long j = reduction_.visible[m];
-                row_[j] = W[a][j] - anchor;
-            }
-            reduction_.reduce(row_, rho_.data, w_ + a * q());
-        }
+        reduction_.reduce_landmarks(W, rho_.data, w_, q());
         for (long j = 0; j < 2 * q(); ++j) total += square(w_[j]);
         units_.landmarks = total > 0 ? root(total) : 1;
         for (long j = 0; j < 2 * q(); ++j) w_[j] /= units_.landmarks;

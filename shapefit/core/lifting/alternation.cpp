@@ -74,8 +74,7 @@ void alternate(const AlternationData& data, Range range) {
             data.status[image] = LocalStatus::DEGENERATE;
             continue;
         }
-        for (int a = 0; a < 2; ++a)
-            reduction.reduce(data.landmarks[image][a].data, omega.data, room.w + a * room.atoms.row);
+        reduction.reduce_landmarks(data.landmarks[image], omega.data, room.w, room.atoms.row);
         alternate_starts(data, image, room);
     }
 }

@@ -1,4 +1,5 @@
 // Which instruction sets this build has, which of them the processor can run, and the choice.
+#include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <new>
@@ -76,5 +77,10 @@ const Level& level() {
 }
 
 void raise_out_of_memory(long) { throw std::bad_alloc(); }
+
+double steady_seconds() {
+    const auto now = std::chrono::steady_clock::now().time_since_epoch();
+    return std::chrono::duration<double>(now).count();
+}
 
 }  // namespace shapefit

@@ -10,6 +10,9 @@ constexpr long EARLY = 3;  // times that beliefs come from the other landmarks, 
 template <class Lanes>
 constexpr double ROUNDING = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-9;
 constexpr double DIFFERENCE = 2e-7;  // of the Hessian, to one side
+// Newton's last step: a longer one, or one that gains more, is no small one (the gain is half the
+// square of Newton's decrement).
+constexpr double LAST_LENGTH = 0.1, LAST_GAIN = 1e-2;
 
 template <class Lanes>
 Lanes select(Lanes mask, Lanes yes, Lanes no) { return mask > 0.5 ? yes : no; }
@@ -126,7 +129,7 @@ void orthonormalise(Lanes* R) {
         z[c] = x[(c + 1) % 3] * y[(c + 2) % 3] - x[(c + 2) % 3] * y[(c + 1) % 3];
 }
 
-// Newton's step, where it is small; returns what it gains.
+// Newton's step, where it is small, and then nothing is left to climb; returns what it gains.
 template <class Lanes>
 Lanes take_last_step(Climb<Lanes>& at) {
     Lanes down[VIEW], step[VIEW], gain = {}, length = {};
@@ -136,10 +139,12 @@ Lanes take_last_step(Climb<Lanes>& at) {
         gain += 0.5 * step[i] * down[i];
         length += step[i] * step[i];
     }
-    const Lanes small = indicate(all<Lanes>(1e-2) - length) * indicate(all<Lanes>(1e-2) - gain);
+    const Lanes small = indicate(all<Lanes>(LAST_LENGTH * LAST_LENGTH) - length) *
+                        indicate(all<Lanes>(LAST_GAIN) - gain);
     for (int i = 0; i < VIEW; ++i) step[i] *= small;
     move(at.view, step, at.view);
-    return small * gain;
+    at.moving = 1.0 - small;
+    return select(small, gain, Lanes{});
 }
 
 }  // namespace
@@ -180,7 +185,8 @@ void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
         find_likelihood(data, seen, pack, space.view, space.belief, false, true, space.likelihood,
                         space.found, space.next);
         const Lanes gain = space.found.value - at.found.value;
-        const Lanes kept = at.moving * indicate(gain + all<Lanes>(ROUNDING<Lanes>));
+        const Lanes kept = at.moving * indicate(gain + all<Lanes>(ROUNDING<Lanes>)) *
+                           indicate(at.largest - space.view.log_scale);
         for (int i = 0; i < VIEW; ++i) change[i] = space.found.gradient[i] - at.found.gradient[i];
         for (int e = 0; e < VIEW * VIEW; ++e)
             mended[e] = data.chance > 0 ? space.found.curvature[e] : at.curvature[e];

@@ -15,6 +15,7 @@ struct Climb {
     Lanes damping;
     Lanes moving;  // 1, or 0 where a lane has arrived
     Lanes hope;    // what the next step is expected to gain
+    Lanes largest;  // log of the scale beyond which no step goes
 
     Lanes* belief() { return reinterpret_cast<Lanes*>(this + 1); }
     Lanes* next(long m) { return belief() + m; }
@@ -42,12 +43,14 @@ void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
 
 // Steps of Newton's kind, whose curvature is Gauss and Newton's, mended by what the gradient does
 // (Broyden, Fletcher, Goldfarb, Shanno); damped where they would lead downhill. A lane that stands
-// still has arrived.
+// still has arrived. Where every landmark is gross the likelihood grows with the scale for ever: there
+// steps end at `largest`.
 template <class Lanes>
 void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, long rounds,
            ClimbSpace<Lanes>& space, Climb<Lanes>& at);
 
-// The Hessian at the end by differences of gradients, the belief held, and Newton's last step.
+// The Hessian at the end by differences of gradients, the belief held, and Newton's last step. A lane
+// is still moving where that step is not small: it stands on no stationary point.
 template <class Lanes>
 void finish(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, ClimbSpace<Lanes>& space,
             Climb<Lanes>& at);

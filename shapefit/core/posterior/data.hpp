@@ -22,7 +22,6 @@ struct PosteriorData {
     Blocks<const double> starts = from("starts", "n S 3 3");  // nan where there are fewer
     double chance = from("chance");  // that a landmark is gross
     double density = from("density");  // of gross landmarks, per area in their unit
-    long most_rounds = from("max_rounds");
     double still = from("still");  // a climb ends when the log likelihood gains less
     Tensor<double> mean = from("mean", "n 3 p");  // of y = s (R x + t), mean depth 0
     Tensor<double> deviation = from("deviation", "n 3 p");  // its standard deviations
@@ -35,6 +34,7 @@ struct PosteriorData {
     Vector<double> log_evidence = from("log_evidence", "n");  // of the image
     // twice the fall of the log likelihood below its peak
     Vector<double> surprise = from("surprise", "n");
+    Vector<bool> stationary = from("stationary", "n");  // whether a climb ended on a maximum
     Vector<int64_t> rounds = from("rounds", "n");  // steps taken by all climbs together
     // The M most likely modes, where they are wanted.
     Matrix<int64_t> mode_component = from("mode_component", "n M?");  // -1 where there are fewer

@@ -29,7 +29,8 @@ namespace shapefit::SHAPEFIT_LEVEL {
 constexpr double LOG_TWO_PI = 1.8378770664093453;
 constexpr int VIEW = 4;             // numbers of theta
 constexpr double TAU_SQUARE = 900;  // variance of the translation in the unit of shapes: wide
-constexpr double LEAST_CURVATURE = 1;  // of a view: none is less certain than a radian
+// Curvature that a prior adds to that of the view, in any direction: none is less certain than a radian.
+constexpr double CURVATURE_OF_PRIOR = 1;
 // Beside what N / q takes away from D^-1 the rest must still count, see `predict`.
 template <class Lanes>
 constexpr double LEAST_BELIEF = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-6;

@@ -112,19 +112,17 @@ void differentiate(const Observed<double>& seen, const Mode& mode, double s, Mod
     }
 }
 
-// J <- H^-1/2 J
-void whiten_view(const Mode& mode, long d, ModeSpace& space) {
-    double L[VIEW][VIEW];
-    for (int i = 0; i < VIEW; ++i)
-        for (int j = 0; j <= i; ++j) {
-            double rest = mode.hessian[VIEW * i + j];
-            for (int k = 0; k < j; ++k) rest -= L[i][k] * L[j][k];
-            L[i][j] = i == j ? root(larger(rest, LEAST_CURVATURE)) : rest / L[j][j];
+// J <- W J
+void whiten_view(const Mode& mode, ModeSpace& space) {
+    const long D = space.J.size[1];
+    for (long e = 0; e < D; e += WIDTH) {
+        Lanes row[VIEW];
+        for (int i = 0; i < VIEW; ++i) row[i] = load(space.J[i].data + e);
+        for (int i = 0; i < VIEW; ++i) {
+            Lanes total = {};
+            for (int j = 0; j < VIEW; ++j) total += mode.root[VIEW * i + j] * row[j];
+            store(space.J[i].data + e, total);
         }
-    for (int i = 0; i < VIEW; ++i) {
-        double* row = space.J[i].data;
-        for (int k = 0; k < i; ++k) add_to(row, -L[i][k], space.J[k].data, d);
-        for (long e = 0; e < d; ++e) row[e] /= L[i][i];
     }
 }
 
@@ -201,7 +199,7 @@ void describe(const PosteriorData& data, const Observed<double>& seen, const Mod
         space.X[e] = y - (e < 2 * p ? shift[e / p] : 0.0);
     }
     differentiate(seen, mode, s, space, mean);
-    whiten_view(mode, d, space);
+    whiten_view(mode, space);
     centre_depth(mean, p);
     // the covariance of s (X + t): s^2 (C + TAU^2 - K^T S^-1 K) + J^T H^-1 J
     for (long e = 0; e < n * D; ++e) space.U.data[e] = 0;

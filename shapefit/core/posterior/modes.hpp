@@ -11,7 +11,8 @@ struct Mode {
     double log_scale;
     double log_evidence;
     double surprise;
-    double hessian[VIEW * VIEW];
+    bool stationary;            // nothing is left to climb, and every way leads down
+    double root[VIEW * VIEW];   // W with W^T W = (H + I)^-1, the covariance of the view
     double* belief;  // (m,)
 };
 

@@ -1,5 +1,6 @@
 #include "posterior.hpp"
 
+#include "../algebra/symmetric_eigen.hpp"
 #include "modes.hpp"
 #include "side_by_side.hpp"
 
@@ -7,7 +8,7 @@ namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
 constexpr double SAME_VIEW = 1e-2;    // rotations as close are one mode (Frobenius norm)
-constexpr double SADDLE = 50;         // in log evidence
+constexpr double NO_MAXIMUM = 50;     // what a point that is none loses, in log evidence
 constexpr double NEGLIGIBLE = 6;      // a mode so far below the best in log evidence is left out
 constexpr double LAPLACE = 1;         // by which the view integrated out may lift one over another
 constexpr int MIXED[3][2] = {{0, 1}, {0, 2}, {1, 2}};  // coordinates of a landmark
@@ -28,31 +29,41 @@ struct Combination {
     double* mean;
 };
 
-// The maximum on which climb i ended, with its evidence.
+// The root of the covariance of the view, (H + I)^-1, where no direction is less than flat; returns
+// log det (H + I), and whether H is positive definite.
+struct Curvature {
+    double log_det;
+    bool definite;
+};
+
+Curvature weigh_view(const Climb<Lanes>& at, long lane, double* root_of) {
+    double H[VIEW * VIEW], values[VIEW], axes[VIEW * VIEW], log_det = 0;
+    for (int e = 0; e < VIEW * VIEW; ++e) H[e] = at.curvature[e][lane];
+    symmetric_eigen({H, {VIEW, VIEW}}, {values, {VIEW}}, {axes, {VIEW, VIEW}});
+    for (int i = 0; i < VIEW; ++i) {
+        const double lifted = larger(values[i], 0.0) + CURVATURE_OF_PRIOR;
+        log_det += log(lifted);
+        for (int e = 0; e < VIEW; ++e) root_of[VIEW * i + e] = axes[VIEW * i + e] / root(lifted);
+    }
+    return {log_det, values[0] > 1e-6};
+}
+
+// The point on which climb i ended, with its evidence.
 void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) {
     const Climbs<Lanes>& climbs = search.arrived;
     Climb<Lanes>& at = climbs[i];
     const long lane = i % WIDTH;
-    double L[VIEW][VIEW], log_det = 0;
-    bool definite = true;
-    for (int e = 0; e < VIEW * VIEW; ++e) mode.hessian[e] = at.curvature[e][lane];
-    for (int a = 0; a < VIEW; ++a)
-        for (int b = 0; b <= a; ++b) {
-            double rest = mode.hessian[VIEW * a + b];
-            for (int c = 0; c < b; ++c) rest -= L[a][c] * L[b][c];
-            definite = definite && (a != b || rest > 1e-6);
-            L[a][b] = a == b ? root(larger(rest, LEAST_CURVATURE)) : rest / L[b][b];
-            if (a == b) log_det += 2 * log(L[a][a]);
-        }
+    const Curvature curvature = weigh_view(at, lane, mode.root);
+    mode.stationary = curvature.definite && !(at.moving[lane] > 0);
     mode.component = climbs.pair[i] % data.means.size[0];
     for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
     mode.log_scale = at.view.log_scale[lane];
     for (long j = 0; j < search.late.seen.m; ++j) mode.belief[j] = at.belief()[j][lane];
     mode.surprise = at.found.surprise[lane];
     mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
-                        0.5 * (VIEW * LOG_TWO_PI - log_det);
-    // A saddle counts only where no climb ends on a maximum.
-    if (!definite) mode.log_evidence -= SADDLE;
+                        0.5 * (VIEW * LOG_TWO_PI - curvature.log_det);
+    // A saddle, or a point on the way, counts only where no climb ends on a maximum.
+    if (!mode.stationary) mode.log_evidence -= NO_MAXIMUM;
 }
 
 // Sort by evidence and leave out what was found before and what is negligible.
@@ -91,6 +102,7 @@ void fail(const PosteriorData& data, long image) {
     for (long j = 0; j < d / 3; ++j) data.belief[image][j] = NOT_A_NUMBER;
     for (int e = 0; e < 9; ++e) data.rotation[image].data[e] = NOT_A_NUMBER;
     data.scale[image] = data.log_evidence[image] = data.surprise[image] = NOT_A_NUMBER;
+    data.stationary[image] = false;
 }
 
 void store(const PosteriorData& data, long image, long rank, const Observed<double>& seen, const Mode& mode,
@@ -161,6 +173,7 @@ void combine(const PosteriorData& data, long image, const Observed<double>& seen
     data.scale[image] = exp(first.log_scale);
     data.log_evidence[image] = best + log(total);
     data.surprise[image] = surprise;
+    data.stationary[image] = first.stationary;
 }
 
 }  // namespace

@@ -4,7 +4,10 @@ namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
 
 constexpr long ROUNDS = 2;  // after which ranks are closed
-constexpr long QUICK = 16;  // rounds in half precision; what takes longer starts again in full
+constexpr long QUICK = 16;  // rounds in single precision; what takes longer starts again in double
+constexpr long MOST_ROUNDS = 200;  // in double
+constexpr double AGREEMENT = 1;    // of single and double precision at the end, in log likelihood
+constexpr double MOST_GROWTH = 100;  // of the scale, on the way up
 constexpr double HOPE = 2;  // how many times what a step promises a climb may still gain
 
 // The components of one block of lanes.
@@ -68,6 +71,7 @@ void place(const PosteriorData& data, long image, long pair, const Observed<doub
     for (int e = 0; e < 9; ++e) view.R[e][lane] = static_cast<Number<Lanes>>(R[e]);
     const double s = first_scale(data, seen, R, pair % K);
     view.log_scale[lane] = static_cast<Number<Lanes>>(log(s));
+    climbs[climbs.count].largest[lane] = static_cast<Number<Lanes>>(log(s * MOST_GROWTH));
     climbs.pair[climbs.count++] = pair;
 }
 
@@ -172,33 +176,69 @@ Search::Search(Workspace& workspace, const PosteriorData& data)
       late(workspace, data),
       arrived(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
 
+namespace {
+
+// Every start under every component.
+template <class Lanes>
+void place_all(const PosteriorData& data, long image, const Observed<double>& seen,
+               Climbs<Lanes>& climbs) {
+    climbs.count = 0;
+    for (long i = 0; i < data.starts.size[1]; ++i)
+        if (is_finite(data.starts[image][i].data[0]))
+            for (long k = 0; k < data.means.size[0]; ++k)
+                place(data, image, data.means.size[0] * i + k, seen, climbs);
+}
+
+// The likelihood in double precision and its Hessian, where those stand that are near the best.
+// Whether one of them stands on a stationary point, and all are worth what the climb took them for.
+bool finish_all(const PosteriorData& data, double margin, Search& search) {
+    Climbs<Lanes>& arrived = search.arrived;
+    Side<Lanes>& late = search.late;
+    double best = -INFINITE;
+    for (long i = 0; i < arrived.count; ++i) best = larger(value_of(data, arrived, i), best);
+    const long count = arrived.count;
+    arrived.count = 0;
+    for (long i = 0; i < count; ++i)
+        if (value_of(data, arrived, i) > best - margin) arrived.append(arrived, i);
+    arrived.pad();
+    Lanes apart = {}, standing = {};
+    for (long b = 0; b < arrived.blocks(); ++b) {
+        Climb<Lanes>& at = arrived.block(b);
+        const Lanes before = at.found.value;
+        fetch(search.components, b, arrived, late);
+        finish(data, late.seen, late.pack, late.space, at);
+        const Lanes difference = magnitude(at.found.value - before);
+        apart = difference < AGREEMENT ? apart : all(1.0);
+        standing = larger(1.0 - at.moving, standing);
+    }
+    return largest(standing) > 0 && !(largest(apart) > 0);
+}
+
+}  // namespace
+
 long climb_all(const PosteriorData& data, long image, double margin, Search& search) {
     Side<SingleLanes>& going = search.going;
     Side<Lanes>& late = search.late;
     Climbs<Lanes>& arrived = search.arrived;
     double best = -INFINITE;
     observe(data, image, going.seen);
-    going.climbs.count = late.climbs.count = arrived.count = 0;
-    for (long i = 0; i < data.starts.size[1]; ++i)
-        if (is_finite(data.starts[image][i].data[0]))
-            for (long k = 0; k < data.means.size[0]; ++k)
-                place(data, image, data.means.size[0] * i + k, late.seen, going.climbs);
+    place_all(data, image, late.seen, going.climbs);
+    late.climbs.count = arrived.count = 0;
     long steps = go_on(data, QUICK, margin, best, going, search);
     for (long i = 0; i < going.climbs.count; ++i)
         place(data, image, going.climbs.pair[i], late.seen, late.climbs);
     best = -INFINITE;
     for (long i = 0; i < arrived.count; ++i) best = larger(best, value_of(data, arrived, i));
-    steps += go_on(data, data.most_rounds, margin, best, late, search);
+    steps += go_on(data, MOST_ROUNDS, margin, best, late, search);
     for (long i = 0; i < late.climbs.count; ++i) arrived.append(late.climbs, i);
-    const long count = arrived.count;
+    if (finish_all(data, margin, search)) return steps;
+    // single precision does not do
+    best = -INFINITE;
     arrived.count = 0;
-    for (long i = 0; i < count; ++i)
-        if (value_of(data, arrived, i) > best - margin) arrived.append(arrived, i);
-    arrived.pad();
-    for (long b = 0; b < arrived.blocks(); ++b) {
-        fetch(search.components, b, arrived, late);
-        finish(data, late.seen, late.pack, late.space, arrived.block(b));
-    }
+    place_all(data, image, late.seen, late.climbs);
+    steps += go_on(data, MOST_ROUNDS, margin, best, late, search);
+    for (long i = 0; i < late.climbs.count; ++i) arrived.append(late.climbs, i);
+    finish_all(data, margin, search);
     return steps;
 }
 

@@ -43,7 +43,8 @@ struct Side {
     Climbs<Lanes> climbs;
 };
 
-// A short way up in half precision; the end, and a long way, in full.
+// A short way up in single precision; the end, and a long way, in double: also where single precision
+// loses its way.
 struct Search {
     Search(Workspace& workspace, const PosteriorData& data);
 
@@ -54,7 +55,8 @@ struct Search {
 };
 
 // Climb from all starts of an image under every component. What has `arrived` is not further than
-// `margin` below the best, in log likelihood and weight, and finished. Returns the steps taken.
+// `margin` below the best, in log likelihood and weight, and finished; what is still moving there ran
+// out of rounds. Returns the steps taken.
 long climb_all(const PosteriorData& data, long image, double margin, Search& search);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

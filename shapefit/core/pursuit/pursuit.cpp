@@ -155,8 +155,7 @@ void pursue(const PursuitData& data, Range range) {
             data.status[i] = LocalStatus::DEGENERATE;
             continue;
         }
-        for (int a = 0; a < 2; ++a)
-            reduction.reduce(data.landmarks[i][a].data, omega.data, w + a * q);
+        reduction.reduce_landmarks(data.landmarks[i], omega.data, w, q);
         if (!is_finite(dot(w, w, 2 * q) + dot(reduced, reduced, 3 * q))) {
             data.status[i] = LocalStatus::FAILED;
             continue;

@@ -42,8 +42,7 @@ bool RotationObjective::aim(long image) {
     }
     image_ = image;
     if (reduction.seen < 2) return false;
-    for (int a = 0; a < 2; ++a)
-        reduction.reduce(problem.landmarks[image][a].data, omega.data, w + a * atoms.row);
+    reduction.reduce_landmarks(problem.landmarks[image], omega.data, w, atoms.row);
     square = dot_padded(w, w, 2 * atoms.row);
     lam = problem.lam[image];
     step_.aim(w, lam, problem.is_signed);

@@ -9,6 +9,7 @@ namespace {
 constexpr int DESCENTS = 8;            // from the best of the root vertices
 constexpr double ROUGH = 1e-5;         // share of v that a step must promise while descents compete
 constexpr double CLOSE = 1e-3;         // descents within this share of the best one go on to the end
+constexpr double FIRST_SHARE = 2.0 / 3;  // of the time, for the gap asked for; the rest for looser ones
 constexpr double LOOSER = 3;              // each gap to the one before, where the limit is reached
 
 // The best rotation so far.
@@ -63,8 +64,8 @@ struct Ended {
 };
 
 // Search with the cut (1 - gap) U until all cells are dropped, or so many were tested.
-Ended search(double gap, long most_cells, const Clock& clock, RotationObjective& objective,
-             CellSearch& cells, Best& best) {
+Ended search(double gap, long most_cells, const Clock& clock, double share,
+             RotationObjective& objective, CellSearch& cells, Best& best) {
     const auto lower = [&] { cells.vertices.set_cut((1 - gap) * best.objective); };
     Cell cell;
     int edge = 0, middle = 0;
@@ -72,7 +73,7 @@ Ended search(double gap, long most_cells, const Clock& clock, RotationObjective&
     cells.begin();
     while (cells.take(cell)) {
         const bool may_go_on = cells.tested < most_cells &&
-                               (cells.tested % CELLS_BETWEEN_LOOKS != 0 || !clock.is_over());
+                               (cells.tested % CELLS_BETWEEN_LOOKS != 0 || !clock.is_over(share));
         const int before = cells.vertices.count();
         if (may_go_on && cells.is_dropped(cell, edge)) continue;
         if (!may_go_on || !cells.split(cell, edge, middle)) {
@@ -92,18 +93,17 @@ Ended search(double gap, long most_cells, const Clock& clock, RotationObjective&
 
 // Search with the gap asked for, and where the limit is reached with looser ones, on as many cells
 // again at most: what a search that was cut short proves is little.
-Ended search_within_limits(const GlobalData& data, RotationObjective& objective, CellSearch& cells,
-                           Best& best) {
-    const Clock clock(data.limits.seconds), more(1.5 * data.limits.seconds);
-    const Ended first =
-        search(data.tolerance, data.limits.cells, clock, objective, cells, best);
+Ended search_within_limits(const GlobalData& data, const Clock& clock, RotationObjective& objective,
+                           CellSearch& cells, Best& best) {
+    const Ended first = search(data.tolerance, data.limits.cells, clock, FIRST_SHARE, objective,
+                               cells, best);
     if (first.complete) return first;
     double bound = first.bound;
     long room = data.limits.cells;
     for (double gap = LOOSER * data.tolerance; gap < 1; gap *= LOOSER) {
         const long before = cells.tested;
         const Ended ended =
-            search(gap, before + room / 2, more, objective, cells, best);
+            search(gap, before + room / 2, clock, 1, objective, cells, best);
         bound = larger(ended.bound, bound);
         if (ended.complete) break;
         room -= cells.tested - before;
@@ -124,13 +124,14 @@ void find_optimum(const GlobalData& data, Range range) {
             continue;
         }
         Best best;
+        const Clock clock(data.limits.seconds);
         cells.begin_image();
         find_upper_bound(data, image, objective, cells.vertices, best);
         if (!is_finite(best.objective)) {
             data.status[image] = SearchStatus::FAILED;
             continue;
         }
-        const Ended ended = search_within_limits(data, objective, cells, best);
+        const Ended ended = search_within_limits(data, clock, objective, cells, best);
         double R[9];
         rotation_of(best.q, R);
         data.objective[image] = objective.value(R);

@@ -1,6 +1,6 @@
 #include "search.hpp"
 
-#include <time.h>
+#include "../errors.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
 namespace {
@@ -10,17 +10,11 @@ constexpr double SHORTEST_SHARE = 0.25;  // of the longest edge's 1 - q_a.q_b; s
 constexpr int MOST_PASSED = 6;           // splits in a row that may spare the longest edge
 constexpr int HALVINGS = 40;
 
-double seconds_now() {
-    struct timespec now;
-    ::timespec_get(&now, TIME_UTC);
-    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
-
 }  // namespace
 
-Clock::Clock(double seconds) : end_(seconds_now() + seconds) {}
+Clock::Clock(double seconds) : begin_(steady_seconds()), seconds_(seconds) {}
 
-bool Clock::is_over() const { return seconds_now() > end_; }
+bool Clock::is_over(double share) const { return steady_seconds() - begin_ > share * seconds_; }
 
 // A cell adds a vertex at most.
 CellSearch::CellSearch(Workspace& workspace, RotationObjective& objective, const RootCells& roots,

@@ -8,14 +8,14 @@ namespace shapefit::SHAPEFIT_LEVEL {
 
 constexpr long CELLS_BETWEEN_LOOKS = 256;  // at the clock
 
-// Whether the time of an image is over.
+// Whether the time of an image is over, or a share of it.
 class Clock {
   public:
     explicit Clock(double seconds);
-    bool is_over() const;
+    bool is_over(double share = 1) const;
 
   private:
-    double end_;
+    double begin_, seconds_;
 };
 
 class CellSearch {

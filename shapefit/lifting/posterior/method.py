@@ -60,7 +60,6 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         prior=settings.needs["prior"],
         gross=Gross(options.gross_chance, options.gross_density),
         slopes=slopes,
-        max_rounds=options.max_rounds,
         threads=settings.threads,
     )
     if options.misfit < NEARLY_EXACT:
@@ -85,8 +84,16 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         residual=fit_translation(problem, shapes[:, :2], translation).residual,
         iterations=solution.iterations + found.rounds,
         status=tuple(
-            status if status in FAILED else Status.NUMERICAL_FAILURE if gone else Status.CONVERGED
-            for status, gone in zip(solution.status, lost.tolist(), strict=True)
+            status
+            if status in FAILED
+            else Status.NUMERICAL_FAILURE
+            if gone
+            else Status.CONVERGED
+            if stationary
+            else Status.ITERATION_LIMIT
+            for status, gone, stationary in zip(
+                solution.status, lost.tolist(), found.stationary.tolist(), strict=True
+            )
         ),
         deviation=widening * found.deviation,
         covariance=None if found.covariance is None else options.widening * found.covariance,

@@ -70,9 +70,9 @@ class Posterior:
     mean (n, 3, p) of y, its standard deviations (n, 3, p), and the correlation (n, 3, p) of x with
     y, x with z, and y with z of each landmark; covariance (n, 3p, 3p), None where it was not asked
     for; belief (n, p); rotation (n, 3, 3) and scale (n,) of the most likely mode;
-    log_evidence (n,) of the image; surprise (n,), twice what
-    the log likelihood lacks to that of landmarks exactly where they are expected; rounds (n,), the
-    steps of all climbs; modes, those asked for.
+    log_evidence (n,) of the image; surprise (n,), twice what the log likelihood lacks to that of
+    landmarks exactly where they are expected; stationary (n,), whether the most likely mode is a
+    maximum; rounds (n,), the steps of all climbs; modes, those asked for.
     """
 
     mean: Floats
@@ -84,6 +84,7 @@ class Posterior:
     scale: Floats
     log_evidence: Floats
     surprise: Floats
+    stationary: NDArray[np.bool_]
     rounds: NDArray[np.int64]
     modes: Modes
 
@@ -99,7 +100,6 @@ def find_posterior(
     slopes: Floats | None = None,
     modes: int = 0,
     covariance: bool = False,
-    max_rounds: int = 30,
     threads: int = 0,
 ) -> Posterior:
     """Return the posterior of n images.
@@ -123,6 +123,7 @@ def find_posterior(
         **{name: np.empty(n) for name in ("scale", "log_evidence", "surprise")},
         "belief": np.empty((n, p)),
         "rotation": np.empty((n, 3, 3)),
+        "stationary": np.zeros(n, bool),
         "rounds": np.empty(n, np.int64),
     }
     of_modes: dict[str, Any] = {
@@ -147,7 +148,6 @@ def find_posterior(
         starts=_whole(starts),
         chance=gross.chance,
         density=gross.density,
-        max_rounds=max_rounds,
         still=STILL,
         covariance=whole,
         **of_images,

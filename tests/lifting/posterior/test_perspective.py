@@ -19,7 +19,6 @@ def posterior(prior, landmarks, starts, slopes=None):
         starts,
         slopes=slopes,
         covariance=True,
-        max_rounds=60,
     )
 
 

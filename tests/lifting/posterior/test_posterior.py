@@ -88,10 +88,10 @@ def test_moving_growing_and_turning_the_image_moves_the_posterior_along(draw_mix
     prior, misfit = draw_mixture(3), 0.01
     _, w, R = draw_images(prior, 20, 5, misfit)
     w[3, :, 2] = np.nan
-    plain = solve(prior, w, R[:, None], misfit, max_rounds=200)
+    plain = solve(prior, w, R[:, None], misfit)
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
     moved = 12.5 * turn[:2, :2] @ w + np.array([[300.0], [-40.0]])
-    other = solve(prior, moved, (turn @ R)[:, None], misfit, max_rounds=200)
+    other = solve(prior, moved, (turn @ R)[:, None], misfit)
     expected = 12.5 * turn @ plain.mean
     expected[:, :2] += np.array([[300.0], [-40.0]])
     assert other.mean == pytest.approx(expected, abs=12.5e-6)
@@ -181,7 +181,7 @@ def test_components_together_are_those_alone(draw_mixture):
 def test_climbs_end_where_nothing_more_is_to_be_gained(draw_mixture, request):
     prior, misfit = draw_mixture(3), 0.01
     _, w, R = draw_images(prior, 20, 5, misfit)
-    options = {"gross": Gross(0.02), "max_rounds": 200}
+    options = {"gross": Gross(0.02)}
     early = solve(prior, w, R[:, None], misfit, **options)
     request.getfixturevalue("to_the_end")
     late = solve(prior, w, R[:, None], misfit, **options)
