@@ -29,6 +29,7 @@ from shapefit.io.options import OutputOptions
 from shapefit.pipelines.export.carried_mesh import meshes_that_follow
 from shapefit.pipelines.export.run import open_exports, plan_exports
 from shapefit.pipelines.fit.chain import fit_images
+from shapefit.pipelines.fit.labels import check_labels
 from shapefit.pipelines.fit.plan import Plan, plan_fit, read_options
 from shapefit.pipelines.fit.read import read_images
 from shapefit.pipelines.fit.record import as_result
@@ -56,6 +57,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         config, said = settle(source)
         said = (said_of_y(source), *said)
+        of_labels = check_labels(config, source, dictionary)
         wanted = wanted.seen_through(config.camera)
         plan = plan_fit(config, dictionary, source.head.landmark_names)
         dictionary = plan.dictionary
@@ -83,7 +85,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     names = said_of_names(source.head.landmark_names, dictionary.landmark_names)
     yield Outcome(
         total=source.count,
-        warnings=warnings + exports.warnings + of_writer,
+        warnings=of_labels + warnings + exports.warnings + of_writer,
         note="; ".join(filter(None, (*said, names, exports.note, writer.summary.note))),
         written=(*(writer.summary.written or (output,)), *exports.folders, *exports.sheets),
     )

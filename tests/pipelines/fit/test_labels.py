@@ -1,0 +1,142 @@
+"""Names that are wrong in every image: another skeleton, left and right exchanged."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shapefit.config.named_files import find_dictionaries
+from shapefit.geometry.rotations import rotation_about
+from shapefit.io import LandmarkSet, read_dictionary
+from shapefit.io.extras import Extras
+from shapefit.io.skeletons import SKELETONS, THETA, people_parts
+from tests.io.files import save
+from tests.pipelines.fitted import fit_file
+
+N, SIZE, FOCAL = 60, (1920, 1080), 2000.0
+BODIES = 2.5
+"""Distance of the camera in heights of a body, of 4.7 units of normalised shapes."""
+
+
+@pytest.fixture(scope="module")
+def dictionary():
+    return find_dictionaries()["people"]
+
+
+@pytest.fixture(scope="module")
+def poses(dictionary):
+    """Shapes (N, 3, 24) of the prior, y up, and the names of their landmarks."""
+    known = read_dictionary(dictionary)
+    rng = np.random.default_rng(3)
+    prior = known.prior
+    chosen = rng.choice(len(prior), size=N, p=prior.weights)
+    shapes = np.array(
+        [
+            rng.multivariate_normal(prior.means[k].ravel(), prior.covariances[k]).reshape(3, -1)
+            for k in chosen
+        ]
+    )
+    return shapes, known.landmark_names
+
+
+def film(poses, skeleton):
+    """Return what a detector finds of upright bodies that face all ways, from 2.5 heights away."""
+    shapes, joints = poses
+    theta = {name: parameter.mean for name, parameter in THETA.items()}
+    parts = people_parts(SKELETONS[skeleton].landmark_names)
+    rows = np.zeros((len(parts), len(joints)))
+    for row, part in enumerate(parts.values()):
+        for joint, weight in part.weights(theta).items():
+            rows[row, joints.index(joint)] = weight
+    rng = np.random.default_rng(4)
+    turns = rotation_about(np.array([0.0, 1.0, 0.0]), rng.uniform(0, 2 * np.pi, N))
+    seen = np.diag([1.0, -1.0, -1.0]) @ turns @ shapes @ rows.T
+    seen[:, 2] += BODIES * 4.7
+    pixels = FOCAL * seen[:, :2] / seen[:, 2:] + np.array(SIZE)[:, None] / 2
+    return LandmarkSet(
+        landmarks=pixels + rng.standard_normal(pixels.shape),
+        landmark_names=SKELETONS[skeleton].landmark_names,
+        items=tuple(f"image{i}" for i in range(N)),
+        unit="px",
+        y_axis="down",
+        extras=Extras({}, {"image_size": np.array(SIZE)}),
+    )
+
+
+@pytest.fixture
+def warnings_of(tmp_path, dictionary):
+    """Return what fits images as `-d people` does: its warnings as texts."""
+
+    def warn(images):
+        save(tmp_path / "images.h5", images)
+        paths = tmp_path / "images.h5", dictionary, tmp_path / "result.h5"
+        keys = {"misfit": 0.006, "widening": 1.6}
+        outcomes = fit_file(*paths, method="posterior", posterior=keys)[1]
+        return [str(each) for outcome in outcomes for each in outcome.warnings]
+
+    return warn
+
+
+def exchanged(images):
+    """Return the images with the names of left and right exchanged."""
+    other = {"L": "R", "R": "L"}
+    names = [
+        other[name[0]] + name[1:] if name[0] in other and name[1].isupper() else name
+        for name in images.landmark_names
+    ]
+    return replace(images, landmark_names=tuple(names))
+
+
+@pytest.mark.parametrize(("meant", "said"), [("body_25b", "body_25"), ("body_25", "body_25b")])
+def test_another_skeleton_of_as_many_landmarks_is_named(warnings_of, poses, meant, said):
+    images = film(poses, meant)
+    assert not warnings_of(images)
+    wrong = replace(images, landmark_names=SKELETONS[said].landmark_names)
+    (warning,) = warnings_of(wrong)
+    assert f"implausible as {said}" in warning
+    assert f"is it {meant}? Say so by `keypoints: {meant}`" in warning
+
+
+def test_sides_that_are_exchanged_in_every_image_are_noticed(warnings_of, poses):
+    images = film(poses, "body_25")
+    assert not warnings_of(images)
+    (warning,) = warnings_of(exchanged(images))
+    assert warning.startswith("left and right may be exchanged")
+
+
+def test_from_afar_both_namings_are_alike_and_nothing_is_said(warnings_of, poses):
+    images = film(poses, "body_25")
+    middle = images.landmarks.mean(axis=2, keepdims=True)
+    far = replace(images, landmarks=middle + (images.landmarks - middle) / 20)
+    assert not [each for each in warnings_of(exchanged(far)) if "exchanged" in each]
+
+
+def test_people_who_walk_backwards_have_their_sides_exchanged(warnings_of, poses):
+    """Seen by weak perspective, where motion alone tells: six clips of bodies that come nearer."""
+    shapes, joints = poses
+    rng = np.random.default_rng(5)
+    count, frames = 6, 20
+    sides = [joints.index(name) for name in ("lhip", "rhip", "lshoulder", "rshoulder")]
+    found, sequences = [], []
+    for clip in range(count):
+        lhip, rhip, lshoulder, rshoulder = (shapes[clip][:, side] for side in sides)
+        forward = np.cross(lhip - rhip + lshoulder - rshoulder, lshoulder + rshoulder - lhip - rhip)
+        yaw = np.arctan2(forward[0], forward[2]) + rng.uniform(-0.6, 0.6)
+        facing = rotation_about(np.array([0.0, 1.0, 0.0]), -yaw) @ shapes[clip]
+        growing = 100 * np.exp(0.004 * np.arange(frames))
+        found.append(growing[:, None, None] * (np.diag([1.0, -1.0]) @ facing[:2]) + 400)
+        sequences += [f"clip{clip}"] * frames
+    landmarks = np.concatenate(found)
+    images = LandmarkSet(
+        landmarks=landmarks + 0.5 * rng.standard_normal(landmarks.shape),
+        landmark_names=joints,
+        items=tuple(f"image{i}" for i in range(len(landmarks))),
+        sequences=tuple(sequences),
+        unit="px",
+        y_axis="down",
+    )
+    assert not [each for each in warnings_of(images) if "exchanged" in each]
+    other = {"l": "r", "r": "l"}
+    names = [other[name[0]] + name[1:] if name[0] in other else name for name in joints]
+    wrong = replace(images, landmark_names=tuple(names))
+    assert [each for each in warnings_of(wrong) if "exchanged" in each]
