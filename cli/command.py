@@ -90,14 +90,16 @@ def run_command(
     from shapefit.config.paths import ResultFolder
 
     file = find_config(spec.name, Path(config_path) if config_path else None)
-    config = load_config(spec.name, file, overrides, arguments, to_show=print_config)
-    if file is None and spec.chooser:
+    chooses = file is None and bool(spec.chooser)
+    given = (overrides, arguments)
+    config = load_config(spec.name, file, *given, to_show=print_config, final=not chooses)
+    if chooses:
         name = importlib.import_module(f"shapefit.pipelines.{spec.chooser}").find_suited(config)
         if name is not None:
             file = find_config(spec.name, Path(name))
-            config = load_config(spec.name, file, overrides, arguments, to_show=print_config)
-            if not quiet:
-                tell(f"Config: {name}, which suits the dictionary; -c names another.")
+        config = load_config(spec.name, file, *given, to_show=print_config)
+        if name is not None and not quiet:
+            tell(f"Config: {name}, which suits the dictionary; -c names another.")
     if print_config:
         click.echo(dump_config(config), nl=False)
         return 0

@@ -101,6 +101,7 @@ def load_config(
     arguments: Mapping[str, object] | None = None,
     *,
     to_show: bool = False,
+    final: bool = True,
 ) -> CommandConfig:
     """Return the checked config of `command`.
 
@@ -108,14 +109,14 @@ def load_config(
     it says, and `arguments` (key -> value; None and empty ones do not count) both. Paths in the
     file are relative to the file, the others to the working directory; in the config they are
     absolute and globs are expanded. A config `to_show` may lack what is required, which is None
-    then. Raises InputError with every problem at once, each with its
-    place, and where standard input would be read twice.
+    then, and one that is not `final` may set keys without effect. Raises InputError with every
+    problem at once, each with its place, and where standard input would be read twice.
     """
     file = ConfigFile(file) if isinstance(file, Path) else file
     schema = with_all_optional(CONFIGS[command]) if to_show else CONFIGS[command]
     settings = read_settings(schema, file, overrides, arguments)
     use_storage_options({})  # those of an earlier config do not count
-    config = check(schema, settings)
+    config = check(schema, settings, final=final)
     readers = ["the config"] if file and file.path == STANDARD_STREAM else []
     readers += [f"`{key}`" for key, file in config.inputs() if file == STANDARD_STREAM]
     if len(readers) > 1:
@@ -139,6 +140,7 @@ def read_settings(
     if file is not None:
         settings.read_file(file.path)
         if file.is_preset:
+            settings.is_preset = True
             settings.drop(marked_keys(model, PathWords, OfTheData))
     for option in overrides:
         settings.set_option(option)

@@ -12,7 +12,18 @@ from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, NamedTuple, Optional, Self, Union, get_args, get_origin
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    Optional,
+    Self,
+    Union,
+    get_args,
+    get_origin,
+)
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import (
@@ -186,6 +197,11 @@ MOST_STEPS = 1_000_000
 
 MOST_THREADS = 1024
 
+Height = Annotated[
+    float | None, Field(gt=0, le=3), Expected("a height in metres, > 0 and at most 3, such as 1.78")
+]
+"""Of a body or object; one in centimetres would make a giant."""
+
 Plots = Annotated[bool | Literal["auto"], Expected("true, false or auto")]
 """Whether plots are drawn."""
 
@@ -193,9 +209,13 @@ Plots = Annotated[bool | Literal["auto"], Expected("true, false or auto")]
 class ConfigModel(BaseModel):
     """A frozen mapping of known keys; nothing is converted silently ("3" is not a number).
 
+    COMMAND is whose config it is.
+
     A section's default is its `model_construct`: to validate what is known to be valid would build
     the schema of the section once more.
     """
+
+    COMMAND: ClassVar[str] = ""
 
     model_config = ConfigDict(
         frozen=True,

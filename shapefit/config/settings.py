@@ -19,6 +19,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from shapefit.config.effects import idle_keys
 from shapefit.config.model import (
     ConfigModel,
     Location,
@@ -59,6 +60,9 @@ SHORT = (
 )
 """Keys of the section that may be given beside it, in short."""
 
+PRESET, FILE, OPTION = range(3)
+"""Who set a value: an installed config, a file, the command line."""
+
 Config = TypeVar("Config", bound=ConfigModel)
 
 
@@ -67,7 +71,8 @@ class Settings:
     """Values for a config before they are checked; `problems` is what is wrong already.
 
     `path_keys` are the keys that hold paths. Where a file is not `readable`, the keys that it
-    gives are unknown; `refused` are the keys of --set options whose value cannot be read.
+    gives are unknown; `refused` are the keys of --set options whose value cannot be read. What an
+    installed config says, all or the `chosen` keys, may be without effect.
     """
 
     path_keys: PathKeys
@@ -75,6 +80,8 @@ class Settings:
     problems: list[str] = field(default_factory=list)
     readable: bool = True
     refused: set[Location] = field(default_factory=set)
+    is_preset: bool = False
+    chosen: frozenset[str] = frozenset()
     _places: dict[Location, Place] = field(
         default_factory=lambda: {(): Place(COMMAND_LINE, COMMAND_LINE)}
     )
@@ -191,6 +198,16 @@ class Settings:
             data = str(Path.cwd() / os.path.expanduser(data))
         self.values = change_paths(self.values, self.path_keys, partial(with_data, data=data))
 
+    def level(self, location: Location) -> int:
+        """Return how far above others the value at `location`, or within it, was set."""
+        within = [known for known in self._places if known[: len(location)] == location]
+        return max(map(self._level_of, within), default=PRESET - 1)
+
+    def _level_of(self, location: Location) -> int:
+        if self._places[location].key.startswith((COMMAND_LINE, "--set ")):
+            return OPTION
+        return PRESET if self.is_preset or location[0] in self.chosen else FILE
+
     def said(self, location: Location) -> bool:
         """Whether the file, an option or an argument gave a value at `location`."""
         return location in self._places
@@ -249,8 +266,11 @@ def _text(path: Path) -> str:
         raise input_error(name, error.strerror or "cannot be read", "check the path") from None
 
 
-def check(model: type[Config], settings: Settings) -> Config:
-    """Return the config that the settings make; raises InputError with every problem at once."""
+def check(model: type[Config], settings: Settings, *, final: bool = True) -> Config:
+    """Return the config that the settings make; raises InputError with every problem at once.
+
+    Keys without effect are a problem where the config is `final`.
+    """
     problems = settings.problems
     for at, keys in _short_places(model):
         settings.fold(at, SECTION, keys)
@@ -263,9 +283,48 @@ def check(model: type[Config], settings: Settings) -> Config:
         config = model.model_validate(settings.values, by_alias=True, by_name=False)
     except ValidationError as error:
         problems = problems + _schema_problems(model, error, settings)
+    else:
+        if final:
+            problems = [*problems, *_idle_problems(config, settings)]
     if problems:
         raise InputError(problems)
     return config
+
+
+def _idle_problems(config: ConfigModel, settings: Settings) -> Iterator[str]:
+    """Yield a line for each key that was set and has no effect in this config.
+
+    What an installed config sets is no mistake, nor what a file sets and the command line overrules
+    by another choice.
+    """
+    for keys, effect in idle_keys(type(config).COMMAND, config):
+        level = settings.level(keys)
+        overruled = any(settings.level(tuple(key.split("."))) > level for key in effect.because)
+        if level == PRESET or overruled:
+            continue
+        for key in _changed_keys(config, keys):
+            if settings.said(key):
+                name = ".".join(key)
+                found = f"`{name}` has no effect here, only {effect.condition}"
+                yield f"{settings.place(key, key=True)}: {found}; leave it out"
+
+
+def _changed_keys(config: BaseModel, location: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    """Yield the key at `location`, or those of the section there, whose values are no defaults."""
+    owner: Any = config
+    for key in location[:-1]:
+        owner = getattr(owner, key)
+    name, field = next(
+        (name, field)
+        for name, field in type(owner).model_fields.items()
+        if location[-1] == (field.alias or name)
+    )
+    value = getattr(owner, name)
+    if isinstance(value, BaseModel):
+        for key in field_keys(type(value)):
+            yield from _changed_keys(config, (*location, key))
+    elif value != field.get_default(call_default_factory=True):
+        yield location
 
 
 def _short_places(model: type[BaseModel]) -> Iterator[tuple[Location, list[str]]]:

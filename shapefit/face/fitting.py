@@ -91,7 +91,8 @@ def fit(
     given = {key: value for key, value in given.items() if value is not None}
 
     def reading(track: Track) -> InputOptions:
-        return input_options(config_of(FitConfig, "fit", given, options, FILES).input, track)
+        config = config_of(FitConfig, "fit", given, options, FILES, final=False)
+        return input_options(config.input, track)
 
     names = atoms.marked(()).landmark_names
     images = _with_weights(_images(landmarks, keypoints, names, reading), weights)

@@ -30,6 +30,8 @@ def config_of(
     options: Mapping[str, Any],
     files: Mapping[str, Any],
     config: str | PathLike[str] | None = None,
+    *,
+    final: bool = True,
 ) -> Config:
     """Return the config that the arguments of a function make, over those of a config file.
 
@@ -45,8 +47,10 @@ def config_of(
     settings = Settings({})
     stream = dict.fromkeys(files, "-")
     known = {} if config is None else file_values(model, function, Path(config))
-    settings.take_section(function, merged(known, stream | plain({**given, **options})))
-    return check(model, settings).model_copy(update=dict(files))
+    said = stream | plain({**given, **options})
+    settings.take_section(function, merged(known, said))
+    settings.chosen = frozenset(known.keys() - said.keys())
+    return check(model, settings, final=final).model_copy(update=dict(files))
 
 
 def file_values(model: type[CommandConfig], command: str, config: Path) -> dict[str, Any]:

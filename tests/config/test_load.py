@@ -208,6 +208,7 @@ def test_a_printed_fit_config_loads_again(folder, lam, threads, tolerance):
         "output": "-",
         "lambda": lam,
         "noise": 1.0,
+        "method": "posterior",
     }
     config = FitConfig(**values, threads=threads, solver={"tolerance": tolerance})
     assert load_config("fit", write(folder, dump_config(config))) == config

@@ -105,9 +105,9 @@ learn-dict | every: {a_*: 0} | 3:8 | {every}, found
 learn-dict | every: {a_*: two} | 3:8 | {every}, found
 learn-dict | every: [1, 2] | 3:8 | {every}, found
 learn-dict | beta: -1 | 3:7 | expected a number >= 0, found -1
-learn-dict | method: pca-bases; k: 32 | 4:4 | `k` belongs to `method: sparse-coding`; leave it out
-learn-dict | method: exemplars; beta: 1 | 4:7 | `beta` belongs to `method: sparse-coding`; leave it out
-learn-dict | bases: 3 | 3:8 | `bases` belongs to `method: pca-bases`; leave it out
+learn-dict | method: pca-bases; k: 32 | 4:1 | `k` has no effect here, only with `method: sparse-coding`; leave it out
+learn-dict | method: exemplars; beta: 1 | 4:1 | `beta` has no effect here, only with `method: sparse-coding`; leave it out
+learn-dict | bases: 3 | 3:1 | `bases` has no effect here, only with `method: pca-bases`; leave it out
 learn-dict | method: pca-bases; bases: 0 | 4:8 | {bases}, found 0
 learn-dict | method: pca-bases; bases: 1.1 | 4:8 | {bases}, found 1.1
 learn-dict | method: pca-bases; bases: 1.0 | 4:8 | {bases}, found 1.0

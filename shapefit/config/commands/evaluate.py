@@ -54,6 +54,8 @@ class FloorsConfig(ConfigModel):
 class EvalConfig(CommandConfig):
     """Compare results with the truth."""
 
+    COMMAND = "eval"
+
     results: NamedFiles
     """Result files to compare, each with the name of its row; files in a list are named after the
     file, without folder and suffix."""

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from shapefit.config.commands.input import InputConfig
-from shapefit.config.model import CommandConfig, section
+from shapefit.config.model import CommandConfig, Height, section
 from shapefit.config.named_files import NamedInputPaths
 from shapefit.config.paths import InputPaths, OutputPath
 
@@ -29,7 +29,7 @@ class ConvertConfig(CommandConfig):
     sequences."""
     frame_rate: float | None = Field(default=None, gt=0)
     """Frames per second of the sequences, before `every`; by default, as stated in the files."""
-    height: float | None = Field(default=None, gt=0, le=1000)
+    height: Height = None
     """Height of the body or object in metres, for outputs in metres (docs/export.md); by default
     results are as large as the training shapes of their dictionary."""
     unit: str | None = Field(default=None, min_length=1)

@@ -21,6 +21,7 @@ from shapefit.config.model import (
     MOST_THREADS,
     CommandConfig,
     ConfigModel,
+    Height,
     section,
 )
 from shapefit.config.named_files import DictionaryPath
@@ -111,6 +112,8 @@ PartFormat = Literal["hdf5", "parquet"]
 class FitConfig(CommandConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
+    COMMAND = "fit"
+
     landmarks: InputPaths
     """Files of 2D landmarks (- is stdin, CSV), or folders with one file per frame."""
     dictionary: DictionaryPath
@@ -120,7 +123,7 @@ class FitConfig(CommandConfig):
     """Result file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV if it ends in .csv
     or is - (stdout), or TRC, C3D, BVH, GLB or JSON by its ending (docs/export.md). A name that ends
     in / is a folder: of one result file per part, and manifest.json."""
-    height: float | None = Field(default=None, gt=0, le=1000)
+    height: Height = None
     """Height of the body or object in metres, for outputs in metres (TRC, C3D, BVH, GLB); by
     default it is as large as the training shapes of the dictionary."""
     partition: int = Field(default=100_000, ge=1)

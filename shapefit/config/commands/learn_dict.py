@@ -77,6 +77,8 @@ class PriorConfig(ConfigModel):
 class LearnDictConfig(CommandConfig):
     """Learn a dictionary of rotatable basis shapes from 3D shapes."""
 
+    COMMAND = "learn-dict"
+
     shapes: InputPaths
     """Files of 3D training shapes."""
     input: InputConfig = section(InputConfig)
@@ -140,15 +142,6 @@ class LearnDictConfig(CommandConfig):
     """Installed configs that `fit` takes with this dictionary where it is given none: for single
     images and, second, for whole sequences."""
     prior: PriorConfig = section(PriorConfig)
-
-    @field_validator("k", "beta", "iterations", "batch", "bases")
-    @classmethod
-    def _belongs_to_the_method(cls, value: object, info: ValidationInfo) -> object:
-        key = str(info.field_name)
-        owner = "pca-bases" if key == "bases" else "sparse-coding"
-        if info.data.get("method", owner) != owner and value != cls.model_fields[key].default:
-            raise ValueError(f"`{key}` belongs to `method: {owner}`; leave it out")
-        return value
 
     @field_validator("batch")
     @classmethod

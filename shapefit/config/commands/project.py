@@ -56,6 +56,8 @@ class CameraConfig(ConfigModel):
 class ProjectConfig(CommandConfig):
     """Project 3D shapes to synthetic 2D landmarks."""
 
+    COMMAND = "project"
+
     shapes: InputPaths
     """Files of 3D shapes (- is stdin, CSV)."""
     input: InputConfig = section(InputConfig)

@@ -23,6 +23,8 @@ from shapefit.config.paths import (
 class ViewConfig(CommandConfig):
     """Write one HTML page that shows results, to rotate and play."""
 
+    COMMAND = "view"
+
     files: NamedFiles
     """Results, shapes or landmarks to show, each with its name on the page; files in a list are
     named after the file, without folder and suffix."""

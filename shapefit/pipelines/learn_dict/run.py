@@ -12,6 +12,7 @@ import numpy as np
 from shapefit import __version__
 from shapefit.arrays import Floats
 from shapefit.config import FitConfig, LearnDictConfig
+from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.batches import improve
 from shapefit.dictionary.coding import sparse_code
 from shapefit.dictionary.learning import evenly, learn
@@ -67,6 +68,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     find_writer(config.output, DICTIONARY.kind)
     options = plan_training(config)
     if hold_landmarks(config):
+        check_keys(config, landmarks=True)
         with open_landmarks(config.shapes, input_options(config.input)) as images:
             notes = images.notes
             adapted = config.start is not None
@@ -77,6 +79,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
         found = "2D landmarks adapt a dictionary, and the files hold 3D shapes"
         raise input_error("start", found, "leave it out, or give landmarks")
     else:
+        check_keys(config, landmarks=False)
         with open_shapes(config.shapes, input_options(config.input)) as source:
             notes = source.notes + check_rate(source.head.frame_rate, config)
             training = read_training(source, options, coded=config.method == "sparse-coding")
@@ -105,6 +108,20 @@ def check_rate(stated: float | None, config: LearnDictConfig) -> tuple[str, ...]
         found = f"has {stated:g} frames per second, and `frame_rate` is {wanted:g}"
         raise input_error(config.shapes[0], found, fix)
     return (f"{config.shapes[0]}: states no frame rate, and {wanted:g} is wanted; {fix}",)
+
+
+def check_keys(config: LearnDictConfig, *, landmarks: bool) -> None:
+    """Raise InputError for keys that have no effect on files of 2D landmarks, or of 3D shapes."""
+    idle = {}
+    if landmarks and config.frame_rate is not None:
+        idle["frame_rate"] = "only for 3D shapes: the files hold 2D landmarks"
+    if not landmarks and config.flip:
+        idle["flip"] = "only for 2D landmarks: the files hold 3D shapes"
+    if not landmarks and not config.prior.components and config.prior != PriorConfig():
+        key = f"prior.{min(config.prior.model_fields_set)}"
+        idle[key] = "only with `prior: {components: ...}`"
+    for key, condition in idle.items():
+        raise input_error(key, f"`{key}` has no effect here, {condition}", "leave it out")
 
 
 def hold_landmarks(config: LearnDictConfig) -> bool:

@@ -123,11 +123,6 @@ def test_a_problem_has_its_place(folder, old, new, line, expected):
     ("vary", "expected"),
     [
         (
-            "learn_dict.method: [exemplars]",
-            'with learn_dict.method="exemplars", learn_dict.k: '
-            "`k` belongs to `method: sparse-coding`; leave it out",
-        ),
-        (
             "fit.method: [alternate]",
             'with fit.method="alternate", fit.loss: '
             "the method alternate does not support `loss: exact`; use another, or `method: convex`",

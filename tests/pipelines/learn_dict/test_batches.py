@@ -176,12 +176,10 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("settings", "message"),
         [
-            ({"method": "exemplars"}, "`batch` belongs to `method: sparse-coding`"),
-            ({"method": "pca-bases"}, "`batch` belongs to `method: sparse-coding`"),
             ({"k": 301}, "300 shapes are fewer than the 301 atoms"),
             ({"prior": {"components": 2}}, "learned from all shapes at once; leave out `batch`"),
         ],
-        ids=["exemplars", "pca-bases", "atoms", "prior"],
+        ids=["atoms", "prior"],
     )
     def test_by_the_config(self, settings, message):
         with pytest.raises(ValueError, match=message):
