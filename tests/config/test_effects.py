@@ -27,7 +27,8 @@ ALWAYS = {
     "export.folder export.format export.frame export.unit export.landmarks export.wireframe "
     "export.items pictures.folder pictures.format pictures.items pictures.most pictures.sheet "
     "threads chunk strict transforms sequences.frame_rate",
-    "learn-dict": "shapes output frame_rate start origin.source origin.licence origin.acknowledgement suits",
+    "learn-dict": "shapes output frame_rate start "
+    "origin.source origin.licence origin.acknowledgement suits",
     "eval": "results truth output match groups metrics least_visible calibration "
     "floors.dictionary floors.leave_out plots view",
     "project": "shapes output camera.view camera.scale y_axis noise hidden",
