@@ -85,11 +85,11 @@ def read(folder: Path) -> Cars:
         (images,) = source.chunks(source.count)
     visible = np.isfinite(images.landmarks).all(axis=1).sum(axis=1)
     images = images.take(visible >= LEAST_VISIBLE).arrange(models.landmark_names)
-    focal = np.asarray(images.extras["camera_matrix"], float)[[0, 1], [0, 1]]
+    focal = np.asarray(images.columns["camera_matrix"], float)[[0, 1], [0, 1]]
     return Cars(
         landmarks=images.landmarks / focal[:, None],
-        models=np.array([models.items.index(str(name)) for name in images.extras["true_model"]]),
-        rotation=np.asarray(images.extras["true_rotation"], float),
+        models=np.array([models.items.index(str(name)) for name in images.columns["true_model"]]),
+        rotation=np.asarray(images.columns["true_rotation"], float),
         shapes=normalise(models.shapes).points,
     )
 

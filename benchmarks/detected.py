@@ -19,7 +19,6 @@ import numpy as np
 
 from shapefit.evaluation.tables.document import markdown_table
 from shapefit.io import landmark_writer, open_landmarks, read_shapes, write_shapes
-from shapefit.io.extras import Extras
 from shapefit.io.records import ShapeSet
 from shapefit.io.whole.atomic import atomic_path
 
@@ -137,7 +136,7 @@ def of_landmarks(shapes: ShapeSet, columns: np.ndarray[tuple[int], np.dtype[np.i
         edges=np.array(kept, dtype=np.int64).reshape(-1, 2),
         unit=shapes.unit,
         frame_rate=shapes.frame_rate,
-        extras=Extras(),
+        columns={},
     )
 
 

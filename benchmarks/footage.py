@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 
 from benchmarks.detected import CONFIGS, cells, coverage, run, write_page
 from shapefit.io import landmark_writer, read_shapes, write_shapes
-from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import SKELETONS, THETA, people_parts
 
@@ -160,7 +159,7 @@ def film(
         unit="px",
         y_axis="down",
         frame_rate=rate,
-        extras=Extras({"true_focal": np.array(cameras)}, {"image_size": np.array(SIZE)}),
+        columns={"true_focal": np.array(cameras), "image_size": np.array(SIZE)},
     )
     known = ShapeSet(
         shapes=np.concatenate(truth),

@@ -17,7 +17,7 @@ import resource
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -92,7 +92,7 @@ def read(paths: list[Path]) -> LandmarkSet:
             part = concatenate(list(source.chunks(4096)))
         names = tuple(f"{path.stem}/{name}" for name in part.items)
         sequences = tuple(f"{path.stem}/{name}" for name in part.sequences or ("",) * len(part))
-        parts.append(replace(part, items=names, sequences=sequences, extras={}))
+        parts.append(part.replaced(items=names, sequences=sequences, further={}))
     return concatenate(parts)
 
 
@@ -107,7 +107,7 @@ def published_sequence(name: str, damaged: bool) -> Callable[[Path], tuple[Landm
             size = (w - w.mean(axis=2, keepdims=True)).std()
             w = w + NOISE * size * rng.standard_normal(w.shape)
             hidden = rng.random((len(w), 1, w.shape[2])) < MISSING
-            images = replace(images, landmarks=np.where(hidden, np.nan, w))
+            images = images.replaced(landmarks=np.where(hidden, np.nan, w))
         return images, read_shapes([data / f"nrsfm/{name}_truth.h5"]).shapes
 
     return given
@@ -143,7 +143,7 @@ def turntable(
             sequences=shapes.sequences,
             frame_rate=shapes.frame_rate,
             y_axis="up",
-            extras={"edges": shapes.edges} if edges and shapes.edges is not None else {},
+            columns={"edges": shapes.edges} if edges and shapes.edges is not None else {},
         )
         return images.take(slice(None, None, every)), X[::every]
 

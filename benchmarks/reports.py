@@ -57,7 +57,7 @@ def write_part(folder: Path, number: int, start: int, count: int) -> None:
         sequences=sequences,
         unit=people.unit,
         rotation=np.tile(np.eye(3), (count, 1, 1)),
-        extras={
+        columns={
             "true_rotation": np.tile(np.eye(3), (count, 1, 1)),
             "plausibility": rng.uniform(size=count),
         },

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +34,7 @@ def main() -> None:
     parser.add_argument("--step", type=int, default=10)
     arguments = parser.parse_args()
     case = mocap_case(arguments.folder)
-    case = replace(case, landmarks=case.landmarks[:: arguments.step])
+    case = case.replaced(landmarks=case.landmarks[:: arguments.step])
     print(f"{len(case.landmarks)} images, k = {len(case.atoms)}\n")
     print("| case | loss | tolerance | steps | CPU | median | 99 % | largest | beyond 1 % |")
     print("|---|---|--:|--:|--:|--:|--:|--:|--:|")

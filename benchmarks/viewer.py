@@ -76,7 +76,7 @@ def made_result(path: Path, frames: int) -> Path:
                     items=tuple(f"walking/{i:07d}" for i in range(start, start + n)),
                     sequences=("walking",) * n,
                     unit="m",
-                    extras={"landmarks": shapes[:, :2].swapaxes(1, 2)},
+                    columns={"landmarks": shapes[:, :2].swapaxes(1, 2)},
                 )
             )
     return path

@@ -9,7 +9,6 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -245,7 +244,7 @@ def tile(source: Path, target: Path, times: int) -> Path:
         for number in range(times):
             moved = noise * rng.standard_normal(one.landmarks.shape)
             items = tuple(f"{item}/{number}" for item in one.items)
-            writer.append(replace(one, landmarks=one.landmarks + moved, items=items))
+            writer.append(one.replaced(landmarks=one.landmarks + moved, items=items))
     return target
 
 

@@ -44,7 +44,7 @@ def make_base_files(folder: Path) -> None:
         mesh_vertices=vertices,
         mesh_faces=np.array([[0, 1, 2], [3, 4, 5]]),
         unit="m",
-        extras={"weight": rng.uniform(size=ITEMS), "model": np.array(few.items, object)},
+        columns={"weight": rng.uniform(size=ITEMS), "model": np.array(few.items, object)},
     )
     write_shapes(Path("shapes.h5"), meshed)
     write_shapes(Path("shapes.csv"), few)

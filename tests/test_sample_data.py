@@ -75,7 +75,7 @@ def test_people_do_every_activity(folder, name, frames, clips):
 
 def test_nobody_is_in_both_training_and_test(folder):
     training, test = (read_shapes([folder / f"people_{n}.h5"]) for n in ("train", "test"))
-    assert not set(training.extras["subject"]) & set(test.extras["subject"])
+    assert not set(training.columns["subject"]) & set(test.columns["subject"])
 
 
 @pytest.mark.parametrize("name", ["train", "test"])
@@ -83,7 +83,7 @@ def test_bones_keep_their_length_and_people_differ(folder, name):
     shapes = read_shapes([folder / f"people_{name}.h5"])
     start, end = shapes.edges.T
     lengths = np.linalg.norm(shapes.shapes[..., start] - shapes.shapes[..., end], axis=1)
-    subjects = shapes.extras["subject"]
+    subjects = shapes.columns["subject"]
     bodies = []
     for subject in dict.fromkeys(subjects):
         own = lengths[subjects == subject]
@@ -106,7 +106,7 @@ def test_a_dog_keeps_its_bones_and_steps_on_the_ground(folder, name):
         joints = shapes.shapes[rows]
         assert 0 < joints[:, 1].min() < 0.03
         assert np.linalg.norm(np.diff(joints, 2, axis=0), axis=1).max() < 0.15
-    mirror = shapes.extras["mirror_index"]
+    mirror = shapes.columns["mirror_index"]
     np.testing.assert_array_equal(mirror[mirror], np.arange(20))
 
 
@@ -169,7 +169,7 @@ def test_meshes_have_the_size_of_cars(cars):
 
 
 def test_left_and_right_are_mirror_images(cars):
-    mirror = cars.extras["mirror_index"]
+    mirror = cars.columns["mirror_index"]
     flip = np.array([-1, 1, 1])[:, None]
     np.testing.assert_array_equal(mirror[mirror], np.arange(len(mirror)))
     np.testing.assert_allclose(flip * cars.shapes[..., mirror], cars.shapes, atol=1e-6)
@@ -209,10 +209,10 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(folder, cars):
     assert views.landmark_names == cars.landmark_names
     centre = np.append(PRINCIPAL_POINT, 1)
     expected = np.diag([FOCAL_LENGTH, FOCAL_LENGTH, 0]) + np.outer(centre, [0, 0, 1])
-    np.testing.assert_allclose(views.extras["camera_matrix"], expected)
-    R = views.extras["true_rotation"].astype(float)
+    np.testing.assert_allclose(views.columns["camera_matrix"], expected)
+    R = views.columns["true_rotation"].astype(float)
     np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-5)
-    for view, model in enumerate(views.extras["true_model"]):
+    for view, model in enumerate(views.columns["true_model"]):
         x, y, z = R[view] @ cars.shapes[cars.items.index(model)]
         u, v = (views.landmarks[view] - PRINCIPAL_POINT[:, None]) / FOCAL_LENGTH
         seen = np.isfinite(u)
@@ -224,7 +224,7 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(folder, cars):
         b = np.concatenate([(u * z - x)[seen], (v * z - y)[seen]])
         translation = np.linalg.lstsq(A, b, rcond=None)[0]
         assert 8.5 < translation[2] < 15.5
-        told = views.extras["true_translation"][view]
+        told = views.columns["true_translation"][view]
         np.testing.assert_allclose(translation, told, atol=0.01 * translation[2])
         pixels = FOCAL_LENGTH * (A @ translation - b) / translation[2]
         assert np.sqrt((pixels**2).mean()) < 1
@@ -235,7 +235,7 @@ def test_a_car_hides_the_landmarks_of_its_far_side(folder):
     seen = np.isfinite(views.landmarks[:, 0])
     assert seen.sum(axis=1).min() >= 20
     assert 0.4 < seen.mean() < 0.7
-    to_camera = -views.extras["true_rotation"][:, 2]
+    to_camera = -views.columns["true_rotation"][:, 2]
     for name, direction in (
         *(("left_front_wheel", [1, 0, 0]), ("right_rear_wheel", [-1, 0, 0])),
         *(("left_front_plate_top", [0, 0, 1]), ("right_rear_plate_top", [0, 0, -1])),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -25,7 +24,6 @@ from shapefit.face.records import (
     fit_of,
     landmark_set,
 )
-from shapefit.io.extras import Extras
 from shapefit.io.foreign.sources import landmark_file
 from shapefit.io.joined import Source
 from shapefit.io.kinds.dictionaries import check_given_dictionary
@@ -100,8 +98,7 @@ def fit(
         config = choose_suited(atoms.provenance, method, lambda: are_long(images.sequences))
     wanted = config_of(FitConfig, "fit", given, options, FILES, config)
     if matrices is not None:
-        extras = Extras.of(dict(images.extras) | {CAMERA: matrices}, len(images))
-        images = replace(images, extras=extras)
+        images = images.with_columns({CAMERA: matrices})
     settle = plan_settling(wanted, atoms)
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
@@ -123,7 +120,7 @@ def fit(
             warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
     attributes = attributes_of(wanted, atoms, {}, seconds, len(whole))
-    return fit_of(replace(whole, attributes=attributes), failures)
+    return fit_of(whole.replaced(attributes=attributes), failures)
 
 
 def _images(
@@ -194,4 +191,4 @@ def _with_weights(images: LandmarkSet, weights: ArrayLike | None) -> LandmarkSet
     expected = (len(images), len(images.landmark_names))
     if values.shape != expected:
         raise input_error("weights", f"has the shape {values.shape}", f"it must be {expected}")
-    return replace(images, confidence=values)
+    return images.replaced(confidence=values)

@@ -26,7 +26,6 @@ from shapefit.face.shown import (
     embedded_page,
     open_page,
 )
-from shapefit.io.extras import Extras
 from shapefit.io.layout import (
     DICTIONARY,
     LANDMARKS,
@@ -34,10 +33,11 @@ from shapefit.io.layout import (
     RESULTS,
     SHAPES,
     UNKNOWN_UNIT,
-    Format,
+    Layout,
     fit_axes,
+    free_names,
 )
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.records import LandmarkSet, Records, ResultSet, ShapeSet
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -197,7 +197,7 @@ OF_EXTRAS = ("plausibility", "trusted", "doubt")
 def shape_set(given: Shapes | ArrayLike, names: Names | None = None) -> ShapeSet:
     """Return shapes as the package has them; `names` where the shapes do not name landmarks."""
     shapes = given if isinstance(given, Shapes) else Shapes(given)
-    return ShapeSet(**_named(_columns(shapes, SHAPES, "shapes"), names))
+    return ShapeSet(**_further(_named(_columns(shapes, SHAPES, "shapes"), names)))
 
 
 def landmark_set(given: Landmarks | ArrayLike, names: Names | None = None) -> LandmarkSet:
@@ -209,7 +209,7 @@ def landmark_set(given: Landmarks | ArrayLike, names: Names | None = None) -> La
     values = _named(_columns(landmarks, LANDMARKS, "landmarks"), names)
     unseen = np.isnan(values["landmarks"]).any(axis=1, keepdims=True)
     values["landmarks"] = np.where(unseen, np.nan, values["landmarks"])
-    return LandmarkSet(**values)
+    return LandmarkSet(**_further(values))
 
 
 def dictionary_model(given: Dictionary) -> model.Dictionary:
@@ -224,28 +224,37 @@ def result_set(given: Fit | Shapes | ArrayLike, names: Names | None = None) -> R
     """Return a fit, or shapes that come from elsewhere, as the package has results."""
     if not isinstance(given, Fit):
         shapes = shape_set(given, names)
-        own = ("shapes", "landmark_names", "items", "sequences", "unit", "frame_rate", "extras")
-        return ResultSet(**{name: getattr(shapes, name) for name in own})
+        own = ("landmark_names", "items", "sequences", "unit", "frame_rate", "of_file")
+        columns = {"shapes": shapes.shapes, **shapes.further}
+        return ResultSet(**{name: getattr(shapes, name) for name in own}, columns=columns)
     values = _columns(given, RESULTS, "result")
-    proof, extras = values.pop("proof"), Extras.of(values.pop("extras"), len(given))
+    proof, columns = values.pop("proof"), dict(values.pop("extras"))
     del values["failures"]
     apart = {name: values.pop(name) for name in OF_EXTRAS}
-    extras |= {name: value for name, value in apart.items() if value is not None}
+    columns |= {name: value for name, value in apart.items() if value is not None}
     for dataset in PROOF:
         if (value := proof.get(dataset.name)) is not None:
             values[dataset.attribute] = _turned(value) if dataset.points else value
-    return ResultSet(**values, extras=extras)
+    return ResultSet(**values, columns=columns)
+
+
+def _further(values: dict[str, Any]) -> dict[str, Any]:
+    """Return fields as records take them, the further datasets among the columns."""
+    given = values.pop("extras")
+    names = free_names(given, {"item", "sequence", "landmark_names", *values})
+    return {**values, "columns": {names[name]: data for name, data in given.items()}}
 
 
 def rows_of(
     record: ShapeSet | LandmarkSet | ResultSet | model.Dictionary,
     kind: type[Kind],
-    form: Format,
+    form: Layout,
     **more: Any,
 ) -> Kind:
     """Return a record of the package with one landmark per row, as a `kind`, with `more` fields."""
     names = {entry.name for entry in fields(kind)}
     values = {name: getattr(record, name) for name in names if hasattr(record, name)}
+    values |= {"extras": record.further} if isinstance(record, Records) else {}
     for dataset in form.datasets:
         if dataset.points and values.get(dataset.attribute) is not None:
             values[dataset.attribute] = _turned(values[dataset.attribute])
@@ -254,9 +263,8 @@ def rows_of(
 
 def fit_of(record: ResultSet, failures: Mapping[str, str]) -> Fit:
     """Return a result as the caller gets it."""
-    extras = Extras.of(record.extras, len(record))
-    apart = {name: extras.per_item.get(name) for name in OF_EXTRAS}
-    kept = Extras({k: v for k, v in extras.per_item.items() if k not in apart}, extras.whole)
+    apart = {name: record.per_item(name) for name in OF_EXTRAS}
+    kept = {name: values for name, values in record.further.items() if name not in apart}
     proof = {
         dataset.name: _turned(value) if dataset.points else value
         for dataset in PROOF
@@ -270,7 +278,7 @@ def _turned(values: NDArray[Any]) -> NDArray[Any]:
     return np.ascontiguousarray(np.swapaxes(values, -1, -2))
 
 
-def _columns(given: Any, form: Format, place: str) -> dict[str, Any]:
+def _columns(given: Any, form: Layout, place: str) -> dict[str, Any]:
     """Return the fields of a record with one landmark per column.
 
     Raises InputError for arrays that are no numbers or whose axes disagree.

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error, listed
 from shapefit.io.columns import stretches
-from shapefit.io.extras import EDGES, Array, Extras
-from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.layout import EDGES, UNKNOWN_UNIT
 from shapefit.io.name_index import ItemList, check_unique_items
 from shapefit.io.options import Direction
 from shapefit.io.problems import Axis, check_magnitudes
 from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
 
+Array = NDArray[Any]
 Text = TypeVar("Text", bound=str)
 APART = "use files that agree, or process them separately"
 ALL_OR_NONE = "give it to all files (CSV cannot hold it) or to none, or process them separately"
@@ -53,7 +53,7 @@ def common_head(
         sizes = [(place, None if m is None else np.array(m.shape[1:])) for place, m in meshes]
         check_same_array("mesh", sizes)
         check_same_array("mesh_faces", [(place, head.mesh_faces) for place, head in heads])
-    check_same_extras([(place, Extras.of(head.extras, 0)) for place, head in heads])
+    check_same_columns(heads)
     units = [(place, None if head.unit == UNKNOWN_UNIT else head.unit) for place, head in heads]
     changes: dict[str, Any] = {
         "unit": agreed("unit", units, UNKNOWN_UNIT),
@@ -90,15 +90,14 @@ def conform(part: Any, head: Any, place: str) -> Any:
 
 
 def _edges(images: LandmarkSet) -> Array | None:
-    return Extras.of(images.extras, len(images)).whole.get(EDGES)
+    return images.columns.get(EDGES)
 
 
 def _with_edges(images: LandmarkSet, edges: Array | None) -> LandmarkSet:
     """Return images whose edges are those of the first file that has any."""
     if edges is None:
         return images
-    extras = Extras.of(images.extras, len(images))
-    return images.replaced(extras=Extras(extras.per_item, {**extras.whole, EDGES: edges}))
+    return images.with_columns({EDGES: edges}, of_file=[EDGES])
 
 
 def agreed(what: str, stated: Sequence[tuple[str, Text | None]], default: Text) -> Text:
@@ -131,20 +130,21 @@ def check_same_array(what: str, files: Sequence[tuple[str, NDArray[np.int64] | N
         _compare(what, files[0], (place, array))
 
 
-def check_same_extras(files: Sequence[tuple[str, Extras]]) -> None:
-    """Raise InputError unless all files carry the same further datasets.
+def check_same_columns(heads: Sequence[tuple[str, Any]]) -> None:
+    """Raise InputError unless all files have the same columns beside those of the layout.
 
     Those per item must agree in the shape of a row, the others in their values.
     """
-    first_place, first = files[0]
-    for place, extras in files[1:]:
-        for has, names in (("has no", first.keys() - extras), ("has the", extras.keys() - first)):
+    (first_place, first), *others = heads
+    for place, head in others:
+        one, other = first.further.keys(), head.further.keys()
+        for has, names in (("has no", one - other), ("has the", other - one)):
             if names:
                 found = f"{has} dataset {', '.join(sorted(names))}, unlike {first_place}"
                 raise input_error(place, found, ALL_OR_NONE)
-        for name in first:
-            one, other = _comparable(first, name), _comparable(extras, name)
-            _compare(f"dataset {name}", (first_place, one), (place, other))
+        for name in one:
+            arrays = _comparable(first, name), _comparable(head, name)
+            _compare(f"dataset {name}", (first_place, arrays[0]), (place, arrays[1]))
 
 
 def _check_same_datasets(heads: Sequence[tuple[str, ResultSet]]) -> None:
@@ -159,10 +159,10 @@ def _check_same_datasets(heads: Sequence[tuple[str, ResultSet]]) -> None:
             raise input_error(place, found, APART)
 
 
-def _comparable(extras: Extras, name: str) -> Array | None:
-    if name in extras.per_item:
-        return np.array(["per item", *extras.per_item[name].shape[1:]], dtype=object)
-    return extras.whole.get(name)
+def _comparable(head: Any, name: str) -> Array:
+    if name in head.of_file:
+        return np.asarray(head.columns[name])
+    return np.array(["per item", *head.columns[name].shape[1:]], dtype=object)
 
 
 def _compare(what: str, first: tuple[str, Array | None], file: tuple[str, Array | None]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -74,11 +75,15 @@ def fits_kind(kind: str, dataset: Dataset) -> bool:
 
 
 @dataclass(frozen=True)
-class Format:
-    """A file format: the value of its root attribute `format`, and its datasets."""
+class Layout:
+    """The datasets of one kind of file; `name` is the value of its root attribute `format`.
+
+    `further` may stand beside them; in memory they are as in the file.
+    """
 
     name: str
     datasets: tuple[Dataset, ...]
+    further: tuple[Dataset, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -109,6 +114,24 @@ class Format:
     def names(self) -> frozenset[str]:
         """Names of the datasets."""
         return frozenset(dataset.name for dataset in self.datasets)
+
+    @cached_property
+    def all_names(self) -> frozenset[str]:
+        """Names of the datasets, and of those that may stand beside them."""
+        return self.names | {dataset.name for dataset in self.further}
+
+    def find(self, name: str) -> Dataset | None:
+        """Return a dataset by its name; None for others."""
+        return self._by_name.get(name)
+
+    def kind_of(self, name: str) -> Kind | Literal[""]:
+        """Return the kind of a dataset; "" for others."""
+        dataset = self._by_name.get(name)
+        return "" if dataset is None else dataset.kind
+
+    @cached_property
+    def _by_name(self) -> dict[str, Dataset]:
+        return {dataset.name: dataset for dataset in self.datasets}
 
 
 VERSION = 1
@@ -145,7 +168,7 @@ _EDGES = Dataset("edges", ("e", 2), "index")
 _MESH_FACES = Dataset("mesh_faces", ("f", 3), "index")
 _MESH_VERTICES = Dataset("mesh_vertices", ("n", "q", 3), points=True)
 
-SHAPES = Format(
+SHAPES = Layout(
     "shapefit-shapes",
     (
         _LANDMARK_NAMES,
@@ -158,7 +181,7 @@ SHAPES = Format(
     ),
 )
 
-LANDMARKS = Format(
+LANDMARKS = Layout(
     "shapefit-landmarks",
     (
         _LANDMARK_NAMES,
@@ -204,31 +227,6 @@ TREES = (
 )
 """What proves the bound on all rotations of some images."""
 
-RESULTS = Format(
-    "shapefit-result",
-    (
-        _LANDMARK_NAMES,
-        _ITEM,
-        Dataset("shapes", ("n", "p", 3), required=True, points=True),
-        Dataset("landmarks_fitted", ("n", "p", 2), points=True),
-        Dataset("coefficients", ("n", "k"), sparse=True),
-        Dataset("rotation", ("n", 3, 3)),
-        Dataset("translation", ("n", 2)),
-        Dataset("scale", ("n",)),
-        Dataset("objective", ("n",)),
-        Dataset("relative_gap", ("n",)),
-        Dataset("iterations", ("n",), "index"),
-        Dataset("status", ("n",), "label"),
-        _SEQUENCE,
-        Dataset("shape_sd", ("n", "p", 3), points=True),
-        Dataset("transforms", ("n", "k", 2, 3)),
-        _MESH_VERTICES,
-        *PROOF,
-        *MODES,
-        *TREES,
-    ),
-)
-
 _NUMBERS_OF_A_RESULT: dict[tuple[str | int, ...], str] = {
     ("n",): "lambda residual active_atoms tight modes_complete metres_per_unit log_evidence "
     "plausibility trusted sequence_noise",
@@ -252,9 +250,35 @@ FURTHER_OF_RESULTS = (
     Dataset("left_out", ("n",), "text"),
     Dataset("input_landmark_names", ("i",), "text"),
 )
-"""What a fit can write beside the layout, for records among their `extras`."""
+"""What a fit can write beside; in memory as in the file."""
 
-DICTIONARY = Format(
+RESULTS = Layout(
+    "shapefit-result",
+    (
+        _LANDMARK_NAMES,
+        _ITEM,
+        Dataset("shapes", ("n", "p", 3), required=True, points=True),
+        Dataset("landmarks_fitted", ("n", "p", 2), points=True),
+        Dataset("coefficients", ("n", "k"), sparse=True),
+        Dataset("rotation", ("n", 3, 3)),
+        Dataset("translation", ("n", 2)),
+        Dataset("scale", ("n",)),
+        Dataset("objective", ("n",)),
+        Dataset("relative_gap", ("n",)),
+        Dataset("iterations", ("n",), "index"),
+        Dataset("status", ("n",), "label"),
+        _SEQUENCE,
+        Dataset("shape_sd", ("n", "p", 3), points=True),
+        Dataset("transforms", ("n", "k", 2, 3)),
+        _MESH_VERTICES,
+        *PROOF,
+        *MODES,
+        *TREES,
+    ),
+    FURTHER_OF_RESULTS,
+)
+
+DICTIONARY = Layout(
     "shapefit-dictionary",
     (
         _LANDMARK_NAMES,
@@ -278,8 +302,66 @@ DICTIONARY = Format(
     ),
 )
 
-FORMATS = {form.name: form for form in (LANDMARKS, SHAPES, RESULTS, DICTIONARY)}
+LAYOUTS = {layout.name: layout for layout in (LANDMARKS, SHAPES, RESULTS, DICTIONARY)}
 """The layouts by what a file says of itself."""
+
+
+OF_THE_FILE = {
+    "camera_matrix": 2,
+    "distortion": 1,
+    "edges": 2,
+    "extrinsic_rotation": 2,
+    "extrinsic_translation": 1,
+    "image_size": 1,
+    "input_landmark_names": 1,
+    "landmark_map": 2,
+    "mirror_index": 1,
+    "removed_distortion": 1,
+}
+"""Datasets that belong to the file when they have so many axes, however many items there are."""
+
+EDGES = "edges"
+"""Dataset (e, 2) of landmarks and of results: pairs of landmarks that a line joins."""
+
+OUTLIERS, CORRUPTED = "outliers", "corrupted"
+"""Datasets (n, p) of the landmarks that a fit judged wrong, and of those that were made wrong."""
+LABELS = (OUTLIERS, CORRUPTED)
+
+LANDMARK_COVARIANCE = "landmark_covariance"
+"""Covariance (n, p, 2, 2) of each landmark, in the unit of the landmarks squared."""
+
+METRES_PER_UNIT = "metres_per_unit"
+"""Dataset (n,) of results: metres in one unit of the shape of each image."""
+
+METRES_FROM = "metres_from"
+"""Attribute of results that have it: by what the size was found, edges or spread."""
+
+
+def is_per_item(name: str, shape: tuple[int, ...], count: int) -> bool:
+    """Whether a dataset of this shape has a row for each of `count` items."""
+    return shape[:1] == (count,) and OF_THE_FILE.get(name) != len(shape)
+
+
+def free_names(names: Iterable[str], taken: Collection[str]) -> dict[str, str]:
+    """Return the name under which each dataset can stand in a file that has those in `taken`.
+
+    `input_` is put before a name that is taken until it is free. In HDF5 the dataset `a/b` lies in
+    the group `a`, for which there is no room where `a` is a dataset.
+    """
+    names = list(names)
+    groups = {_group(name) for name in names}
+
+    def apart(name: str) -> str:
+        free = name
+        while _group(free) in taken or (free != name and _group(free) in groups):
+            free = f"input_{free}"
+        return free
+
+    return {name: apart(name) for name in names}
+
+
+def _group(name: str) -> str:
+    return name.partition("/")[0]
 
 
 def stored_name(attribute: str) -> str:

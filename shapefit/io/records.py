@@ -1,9 +1,8 @@
-"""What the files hold, in memory: shapes, landmarks and results, in the paper's orientation."""
+"""Landmarks, shapes and results in memory: columns by name, in the paper's orientation."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Mapping, Sequence
 from itertools import chain
 from typing import Any, ClassVar, Literal, Self, TypeVar
 
@@ -12,61 +11,212 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error
-from shapefit.io.extras import EDGES, LABELS, LANDMARK_COVARIANCE, Extras
 from shapefit.io.landmark_names import match_landmarks, renamed
-from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES, UNKNOWN_UNIT, Format, fit_axes
+from shapefit.io.layout import (
+    EDGES,
+    LABELS,
+    LANDMARK_COVARIANCE,
+    LANDMARKS,
+    RESULTS,
+    SHAPES,
+    UNKNOWN_UNIT,
+    Dataset,
+    Layout,
+    fit_axes,
+    is_per_item,
+)
 
 Names = tuple[str, ...]
 Attribute = str | float | int
+Columns = Mapping[str, Any]
+Direction = Literal["up", "down"]
 Rows = NDArray[Any] | Sequence[int] | slice
 
 _TYPES = {"number": np.float64, "index": np.int64}
 
 
 class Records:
-    """n items of one kind, with their names and those of p landmarks; one item takes one row.
+    """n items of one kind with p landmarks: LAYOUT tells which datasets there are, and their axes.
 
-    FORM lists the fields that files hold, and their axes.
+    landmark_names (p,), items (n,) unique, sequences (n,) or None: tuples of texts. columns holds
+    all other datasets by name, those of the layout as `Dataset.memory_axes` has them, others as
+    they stand in the file. What the layout lists is an attribute too, None where it is absent.
+    `of_file` names the columns that have no row for each item. unit is that of lengths; frame_rate
+    in Hz; y_axis where y points, None for shapes; attributes are stored with the file.
     """
 
-    FORM: ClassVar[Format]
+    LAYOUT: ClassVar[Layout]
+
     landmark_names: Names
     items: Names
     sequences: Names | None
+    columns: dict[str, NDArray[Any]]
+    of_file: frozenset[str]
     unit: str
     frame_rate: float | None
-    extras: Mapping[str, NDArray[Any]]
+    attributes: Mapping[str, Attribute]
 
-    def __post_init__(self) -> None:
-        """Bring the fields to their types; ValueError where axes disagree, a programmer's error."""
-        sizes: dict[str, int] = {}
-        for dataset in self.FORM.datasets:
-            value = getattr(self, dataset.attribute)
+    def __init__(
+        self,
+        points: Any = None,
+        landmark_names: Sequence[str] = (),
+        items: Sequence[str] = (),
+        sequences: Sequence[str] | None = None,
+        *,
+        unit: str = UNKNOWN_UNIT,
+        y_axis: Direction | None = None,
+        frame_rate: float | None = None,
+        attributes: Mapping[str, Attribute] | None = None,
+        columns: Columns | None = None,
+        of_file: Collection[str] = (),
+        **named: Any,
+    ) -> None:
+        """Take the points (also by the name of their column) and other columns; None is absent.
+
+        Columns that the layout does not list belong to the file if they are in `of_file`, or by
+        their shape (`is_per_item`). Raises ValueError where axes disagree, and TypeError for a
+        keyword that the layout does not list: a programmer's error.
+        """
+        if unknown := named.keys() - self.LAYOUT.all_names:
+            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
+        self.landmark_names, self.items = tuple(landmark_names), tuple(items)
+        self.sequences = None if sequences is None else tuple(sequences)
+        self.unit, self.frame_rate = unit, frame_rate
+        self.y_axis = y_axis if self.LAYOUT is SHAPES else y_axis or "down"
+        self.attributes = attributes or {}
+        given = {self.LAYOUT.points.name: points, **(columns or {}), **named}
+        self.columns = {
+            name: np.asarray(value, _TYPES.get(self.LAYOUT.kind_of(name)))
+            for name, value in given.items()
+            if value is not None
+        }
+        found = (n for n, v in self.further.items() if not is_per_item(n, v.shape, len(self)))
+        self.of_file = frozenset(of_file).intersection(self.columns).union(found)
+        self._check_axes()
+
+    def _check_axes(self) -> None:
+        sizes = {"n": len(self.items), "p": len(self.landmark_names)}
+        if self.sequences is not None and len(self.sequences) != len(self.items):
+            counts = f"{len(self.items)} items and {len(self.sequences)} sequences"
+            raise ValueError(f"there are {counts}")
+        for dataset in self.LAYOUT.datasets:
+            value = self.columns.get(dataset.name)
             if value is None:
+                if dataset.required and dataset.points:
+                    raise TypeError(f"{type(self).__name__} needs {dataset.name}")
                 continue
-            text = dataset.kind == "text"
-            value = tuple(value) if text else np.asarray(value, _TYPES.get(dataset.kind))
-            object.__setattr__(self, dataset.attribute, value)
-            shape = (len(value),) if text else np.shape(value)
             axes = dataset.memory_axes
-            if not fit_axes(axes, shape, sizes):
+            if not fit_axes(axes, value.shape, sizes):
                 expected = tuple(sizes.get(str(axis), axis) for axis in axes)
-                found = f"{dataset.attribute} has the shape {shape}"
+                found = f"{dataset.name} has the shape {value.shape}"
                 raise ValueError(f"{found}; expected {axes} = {expected}")
-        object.__setattr__(self, "extras", Extras.of(self.extras, len(self)))
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a column that the layout lists; None where it is absent."""
+        if name.startswith("_") or name not in type(self).LAYOUT.all_names:
+            raise AttributeError(f"{type(self).__name__} has no {name}")
+        return self.__dict__["columns"].get(name)
 
     def __len__(self) -> int:
         return len(self.items)
 
-    def replaced(self, **fields: Any) -> Self:
-        """Return the same with some fields replaced."""
-        return replace(self, **fields)  # type: ignore[type-var]
+    def __repr__(self) -> str:
+        counts = f"{len(self)} items, {len(self.landmark_names)} landmarks"
+        return f"<{type(self).__name__} of {counts}: {', '.join(self.columns)}>"
 
     @property
     def datasets(self) -> frozenset[str]:
-        """Names of the datasets of the layout that are known."""
-        known = self.FORM.datasets
-        return frozenset(each.name for each in known if getattr(self, each.attribute) is not None)
+        """Names of the columns that the layout lists, and of item, sequence, landmark_names."""
+        own = {"item", "landmark_names"} | ({"sequence"} if self.sequences is not None else set())
+        return frozenset(own | (self.columns.keys() & self.LAYOUT.names))
+
+    @property
+    def further(self) -> dict[str, NDArray[Any]]:
+        """The columns that the layout does not list, as they stand in the file."""
+        return {n: values for n, values in self.columns.items() if n not in self.LAYOUT.names}
+
+    def per_item(self, name: str) -> NDArray[Any] | None:
+        """Return a column that has a row for each item; None where there is none."""
+        dataset = self.LAYOUT.find(name)
+        if name in self.of_file or (dataset is not None and not dataset.per_item):
+            return None
+        return self.columns.get(name)
+
+    @property
+    def points(self) -> Floats:
+        """The landmarks (n, 2, p), or the shapes (n, 3, p)."""
+        return self.columns[self.LAYOUT.points.name]
+
+    @property
+    def lines(self) -> Integers | None:
+        """Pairs of landmarks (e, 2) that a line joins; pairs of other numbers are left out.
+
+        None where there is no dataset of pairs.
+        """
+        edges = self.columns.get(EDGES)
+        if edges is None or edges.ndim != 2 or edges.shape[1] != 2 or edges.dtype.kind not in "iu":
+            return None
+        return edges[((edges >= 0) & (edges < len(self.landmark_names))).all(axis=1)]
+
+    def replaced(self, **changes: Any) -> Self:
+        """Return the same with other attributes and columns; None removes a column.
+
+        `further` stands for all columns that the layout does not list.
+        """
+        own = ("landmark_names", "items", "sequences", "unit", "frame_rate", "y_axis", "attributes")
+        fields = {name: changes.pop(name, getattr(self, name)) for name in own}
+        columns = changes.pop("columns", self.columns)
+        if "further" in changes:
+            columns = {name: v for name, v in columns.items() if name in self.LAYOUT.names}
+            columns |= changes.pop("further")
+        of_file = changes.pop("of_file", self.of_file)
+        if unknown := changes.keys() - self.LAYOUT.all_names - columns.keys():
+            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
+        return type(self)(**fields, columns={**columns, **changes}, of_file=of_file)
+
+    def with_columns(self, columns: Columns, of_file: Collection[str] = ()) -> Self:
+        """Return the same with more columns, over those of the same name.
+
+        Those in `of_file` belong to the file, the others have a row for each item, or are known
+        to belong to it by their names and axes.
+        """
+        kept = (self.of_file - columns.keys()) | set(of_file)
+        return self.replaced(columns={**self.columns, **columns}, of_file=kept)
+
+    def without(self, names: Collection[str]) -> Self:
+        """Return the same without these columns."""
+        columns = {name: v for name, v in self.columns.items() if name not in names}
+        return self.replaced(columns=columns, of_file=self.of_file)
+
+    def take(self, indices: Rows) -> Self:
+        """Return the items at these indices (numbers, a mask or a slice), in their order."""
+        rows = np.arange(len(self))[indices]
+        changes = {name: values[rows] for name, values in self._by_item().items()}
+        for dataset in self.LAYOUT.datasets:
+            if dataset.counted_by and dataset.name in self.columns:
+                pieces = _pieces(self.columns[dataset.counted_by], rows)
+                changes[dataset.name] = self.columns[dataset.name][pieces]
+        items, sequences = self.items, self.sequences
+        places = rows.tolist()
+        return self.replaced(
+            items=tuple(items[row] for row in places),
+            sequences=None if sequences is None else tuple(sequences[row] for row in places),
+            columns={**self.columns, **changes},
+            of_file=self.of_file,
+        )
+
+    def _by_item(self) -> dict[str, NDArray[Any]]:
+        """Return the columns with a row for each item."""
+        return {
+            name: values for name, values in self.columns.items() if self.per_item(name) is not None
+        }
+
+    def with_whole_points(self) -> Self:
+        """Return the same items; a landmark with one unknown coordinate has none."""
+        unknown = np.isnan(self.points).any(axis=1, keepdims=True)
+        if not unknown.any():
+            return self
+        return self.replaced(**{self.LAYOUT.points.name: np.where(unknown, np.nan, self.points)})
 
     def arrange(self, names: Sequence[str], place: str = "landmark_names") -> Self:
         """Return the same items with the landmarks `names`, in that order.
@@ -77,51 +227,8 @@ class Records:
             return self
         raise ValueError(f"{type(self).__name__} cannot be arranged otherwise")
 
-    @property
-    def points(self) -> Floats:
-        """The landmarks (n, 2, p), or the shapes (n, 3, p)."""
-        points: Floats = getattr(self, self.FORM.points.attribute)
-        return points
-
-    @property
-    def lines(self) -> Integers | None:
-        """Pairs of landmarks (e, 2) that a line joins, as a field or among `extras`.
-
-        Pairs of other numbers are left out; None where there is no dataset of pairs.
-        """
-        edges = getattr(self, EDGES, self.extras.get(EDGES))
-        if edges is None or edges.ndim != 2 or edges.shape[1] != 2 or edges.dtype.kind not in "iu":
-            return None
-        return edges[((edges >= 0) & (edges < len(self.landmark_names))).all(axis=1)]
-
-    def with_whole_points(self) -> Self:
-        """Return the same items; a landmark with one unknown coordinate has none."""
-        unknown = np.isnan(self.points).any(axis=1, keepdims=True)
-        if not unknown.any():
-            return self
-        points = np.where(unknown, np.nan, self.points)
-        return self.replaced(**{self.FORM.points.attribute: points})
-
-    def take(self, indices: Rows) -> Self:
-        """Return the items at these indices (numbers, a mask or a slice), in their order."""
-        rows = np.arange(len(self))[indices]
-        changes: dict[str, Any] = {}
-        for dataset in self.FORM.growing:
-            value = getattr(self, dataset.attribute)
-            if value is None:
-                continue
-            if dataset.kind == "text":
-                changes[dataset.attribute] = tuple(value[row] for row in rows)
-            else:
-                counts = getattr(self, dataset.counted_by) if dataset.counted_by else None
-                changes[dataset.attribute] = value[
-                    rows if counts is None else _pieces(counts, rows)
-                ]
-        extras = Extras.of(self.extras, len(self)).take(rows)
-        return self.replaced(**changes, extras=extras)
-
-    def renamed(self, rename: Mapping[str, str], place: str) -> Self:
-        """Return the same items with the landmarks that `rename` (old name -> new) knows renamed.
+    def renamed(self, rename: Mapping[str, str], place: str = "rename") -> Self:
+        """Return the same items, the landmarks renamed (old name -> new).
 
         Raises InputError at `place` where two landmarks would have one name.
         """
@@ -130,30 +237,21 @@ class Records:
         return self.replaced(landmark_names=renamed(self.landmark_names, rename, place))
 
 
-@dataclass(frozen=True)
 class ShapeSet(Records):
     """n shapes of p landmarks: shapes (n, 3, p) in `unit`.
 
-    items are unique; sequences (n) name the clip or group of each; edges (e, 2) and mesh_faces
-    (f, 3) hold indices of landmarks and mesh vertices; mesh_vertices (n, 3, q). frame_rate, in
-    Hz, is that of the items of a sequence, None where it is unknown. extras are further datasets
-    as they stand in the file.
+    edges (e, 2) and mesh_faces (f, 3) hold indices of landmarks and mesh vertices; mesh_vertices
+    (n, 3, q).
     """
 
-    FORM = SHAPES
+    LAYOUT = SHAPES
 
     shapes: Floats
-    landmark_names: Names
-    items: Names
-    sequences: Names | None = None
-    edges: Integers | None = None
-    mesh_vertices: Floats | None = None
-    mesh_faces: Integers | None = None
-    unit: str = UNKNOWN_UNIT
-    frame_rate: float | None = None
-    extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
+    edges: Integers | None
+    mesh_vertices: Floats | None
+    mesh_faces: Integers | None
 
-    def arrange(self, names: Sequence[str], place: str = "landmark_names") -> ShapeSet:
+    def arrange(self, names: Sequence[str], place: str = "landmark_names") -> Self:
         """Return the same shapes with the same landmarks, in the order of `names`.
 
         Raises InputError at `place` where the names are not those of this set.
@@ -164,39 +262,26 @@ class ShapeSet(Records):
         match_landmarks(names, self.landmark_names, place)
         columns = match_landmarks(self.landmark_names, names, place)
         position = np.argsort(columns)
-        extras = Extras.of(self.extras, len(self))
-        whole = dict(extras.whole)
-        if "mirror_index" in whole:
-            index = _mirror_index(whole["mirror_index"], len(names), place)
-            whole["mirror_index"] = position[index[columns]]
-        return replace(
-            self,
-            shapes=self.shapes[..., columns],
-            landmark_names=names,
-            edges=None if self.edges is None else position[self.edges],
-            extras=Extras(extras.per_item, whole),
-        )
+        changes: dict[str, Any] = {"shapes": self.shapes[..., columns]}
+        if self.edges is not None:
+            changes["edges"] = position[self.edges]
+        if "mirror_index" in self.of_file:
+            index = _mirror_index(self.columns["mirror_index"], len(names), place)
+            changes["mirror_index"] = position[index[columns]]
+        return self.replaced(landmark_names=names, **changes)
 
 
-@dataclass(frozen=True, kw_only=True)
 class LandmarkSet(Records):
     """n images of p landmarks: landmarks (n, 2, p) in `unit`, NaN where unseen.
 
-    confidence (n, p) >= 0 or None, which means 1 for all; y_axis is the direction of y; frame_rate
-    as in a ShapeSet.
+    confidence (n, p) >= 0 or None, which means 1 for all; y_axis is the direction of y.
     """
 
-    FORM = LANDMARKS
+    LAYOUT = LANDMARKS
 
     landmarks: Floats
-    confidence: Floats | None = None
-    landmark_names: Names
-    items: Names
-    sequences: Names | None = None
-    unit: str = UNKNOWN_UNIT
-    y_axis: Literal["up", "down"] = "down"
-    frame_rate: float | None = None
-    extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
+    confidence: Floats | None
+    y_axis: Direction
 
     def weights(self) -> Floats:
         """Omega (n, p): the confidence, or 1, where a landmark has a place, and 0 elsewhere."""
@@ -209,13 +294,13 @@ class LandmarkSet(Records):
 
     def arrange(
         self, names: Sequence[str], place: str = "landmark_names", *, leave_out: bool = False
-    ) -> LandmarkSet:
+    ) -> Self:
         """Return the same images with the landmarks `names`, in that order.
 
         Landmarks that this set lacks are unseen (NaN, confidence 0) and have no label; edges
-        join the landmarks that they joined; extras but these and `LABELS` stay as they are. Where
-        this set has a landmark that `names` lacks, `leave_out` leaves it out; without, that is an
-        InputError at `place`.
+        join the landmarks that they joined; other columns stay as they are. Where this set has a
+        landmark that `names` lacks, `leave_out` leaves it out; without, that is an InputError at
+        `place`.
         """
         names = tuple(names)
         if names == self.landmark_names:
@@ -223,39 +308,32 @@ class LandmarkSet(Records):
         own = np.arange(len(self.landmark_names))
         if leave_out:
             own = np.flatnonzero([name in set(names) for name in self.landmark_names])
-        columns = match_landmarks(names, [self.landmark_names[j] for j in own], place)
+        places = match_landmarks(names, [self.landmark_names[j] for j in own], place)
 
         def arranged(values: NDArray[Any], absent: float) -> NDArray[Any]:
             every = np.full((*values.shape[:-1], len(names)), absent, values.dtype)
-            every[..., columns] = values[..., own]
+            every[..., places] = values[..., own]
             return every
 
-        extras = Extras.of(self.extras, len(self))
-        labels = {
-            name: arranged(values, 0)
-            for name, values in extras.per_item.items()
-            if name in LABELS and values.shape == (len(self), len(self.landmark_names))
-        }
-        covariance = extras.per_item.get(LANDMARK_COVARIANCE)
+        changes: dict[str, Any] = {"landmarks": arranged(self.landmarks, np.nan)}
+        if self.confidence is not None:
+            changes["confidence"] = arranged(self.confidence, 0)
+        for name in LABELS:
+            values = self.per_item(name)
+            if values is not None and values.shape == (len(self), len(self.landmark_names)):
+                changes[name] = arranged(values, 0)
+        covariance = self.per_item(LANDMARK_COVARIANCE)
         if covariance is not None and covariance.shape[:2] == self.landmarks.shape[::2]:
             moved = arranged(np.moveaxis(covariance, 1, -1), 0)
-            labels[LANDMARK_COVARIANCE] = np.moveaxis(moved, -1, 1)
-        whole = dict(extras.whole)
+            changes[LANDMARK_COVARIANCE] = np.moveaxis(moved, -1, 1)
         if self.lines is not None:
             position = np.full(len(self.landmark_names), -1)
-            position[own] = columns
+            position[own] = places
             moved = position[self.lines]
-            whole[EDGES] = moved[(moved >= 0).all(axis=1)]
-        return replace(
-            self,
-            landmarks=arranged(self.landmarks, np.nan),
-            confidence=None if self.confidence is None else arranged(self.confidence, 0),
-            landmark_names=names,
-            extras=Extras({**extras.per_item, **labels}, whole),
-        )
+            changes[EDGES] = moved[(moved >= 0).all(axis=1)]
+        return self.replaced(landmark_names=names, **changes)
 
 
-@dataclass(frozen=True, kw_only=True)
 class ResultSet(Records):
     """What a fit found for n images: shapes (n, 3, p) in the camera frame and `unit`.
 
@@ -275,74 +353,71 @@ class ResultSet(Records):
     on all rotations: tree_cells (n,), 0 where the tree of an image was not kept, tree_splits (l,);
     tree_vertices (n,), tree_rotations (v, 4), tree_multipliers (v, 2, p).
 
-    frame_rate as in a ShapeSet. attributes are stored with the file (method, times, config,
-    digests).
+    attributes are stored with the file (method, times, config, digests). What else a fit writes is
+    in `layout.FURTHER_OF_RESULTS`.
     """
 
-    FORM = RESULTS
+    LAYOUT = RESULTS
 
     shapes: Floats
-    landmarks_fitted: Floats | None = None
-    coefficients: Floats | None = None
-    rotation: Floats | None = None
-    translation: Floats | None = None
-    scale: Floats | None = None
-    objective: Floats | None = None
-    relative_gap: Floats | None = None
-    iterations: Integers | None = None
-    status: NDArray[Any] | None = None
-    landmark_names: Names
-    items: Names
-    sequences: Names | None = None
-    shape_sd: Floats | None = None
-    transforms: Floats | None = None
-    mesh_vertices: Floats | None = None
-    dual: Floats | None = None
-    convex_translation: Floats | None = None
-    convex_objective: Floats | None = None
-    convex_relative_gap: Floats | None = None
-    transform_count: Integers | None = None
-    transform_atom: Integers | None = None
-    active_transforms: Floats | None = None
-    modes: Integers | None = None
-    mode_objective: Floats | None = None
-    mode_rotation: Floats | None = None
-    mode_shapes: Floats | None = None
-    tree_cells: Integers | None = None
-    tree_splits: Integers | None = None
-    tree_vertices: Integers | None = None
-    tree_rotations: Floats | None = None
-    tree_multipliers: Floats | None = None
-    extras: Mapping[str, NDArray[Any]] = field(default_factory=Extras)
-    unit: str = UNKNOWN_UNIT
-    y_axis: Literal["up", "down"] = "down"
-    frame_rate: float | None = None
-    attributes: Mapping[str, Attribute] = field(default_factory=dict)
+    landmarks_fitted: Floats | None
+    coefficients: Floats | None
+    rotation: Floats | None
+    translation: Floats | None
+    scale: Floats | None
+    objective: Floats | None
+    relative_gap: Floats | None
+    iterations: Integers | None
+    status: NDArray[Any] | None
+    shape_sd: Floats | None
+    transforms: Floats | None
+    mesh_vertices: Floats | None
+    dual: Floats | None
+    convex_translation: Floats | None
+    convex_objective: Floats | None
+    convex_relative_gap: Floats | None
+    transform_count: Integers | None
+    transform_atom: Integers | None
+    active_transforms: Floats | None
+    modes: Integers | None
+    mode_objective: Floats | None
+    mode_rotation: Floats | None
+    mode_shapes: Floats | None
+    tree_cells: Integers | None
+    tree_splits: Integers | None
+    tree_vertices: Integers | None
+    tree_rotations: Floats | None
+    tree_multipliers: Floats | None
+    y_axis: Direction
 
 
 Record = TypeVar("Record", bound=Records)
 
 
 def concatenate(parts: Sequence[Record]) -> Record:
-    """Join records of the same landmarks, optional fields and extras, in their order.
+    """Join records of the same landmarks and columns, in their order.
 
     What is not per item is taken from the first part.
     """
     first = parts[0]
     if len(parts) == 1:
         return first
-    changes: dict[str, Any] = {}
-    for dataset in first.FORM.growing:
-        values = [getattr(part, dataset.attribute) for part in parts]
-        if values[0] is None:
-            continue
-        text = dataset.kind == "text"
-        changes[dataset.attribute] = tuple(chain(*values)) if text else np.concatenate(values)
-    extras = [Extras.of(part.extras, len(part)) for part in parts]
-    per_item = {
-        name: np.concatenate([e.per_item[name] for e in extras]) for name in extras[0].per_item
-    }
-    return first.replaced(**changes, extras=Extras(per_item, extras[0].whole))
+    growing = [name for name in first.columns if _grows(first, name)]
+    changes = {name: np.concatenate([part.columns[name] for part in parts]) for name in growing}
+    sequences = None
+    if first.sequences is not None:
+        sequences = tuple(chain.from_iterable(part.sequences or () for part in parts))
+    return first.replaced(
+        items=tuple(chain.from_iterable(part.items for part in parts)),
+        sequences=sequences,
+        columns={**first.columns, **changes},
+        of_file=first.of_file,
+    )
+
+
+def _grows(records: Records, name: str) -> bool:
+    dataset: Dataset | None = records.LAYOUT.find(name)
+    return name not in records.of_file if dataset is None else dataset.grows
 
 
 def _pieces(counts: Integers, rows: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar
 
 from shapefit.errors import input_error
 from shapefit.io.formats import CSV, find_target_format, find_writer
-from shapefit.io.layout import LANDMARKS, RESULTS, Format
+from shapefit.io.layout import LANDMARKS, RESULTS, Layout
 from shapefit.io.options import AS_KNOWN, OutputOptions, Summary
 from shapefit.io.records import LandmarkSet, ResultSet
 from shapefit.io.sources import is_stream
@@ -50,7 +50,7 @@ def result_writer(
 
 
 def record_writer(
-    target: Path, form: Format, to: str = "auto", options: OutputOptions = AS_KNOWN
+    target: Path, form: Layout, to: str = "auto", options: OutputOptions = AS_KNOWN
 ) -> AbstractContextManager[RecordWriter[Any]]:
     """Write records of one layout, in the format `to`, or in that of the target's name.
 

@@ -89,7 +89,7 @@ def _meshes(head: Any) -> AtomMeshes | None:
     if method not in METHODS:
         return None
     _, dictionary = fit_dictionary(head.attributes)
-    pose = Pose(str(method), perspective="camera_translation" in head.extras)
+    pose = Pose(str(method), perspective="camera_translation" in head.columns)
     return None if isinstance(dictionary, str) else meshes_that_follow(pose, dictionary)
 
 
@@ -126,7 +126,7 @@ def _with_rate(records: Any, config: ConvertConfig) -> Any:
     rate = config.frame_rate or records.frame_rate
     if rate is None or (config.frame_rate is None and config.every == 1):
         return records
-    return replace(records, frame_rate=rate / config.every)
+    return records.replaced(frame_rate=rate / config.every)
 
 
 def _unit(kind: Kind) -> str:

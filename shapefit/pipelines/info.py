@@ -20,7 +20,6 @@ from shapefit.io import (
     open_shapes,
     read_dictionary,
 )
-from shapefit.io.extras import Extras
 from shapefit.io.foreign.opening import group_inputs, open_either
 from shapefit.io.foreign.sources import fitting_skeletons
 from shapefit.io.foreign.table import FileFormat
@@ -188,7 +187,7 @@ def _of_records(head: LandmarkSet | ShapeSet, found: _Found, count: int, kind: s
     if np.isfinite(found.least):
         lines.append(("confidence", f"{found.least:.3g} to {found.most:.3g}"))
     lines.append(("unit", head.unit if head.unit != UNKNOWN_UNIT else "not said"))
-    camera = [name for name in CAMERA if name in Extras.of(head.extras, 0)]
+    camera = [name for name in CAMERA if name in head.columns]
     if camera:
         lines.append(("camera", listed(camera, "and")))
     return lines

@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.extras import Extras
+from shapefit.io.records import Records
 
 BY_ITEM = "item"
 """Stands for the items of the images themselves."""
 
 
 def named_items(
-    items: Sequence[str],
-    extras: Mapping[str, NDArray[Any]],
+    images: Records,
     dataset: str,
     place: str | Path,
     key: str,
 ) -> tuple[str, ...]:
-    """Return what a dataset of the extras names, one per image; BY_ITEM names the items.
+    """Return what a dataset of the images names, one per image; BY_ITEM names the items.
 
-    `key` of the config chose the dataset. Raises InputError at `place` where the extras have no
+    `key` of the config chose the dataset. Raises InputError at `place` where they have no
     such dataset with one name per image.
     """
     if dataset == BY_ITEM:
-        return tuple(items)
-    per_item = Extras.of(extras, len(items)).per_item
-    named = {name: values for name, values in per_item.items() if values.ndim == 1}
+        return images.items
+    per_item = {name: images.per_item(name) for name in images.further}
+    named = {name: v for name, v in per_item.items() if v is not None and v.ndim == 1}
     if dataset not in named:
         found = f"there is no dataset '{dataset}' with one name per image"
         texts = (name for name, values in named.items() if values.dtype.kind in "OSU")

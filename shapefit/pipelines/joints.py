@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from shapefit.dictionary.mapped import mapped
 from shapefit.dictionary.model import WHERE_MARKED, Dictionary
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import LandmarkSet
-from shapefit.io.extras import Extras
 from shapefit.io.landmark_names import match_landmarks, nearest_names
 from shapefit.io.skeletons import THETA, Part, people_joints, people_parts
 from shapefit.lifting.aside import place_aside
@@ -144,7 +143,7 @@ def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> Landmark
         if confidence is not None:
             confidence = confidence.copy()
             confidence[:, columns[0]] = weights[:, columns].sum(axis=1) / count
-    changed = replace(images, landmarks=landmarks, confidence=confidence)
+    changed = images.replaced(landmarks=landmarks, confidence=confidence)
     return changed.renamed(joints.names, place)
 
 
@@ -171,13 +170,13 @@ class Mapped:
 
     def back(
         self, lifting: Lifting, landmarks: Floats, seen: NDArray[np.bool_]
-    ) -> tuple[Lifting, Extras]:
+    ) -> tuple[Lifting, dict[str, NDArray[Any]]]:
         """Return the lifting of the joints, and all landmarks of the files as datasets.
 
         landmarks (n, 2, p) as images show them, and which (n, p) are seen there.
         """
         if not self.active:
-            return lifting, Extras()
+            return lifting, {}
         if self.hung is not None:
             lifting = place_aside(lifting, landmarks, seen, self.hung, self.misfit)
         A, names = self.joints.matrix(self.theta), tuple(self.joints.parts)
@@ -191,9 +190,9 @@ class Mapped:
             per_item[INPUT_SD] = sd.swapaxes(1, 2)
             per_item[INPUT_CORRELATION] = shown.correlation.swapaxes(1, 2).astype(np.float32)
         if not names:
-            return as_joints(lifting, A, self.keep_covariance), Extras()
-        whole = {INPUT_NAMES: np.array(names, dtype=object), MAP: A}
-        return as_joints(lifting, A, self.keep_covariance), Extras(per_item, whole)
+            return as_joints(lifting, A, self.keep_covariance), {}
+        per_item |= {INPUT_NAMES: np.array(names, dtype=object), MAP: A}
+        return as_joints(lifting, A, self.keep_covariance), per_item
 
 
 FEWEST_LANDMARKS = 3

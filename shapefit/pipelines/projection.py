@@ -22,7 +22,7 @@ from shapefit.io import (
     landmark_writer,
     open_shapes,
 )
-from shapefit.io.extras import CORRUPTED, Extras
+from shapefit.io.layout import CORRUPTED, free_names
 from shapefit.io.options import input_options
 from shapefit.pipelines.imperfections import (
     BATCH,
@@ -118,8 +118,8 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, batch: i
         landmarks = add_noise(landmarks, config.noise, stream(config.seed, Purpose.NOISE, batch))
     if config.hidden > 0:
         landmarks = hide(landmarks, config.hidden, stream(config.seed, Purpose.HIDDEN, batch))
-    extras = Extras.of(shapes.extras, len(shapes)).apart_from(OF_THE_VIEW)
-    extras |= {TRUE_ROTATION: rotations}
+    names = free_names(shapes.further, OF_THE_VIEW)
+    further = {names[name]: values for name, values in shapes.further.items()}
     return LandmarkSet(
         landmarks=landmarks,
         landmark_names=shapes.landmark_names,
@@ -128,5 +128,6 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, batch: i
         unit=shapes.unit if scale is None else PIXELS,
         y_axis=config.y_axis,
         frame_rate=shapes.frame_rate,
-        extras=extras,
+        columns={**further, TRUE_ROTATION: rotations},
+        of_file=[names[name] for name in shapes.of_file],
     )

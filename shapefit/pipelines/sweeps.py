@@ -41,7 +41,7 @@ from shapefit.io import (
     read_shapes,
 )
 from shapefit.io.csv.writing import write_per_image
-from shapefit.io.extras import CORRUPTED, Extras
+from shapefit.io.layout import CORRUPTED
 from shapefit.io.whole.folder import Write, check_folder, write_folder
 from shapefit.pipelines import projection as project
 from shapefit.pipelines.drawing import draws_plots, plots_left_out
@@ -113,10 +113,9 @@ def corrupted(images: LandmarkSet, config: CorruptionConfig, batch: int) -> Land
     rng = stream(config.seed, Purpose.CORRUPTION, batch)
     seen = images.seen()
     landmarks, wrong = corrupt(images.landmarks, seen, config.share, MARGIN, rng)
-    extras = Extras.of(images.extras, len(images))
-    before = extras.get(CORRUPTED)
-    extras |= {CORRUPTED: wrong if before is None else wrong | np.asarray(before, bool)}
-    return replace(images, landmarks=landmarks, extras=extras)
+    before = images.columns.get(CORRUPTED)
+    wrong = wrong if before is None else wrong | np.asarray(before, bool)
+    return images.with_columns({"landmarks": landmarks, CORRUPTED: wrong})
 
 
 @dataclass(frozen=True)
@@ -306,14 +305,14 @@ def _view_of(config: SweepConfig, value: Value) -> ViewConfig | None:
 def _check_match(config: SweepConfig, landmarks: Sequence[Path]) -> None:
     """Raise InputError where the landmarks have no dataset that names the truth of an image."""
     with open_landmarks(landmarks) as source:
-        if config.match not in ("item", *source.head.extras):
+        if config.match not in ("item", *source.head.further):
             found = f"the landmarks have no dataset '{config.match}'"
             raise input_error("match", found, "name one that holds items of the truth, or `item`")
 
 
 def _metrics(config: SweepConfig, value: Value, results: ResultSet) -> Sequence[str]:
     """Return the metrics of the config, and those of labels where the truth of labels is known."""
-    labelled = config.steps(value).fit.labels_outliers and CORRUPTED in results.extras
+    labelled = config.steps(value).fit.labels_outliers and CORRUPTED in results.columns
     return config.metrics + (of_labels() if labelled else ())
 
 

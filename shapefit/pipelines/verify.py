@@ -192,10 +192,10 @@ def verify_file(part: Part, work: Work) -> Generator[Outcome, None, None]:
         aside = np.array([looks and hung.get(name, False) for name in results.landmark_names])
         wrong = false_files(part, results, terms, work)
         with open_given(part, results, terms) as given:
-            head, carried = read_rows(results, slice(0)), set()
+            head, carried = read_rows(results, slice(0)), set[str]()
             if given is not None:
                 wrong += false_heads(head, given.head, terms)
-                carried = set(carried_by(given.head))
+                carried = set(carried_by(given.head)[0])
             wrong += coverage.begin(results.names, head, terms, carried)
             yield Outcome(failures=tuple(Failure(*each) for each in wrong))
 

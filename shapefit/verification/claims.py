@@ -140,12 +140,12 @@ def check_points_alone(subject: Subject) -> list[Check]:
         return check_camera(subject, Value(S, subject.images.factor * far))
     seen = subject.stated("shapes") @ landmark_map(subject.result).T
     off = np.abs(subject.stated("landmarks_fitted") - seen[:, :2])
-    far = 0.0 if MAP not in subject.result.extras else np.abs(seen).max(axis=(1, 2))
+    far = 0.0 if MAP not in subject.result.columns else np.abs(seen).max(axis=(1, 2))
     return [check("landmarks_fitted are x and y of the shapes", off, subject.images.factor * far)]
 
 
 def landmark_map(result: ResultSet) -> Floats:
     """Weights A (p, p) of the joints of a result that give the landmarks seen."""
     p = len(result.landmark_names)
-    A: Floats = np.asarray(result.extras.get(MAP, np.eye(p)), dtype=np.float64)
+    A: Floats = np.asarray(result.columns.get(MAP, np.eye(p)), dtype=np.float64)
     return A if A.shape == (p, p) else np.full((p, p), np.nan)

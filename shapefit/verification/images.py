@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
-from shapefit.io.extras import LANDMARK_COVARIANCE
+from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.verification.check import largest, rounding_factor
 from shapefit.verification.terms import Terms
 
@@ -60,10 +60,10 @@ def read_images(
     raw = np.ascontiguousarray(stated_by(result, "landmarks", file)[rows].swapaxes(1, 2))
     seen = np.isfinite(raw[:, 0]) & np.isfinite(raw[:, 1]) & ~aside
     weights = np.where(seen, stated_confidence(result, file)[rows], 0.0)
-    if terms.least_score is not None and LANDMARK_COVARIANCE not in result.extras:
+    if terms.least_score is not None and LANDMARK_COVARIANCE not in result.columns:
         weights = ((weights > 0) & (weights >= terms.least_score)).astype(float)
     labelled = np.zeros(seen.shape, dtype=bool)
-    if "outliers" in result.extras:
+    if "outliers" in result.columns:
         labelled = stated_by(result, "outliers", file)[rows] != 0
     if terms.searched:
         weights = np.where(labelled, 0.0, weights)
@@ -102,7 +102,7 @@ def stated_by(result: ResultSet, name: str, file: Path) -> NDArray[Any]:
     Raises InputError where the file lacks it.
     """
     values = getattr(result, name, None)
-    values = result.extras.get(name) if values is None else values
+    values = result.columns.get(name) if values is None else values
     if values is None:
         raise input_error(file, f"there is no dataset '{name}'", FIX)
     return np.asarray(values, np.float64 if values.dtype.kind in "biuf" else None)
@@ -114,7 +114,7 @@ def stated_confidence(result: ResultSet, file: Path) -> Floats:
     Raises InputError for one of another shape, as a dataset of the landmarks may have.
     """
     shape = (len(result), len(result.landmark_names))
-    values = result.extras.get("confidence", np.ones(shape))
+    values = result.columns.get("confidence", np.ones(shape))
     if values.shape != shape or values.dtype.kind not in "biuf":
         found = f"holds {values.dtype} of the shape {values.shape}"
         raise input_error(f"{file}:/confidence", found, FIX)

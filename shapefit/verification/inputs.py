@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.geometry.lens import complete, distort, undistort
 from shapefit.io import LandmarkSet, ResultSet
-from shapefit.io.extras import Extras
+from shapefit.io.layout import free_names
 from shapefit.verification.check import Check, check, flagged
 from shapefit.verification.fates import DATASETS
 from shapefit.verification.folder import config_digest
@@ -49,10 +49,10 @@ def check_landmarks(result: ResultSet, images: LandmarkSet) -> list[Check]:
         seen = seen & (images.confidence > 0)
     given = images.landmarks.swapaxes(1, 2)
     bound: float | Floats = 0.0
-    stated = np.asarray(result.extras.get("landmarks", np.full_like(given, np.nan)))
-    if REMOVED in result.extras:
-        seen = seen & shown(given, result.extras, result.y_axis)
-        stated = bent_again(stated, result.extras, result.y_axis)
+    stated = np.asarray(result.columns.get("landmarks", np.full_like(given, np.nan)))
+    if REMOVED in result.columns:
+        seen = seen & shown(given, result.columns, result.y_axis)
+        stated = bent_again(stated, result.columns, result.y_axis)
         bound = BOUND * np.nanmax(np.abs(given), initial=1.0)
     expected = np.where(seen[..., None], given, np.nan)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -65,12 +65,12 @@ def check_landmarks(result: ResultSet, images: LandmarkSet) -> list[Check]:
     if result.sequences is not None or images.sequences is not None:
         both = (names or ("",) * n for names in (result.sequences, images.sequences))
         checks.append(_same_texts("sequences", *both))
-    if images.confidence is not None or "confidence" in result.extras:
-        of_file = np.ones(given.shape[:2]) if images.confidence is None else images.confidence
-        checks.append(_same("confidence", result.extras.get("confidence", np.nan), of_file))
-    carried = Extras.of(result.extras, n)
-    for name, values in carried_by(images).per_item.items():
-        checks.append(_same(name, carried.per_item.get(name), values))
+    if images.confidence is not None or "confidence" in result.columns:
+        own = np.ones(given.shape[:2]) if images.confidence is None else images.confidence
+        checks.append(_same("confidence", result.columns.get("confidence", np.nan), own))
+    carried, of_file = carried_by(images)
+    for name in carried.keys() - of_file:
+        checks.append(_same(name, result.per_item(name), carried[name]))
     return checks
 
 
@@ -93,17 +93,16 @@ def _same(name: str, stated: Any, expected: NDArray[Any]) -> Check:
     return flagged(claim, same.reshape(n, math.prod(same.shape[1:])).all(axis=1))
 
 
-def carried_by(images: LandmarkSet) -> Extras:
-    """Return the datasets that a fit carries from landmarks into its result, as it names them.
+def carried_by(images: LandmarkSet) -> tuple[dict[str, Any], frozenset[str]]:
+    """Return the datasets that a fit carries from landmarks into its result, as it names them,
+    and which of them belong to the file.
 
     The lens keeps its name no longer, since its distortion was removed.
     """
-    carried = Extras.of(images.extras, len(images)).apart_from(DATASETS)
     lens = {DISTORTION, REMOVED}
-    return Extras(
-        {name: values for name, values in carried.per_item.items() if name not in lens},
-        {name: values for name, values in carried.whole.items() if name not in lens},
-    )
+    names = free_names(images.further, DATASETS)
+    carried = {names[n]: values for n, values in images.further.items() if names[n] not in lens}
+    return carried, frozenset(names[name] for name in images.of_file)
 
 
 def false_heads(result: ResultSet, images: LandmarkSet, terms: Terms) -> list[tuple[str, str]]:
@@ -119,11 +118,12 @@ def false_heads(result: ResultSet, images: LandmarkSet, terms: Terms) -> list[tu
         for name, (stated, given) in pairs.items()
         if stated != given
     ]
-    stated = Extras.of(result.extras, len(result)).whole
-    for name, values in carried_by(images).whole.items():
+    carried, of_file = carried_by(images)
+    for name in (name for name in carried if name in of_file):
         if terms.calibrated and name in CALIBRATED:
             continue
-        if not np.array_equal(np.asarray(stated.get(name)), np.asarray(values)):
+        stated = result.columns[name] if name in result.of_file else None
+        if not np.array_equal(np.asarray(stated), np.asarray(carried[name])):
             wrong.append((name, "is not that of the landmarks"))
     return wrong
 
@@ -159,23 +159,23 @@ def unknown_inputs(terms: Terms) -> list[str]:
     return [name for name in named if terms.inputs.get(name, UNKNOWN) == UNKNOWN]
 
 
-def bent_again(stated: Floats, extras: Mapping[str, Any], y_axis: str) -> Floats:
+def bent_again(stated: Floats, columns: Mapping[str, Any], y_axis: str) -> Floats:
     """Return landmarks (n, p, 2) of a result where its lens puts them: those of the file."""
-    coefficients, focal, centre = _lens(extras, y_axis)
+    coefficients, focal, centre = _lens(columns, y_axis)
     return centre + focal * _through(distort, (stated - centre) / focal, coefficients)
 
 
-def shown(given: Floats, extras: Mapping[str, Any], y_axis: str) -> NDArray[np.bool_]:
+def shown(given: Floats, columns: Mapping[str, Any], y_axis: str) -> NDArray[np.bool_]:
     """Whether the lens puts some point of the scene at each landmark (n, p, 2) of the file."""
-    coefficients, focal, centre = _lens(extras, y_axis)
+    coefficients, focal, centre = _lens(columns, y_axis)
     straight = _through(undistort, (given - centre) / focal, coefficients)
     return np.asarray(np.isfinite(straight).all(axis=2))
 
 
-def _lens(extras: Mapping[str, Any], y_axis: str) -> tuple[Floats, Floats, Floats]:
+def _lens(columns: Mapping[str, Any], y_axis: str) -> tuple[Floats, Floats, Floats]:
     """Return coefficients (..., 8), and focal lengths and centres, (..., 1, 2)."""
-    matrix = np.asarray(extras["camera_matrix"], dtype=np.float64)
-    coefficients = complete(np.asarray(extras[REMOVED], dtype=np.float64))
+    matrix = np.asarray(columns["camera_matrix"], dtype=np.float64)
+    coefficients = complete(np.asarray(columns[REMOVED], dtype=np.float64))
     if y_axis == "up":
         coefficients = coefficients * np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
     focal = np.stack([matrix[..., 0, 0], matrix[..., 1, 1]], axis=-1)

@@ -76,7 +76,7 @@ def check_left_out(
         named = np.array(result.items, dtype=str)[rows]
     else:
         renamed = f"input_{terms.left_out}"
-        name = renamed if renamed in result.extras else terms.left_out
+        name = renamed if renamed in result.columns else terms.left_out
         named = stated_by(result, name, file)[rows].astype(str)
     named = np.where(np.isin(named, np.array(atom_items, dtype=str)), named, "")
     stated = stated_by(result, HIDDEN, file)[rows].astype(str)

@@ -46,7 +46,7 @@ def drawn(tmp_path, rng):
     )
     write_shapes(tmp_path / "truth.h5", ShapeSet(shapes=x, landmark_names=NAMES, items=ITEMS))
     images = LandmarkSet(
-        landmarks=SIZE * w + 100, landmark_names=NAMES, items=ITEMS, extras={"true_rotation": R}
+        landmarks=SIZE * w + 100, landmark_names=NAMES, items=ITEMS, columns={"true_rotation": R}
     )
     save(tmp_path / "views.h5", images)
     (tmp_path / "fit.yaml").write_text(FIT)

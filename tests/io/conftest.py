@@ -17,7 +17,6 @@ from shapefit.io import (
     write_dictionary,
     write_shapes,
 )
-from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from tests.io.files import load, save
 
@@ -35,7 +34,7 @@ def shapes(rng) -> ShapeSet:
         mesh_vertices=rng.normal(size=(5, 3, 6)),
         mesh_faces=np.array([[0, 1, 2], [3, 4, 5]]),
         unit="m",
-        extras={"mirror_index": np.array([0, 2, 1, 3]), "weight": rng.normal(size=5)},
+        columns={"mirror_index": np.array([0, 2, 1, 3]), "weight": rng.normal(size=5)},
     )
 
 
@@ -51,10 +50,12 @@ def landmarks(rng) -> LandmarkSet:
         sequences=("a", "a", "b", "b", "b"),
         unit="px",
         y_axis="down",
-        extras=Extras(
-            {"true_rotation": rng.normal(size=(5, 3, 3)), "true_model": np.array(list("vwxyz"))},
-            {"camera_matrix": np.eye(3), "maker": np.array("José", dtype=object)},
-        ),
+        columns={
+            "true_rotation": rng.normal(size=(5, 3, 3)),
+            "true_model": np.array(list("vwxyz")),
+            "camera_matrix": np.eye(3),
+            "maker": np.array("José", dtype=object),
+        },
     )
 
 
@@ -76,7 +77,7 @@ def results(rng, landmarks) -> ResultSet:
         sequences=landmarks.sequences,
         transforms=rng.normal(size=(5, 7, 2, 3)),
         mesh_vertices=rng.normal(size=(5, 3, 6)),
-        extras=landmarks.extras,
+        columns=landmarks.further,
         unit="px",
         y_axis="down",
         attributes={"method": "convex", "solve_seconds": 1.5, "count": 5, "version": "0.1.0"},
@@ -108,12 +109,11 @@ def same() -> Callable[[object, object], None]:
         assert type(one) is type(other)
         for name, value in vars(one).items():
             found = getattr(other, name)
-            if isinstance(value, Extras):
-                for part in ("per_item", "whole"):
-                    mine, theirs = getattr(value, part), getattr(found, part)
-                    assert mine.keys() == theirs.keys()
-                    for key in mine:
-                        np.testing.assert_array_equal(mine[key], theirs[key])
+            if name == "columns":
+                assert value.keys() == found.keys()
+                for key in value:
+                    kind = value[key].dtype.kind
+                    np.testing.assert_array_equal(value[key], found[key], strict=kind not in "UO")
             elif isinstance(value, np.ndarray):
                 np.testing.assert_array_equal(value, found, strict=value.dtype.kind != "U")
             else:

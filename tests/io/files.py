@@ -11,7 +11,7 @@ from shapefit.io.writing import record_writer
 
 def save(path: Path, *records: Records, to: str = "auto", **options: Any) -> Summary:
     """Write records of one kind one after the other; options are those of files in metres."""
-    with record_writer(path, records[0].FORM, to, OutputOptions(**options)) as writer:
+    with record_writer(path, records[0].LAYOUT, to, OutputOptions(**options)) as writer:
         for record in records:
             writer.append(record)
     return writer.summary

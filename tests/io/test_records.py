@@ -1,14 +1,12 @@
 """Records in memory: taking, joining, matching of landmark names."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import read_results
-from shapefit.io.extras import Extras
 from shapefit.io.landmark_names import match_landmarks
 from shapefit.io.records import LandmarkSet, ShapeSet, concatenate
 from tests.io.files import save
@@ -68,23 +66,21 @@ def test_take(request, kind, rows):
     part = record.take(rows)
     kept = np.arange(5)[rows]
     assert len(part) == len(kept)
-    for dataset in record.FORM.per_item:
+    for dataset in record.LAYOUT.per_item:
         own = getattr(record, dataset.attribute)
         if own is not None:
             taken = np.asarray(own)[kept]
             np.testing.assert_array_equal(np.asarray(getattr(part, dataset.attribute)), taken)
-    for name, values in record.extras.per_item.items():
-        np.testing.assert_array_equal(part.extras[name], values[kept])
-    for name, values in record.extras.whole.items():
-        np.testing.assert_array_equal(part.extras[name], values)
-    assert getattr(part, "attributes", {}) == getattr(record, "attributes", {})
+    for name, values in record.further.items():
+        own = values if name in record.of_file else values[kept]
+        np.testing.assert_array_equal(part.columns[name], own)
+    assert part.attributes == record.attributes
 
 
 def test_transforms_go_with_their_images(results):
     counts = [2, 0, 1, 3, 0]
     images = np.repeat(np.arange(5), counts)
-    proved = replace(
-        results,
+    proved = results.replaced(
         transform_count=np.array(counts),
         transform_atom=np.array([4, 5, 6, 0, 1, 2]),
         active_transforms=10.0 * images[:, None, None] + np.zeros((6, 2, 3)),
@@ -122,13 +118,13 @@ def test_arrange_moves_labels_with_their_landmarks(landmarks, rng, kind):
     square = np.arange(20.0).reshape(5, 4)  # has the shape of labels, by chance
     extras = {"corrupted": labels, "outliers": labels[:, :3], "bounding_box": square}
     names = ("foot", "tail", "head", "right hand", "left hand")
-    arranged = replace(landmarks, extras=extras).arrange(names)
-    moved = arranged.extras["corrupted"]
+    arranged = landmarks.replaced(further=extras).arrange(names)
+    moved = arranged.columns["corrupted"]
     assert moved.dtype == kind
     np.testing.assert_array_equal(moved[:, [2, 4, 3, 0]], labels)
     assert not moved[:, 1].any()
-    np.testing.assert_array_equal(arranged.extras["bounding_box"], square)
-    np.testing.assert_array_equal(arranged.extras["outliers"], labels[:, :3])  # of something else
+    np.testing.assert_array_equal(arranged.columns["bounding_box"], square)
+    np.testing.assert_array_equal(arranged.columns["outliers"], labels[:, :3])  # of something else
 
 
 def test_arrange_refuses_to_drop_a_landmark(landmarks, problems):
@@ -148,27 +144,35 @@ def test_arrays_of_wrong_shape_are_a_programmers_error(rng):
             landmark_names=("a",),
             items=("x", "y"),
         )
-    with pytest.raises(ValueError, match="'w'"):
-        ShapeSet(np.zeros((1, 3, 1)), ("a",), ("x",), extras=Extras({"w": np.zeros(2)}))
+    with pytest.raises(TypeError, match="confidence"):
+        ShapeSet(np.zeros((1, 3, 1)), ("a",), ("x",), confidence=np.ones((1, 1)))
 
 
-def test_extras_are_sorted_by_their_shape():
-    datasets = {"angle": np.zeros((3, 2)), "camera_matrix": np.eye(3), "colours": np.zeros((4, 3))}
-    extras = Extras.of(datasets, 3)
-    assert set(extras.per_item) == {"angle"}
-    assert set(extras.whole) == {"camera_matrix", "colours"}
-    assert set(extras) == set(datasets)
-    assert len(extras) == 3
-    assert Extras.of(extras, 3) is extras
-    per_item = Extras.of({"camera_matrix": np.zeros((3, 3, 3))}, 3)
-    assert set(per_item.per_item) == {"camera_matrix"}
+def test_columns_belong_to_the_file_or_to_its_items():
+    columns = {"angle": np.zeros((3, 2)), "camera_matrix": np.eye(3), "colours": np.zeros((4, 3))}
+    shapes = ShapeSet(np.zeros((3, 3, 1)), ("a",), ("x", "y", "z"), columns=columns)
+    assert shapes.of_file == {"camera_matrix", "colours"}
+    assert shapes.per_item("colours") is None
+    assert shapes.per_item("angle").shape == (3, 2)
+    assert shapes.further.keys() == columns.keys()
+    assert shapes.take([0]).of_file == shapes.of_file
+    each = {"camera_matrix": np.zeros((3, 3, 3))}
+    assert shapes.with_columns(each).per_item("camera_matrix") is not None
+    square = ShapeSet(
+        np.zeros((3, 3, 1)), ("a",), ("x", "y", "z"), columns={"q": np.eye(3)}, of_file=["q"]
+    )
+    assert square.take([1]).columns["q"].shape == (3, 3)
 
 
-def test_datasets_per_item_are_added_to_extras():
-    extras = Extras({"a": np.zeros(3)}, {"b": np.eye(3)}) | {"a": np.ones(3), "c": np.eye(3)}
-    assert extras["a"].tolist() == [1, 1, 1]
-    assert set(extras.per_item) == {"a", "c"}
-    assert set(extras.whole) == {"b"}
+def test_columns_are_added_replaced_and_removed():
+    shapes = ShapeSet(np.zeros((3, 3, 1)), ("a",), ("x", "y", "z"), columns={"a": np.zeros(3)})
+    more = shapes.with_columns({"a": np.ones(3), "c": np.eye(3)}, of_file=["c"])
+    assert more.columns["a"].tolist() == [1, 1, 1]
+    assert more.of_file == {"c"}
+    assert more.without(["a"]).further.keys() == {"c"}
+    assert shapes.replaced(a=None).further == {}
+    assert shapes.edges is None
+    assert not hasattr(shapes, "confidence")
 
 
 def test_a_mirror_index_belongs_to_the_file_where_there_are_as_many_shapes_as_landmarks():
@@ -177,11 +181,11 @@ def test_a_mirror_index_belongs_to_the_file_where_there_are_as_many_shapes_as_la
         shapes=np.zeros((4, 3, 4)),
         landmark_names=tuple("abcd"),
         items=tuple("wxyz"),
-        extras={"mirror_index": partners, "mass": np.arange(4.0)},
+        columns={"mirror_index": partners, "mass": np.arange(4.0)},
     )
     some = shapes.take([2, 0])
-    np.testing.assert_array_equal(some.extras["mirror_index"], partners)
-    np.testing.assert_array_equal(some.extras["mass"], [2, 0])
+    np.testing.assert_array_equal(some.columns["mirror_index"], partners)
+    np.testing.assert_array_equal(some.columns["mass"], [2, 0])
 
 
 @pytest.mark.parametrize("suffix", ["h5", "parquet"])
@@ -200,7 +204,7 @@ def test_what_a_fit_writes_beside_the_layout_has_its_axes(
     tmp_path, results, suffix, name, values, wanted
 ):
     path = tmp_path / f"result.{suffix}"
-    save(path, results.replaced(extras={name: values}))
+    save(path, results.replaced(further={name: values}))
     with pytest.raises(InputError, match=re.escape(wanted)) as caught:
         read_results(path)
     assert name in str(caught.value)

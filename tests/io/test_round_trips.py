@@ -1,6 +1,5 @@
 """Whatever is written is read back, to the last bit, in each format a record has."""
 
-from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,7 +22,6 @@ from shapefit.io import (
     write_dictionary,
     write_shapes,
 )
-from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, concatenate
 
 finite = st.floats(-LARGEST, LARGEST)
@@ -60,10 +58,10 @@ def sizes(draw):
         "items": draw(distinct(n)),
         "sequences": draw(optional(st.lists(texts, min_size=n, max_size=n).map(tuple))),
         "unit": draw(names),
-        "extras": Extras(
-            draw(st.fixed_dictionaries({}, optional={"turn": numbers((n, 2), anything)})),
-            draw(st.fixed_dictionaries({}, optional={"matrix": numbers((3, 3), anything)})),
-        ),
+        "columns": {
+            **draw(st.fixed_dictionaries({}, optional={"turn": numbers((n, 2), anything)})),
+            **draw(st.fixed_dictionaries({}, optional={"matrix": numbers((3, 3), anything)})),
+        },
     }
     return n, p, common
 
@@ -155,7 +153,7 @@ def check_table(same, found, record, kept):
     if not len(record):
         assert len(found) == 0
         return
-    bare = {f.name: getattr(record, f.name) for f in fields(record) if f.name in kept}
+    bare = {name: getattr(record, name) for name in kept}
     same(found, type(record)(**bare))
 
 
@@ -222,9 +220,9 @@ def test_real_files_come_back_as_they_were(tmp_path, real_data, same):
             chunks = list(source.chunks(500))
             for chunk in chunks:
                 writer.append(chunk)
-    assert {"true_model", "true_rotation", "camera_matrix"} <= set(chunks[0].extras)
+    assert {"true_model", "true_rotation", "camera_matrix"} <= set(chunks[0].further)
     with open_landmarks([tmp_path / "cars.h5"]) as source:
         same(concatenate(list(source.chunks(200))), concatenate(chunks))
-    plain = replace(shapes, edges=None, extras={}, unit="unknown")
+    plain = shapes.replaced(edges=None, further={}, unit="unknown")
     write_shapes(tmp_path / "again.csv", shapes)
     same(read_shapes([tmp_path / "again.csv"]), plain)

@@ -1,7 +1,5 @@
 """Several files read as one."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -17,12 +15,11 @@ ORDER = [2, 0, 3, 1]
 def permuted_shapes(shapes, order):
     """Write down the same shapes with their landmarks in another order."""
     position = np.argsort(order)
-    return replace(
-        shapes,
+    return shapes.replaced(
         shapes=shapes.shapes[..., order],
         landmark_names=tuple(shapes.landmark_names[i] for i in order),
         edges=position[shapes.edges],
-        extras={**shapes.extras, "mirror_index": position[shapes.extras["mirror_index"][order]]},
+        further={**shapes.further, "mirror_index": position[shapes.columns["mirror_index"][order]]},
     )
 
 
@@ -32,7 +29,7 @@ def views_file(path, landmarks):
 
 
 def renamed(record, prefix):
-    return replace(record, items=tuple(prefix + item for item in record.items))
+    return record.replaced(items=tuple(prefix + item for item in record.items))
 
 
 # Shapes
@@ -52,11 +49,11 @@ def test_permuted_landmarks_are_matched_by_name(tmp_path, shapes, same, suffixes
 
 
 def test_edges_and_mirror_follow_their_landmarks(tmp_path, shapes):
-    write_shapes(tmp_path / "a.h5", replace(shapes.take([0]), edges=None))
+    write_shapes(tmp_path / "a.h5", shapes.take([0]).replaced(edges=None))
     write_shapes(tmp_path / "b.h5", permuted_shapes(shapes.take([1]), ORDER))
     found = read_shapes([tmp_path / "a.h5", tmp_path / "b.h5"])
     np.testing.assert_array_equal(found.edges, shapes.edges)
-    np.testing.assert_array_equal(found.extras["mirror_index"], shapes.extras["mirror_index"])
+    np.testing.assert_array_equal(found.columns["mirror_index"], shapes.columns["mirror_index"])
 
 
 @pytest.mark.parametrize(
@@ -76,13 +73,13 @@ def test_other_landmarks(tmp_path, shapes, problems):
     one, two = tmp_path / "a.h5", tmp_path / "b.h5"
     write_shapes(one, shapes.take([0]))
     other = ("head", "left hand", "right hand", "feet")
-    write_shapes(two, replace(shapes.take([1]), landmark_names=other))
+    write_shapes(two, shapes.take([1]).replaced(landmark_names=other))
     assert problems(read_shapes, [one, two]) == (
         f"{two}: there is no landmark 'feet'; did you mean 'foot'?",
     )
     fewer = permuted_shapes(shapes.take([1]), [0, 1, 2, 3])
-    fewer = replace(
-        fewer, shapes=fewer.shapes[..., :3], landmark_names=other[:3], edges=None, extras={}
+    fewer = fewer.replaced(
+        shapes=fewer.shapes[..., :3], landmark_names=other[:3], edges=None, further={}
     )
     write_shapes(two, fewer)
     (line,) = problems(read_shapes, [one, two])
@@ -105,18 +102,18 @@ def test_shapes_that_do_not_go_together(tmp_path, shapes, problems):
     write_shapes(one, shapes.take([0]))
     part = shapes.take([1])
     for other, found in (
-        (replace(part, unit="mm"), f"its unit is 'mm', that of {one} is 'm'"),
-        (replace(part, mesh_vertices=None), f"has no mesh, unlike {one}"),
+        (part.replaced(unit="mm"), f"its unit is 'mm', that of {one} is 'm'"),
+        (part.replaced(mesh_vertices=None), f"has no mesh, unlike {one}"),
         (
-            replace(part, mesh_faces=part.mesh_faces[::-1]),
+            part.replaced(mesh_faces=part.mesh_faces[::-1]),
             f"its mesh_faces is not that of {one}",
         ),
         (
-            replace(part, extras={**part.extras, "mirror_index": np.arange(4)}),
+            part.replaced(further={**part.further, "mirror_index": np.arange(4)}),
             f"its dataset mirror_index is not that of {one}",
         ),
         (
-            replace(part, extras={**part.extras, "weight": np.zeros((1, 2))}),
+            part.replaced(further={**part.further, "weight": np.zeros((1, 2))}),
             f"its dataset weight is not that of {one}",
         ),
     ):
@@ -129,7 +126,7 @@ def test_shapes_that_do_not_go_together(tmp_path, shapes, problems):
 def test_datasets_that_only_some_files_have(tmp_path, shapes, problems):
     one, two, three = tmp_path / "a.h5", tmp_path / "b.h5", tmp_path / "c.csv"
     part = shapes.take([1])
-    write_shapes(one, replace(shapes.take([0]), mesh_vertices=None, mesh_faces=None))
+    write_shapes(one, shapes.take([0]).replaced(mesh_vertices=None, mesh_faces=None))
     write_shapes(three, part)
     fix = "give it to all files (CSV cannot hold it) or to none, or process them separately"
     assert problems(read_shapes, [one, three]) == (
@@ -138,8 +135,8 @@ def test_datasets_that_only_some_files_have(tmp_path, shapes, problems):
     assert problems(read_shapes, [three, one]) == (
         f"{one}: has the dataset mirror_index, weight, unlike {three}; {fix}",
     )
-    more = {**part.extras, "more": np.zeros(1)}
-    write_shapes(two, replace(part, mesh_vertices=None, mesh_faces=None, extras=more))
+    more = {**part.further, "more": np.zeros(1)}
+    write_shapes(two, part.replaced(mesh_vertices=None, mesh_faces=None, further=more))
     assert problems(read_shapes, [one, two]) == (
         f"{two}: has the dataset more, unlike {one}; {fix}",
     )
@@ -147,8 +144,8 @@ def test_datasets_that_only_some_files_have(tmp_path, shapes, problems):
 
 def test_files_without_sequences_units_or_shapes_go_with_others(tmp_path, shapes):
     one, two, three = tmp_path / "a.h5", tmp_path / "b.h5", tmp_path / "c.h5"
-    write_shapes(one, replace(shapes.take([0]), sequences=None, unit="unknown"))
-    write_shapes(two, replace(shapes.take([]), unit="mm", extras={}))
+    write_shapes(one, shapes.take([0]).replaced(sequences=None, unit="unknown"))
+    write_shapes(two, shapes.take([]).replaced(unit="mm", further={}))
     write_shapes(three, shapes.take([1]))
     found = read_shapes([one, two, three])
     assert found.sequences == ("", "walk")
@@ -197,9 +194,9 @@ def test_chunks_of_files_end_where_files_do(tmp_path, landmarks, same):
 
 def test_landmarks_of_files_are_united(tmp_path, landmarks):
     one = views_file(
-        tmp_path / "a.h5", replace(landmarks.take([0]), confidence=None, sequences=None)
+        tmp_path / "a.h5", landmarks.take([0]).replaced(confidence=None, sequences=None)
     )
-    other = replace(landmarks.take([1, 2]), landmark_names=("foot", "tail", "head", "right hand"))
+    other = landmarks.take([1, 2]).replaced(landmark_names=("foot", "tail", "head", "right hand"))
     two = views_file(tmp_path / "b.h5", other)
     with open_landmarks([one, two]) as source:
         chunk = source.whole()
@@ -215,7 +212,7 @@ def test_landmarks_of_files_are_united(tmp_path, landmarks):
 
 
 def test_csv_and_hdf5_together(tmp_path, landmarks):
-    plain = replace(landmarks, extras={})
+    plain = landmarks.replaced(further={})
     one = views_file(tmp_path / "a.csv", plain.take([0, 1]))
     two = views_file(tmp_path / "b.h5", plain.take([2, 3, 4]))
     with open_landmarks([one, two]) as source:
@@ -233,8 +230,8 @@ def test_landmarks_that_do_not_go_together(tmp_path, landmarks, problems):
     one = views_file(tmp_path / "a.h5", landmarks.take([0]))
     part = landmarks.take([1])
     for other, found in (
-        (replace(part, y_axis="up"), f"its y_axis is 'up', that of {one} is 'down'"),
-        (replace(part, unit="m"), f"its unit is 'm', that of {one} is 'px'"),
+        (part.replaced(y_axis="up"), f"its y_axis is 'up', that of {one} is 'down'"),
+        (part.replaced(unit="m"), f"its unit is 'm', that of {one} is 'px'"),
     ):
         two = views_file(tmp_path / "b.h5", other)
         assert problems(open_landmarks, [one, two]) == (
@@ -313,13 +310,13 @@ def test_datasets_of_files_that_are_nan_in_the_same_places_agree(tmp_path, landm
     matrix = np.diag([500.0, np.nan, 1.0])
     parts = [landmarks.take([0]), landmarks.take([1])]
     files = [
-        views_file(tmp_path / f"{i}.h5", replace(part, extras={"camera_matrix": matrix}))
+        views_file(tmp_path / f"{i}.h5", part.replaced(further={"camera_matrix": matrix}))
         for i, part in enumerate(parts)
     ]
     with open_landmarks(files) as source:
         found = source.whole()
     assert found.items == landmarks.items[:2]
-    np.testing.assert_array_equal(found.extras["camera_matrix"], matrix)
+    np.testing.assert_array_equal(found.columns["camera_matrix"], matrix)
 
 
 @pytest.mark.parametrize(("most_held", "readings"), [(8, 2), (7, 4)])
@@ -328,7 +325,7 @@ def test_names_of_few_items_are_read_once(
 ):
     """All files together: 4 items in each of two."""
     one = landmarks.take(slice(0, 4))
-    two = replace(one, items=tuple(f"{item} again" for item in one.items))
+    two = one.replaced(items=tuple(f"{item} again" for item in one.items))
     paths = [tmp_path / "one.h5", tmp_path / "two.h5"]
     for path, images in zip(paths, (one, two), strict=True):
         save(path, images)

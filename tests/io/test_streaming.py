@@ -22,7 +22,7 @@ def views(start, size):
         landmarks=np.random.default_rng(start).normal(size=(size, 2, 15)),
         landmark_names=[f"landmark {i}" for i in range(15)],
         items=[f"sequence/{i:09}" for i in range(start, start + size)],
-        extras={"true_rotation": np.zeros((size, 3, 3))},
+        columns={"true_rotation": np.zeros((size, 3, 3))},
     )
 
 def results(chunk):
@@ -34,7 +34,7 @@ def results(chunk):
         status=np.full(n, "solved"),
         landmark_names=chunk.landmark_names,
         items=chunk.items,
-        extras=chunk.extras,
+        columns=chunk.further,
     )
 """
 

@@ -71,7 +71,7 @@ def test_feet_that_are_seen_are_nearer_to_the_truth_in_the_image_and_surer(image
 def test_a_file_without_feet_has_a_result_without(images, lift):
     found = lift(images.arrange(PEOPLE, "here", leave_out=True))
     assert found.landmark_names == PEOPLE
-    assert "input_shapes" not in found.extras
+    assert "input_shapes" not in found.columns
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Images told in another way have the same shapes: files, orders, units, threads, chunks."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -87,7 +85,7 @@ def test_units_and_origin_move_with_the_shapes(bench, loss, scale, shift):
     images, fit = bench
     keys = {**TERMS[loss], "solver": {"tolerance": 1e-8}}
     expected = fit(**keys)
-    moved = replace(images, landmarks=scale * images.landmarks + shift)
+    moved = images.replaced(landmarks=scale * images.landmarks + shift)
     found = fit(moved, **keys)
     np.testing.assert_allclose(found.objective, expected.objective, rtol=1e-6)
     np.testing.assert_allclose(found.scale, scale * expected.scale, rtol=1e-9)
@@ -103,4 +101,4 @@ def test_confidence_zero_is_unseen(bench):
     seen = np.isfinite(images.landmarks[:, 0])
     confidence = np.where(seen, images.confidence, 0.0)
     anywhere = np.where(seen[:, None], images.landmarks, 7.0)
-    exactly(fit(replace(images, landmarks=anywhere, confidence=confidence)), fit())
+    exactly(fit(images.replaced(landmarks=anywhere, confidence=confidence)), fit())

@@ -1,6 +1,5 @@
 """`convert`: what can be read is written in another format, nothing lost on the way."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ from shapefit.cli.main import run as shapefit
 from shapefit.config import load_config
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks, read_results, read_shapes, write_shapes
-from shapefit.io.extras import Extras
 from shapefit.io.kinds.listing import find_kind
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.pipelines.convert import run
@@ -41,7 +39,7 @@ def landmarks(tmp_path, rng) -> LandmarkSet:
         unit="px",
         y_axis="down",
         frame_rate=50.0,
-        extras=Extras({"age": np.arange(9000)}),
+        columns={"age": np.arange(9000)},
     )
     save(tmp_path / "views.h5", images)
     return images
@@ -52,7 +50,7 @@ def test_landmarks_keep_everything_in_hdf5(tmp_path, landmarks):
     same = load(tmp_path / "same.h5")
     np.testing.assert_array_equal(same.landmarks, landmarks.landmarks)
     np.testing.assert_array_equal(same.confidence, landmarks.confidence)
-    np.testing.assert_array_equal(same.extras["age"], landmarks.extras["age"])
+    np.testing.assert_array_equal(same.columns["age"], landmarks.columns["age"])
     kept = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate")
     assert all(getattr(same, name) == getattr(landmarks, name) for name in kept)
 
@@ -162,7 +160,7 @@ def test_an_ending_that_no_writer_knows(tmp_path, capsys, command, monkeypatch):
 
 
 def test_pixels_have_two_decimals_in_csv(tmp_path, landmarks):
-    wide = replace(landmarks, landmarks=100 * landmarks.landmarks)
+    wide = landmarks.replaced(landmarks=100 * landmarks.landmarks)
     rounded = np.round(wide.landmarks, 2)
     wide.landmarks[0, 0, 0] = rounded[0, 0, 0] = 1e308  # times a hundred it is no number
     save(tmp_path / "wide.h5", wide)

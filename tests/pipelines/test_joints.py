@@ -1,7 +1,5 @@
 """Landmarks of detectors in the place of joints: which stand for which, and what is said."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -90,7 +88,7 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     back = np.linalg.inv(A)
     assert found.landmark_names == names
     np.testing.assert_allclose(found.shapes, direct.shapes @ back.T, atol=1e-5)
-    covariance = direct.extras["shape_covariance"].reshape(len(images), p, 3, p, 3)
+    covariance = direct.columns["shape_covariance"].reshape(len(images), p, 3, p, 3)
     expected = np.einsum("ij,njaka,ik->nia", back, covariance, back)
     np.testing.assert_allclose(found.shape_sd.swapaxes(1, 2), np.sqrt(expected), rtol=1e-4)
     assert "landmarks taken for joints of people" in last.note
@@ -99,8 +97,8 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
 def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
     """Those that stand for joints as they were fitted, the others where the joints put them."""
     found, _ = lift(as_detected(images, BODY), theta=MEANS)
-    names = tuple(map(str, found.extras["input_landmark_names"]))
-    points = dict(zip(names, found.extras["input_shapes"].transpose(1, 0, 2), strict=True))
+    names = tuple(map(str, found.columns["input_landmark_names"]))
+    points = dict(zip(names, found.columns["input_shapes"].transpose(1, 0, 2), strict=True))
     joint = dict(zip(found.landmark_names, found.shapes.transpose(2, 0, 1), strict=True))
     np.testing.assert_allclose(points["LKnee"], joint["lknee"], atol=1e-9)
     middle = (joint["lshoulder"] + joint["rshoulder"]) / 2
@@ -110,7 +108,7 @@ def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
         np.testing.assert_allclose(points[f"R{mark}"], joint[f"r{joint_of_foot}"], atol=1e-9)
     fitted = dict(zip(found.landmark_names, found.landmarks_fitted.transpose(2, 0, 1), strict=True))
     np.testing.assert_allclose(points["Head"][:, :2], fitted["head"], atol=1e-6)
-    sd = found.extras["input_shape_sd"]
+    sd = found.columns["input_shape_sd"]
     assert sd.shape == (24, len(names), 3)
     assert (sd > 0).all()
     np.testing.assert_allclose(sd[:, names.index("LKnee")], found.shape_sd[..., 5], rtol=1e-9)
@@ -159,7 +157,7 @@ def test_ears_are_averaged_where_seen(images):
     points[1, :, left] = np.nan
     points[2, :, [left, right]] = np.nan
     joints = find_joints(names, PEOPLE)
-    named = named_as_joints(replace(detected, landmarks=points), joints, "here")
+    named = named_as_joints(detected.replaced(landmarks=points), joints, "here")
     head = named.landmarks[..., named.landmark_names.index("head")]
     np.testing.assert_allclose(head[0], points[0][:, [left, right]].mean(axis=1))
     np.testing.assert_array_equal(head[1], points[1, :, right])
@@ -178,10 +176,10 @@ def test_the_convex_program_takes_landmarks_where_joints_are(images, lift):
     shared = dict(BODY.people)
     part = images.arrange(tuple(shared.values()), "here", leave_out=True)
     expected, _ = lift(part, method="convex")
-    named = replace(part, landmark_names=tuple(shared))
+    named = part.replaced(landmark_names=tuple(shared))
     found, _ = lift(named, method="convex")
     np.testing.assert_allclose(found.shapes, expected.shapes, atol=1e-6)
-    assert "input_shapes" not in found.extras
+    assert "input_shapes" not in found.columns
 
 
 def test_nothing_changes_where_names_match(images):

@@ -1,7 +1,6 @@
 """`project`: views of known shapes, with what is carried along and what is drawn at random."""
 
 import json
-from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -31,7 +30,7 @@ def shapes(rng):
         items=tuple(f"item{i}" for i in range(8)),
         sequences=sequences,
         unit="m",
-        extras={
+        columns={
             "subject": np.array([f"subject of {name}" for name in sequences], object),
             "mirror_index": np.array([0, 2, 1, 3, 4]),
         },
@@ -58,7 +57,7 @@ def view(folder, *parts, **keys):
 
 def test_every_image_is_the_shape_seen_under_its_true_rotation(tmp_path, shapes):
     images, _ = view(tmp_path, shapes, camera={"view": "random"})
-    R = images.extras["true_rotation"]
+    R = images.columns["true_rotation"]
     np.testing.assert_allclose(images.landmarks, (R @ shapes.shapes)[:, :2], atol=1e-12)
     np.testing.assert_allclose(R @ R.swapaxes(-1, -2), np.tile(np.eye(3), (8, 1, 1)), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-12)
@@ -70,7 +69,7 @@ def test_a_fixed_camera_uses_the_given_rotation(tmp_path, shapes):
     images, _ = view(tmp_path, shapes, camera={"view": rotation})
     np.testing.assert_array_equal(images.landmarks[:, 0], -shapes.shapes[:, 2])
     np.testing.assert_array_equal(images.landmarks[:, 1], shapes.shapes[:, 1])
-    np.testing.assert_array_equal(images.extras["true_rotation"], np.tile(rotation, (8, 1, 1)))
+    np.testing.assert_array_equal(images.columns["true_rotation"], np.tile(rotation, (8, 1, 1)))
 
 
 @pytest.mark.parametrize(("y_axis", "up"), [("down", -1), ("up", 1)])
@@ -79,7 +78,7 @@ def test_each_sequence_turns_once_whatever_stands_between_its_frames(tmp_path, s
     assert images.y_axis == y_axis
     for name, length in LENGTHS.items():
         frames = [i for i, sequence in enumerate(shapes.sequences) if sequence == name]
-        R = images.extras["true_rotation"][frames]
+        R = images.columns["true_rotation"][frames]
         turned = np.arctan2(R[:, 0, 2], R[:, 0, 0]) / (2 * np.pi) % 1
         np.testing.assert_allclose(turned, np.arange(length) / length, atol=1e-12)
         np.testing.assert_allclose(R[:, 1], np.tile([0, up, 0], (length, 1)), atol=1e-12)
@@ -88,7 +87,7 @@ def test_each_sequence_turns_once_whatever_stands_between_its_frames(tmp_path, s
 
 def test_shapes_without_sequences_are_one_sequence_over_all_blocks(tmp_path, many):
     images, _ = view(tmp_path, many, camera={"up": "z"})
-    R = images.extras["true_rotation"]
+    R = images.columns["true_rotation"]
     turned = np.arctan2(R[:, 2, 0], R[:, 0, 0]) / (2 * np.pi) % 1
     np.testing.assert_allclose(turned, np.arange(len(many)) / len(many), atol=1e-12)
     np.testing.assert_allclose(images.landmarks[:, 1], -many.shapes[:, 2], atol=1e-12)
@@ -100,8 +99,8 @@ def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes)
     assert images.items == shapes.items
     assert images.sequences == shapes.sequences
     assert (images.unit, images.y_axis, images.confidence) == ("m", "down", None)
-    assert list(images.extras["subject"]) == list(shapes.extras["subject"])
-    assert list(images.extras["mirror_index"]) == [0, 2, 1, 3, 4]
+    assert list(images.columns["subject"]) == list(shapes.columns["subject"])
+    assert list(images.columns["mirror_index"]) == [0, 2, 1, 3, 4]
 
 
 def test_the_file_says_how_it_was_made(tmp_path, shapes):
@@ -130,7 +129,7 @@ def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(tmp
 
 def test_noise_has_the_given_level(tmp_path, many):
     images, _ = view(tmp_path, many, noise=0.03)
-    exact = (images.extras["true_rotation"] @ many.shapes)[:, :2]
+    exact = (images.columns["true_rotation"] @ many.shapes)[:, :2]
     noise = images.landmarks - exact
     assert noise.std() == pytest.approx(0.03, rel=5 / np.sqrt(2 * noise.size))
 
@@ -153,7 +152,7 @@ def test_the_seed_decides(tmp_path, shapes):
 
 def test_blocks_do_not_repeat_each_other(tmp_path, many):
     images, _ = view(tmp_path, many, camera={"view": "random"})
-    R = images.extras["true_rotation"]
+    R = images.columns["true_rotation"]
     assert not np.isclose(R[:BATCH], R[BATCH : 2 * BATCH]).all(axis=(1, 2)).any()
 
 
@@ -171,7 +170,7 @@ def test_an_image_depends_on_its_place_alone(tmp_path, many):
 def test_permuted_landmarks_give_permuted_views(tmp_path, shapes):
     order = [3, 0, 4, 1, 2]
     names = tuple(NAMES[i] for i in order)
-    permuted = replace(shapes, shapes=shapes.shapes[..., order], landmark_names=names, extras={})
+    permuted = shapes.replaced(shapes=shapes.shapes[..., order], landmark_names=names, further={})
     first, _ = view(tmp_path, shapes)
     second, _ = view(tmp_path, permuted)
     assert second.landmark_names == names
@@ -211,13 +210,13 @@ def test_an_output_that_cannot_be_written_is_told_before_the_work(tmp_path):
 def test_what_came_with_the_shapes_is_no_truth_of_the_view(tmp_path, shapes):
     before = np.tile(2 * np.eye(3), (len(shapes), 1, 1))
     marks = np.arange(len(shapes))
-    known = replace(shapes, extras={"true_rotation": before, "corrupted": marks, "mass": marks})
+    known = shapes.replaced(further={"true_rotation": before, "corrupted": marks, "mass": marks})
     images, _ = view(tmp_path, known, camera={"view": "random"})
-    np.testing.assert_allclose(np.linalg.det(images.extras["true_rotation"]), 1)
-    np.testing.assert_array_equal(images.extras["input_true_rotation"], before)
-    np.testing.assert_array_equal(images.extras["input_corrupted"], marks)
-    np.testing.assert_array_equal(images.extras["mass"], marks)
-    assert "corrupted" not in images.extras
+    np.testing.assert_allclose(np.linalg.det(images.columns["true_rotation"]), 1)
+    np.testing.assert_array_equal(images.columns["input_true_rotation"], before)
+    np.testing.assert_array_equal(images.columns["input_corrupted"], marks)
+    np.testing.assert_array_equal(images.columns["mass"], marks)
+    assert "corrupted" not in images.columns
 
 
 def test_shapes_are_read_block_by_block(tmp_path, many, monkeypatch):

@@ -305,10 +305,10 @@ class TestCorruptedCars:
             read_results(tmp_path / f"out/work/{folder}/result.h5") for folder in ("1_0", "2_0.4")
         )
         assert first.items == second.items
-        assert not first.extras["corrupted"].any()
-        visible = np.isfinite(second.extras["landmarks"]).all(axis=2)
+        assert not first.columns["corrupted"].any()
+        visible = np.isfinite(second.columns["landmarks"]).all(axis=2)
         assert visible.sum(axis=1).min() >= 20
-        share = second.extras["corrupted"].sum() / visible.sum()
+        share = second.columns["corrupted"].sum() / visible.sum()
         assert share == pytest.approx(0.4, abs=0.03)
 
     def test_labels_are_judged_at_one_share_while_another_key_varies(self, sweep):

@@ -217,7 +217,7 @@ def sequence(tmp_path_factory):
                 unit="px",
                 y_axis="down",
                 frame_rate=50.0,
-                extras={"landmarks": landmarks.swapaxes(1, 2)},
+                columns={"landmarks": landmarks.swapaxes(1, 2)},
             )
         )
     write_shapes(

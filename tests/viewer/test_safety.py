@@ -45,7 +45,7 @@ def hostile(tmp_path_factory):
                 items=items,
                 sequences=sequences,
                 unit=HOSTILE[0],
-                extras={"landmarks": shapes[:, :2].swapaxes(1, 2)},
+                columns={"landmarks": shapes[:, :2].swapaxes(1, 2)},
             )
         )
         writer.attributes.update(config=json.dumps({"dictionary": f"/x/{HOSTILE[2]}.h5"}))

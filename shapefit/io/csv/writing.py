@@ -16,7 +16,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io.columns import Texts
 from shapefit.io.csv.tables import DEVIATIONS
-from shapefit.io.layout import Format
+from shapefit.io.layout import Layout
 from shapefit.io.options import Summary
 from shapefit.io.records import LandmarkSet, Records, ResultSet
 from shapefit.io.sources import is_stream
@@ -91,7 +91,7 @@ class CsvWriter:
 
 
 @contextmanager
-def csv_output(target: Path, form: Format) -> Iterator[CsvWriter]:
+def csv_output(target: Path, form: Layout) -> Iterator[CsvWriter]:
     """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
     if is_stream(target):
         if sys.stdout is None:
@@ -163,9 +163,9 @@ def _of_items(record: Records, part: slice) -> dict[str, list[str]]:
     if isinstance(record, ResultSet):
         if record.modes is not None:
             columns["modes"] = [str(count) for count in record.modes[part].tolist()]
-        if TRUSTED in record.extras:
+        if TRUSTED in record.columns:
             columns[TRUSTED] = [
-                "true" if each else "false" for each in record.extras[TRUSTED][part]
+                "true" if each else "false" for each in record.columns[TRUSTED][part]
             ]
     return columns
 

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
-from shapefit.io.extras import EDGES, Extras
 from shapefit.io.foreign.recording import FRACTION, Instances, Recording, stacked
 from shapefit.io.foreign.selection import Chosen, choose
 from shapefit.io.joined import SourceFile
 from shapefit.io.landmark_names import match_landmarks, nearest_names
+from shapefit.io.layout import EDGES
 from shapefit.io.name_index import ItemList
 from shapefit.io.options import InputOptions
 from shapefit.io.records import LandmarkSet, ShapeSet
@@ -126,7 +126,8 @@ def landmark_file(recording: Recording, options: InputOptions) -> SourceFile[Lan
             unit=recording.unit,
             y_axis=recording.y_axis,
             frame_rate=recording.frame_rate,
-            extras=Extras({FRAME: chosen.frames, **chosen.extras}, whole),
+            columns={**whole, FRAME: chosen.frames, **chosen.extras},
+            of_file=whole,
         )
 
     return SourceFile(
@@ -195,7 +196,8 @@ def shape_file(recording: Recording, options: InputOptions) -> tuple[ShapeSet, t
         edges=np.array(recording.edges, dtype=np.int64) if recording.edges else None,
         unit=recording.unit,
         frame_rate=recording.frame_rate,
-        extras=Extras(extras, dict(recording.extras)),
+        columns={**recording.extras, **extras},
+        of_file=recording.extras,
     )
     return shapes, _notes(recording, survey)
 
@@ -379,15 +381,13 @@ def _of_landmarks(shapes: ShapeSet, columns: NDArray[np.intp]) -> ShapeSet:
             if a in place and b in place:
                 pairs.append([place[a], place[b]])
         edges = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    extras = Extras.of(shapes.extras, len(shapes))
-    whole = {name: values for name, values in extras.whole.items() if name != MIRROR}
-    index = extras.whole.get(MIRROR)
+    kept = dict(shapes.columns)
+    index = kept.pop(MIRROR, None)
     if index is not None and all(int(index[old]) in place for old in place):
-        whole[MIRROR] = np.array([place[int(index[old])] for old in place])
-    return replace(
-        shapes,
+        kept[MIRROR] = np.array([place[int(index[old])] for old in place])
+    return shapes.replaced(
+        columns=kept,
         shapes=shapes.shapes[:, :, columns],
         landmark_names=tuple(shapes.landmark_names[int(j)] for j in columns),
         edges=edges,
-        extras=Extras(extras.per_item, whole),
     )

@@ -10,18 +10,18 @@ import h5py
 import numpy as np
 
 from shapefit.errors import abbreviate, input_error, printable
-from shapefit.io.extras import is_per_item
 from shapefit.io.hdf5.file import Hdf5File
 from shapefit.io.layout import (
     AXES,
-    FORMATS,
     LANDMARKS,
+    LAYOUTS,
     PER_ITEM_FLAG,
     SHAPES,
     Dataset,
-    Format,
+    Layout,
     fit_axes,
     fits_kind,
+    is_per_item,
 )
 from shapefit.io.problems import input_problems
 from shapefit.io.stored.reader import StoredReader, is_text, wanted
@@ -110,7 +110,7 @@ class Hdf5Reader(StoredReader):
 
     ATTRIBUTE = "root attribute"
 
-    def __init__(self, path: Path, form: Format) -> None:
+    def __init__(self, path: Path, form: Layout) -> None:
         super().__init__(path, form)
         self._counted = CountedRows()
         self._file = Hdf5File(path, CACHE_BYTES)
@@ -241,14 +241,14 @@ def _decoded(value: Any) -> Any:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
-def hdf5_form(path: Path) -> Format:
+def hdf5_form(path: Path) -> Layout:
     """Return the layout that an HDF5 file says it has. Raises InputError where it is not ours."""
     with Hdf5File(path) as file, file.damage():
         name = _decoded(file.attribute("format"))
         wrong = None if "format" in file.root.attrs else stranger(file.root)
     if wrong is not None:
         raise input_error(path, *wrong)
-    if not isinstance(name, str) or name not in FORMATS:
+    if not isinstance(name, str) or name not in LAYOUTS:
         found = f"is a {name} file" if isinstance(name, str) else "has a format that is no text"
-        raise input_error(path, found, f"give one of {', '.join(FORMATS)}")
-    return FORMATS[name]
+        raise input_error(path, found, f"give one of {', '.join(LAYOUTS)}")
+    return LAYOUTS[name]

@@ -15,10 +15,9 @@ import numpy as np
 
 from shapefit import core
 from shapefit.errors import InputError
-from shapefit.io.extras import Array
 from shapefit.io.hdf5.trial import mark_written
-from shapefit.io.layout import PER_ITEM_FLAG, VERSION, Format, stored_name
-from shapefit.io.stored.writer import StoredWriter, as_stored, check_alike, storable
+from shapefit.io.layout import PER_ITEM_FLAG, VERSION, Layout, stored_name
+from shapefit.io.stored.writer import Array, StoredWriter, as_stored, check_alike, storable
 from shapefit.io.whole.atomic import atomic_file, write_all
 from shapefit.stores.urls import UrlPath
 
@@ -128,7 +127,7 @@ COMPRESSION = {"compression": "gzip", "compression_opts": 1}
 
 
 @contextmanager
-def hdf5_output(target: Path, form: Format) -> Iterator[Hdf5Writer]:
+def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
     """Give a writer to a file that appears on a clean exit."""
     with atomic_file(target) as file, Hdf5Writer(file, form) as writer:
         yield writer
@@ -143,7 +142,7 @@ class Hdf5Writer(StoredWriter):
     attributes on exit.
     """
 
-    def __init__(self, file: FileIO, form: Format) -> None:
+    def __init__(self, file: FileIO, form: Layout) -> None:
         super().__init__(form)
         self._datasets: dict[str, Any] = {}
         self._chunks: dict[str, tuple[int, np.dtype[Any]]] = {}
@@ -232,7 +231,7 @@ class Hdf5Writer(StoredWriter):
         root["format"] = self._form.name
         root["version"] = VERSION
         root["unit"] = self._first.unit
-        if hasattr(self._first, "y_axis"):
+        if getattr(self._first, "y_axis", None) is not None:
             root["y_axis"] = self._first.y_axis
         if getattr(self._first, "frame_rate", None) is not None:
             root["frame_rate"] = self._first.frame_rate

@@ -115,7 +115,7 @@ def list_file(path: Path, options: InputOptions = AS_THEY_ARE) -> Listing:
             y_axis=getattr(head, "y_axis", None) if source.states_y_axis else None,
             frame_rate=head.frame_rate,
             attributes=getattr(head, "attributes", {}),
-            datasets=frozenset(head.extras),
+            datasets=frozenset(head.further),
             options=options,
         )
 

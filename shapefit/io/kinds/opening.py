@@ -22,7 +22,7 @@ from shapefit.io.foreign.table import FileFormat
 from shapefit.io.formats import find_format, find_reader
 from shapefit.io.joined import LandmarkSource, ResultSource, ShapeSource, Source, SourceFile
 from shapefit.io.landmark_names import check_known
-from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Dataset, Format
+from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Dataset, Layout
 from shapefit.io.name_index import ItemList
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.problems import Axis, check_magnitudes, warn_of_zeros
@@ -105,8 +105,8 @@ def given_source(
 
     With `gaps` landmarks of shapes may be unknown. Raises InputError as for what a file holds.
     """
-    given = Given(name, records, records.FORM)
-    check_values(given, records.FORM, gaps=gaps, items=records.items)
+    given = Given(name, records, records.LAYOUT)
+    check_values(given, records.LAYOUT, gaps=gaps, items=records.items)
     check_known(rename, [(name, records.landmark_names)])
     records = records.with_whole_points().renamed(rename, name)
     items = ItemList(lambda: [records.items], lambda row: given.place("item", row))
@@ -161,7 +161,7 @@ def write_shapes(path: Path, shapes: ShapeSet) -> None:
 
 
 def _open(
-    form: Format,
+    form: Layout,
     known: FileFormat,
     paths: tuple[Path, ...],
     options: InputOptions,
@@ -199,7 +199,7 @@ def _open(
         landmarks = Axis("landmark", records.landmark_names)
         check_magnitudes(name, records.shapes, Axis("item", records.items), landmarks)
     elif isinstance(records, LandmarkSet):
-        records = in_pixels(records, options, name)
+        records = in_pixels(records, options, name)  # type: ignore[assignment]
     if isinstance(records, LandmarkSet) and records.confidence is None:
         found = warn_of_zeros(records.landmarks.swapaxes(1, 2))
         notes += tuple(f"{name}: {text}" for text in found)
@@ -239,7 +239,7 @@ def in_pixels(images: LandmarkSet, options: InputOptions, name: str) -> Landmark
     if options.image_size is None:
         raise size_needed(name)
     size = np.array(options.image_size)[:, None]
-    return replace(images, landmarks=images.landmarks * size, unit="px")
+    return images.replaced(landmarks=images.landmarks * size, unit="px")
 
 
 def _hiding(file: SourceFile[Any], least: float) -> SourceFile[Any]:
@@ -250,8 +250,7 @@ def _hiding(file: SourceFile[Any], least: float) -> SourceFile[Any]:
     def hidden(images: LandmarkSet) -> LandmarkSet:
         assert images.confidence is not None
         doubtful = images.confidence < least
-        return replace(
-            images,
+        return images.replaced(
             landmarks=np.where(doubtful[:, None], np.nan, images.landmarks),
             confidence=np.where(doubtful, 0.0, images.confidence),
         )

@@ -10,10 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.extras import Array, names_apart
-from shapefit.io.layout import AXES, Dataset, Format, fits_kind
+from shapefit.io.layout import AXES, Dataset, Layout, fits_kind, free_names
 from shapefit.io.parquet.library import pyarrow
-from shapefit.io.stored.writer import as_stored, storable
+from shapefit.io.stored.writer import Array, as_stored, storable
 
 types = pyarrow.types
 
@@ -175,19 +174,19 @@ class Column(NamedTuple):
         return bool(pyarrow.types.is_string(self.field.type))
 
 
-def columns_of(dataset: Dataset, form: Format) -> tuple[str, ...]:
+def columns_of(dataset: Dataset, form: Layout) -> tuple[str, ...]:
     """Return the names of the columns that hold a dataset of the layout."""
     if dataset != form.points:
         return (dataset.name,)
     return COORDINATES[: int(dataset.axes[-1])]
 
 
-def further_names(names: Iterator[str], form: Format) -> dict[str, str]:
+def further_names(names: Iterator[str], form: Layout) -> dict[str, str]:
     """Return the column of each further dataset: x, y and z are taken."""
-    return names_apart(names, {*form.names, *COORDINATES})
+    return free_names(names, {*form.names, *COORDINATES})
 
 
-def to_columns(record: Any, further: Mapping[str, Array], form: Format) -> Iterator[Column]:
+def to_columns(record: Any, further: Mapping[str, Array], form: Layout) -> Iterator[Column]:
     """Yield all that a record has for each of its items, `further` datasets too, as columns."""
     for dataset in form.growing:
         value = getattr(record, dataset.attribute)
@@ -239,7 +238,7 @@ Shape = tuple[int, ...]
 
 
 def find_row_shapes(
-    form: Format,
+    form: Layout,
     fields: Mapping[str, Any],
     sizes: dict[str, int],
     length: Callable[[str], int | None],
@@ -288,7 +287,7 @@ def _shape(axes: tuple[str | int, ...], sizes: dict[str, int], row: int | None) 
     return tuple(axis if isinstance(axis, int) else sizes[axis] for axis in axes)
 
 
-def _wanted(dataset: Dataset, form: Format) -> str:
+def _wanted(dataset: Dataset, form: Layout) -> str:
     """Say how to store a dataset in a column."""
     if dataset == form.points:
         return "store lists of numbers, one for each landmark"

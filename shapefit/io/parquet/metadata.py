@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from shapefit.io.extras import Array
-from shapefit.io.layout import PLAIN_ATTRIBUTES, VERSION, Format, stored_name
+from shapefit.io.layout import PLAIN_ATTRIBUTES, VERSION, Layout, stored_name
+from shapefit.io.stored.writer import Array
 
 NAMES = "landmark_names"
 
@@ -22,7 +22,7 @@ OF_PANDAS = "PANDAS_ATTRS"
 """Where pandas puts `DataFrame.attrs`, as JSON."""
 
 
-def file_metadata(form: Format, record: Any, whole: Mapping[str, Array]) -> dict[str, str]:
+def file_metadata(form: Layout, record: Any, whole: Mapping[str, Array]) -> dict[str, str]:
     """Return the metadata of a file; `record` has what is not per item, `whole` what is beside."""
     datasets = {
         dataset.name: np.asarray(value)
@@ -36,7 +36,7 @@ def file_metadata(form: Format, record: Any, whole: Mapping[str, Array]) -> dict
         "unit": record.unit,
         NAMES: json.dumps(names.tolist(), ensure_ascii=False),
     }
-    if hasattr(record, "y_axis"):
+    if getattr(record, "y_axis", None) is not None:
         said["y_axis"] = record.y_axis
     if record.frame_rate is not None:
         said["frame_rate"] = repr(float(record.frame_rate))

@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import abbreviate, input_error
-from shapefit.io.extras import Array
 from shapefit.io.layout import (
     DICTIONARY,
-    FORMATS,
     LANDMARKS,
+    LAYOUTS,
     RESULTS,
     SHAPES,
     Dataset,
-    Format,
+    Layout,
     fit_axes,
     fits_kind,
 )
@@ -49,6 +48,7 @@ from shapefit.io.parquet.library import (
 from shapefit.io.parquet.metadata import NAMES, read_metadata, root_attributes, whole_datasets
 from shapefit.io.problems import input_problems
 from shapefit.io.stored.reader import StoredReader, is_text, wanted
+from shapefit.io.stored.writer import Array
 from shapefit.stores.reading import open_bytes
 from shapefit.stores.urls import UrlPath
 
@@ -76,7 +76,7 @@ class ParquetReader(StoredReader):
 
     ATTRIBUTE = "metadata"
 
-    def __init__(self, path: Path, form: Format) -> None:
+    def __init__(self, path: Path, form: Layout) -> None:
         super().__init__(path, form)
         self._streams: dict[tuple[str, ...], ColumnStream] = {}
         self._file, self._said = open_file(path)
@@ -115,7 +115,7 @@ class ParquetReader(StoredReader):
         """Whether the dataset has values: in Parquet all have."""
         return True
 
-    def _check(self, form: Format) -> None:
+    def _check(self, form: Layout) -> None:
         with damage(self.path):
             fields = list(self._file.schema_arrow)
         self._fields = {field.name: field for field in fields}
@@ -310,7 +310,7 @@ class ParquetReader(StoredReader):
         return int(values.size)
 
 
-def parquet_form(path: Path) -> Format:
+def parquet_form(path: Path) -> Layout:
     """Return the layout that a file says it has, or that its columns are those of."""
     file, said = open_file(path)
     with file:
@@ -329,13 +329,13 @@ def open_file(path: Path) -> tuple[Any, dict[str, str]]:
             raise
 
 
-def stated_form(path: Path, said: Mapping[str, str], columns: Collection[str]) -> Format:
+def stated_form(path: Path, said: Mapping[str, str], columns: Collection[str]) -> Layout:
     """Return the layout of a file; without a word of it, that which has such columns."""
     name = said.get("format")
     if name is not None:
-        if name in FORMATS and name != DICTIONARY.name:
-            return FORMATS[name]
-        kinds = ", ".join(known for known in FORMATS if known != DICTIONARY.name)
+        if name in LAYOUTS and name != DICTIONARY.name:
+            return LAYOUTS[name]
+        kinds = ", ".join(known for known in LAYOUTS if known != DICTIONARY.name)
         raise input_error(path, f"is a {name} file", f"give one of {kinds}")
     if {"x", "y"} <= set(columns):
         return SHAPES if "z" in columns else LANDMARKS

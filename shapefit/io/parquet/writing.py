@@ -8,12 +8,11 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
-from shapefit.io.extras import Array
-from shapefit.io.layout import Format
+from shapefit.io.layout import Layout
 from shapefit.io.parquet.columns import Column, to_columns
 from shapefit.io.parquet.library import pyarrow
 from shapefit.io.parquet.metadata import attribute_metadata, file_metadata
-from shapefit.io.stored.writer import StoredWriter, check_alike
+from shapefit.io.stored.writer import Array, StoredWriter, check_alike
 from shapefit.io.whole.atomic import atomic_file, write_all
 
 GROUP_BYTES = 1 << 25
@@ -26,7 +25,7 @@ COMPRESSION = "zstd"
 
 
 @contextmanager
-def parquet_output(target: Path, form: Format) -> Iterator[ParquetWriter]:
+def parquet_output(target: Path, form: Layout) -> Iterator[ParquetWriter]:
     """Give a writer to a file that appears on a clean exit."""
     with atomic_file(target) as file:
         sink = _Sink(file)
@@ -70,7 +69,7 @@ class ParquetWriter(StoredWriter):
     on how it is divided into records.
     """
 
-    def __init__(self, sink: _Sink, form: Format) -> None:
+    def __init__(self, sink: _Sink, form: Layout) -> None:
         super().__init__(form)
         self._sink = sink
         self._writer: Any = None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.geometry.normalisation import LARGEST
-from shapefit.io.layout import LANDMARKS, SHAPES, Format, fit_axes
+from shapefit.io.layout import LANDMARKS, SHAPES, Layout, fit_axes
 from shapefit.io.problems import Problems
 from shapefit.io.stored.reader import StoredReader
 
@@ -21,7 +21,7 @@ Bad = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 class Given:
     """Datasets in memory, with what the checks ask an open file for."""
 
-    def __init__(self, name: str, record: Any, form: Format) -> None:
+    def __init__(self, name: str, record: Any, form: Layout) -> None:
         self._name = name
         self._values: Mapping[str, Any] = {
             dataset.name: getattr(record, dataset.attribute) for dataset in form.datasets
@@ -65,7 +65,7 @@ Datasets = StoredReader | Given
 
 def check_values(
     reader: Datasets,
-    form: Format,
+    form: Layout,
     *,
     gaps: bool = False,
     part: slice | None = None,

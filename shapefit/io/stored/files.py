@@ -11,7 +11,7 @@ from typing import Any
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import FORMATS, find_format, load
 from shapefit.io.joined import SourceFile
-from shapefit.io.layout import Dataset, Format
+from shapefit.io.layout import Dataset, Layout
 from shapefit.io.name_index import ItemList
 from shapefit.io.records import LandmarkSet, Records, ResultSet, ShapeSet
 from shapefit.io.sources import source_name
@@ -19,7 +19,7 @@ from shapefit.io.stored.checks import check_values, named
 from shapefit.io.stored.reader import StoredReader
 
 
-def open_stored(path: Path, form: Format, known: Any = None) -> StoredReader:
+def open_stored(path: Path, form: Layout, known: Any = None) -> StoredReader:
     """Open a file of this layout, whose format may be known.
 
     Raises InputError where its format holds points only.
@@ -33,23 +33,23 @@ def open_stored(path: Path, form: Format, known: Any = None) -> StoredReader:
     return reader
 
 
-def stored_form(path: Path) -> Format:
+def stored_form(path: Path) -> Layout:
     """Return the layout that a file of ours says it has. Raises InputError where it has none."""
     known = find_format(path)
     if known.form is None:
         raise ValueError(f"{known.title} has no layout of its own")
-    form: Format = load(known.form)(path)
+    form: Layout = load(known.form)(path)
     return form
 
 
 KINDS: dict[str, type[Records]] = {
-    kind.FORM.name: kind for kind in (LandmarkSet, ShapeSet, ResultSet)
+    kind.LAYOUT.name: kind for kind in (LandmarkSet, ShapeSet, ResultSet)
 }
 
 
 def stored_file(
     path: Path,
-    form: Format,
+    form: Layout,
     *,
     gaps: bool = False,
     part: slice | None = None,
@@ -117,5 +117,5 @@ def read_rows(
         said["items"] = items
         without = [*without, *(known for known in reader.form.datasets if known.name == "item")]
     fields = reader.fields(rows, without=without)
-    found = kind(**fields, extras=reader.extras(rows), **said)  # type: ignore[call-arg]
+    found = kind(**fields, **reader.further(rows), **said)
     return found if kind is ResultSet else found.with_whole_points()

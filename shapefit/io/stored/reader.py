@@ -11,7 +11,6 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.extras import Extras
 from shapefit.io.layout import (
     AXES,
     FURTHER_OF_RESULTS,
@@ -20,7 +19,7 @@ from shapefit.io.layout import (
     UNKNOWN_UNIT,
     VERSION,
     Dataset,
-    Format,
+    Layout,
     fit_axes,
     fits_kind,
     plain_name,
@@ -44,7 +43,7 @@ class StoredReader(ABC):
 
     landmark_names: tuple[str, ...]
 
-    def __init__(self, path: Path, form: Format) -> None:
+    def __init__(self, path: Path, form: Layout) -> None:
         self.path = path
         self.form = form
         self._root: dict[str, Any] = {}
@@ -191,25 +190,23 @@ class StoredReader(ABC):
         self._check_fits({dataset.name: part for dataset, part in chosen.items()})
         return {dataset.attribute: self.read(dataset.name, chosen[dataset]) for dataset in chosen}
 
-    def extras(self, rows: slice = slice(None)) -> Extras:
-        """Return these rows of the datasets that the layout does not know.
+    def further(self, rows: slice = slice(None)) -> dict[str, Any]:
+        """Return these rows of the datasets that the layout does not know, as records take them.
 
         Raises InputError for those of a result that are not as a fit writes them.
         """
         per_item, whole = self._extra_names
         self._check_fits(dict.fromkeys(per_item, rows) | dict.fromkeys(whole, ()))
-        extras = Extras(
-            {name: self._values(name, rows) for name in per_item},
-            {name: np.asarray(self._values(name, ())) for name in whole},
-        )
+        columns = {name: self._values(name, rows) for name in per_item}
+        columns |= {name: np.asarray(self._values(name, ())) for name in whole}
         if self.form == RESULTS:
-            self._check_further(extras, len(range(*rows.indices(self.count))))
-        return extras
+            self._check_further(columns, len(range(*rows.indices(self.count))))
+        return {"columns": columns, "of_file": whole}
 
-    def _check_further(self, extras: Extras, count: int) -> None:
+    def _check_further(self, columns: Mapping[str, Any], count: int) -> None:
         sizes = {"n": count, "p": len(self.landmark_names)}
         for dataset in FURTHER_OF_RESULTS:
-            values = extras.get(dataset.name)
+            values = columns.get(dataset.name)
             if values is None:
                 continue
             kind = "O" if values.dtype.kind == "U" else values.dtype.kind

@@ -7,11 +7,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.io.extras import Array, Extras
-from shapefit.io.layout import Dataset, Format
+from shapefit.io.layout import Dataset, Layout
 from shapefit.io.options import Summary
 from shapefit.io.writing import NOTHING_APPENDED
+
+Array = NDArray[Any]
 
 
 def as_stored(dataset: Dataset, value: Any) -> Array:
@@ -29,12 +31,11 @@ def storable(values: Array) -> Array:
 class StoredWriter(ABC):
     """Appends records of one layout to a file.
 
-    What is not per item comes from the first record. Extras that are named like a dataset of the
-    layout are stored under another name (`names_apart`). `attributes` are stored at the end;
+    What is not per item comes from the first record. `attributes` are stored at the end;
     records that have attributes add theirs.
     """
 
-    def __init__(self, form: Format) -> None:
+    def __init__(self, form: Layout) -> None:
         self.attributes: dict[str, str | float | int] = {}
         self.summary = Summary()
         self._form = form
@@ -46,14 +47,15 @@ class StoredWriter(ABC):
 
         Raises ValueError where its landmarks or datasets are not those of the first record.
         """
-        extras = getattr(record, "extras", Extras()).apart_from(self._form.names)
+        columns = getattr(record, "further", {})
+        of_file = getattr(record, "of_file", ())
         if self._first is None:
             self._first = record.take(slice(0)) if self._form.per_item else record
-            self._whole = extras.whole
+            self._whole = {name: columns[name] for name in columns if name in of_file}
         if record.landmark_names != self._first.landmark_names:
             raise ValueError("the landmarks of this record are not those of the first")
         # What was whole in the first record is per item by chance: it has as many rows as these.
-        further = {k: values for k, values in extras.per_item.items() if k not in self._whole}
+        further = {k: values for k, values in columns.items() if k not in self._whole}
         self._write_items(record, further)
         self.attributes.update(getattr(record, "attributes", {}))
 

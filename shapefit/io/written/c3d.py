@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.layout import Format
+from shapefit.io.layout import Layout
 from shapefit.io.options import OutputOptions
 from shapefit.io.written.motion import Motion
 from shapefit.io.written.outputs import MotionWriter, by_individual, motion_output
@@ -31,7 +31,7 @@ POINT_BYTES = 16
 
 
 def c3d_output(
-    target: Path, form: Format, options: OutputOptions
+    target: Path, form: Layout, options: OutputOptions
 ) -> AbstractContextManager[MotionWriter]:
     """Give a writer to C3D files, one per individual, that appear on a clean exit.
 

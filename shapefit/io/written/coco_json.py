@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from shapefit import __version__
 from shapefit.arrays import Floats
-from shapefit.io.extras import METRES_PER_UNIT, Extras
 from shapefit.io.foreign.sources import FRAME
-from shapefit.io.layout import Format
+from shapefit.io.layout import METRES_PER_UNIT, Layout
 from shapefit.io.options import Summary
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.whole.atomic import atomic_file, write_all
@@ -82,7 +81,7 @@ class JsonWriter:
 
 
 @contextmanager
-def json_output(target: Path, form: Format) -> Iterator[JsonWriter]:
+def json_output(target: Path, form: Layout) -> Iterator[JsonWriter]:
     """Give a writer to a JSON file that appears on a clean exit."""
     with atomic_file(target) as file:
         writer = JsonWriter(lambda data: write_all(file, data))
@@ -105,8 +104,8 @@ def _image_name(item: str, sequence: str, frame: int | None) -> tuple[str, str]:
 
 
 def _annotations(record: Record, image_of: Any) -> Iterator[Object]:
-    extras = Extras.of(record.extras, len(record))
-    frames = extras.per_item.get(FRAME)
+    extras = record.columns
+    frames = record.per_item(FRAME)
     numbers = None if frames is None or frames.dtype.kind not in "iu" else frames.tolist()
     fields = list(_fields(record, extras))
     for row, item in enumerate(record.items):
@@ -124,7 +123,7 @@ def _annotations(record: Record, image_of: Any) -> Iterator[Object]:
         yield found
 
 
-def _fields(record: Record, extras: Extras) -> Iterator[tuple[str, Sequence[Any]]]:
+def _fields(record: Record, extras: dict[str, Any]) -> Iterator[tuple[str, Sequence[Any]]]:
     """Yield what annotations hold, by name, each with a value for every item."""
     landmarks = _landmarks(record, extras)
     if landmarks is not None:
@@ -151,7 +150,7 @@ def _fields(record: Record, extras: Extras) -> Iterator[tuple[str, Sequence[Any]
             yield METRES_PER_UNIT, metres.tolist()
 
 
-def _landmarks(record: Record, extras: Extras) -> Floats | None:
+def _landmarks(record: Record, extras: dict[str, Any]) -> Floats | None:
     """Return what was seen (n, p, 2), y down, nan elsewhere; None where that is not known."""
     if isinstance(record, ShapeSet):
         return None

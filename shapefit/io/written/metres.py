@@ -11,8 +11,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.geometry.length_units import metres_in
 from shapefit.geometry.upright import IMAGE_UP, TO_Y_UP, nearest_axis_up
-from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT
-from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, UNKNOWN_UNIT
 from shapefit.io.options import OutputOptions
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.skeletons import PEOPLE, people_joints
@@ -200,7 +199,7 @@ def _upright(
         turn = TO_Y_UP[up] @ rotation.swapaxes(1, 2) @ level
         axes = f"y up, the axis {up} of the extrinsics"
     has_position = (
-        CAMERA_TRANSLATION in records.extras
+        CAMERA_TRANSLATION in records.columns
         and records.translation is not None
         and records.scale is not None
     )
@@ -230,7 +229,7 @@ def _world(records: ResultSet, options: OutputOptions, place: str) -> Floats | N
         found = f"{options.world_unit!r} is no unit of length"
         raise input_error("world_unit", found, "use m, cm or mm")
     shift = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
-    return None if shift is None or EXTRINSIC_ROTATION not in records.extras else metres * shift
+    return None if shift is None or EXTRINSIC_ROTATION not in records.columns else metres * shift
 
 
 def _doubts(world: Floats | None) -> tuple[str, ...]:
@@ -267,7 +266,7 @@ def _in_frame_of(records: ResultSet, vectors: Floats) -> Floats:
 
 def _per_item(records: ResultSet, name: str, shape: tuple[int, ...], place: str) -> Floats | None:
     """Return a dataset of the file or of each item for each item (n, ...); None without it."""
-    values = records.extras.get(name)
+    values = records.columns.get(name)
     if values is None:
         return None
     n = len(records)

@@ -44,7 +44,7 @@ def find_verdicts(track: Track, factor: Floats, rate: float) -> Verdicts | None:
     factor (n,): metres in a unit of each shape.
     """
     records = track.records
-    doubts, sd = records.extras.get(DOUBT), getattr(records, "shape_sd", None)
+    doubts, sd = records.columns.get(DOUBT), getattr(records, "shape_sd", None)
     if doubts is None or sd is None:
         return None
     n = len(records)
@@ -53,7 +53,7 @@ def find_verdicts(track: Track, factor: Floats, rate: float) -> Verdicts | None:
         frames=track.frames,
         times=track.frames / rate,
         doubts=tuple(map(str, doubts)),
-        plausibility=np.asarray(records.extras.get(PLAUSIBILITY, np.full(n, np.nan)), np.float64),
+        plausibility=np.asarray(records.columns.get(PLAUSIBILITY, np.full(n, np.nan)), np.float64),
         bar=factor * np.sqrt((sd**2).sum(axis=1)).mean(axis=1),
     )
 

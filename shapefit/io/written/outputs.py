@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 
 from shapefit.errors import input_error
-from shapefit.io.layout import Format
+from shapefit.io.layout import Layout
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.whole.atomic import atomic_path, check_output
 from shapefit.io.whole.folder import staged_files, write_and_sync
@@ -28,7 +28,7 @@ Prepare = Callable[[Sequence[Motion], str], tuple[list[Motion], str]]
 Group = Callable[[Sequence[Motion]], dict[str, list[Motion]]]
 """Parts motions by file: what its name ends with -> those that it holds."""
 
-Output = Callable[[Path, Format, OutputOptions], AbstractContextManager["MotionWriter"]]
+Output = Callable[[Path, Layout, OutputOptions], AbstractContextManager["MotionWriter"]]
 
 
 class MotionWriter:
@@ -63,7 +63,7 @@ def motion_output(
     """
 
     @contextmanager
-    def output(target: Path, form: Format, options: OutputOptions) -> Iterator[MotionWriter]:
+    def output(target: Path, form: Layout, options: OutputOptions) -> Iterator[MotionWriter]:
         if isinstance(target, UrlPath):
             found = "motion can be several files, which do not appear together in an object store"
             raise input_error(target, found, "write it to this machine, and copy it there")

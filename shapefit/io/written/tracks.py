@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from shapefit.arrays import Integers
 from shapefit.errors import abbreviate, input_error
-from shapefit.io.extras import EDGES, METRES_PER_UNIT, Extras
 from shapefit.io.foreign.sources import FRAME
+from shapefit.io.layout import EDGES, METRES_PER_UNIT
 from shapefit.io.records import ResultSet, ShapeSet, concatenate
 from shapefit.io.skeletons import edges_of
 from shapefit.lifting.verdict import DOUBT, PLAUSIBILITY
@@ -44,13 +44,9 @@ class Track:
 
 def points_of(record: Solid, meshes: bool = False) -> Solid:
     """Return a record with nothing but what files of points, or of meshes too, are made of."""
-    extras = Extras.of(record.extras, len(record))
-    kept = Extras(
-        {name: values for name, values in extras.per_item.items() if name in KEPT},
-        {name: values for name, values in extras.whole.items() if name in KEPT},
-    )
+    kept = {name: values for name, values in record.further.items() if name in KEPT}
     if isinstance(record, ShapeSet):
-        return replace(record, mesh_vertices=None, mesh_faces=None, extras=kept)
+        return record.replaced(mesh_vertices=None, mesh_faces=None, further=kept)
     return ResultSet(
         shapes=record.shapes,
         coefficients=record.coefficients if meshes else None,
@@ -61,7 +57,8 @@ def points_of(record: Solid, meshes: bool = False) -> Solid:
         items=record.items,
         sequences=record.sequences,
         shape_sd=record.shape_sd,
-        extras=kept,
+        columns=kept,
+        of_file=record.of_file,
         unit=record.unit,
         y_axis=record.y_axis,
         frame_rate=record.frame_rate,
@@ -96,7 +93,7 @@ def find_tracks(parts: list[Solid], place: str) -> list[Track]:
 
 
 def _frames(records: Solid) -> Integers | None:
-    frames = records.extras.get(FRAME)
+    frames = records.columns.get(FRAME)
     if frames is None or frames.shape != (len(records),) or frames.dtype.kind not in "iu":
         return None
     return frames.astype(np.int64)

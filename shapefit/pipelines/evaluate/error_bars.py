@@ -67,7 +67,7 @@ def find_correlation(file: Path, results: ResultSet, deviation: Floats) -> Float
     Raises InputError where the covariance has another shape than the landmarks.
     """
     correlation = find_dataset(file, results, CORRELATION)
-    covariance = results.extras.get(COVARIANCE)
+    covariance = results.columns.get(COVARIANCE)
     if correlation is not None or covariance is None:
         return correlation
     n, _, p = deviation.shape

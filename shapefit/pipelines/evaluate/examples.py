@@ -193,7 +193,7 @@ def read_lifted(
     keys = [
         key
         for _, file, results in shown
-        for key in named_items(results.items, results.extras, options.match, file, "match")
+        for key in named_items(results, options.match, file, "match")
     ]
     true = truth.named(keys)
     lifted: dict[str, list[Lifted]] = {}

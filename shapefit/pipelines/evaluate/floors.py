@@ -90,9 +90,7 @@ class Floors:
         """Add the images of a file. Raises as `named_items` and `errors`."""
         left_out: Sequence[str | None] = (None,) * len(results)
         if self._leave_out is not None:
-            left_out = named_items(
-                results.items, results.extras, self._leave_out, judgement.file, KEY
-            )
+            left_out = named_items(results, self._leave_out, judgement.file, KEY)
         known = self._of_others.find(judgement.items, self._items) >= 0
         for image in np.flatnonzero((judgement.truth_rows >= 0) & ~known).tolist():
             row = judgement.truth_rows[image]

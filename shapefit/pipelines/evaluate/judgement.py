@@ -78,7 +78,7 @@ def judge(
     """
     if not len(results):
         raise input_error(file, "holds no images", "check the run that wrote it")
-    keys = named_items(results.items, results.extras, match, file, "match")
+    keys = named_items(results, match, file, "match")
     truth = named(keys)
     rows = _truth_rows(file, keys, truth)
     names = common_landmarks(file, results.landmark_names, truth.landmark_names)

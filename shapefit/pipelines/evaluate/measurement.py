@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,6 @@ from shapefit.evaluation.metric_table import (
 )
 from shapefit.evaluation.metrics import box_diagonal, visible_in_both
 from shapefit.evaluation.report import NORMALISED
-from shapefit.io.extras import Extras
 from shapefit.io.layout import RESULTS
 from shapefit.io.records import ResultSet
 from shapefit.pipelines.joints import (
@@ -49,7 +47,7 @@ def find_dataset(file: Path, results: ResultSet, wanted: Dataset) -> NDArray[Any
     if wanted.name in FIELDS:
         known: NDArray[Any] | None = getattr(results, FIELDS[wanted.name])
         return known
-    data = results.extras.get(wanted.name)
+    data = results.columns.get(wanted.name)
     if data is None:
         return None
     p = len(results.landmark_names)
@@ -104,25 +102,25 @@ def as_named(results: ResultSet, names: Sequence[str]) -> ResultSet:
 
     Where a fit lifted a detector's landmarks with a dictionary of joints, its result has both.
     """
-    extras = Extras.of(results.extras, len(results))
+    extras = results.columns
     if INPUT_NAMES not in extras or INPUT_SHAPES not in extras:
         return results
     own = tuple(map(str, extras[INPUT_NAMES]))
     if len(set(own) & set(names)) <= len(set(results.landmark_names) & set(names)):
         return results
-    per_item = {name: values for name, values in extras.per_item.items() if name not in OF_JOINTS}
+    per_item = {name: v for name, v in results.further.items() if name not in OF_JOINTS}
     per_item.pop(CORRELATION.name, None)
     if INPUT_CORRELATION in extras:
         per_item[CORRELATION.name] = extras[INPUT_CORRELATION]
-    sd = extras.per_item.get(INPUT_SD)
-    return replace(
-        results,
+    sd = results.per_item(INPUT_SD)
+    return results.replaced(
         shapes=np.swapaxes(extras[INPUT_SHAPES], 1, 2),
         shape_sd=None if sd is None else np.swapaxes(sd, 1, 2),
         landmark_names=own,
         landmarks_fitted=None,
         dual=None,
-        extras=Extras(per_item, extras.whole),
+        columns=per_item,
+        of_file=results.of_file,
     )
 
 

@@ -33,7 +33,7 @@ def fitted_image(
     the fit projects it, with a rotation per atom (convex) or in perspective, so that it lies under
     the fitted landmarks.
     """
-    extras = found.extras
+    extras = found.columns
     outliers = np.asarray(extras["outliers"][0], dtype=bool) if "outliers" in extras else None
     landmarks = np.asarray(extras["landmarks"][0], dtype=float).T
     (title,) = found.items
@@ -94,7 +94,7 @@ def _covariance(found: ResultSet) -> Floats | None:
     """Covariance (p, 3, 3) of the landmarks of one image, where the method knows it."""
     if found.shape_sd is None:
         return None
-    correlation = found.extras.get("shape_correlation")
+    correlation = found.columns.get("shape_correlation")
     return covariances(
         found.shape_sd[0],
         None if correlation is None else np.asarray(correlation[0], dtype=float).T,
@@ -114,7 +114,7 @@ def _shared(atoms: Floats, found: ResultSet) -> Floats:
 def _in_perspective(points: Floats, found: ResultSet) -> Floats:
     """Project points (n, 3, q), given in the frame and unit of the fitted shapes."""
     t, focal, centre = (
-        np.asarray(found.extras[name], dtype=float)
+        np.asarray(found.columns[name], dtype=float)
         for name in ("camera_translation", "focal", "principal_point")
     )
     camera = Camera(focal, centre, depth_sign(found.y_axis))

@@ -83,5 +83,5 @@ class ModelPlacement:
         if self.options.unit == "landmarks":
             origin[:, :2] = required(self.found.translation)
         elif self.pose.perspective:
-            origin = np.asarray(self.found.extras["position"], dtype=float)
+            origin = np.asarray(self.found.columns["position"], dtype=float)
         return origin

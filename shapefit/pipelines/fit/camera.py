@@ -6,7 +6,6 @@ They come from the config, a calibration or the landmark files. Shapes are refin
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.io import LandmarkSet
-from shapefit.io.extras import Extras
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.options import PerspectiveOptions
 
@@ -92,10 +90,10 @@ def all_aside(landmarks: Floats, camera: Camera) -> bool:
 
 def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:
     """Return focal (n, 2) and principal point (n, 2) from a dataset of the landmark files."""
-    values = images.extras.get(name)
+    values = images.columns.get(name)
     place = f"camera.intrinsics: {name}"
     if values is None:
-        there = ", ".join(sorted(images.extras))
+        there = ", ".join(sorted(images.further))
         fix = f"name one that holds cameras; there are: {there}" if there else NO_DATASETS
         raise input_error(place, "the landmarks have no such dataset", fix)
     n, shape = len(images), np.shape(values)
@@ -145,30 +143,28 @@ def straightened(images: LandmarkSet, calibrated: CalibratedCamera | None) -> La
     landmarks. A landmark that no point of the scene can have in this lens is unseen. Raises
     InputError for datasets that hold no cameras.
     """
-    extras = Extras.of(images.extras, len(images))
-    if calibrated is None and DISTORTION not in extras:
+    if calibrated is None and DISTORTION not in images.columns:
         return images
-    whole, per_item = dict(extras.whole), dict(extras.per_item)
     if calibrated is not None:
-        for name, values in datasets(calibrated).items():
-            per_item.pop(name, None)
-            whole[name] = values
-    kept = per_item if DISTORTION in per_item else whole
-    known = CAMERA_MATRIX in whole or CAMERA_MATRIX in per_item
-    if DISTORTION not in kept or not known or not np.any(kept[DISTORTION]):
-        return _with(images, images.landmarks, Extras(per_item, whole))
+        stated = datasets(calibrated)
+        images = images.with_columns(stated, of_file=stated)
+    distortion = images.columns.get(DISTORTION)
+    known = CAMERA_MATRIX in images.columns
+    if distortion is None or not known or not np.any(distortion):
+        return _with(images, images.landmarks)
     from shapefit.geometry.lens import undistort
 
-    images = _with(images, images.landmarks, Extras(per_item, whole))
+    images = _with(images, images.landmarks)
     focal, centre = read_intrinsics(images, CAMERA_MATRIX)
-    coefficients = find_coefficients(kept[DISTORTION])
+    coefficients = find_coefficients(distortion)
     if images.y_axis == "up":
         coefficients = coefficients * np.where(np.arange(coefficients.shape[-1]) == 2, -1.0, 1.0)
-    kept[REMOVED] = kept.pop(DISTORTION)
     points = (images.landmarks - centre[..., None]) / focal[..., None]
     coefficients = np.broadcast_to(coefficients, (len(images), coefficients.shape[-1]))
     straight = centre[..., None] + focal[..., None] * undistort(points, coefficients)
-    return _with(images, straight, Extras(per_item, whole))
+    of_file = {REMOVED} if DISTORTION in images.of_file else set()
+    images = images.without([DISTORTION]).with_columns({REMOVED: distortion}, of_file)
+    return _with(images, straight)
 
 
 def find_coefficients(values: Any) -> Floats:
@@ -241,6 +237,6 @@ def doubts(matrix: Floats, coefficients: Floats, size: Any) -> tuple[str, ...]:
     return ()
 
 
-def _with(images: LandmarkSet, landmarks: Floats, extras: Extras) -> LandmarkSet:
+def _with(images: LandmarkSet, landmarks: Floats) -> LandmarkSet:
     unseen = np.isnan(landmarks).any(axis=1, keepdims=True)
-    return replace(images, landmarks=np.where(unseen, np.nan, landmarks), extras=extras)
+    return images.replaced(landmarks=np.where(unseen, np.nan, landmarks))

@@ -14,7 +14,7 @@ from shapefit.arrays import Floats
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
-from shapefit.io.extras import LANDMARK_COVARIANCE
+from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.lifting.estimate import Estimator
 from shapefit.lifting.lift import Lifting, Program, fail_nonfinite, lift
 
@@ -97,7 +97,7 @@ def weigh_seen(images: LandmarkSet, least: float) -> Floats:
     Landmarks with covariances keep their confidences.
     """
     weights = images.weights()
-    if LANDMARK_COVARIANCE in images.extras:
+    if LANDMARK_COVARIANCE in images.columns:
         return weights
     return ((weights > 0) & (weights >= least)).astype(np.float64)
 
@@ -108,7 +108,7 @@ def find_covariance(images: LandmarkSet) -> Floats | None:
     Raises InputError where the dataset holds no covariances.
     """
     name = LANDMARK_COVARIANCE
-    values = images.extras.get(name)
+    values = images.columns.get(name)
     if values is None:
         return None
     shape = (len(images), len(images.landmark_names), 2, 2)

@@ -56,7 +56,7 @@ def with_camera(config: FitConfig, images: LandmarkSet) -> tuple[FitConfig, tupl
         return config, ()
     if camera.calibration is not None:
         return _with(config, model="perspective"), ("perspective camera: of the calibration",)
-    if CAMERA_MATRIX in images.extras:
+    if CAMERA_MATRIX in images.columns:
         return _stated(config, images)
     covered = find_covered(images, camera.image_size)
     weak = _with(config, model="weak-perspective")
@@ -84,7 +84,7 @@ def _stated(config: FitConfig, images: LandmarkSet) -> tuple[FitConfig, tuple[st
     mislead more than that helps. Matrices of single images are taken as they are.
     """
     line = f"perspective camera: `{CAMERA_MATRIX}` of the files"
-    matrix = np.asarray(images.extras[CAMERA_MATRIX])
+    matrix = np.asarray(images.columns[CAMERA_MATRIX])
     if matrix.shape != (3, 3) or matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
         read_intrinsics(images, CAMERA_MATRIX)
         return _with(config, model="perspective", intrinsics=CAMERA_MATRIX), (line,)
@@ -123,7 +123,7 @@ def find_covered(images: LandmarkSet, stated: tuple[float, float] | None) -> Cov
         return None
     each = np.nanmax(w[several], axis=2) - np.nanmin(w[several], axis=2)
     extent = float(np.median(np.hypot(*each.T)))
-    size = stated if stated is not None else images.extras.get("image_size")
+    size = stated if stated is not None else images.columns.get("image_size")
     if size is not None and np.shape(size) == (2,):
         known = np.asarray(size, dtype=np.float64)
         return Covered(known, True, extent) if (known > 0).all() else None

@@ -137,7 +137,7 @@ def lift_named(
     if exchanged:
         names, partner = known.landmark_names, known.mirror_index
         assert partner is not None, "check_sides"
-        other = replace(arranged, landmark_names=tuple(names[j] for j in partner))
+        other = arranged.replaced(landmark_names=tuple(names[j] for j in partner))
         arranged = other.arrange(names, "landmarks")
     seen = Mapped(joints, config.theta or MEANS, bool(joints.stand_ins)).see(known)
     return lift_images(arranged, seen, chain)
@@ -160,7 +160,7 @@ def check_skeleton(
         for other in SKELETONS.values()
         if len(other.landmark_names) == len(names) and other is not taken
         for lifting in [
-            lift_named(replace(images, landmark_names=other.landmark_names), config, dictionary)
+            lift_named(images.replaced(landmark_names=other.landmark_names), config, dictionary)
         ]
         if lifting is not None
     }

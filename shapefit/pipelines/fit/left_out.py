@@ -92,7 +92,7 @@ class UnknownItems:
 
 def find_items(images: LandmarkSet, dataset: str) -> NDArray[np.str_]:
     """Return the item that the dataset names for each image (n,); raises as `named_items`."""
-    return np.array(named_items(images.items, images.extras, dataset, KEY, KEY), dtype=str)
+    return np.array(named_items(images, dataset, KEY, KEY), dtype=str)
 
 
 def find_left_out(images: LandmarkSet, dataset: str, dictionary: Dictionary) -> NDArray[np.str_]:

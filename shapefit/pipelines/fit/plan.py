@@ -86,7 +86,7 @@ class Plan:
 
     def warn_of(self, source: LandmarkSource) -> tuple[str, ...]:
         """Say what is doubtful of the files and of the dictionary together."""
-        renamed = warn_of_names(source.head.extras) if self.stores_names else ()
+        renamed = warn_of_names(source.head.further) if self.stores_names else ()
         return (*warn_of_source(source, self.read), *self.warnings, *renamed)
 
 

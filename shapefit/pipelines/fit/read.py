@@ -109,5 +109,5 @@ def warn_of_source(source: LandmarkSource, options: ReadOptions) -> tuple[str, .
         *nothing_in(source.count, "images"),
         *source.notes,
         *name_warnings(source.head.landmark_names, options.names),
-        *find_doubts(source.head.extras, options.camera),
+        *find_doubts(source.head.further, options.camera),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,8 +13,7 @@ from shapefit.arrays import Floats
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.size import has_lengths, knows_size, metres_per_unit
 from shapefit.io import LandmarkSet, ResultSet
-from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT, Extras, names_apart
-from shapefit.io.layout import FURTHER_OF_RESULTS, RESULTS
+from shapefit.io.layout import FURTHER_OF_RESULTS, METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
 from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.verdict import DOUBT, TRUSTED, find_doubts
@@ -52,7 +51,7 @@ def as_result(
     lifting: Lifting,
     dictionary: Dictionary,
     options: RecordOptions,
-    inputs: Extras,
+    inputs: Mapping[str, NDArray[Any]],
 ) -> ResultSet:
     """Lay out a batch as it is stored, with the observed landmarks beside the fitted ones.
 
@@ -88,7 +87,8 @@ def as_result(
         y_axis=images.y_axis,
         frame_rate=options.frame_rate or images.frame_rate,
         attributes=size_attributes(dictionary),
-        extras=further_datasets(images, lifting, dictionary, options, inputs),
+        columns=further_datasets(images, lifting, dictionary, options, inputs),
+        of_file=carried_of_file(images),
     )
     record = with_trees(with_readings(record, lifting), lifting)
     return with_proof(record, lifting, optimum=options.optimum) if options.proof else record
@@ -125,8 +125,7 @@ def with_proof(record: ResultSet, lifting: Lifting, *, optimum: bool) -> ResultS
         kept = ~failed[M.image]
         M = replace(M, count=np.where(failed, 0, M.count), atom=M.atom[kept], blocks=M.blocks[kept])
     of_the_program = optimum and lifting.perspective is None
-    return replace(
-        record,
+    return record.replaced(
         dual=np.where(failed[:, None, None], np.nan, proof.dual),
         convex_translation=np.where(failed[:, None], np.nan, proof.translation),
         convex_objective=None if of_the_program else np.where(failed, np.nan, proof.objective),
@@ -144,8 +143,8 @@ def further_datasets(
     lifting: Lifting,
     dictionary: Dictionary,
     options: RecordOptions,
-    inputs: Extras,
-) -> Extras:
+    inputs: Mapping[str, NDArray[Any]],
+) -> dict[str, NDArray[Any]]:
     """Join what came with the landmarks with what only some fits have."""
     found = lifting.estimate
     seen = images.seen()[:, None, :]
@@ -167,10 +166,16 @@ def further_datasets(
     if lifting.perspective is not None:
         own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
     present = {name: values for name, values in own.items() if values is not None}
-    carried = Extras.of(images.extras, len(images))
-    carried = carried.apart_from(OF_A_RESULT) | present | inputs.per_item
+    names = free_names(images.further, OF_A_RESULT)
+    carried = {names[name]: values for name, values in images.further.items()}
     lines = {} if dictionary.edges is None else {"edges": dictionary.edges}
-    return Extras(carried.per_item, {**carried.whole, **inputs.whole, **lines})
+    return {**carried, **present, **inputs, **lines}
+
+
+def carried_of_file(images: LandmarkSet) -> tuple[str, ...]:
+    """Return which datasets that come with the landmarks belong to the file, by their new names."""
+    names = free_names(images.further, OF_A_RESULT)
+    return tuple(names[name] for name in images.of_file)
 
 
 def verdict(
@@ -194,7 +199,7 @@ def verdict(
 
 def warn_of_names(datasets: Iterable[str]) -> tuple[str, ...]:
     """Warn of datasets of the landmarks that a result cannot store under their names."""
-    names = names_apart(datasets, OF_A_RESULT)
+    names = free_names(datasets, OF_A_RESULT)
     stored = [f"{name} is stored as {new}" for name, new in names.items() if new != name]
     if not stored:
         return ()
@@ -236,8 +241,7 @@ def with_readings(record: ResultSet, lifting: Lifting) -> ResultSet:
     centroid = lifting.translation - scale * lifting.estimate.translation
     shapes = scale[image, None] * shapes
     shapes[:, :2] += (scale[image] * T + centroid[image])[:, :, None]
-    return replace(
-        record,
+    return record.replaced(
         modes=count,
         mode_objective=np.concatenate([np.zeros(0), *(one.objective for one in kept)]),
         mode_rotation=np.concatenate([np.zeros((0, 3, 3)), *(one.rotation for one in kept)]),
@@ -254,8 +258,7 @@ def with_trees(record: ResultSet, lifting: Lifting) -> ResultSet:
     kept = [tree if is_fitted else None for tree, is_fitted in zip(trees, fitted, strict=True)]
     some = [tree for tree in kept if tree is not None]
     p = record.shapes.shape[2]
-    return replace(
-        record,
+    return record.replaced(
         tree_cells=np.array([0 if tree is None else len(tree.splits) for tree in kept]),
         tree_splits=np.concatenate([np.zeros(0, int), *(tree.splits for tree in some)]),
         tree_vertices=np.array([0 if tree is None else len(tree.vertices) for tree in kept]),

@@ -203,7 +203,7 @@ def find_warnings(
 def count_doubts(record: ResultSet) -> tuple[Counted, ...]:
     """Count the images with a shape that is not to be trusted, by reason."""
     of_reason: dict[str, list[str]] = {}
-    for item, reason in zip(record.items, record.extras.get(DOUBT, ()), strict=False):
+    for item, reason in zip(record.items, record.columns.get(DOUBT, ()), strict=False):
         if reason not in ("", NO_SHAPE):  # which has failed
             of_reason.setdefault(reason, []).append(item)
     return tuple(

@@ -20,7 +20,7 @@ from shapefit.errors import InputError, counted, input_error
 from shapefit.geometry.normalisation import normalise, spread
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet
-from shapefit.io.extras import EDGES
+from shapefit.io.layout import EDGES
 from shapefit.io.records import concatenate
 from shapefit.pipelines.learn_dict.hidden import evidence_of_mirror, lift_by, predict_hidden
 from shapefit.pipelines.outcome import Outcome
@@ -89,17 +89,17 @@ def learn_from_landmarks(
         items=some.items,
         sequences=some.sequences,
         frame_rate=some.frame_rate,
-        edges=some.extras.get(EDGES),
+        edges=some.columns.get(EDGES),
     )
     gross = f"{int(state.gross.sum())} of {counted(int(some.seen().sum()), 'landmark')}"
     yield Outcome(
         line=f"{counted(len(some), 'image')}: {judgement.verdict}; {report(judgement, size)}; "
         f"{gross} gross and set aside",
-        warnings=tuple(find_doubts(judgement, flip or CAMERA_MATRIX in some.extras)),
+        warnings=tuple(find_doubts(judgement, flip or CAMERA_MATRIX in some.columns)),
     )
     # the gross ones, too: a mixture may believe them, and sets aside those that it does not
     lifted = np.where(some.seen()[:, None], images.landmarks, np.nan)
-    return Learned(some, replace(some, landmarks=lifted), shapes, state, judgement, flip)
+    return Learned(some, some.replaced(landmarks=lifted), shapes, state, judgement, flip)
 
 
 def says_something(given: LandmarkSet) -> NDArray[np.bool_]:
@@ -204,7 +204,7 @@ SURE = 5.0
 
 def decide_what_is_near(learned: Learned, made: Dictionary) -> Generator[Outcome, None, Dictionary]:
     """Return the dictionary, or its mirror image where the known cameras see that one."""
-    if learned.flip or CAMERA_MATRIX not in learned.given.extras:
+    if learned.flip or CAMERA_MATRIX not in learned.given.columns:
         return made
     gain, deviation = evidence_of_mirror(learned.given, made)
     if abs(gain) < SURE * deviation:
@@ -280,7 +280,7 @@ def relift(
         lifted = lift_by(images, mixed, method).shapes
         grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(shapes.shapes, axis=(1, 2))
         fine = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
-        shapes = replace(shapes, shapes=np.where(fine[:, None, None], lifted, shapes.shapes))
+        shapes = shapes.replaced(shapes=np.where(fine[:, None, None], lifted, shapes.shapes))
     made = yield from make(of_best, number if varied else 0, iterations, varied)
     provenance = {**made.provenance, LEARNED_FROM: "landmarks"}
     if varied:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +57,7 @@ def evidence_of_mirror(images: LandmarkSet, dictionary: Dictionary) -> tuple[flo
     w[:, 0] = 2 * middle - w[:, 0]
     kept, mirrored = (
         lift_by(each, dictionary, "posterior", CAMERA_MATRIX).estimate.further["log_evidence"]
-        for each in (some, replace(some, landmarks=w))
+        for each in (some, some.replaced(landmarks=w))
     )
     gain = (mirrored - kept)[np.isfinite(mirrored - kept)]
     if len(gain) < 2:
@@ -84,7 +84,7 @@ def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> Predicted:
     some = images.take(evenly(len(images), SAMPLE))
     seen = some.seen()
     hidden = hide(seen)
-    known = replace(some, landmarks=np.where(hidden[:, None], np.nan, some.landmarks))
+    known = some.replaced(landmarks=np.where(hidden[:, None], np.nan, some.landmarks))
     found = lift_by(known, dictionary, "posterior")
     deviation = found.estimate.deviation
     assert deviation is not None, "a posterior has deviations"

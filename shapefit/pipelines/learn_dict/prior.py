@@ -13,7 +13,6 @@ from shapefit.dictionary.variations import find_skeleton, vary
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import choose, rotation_onto
-from shapefit.io.extras import Extras
 from shapefit.pipelines.learn_dict.training_shapes import (
     TrainingOptions,
     TrainingShapes,
@@ -78,10 +77,10 @@ def find_weights(training: TrainingShapes, name: str | None) -> Floats:
     if name is None:
         return np.ones(len(training))
     place = f"prior.weights: {name}"
-    extras = Extras.of(training.original.extras, len(training)).per_item
-    if name not in extras:
+    values = training.original.per_item(name)
+    if values is None:
         raise input_error(place, "the shapes have no such dataset", "name one with their weights")
-    weights = np.asarray(extras[name])
+    weights = np.asarray(values)
     fine = weights.shape == (len(training),) and weights.dtype.kind in "fiu"
     if not fine or not (np.isfinite(weights) & (weights >= 0)).all() or not weights.any():
         raise input_error(place, "holds no weights", "give each shape a number >= 0, not all 0")

@@ -54,7 +54,7 @@ def adapt_to_landmarks(
         raise too_few(int(lifted.sum()), source.count, place)
     belief = found.estimate.further["belief"]
     seen = np.nan_to_num(belief) > BELIEVED
-    some = replace(some, landmarks=np.where(seen[:, None], some.landmarks, np.nan))
+    some = some.replaced(landmarks=np.where(seen[:, None], some.landmarks, np.nan))
     fine = np.flatnonzero(lifted & says_something(some))
     some, shapes = some.take(fine), found.shapes[fine]
     out = find_groups(some.sequences, len(some), PARTS) == 0
@@ -62,7 +62,7 @@ def adapt_to_landmarks(
     def adapted(rows: NDArray[np.bool_]) -> Generator[Outcome, None, Dictionary]:
         assert start.prior is not None, "the plan needs one"
         made, images = start.prior, some.take(rows)
-        single = images_of(replace(images, sequences=None))
+        single = images_of(images.replaced(sequences=None))
         size = spread(images.landmarks, images.seen())[:, None, None]
         of_start = Start(
             prior=start.prior,

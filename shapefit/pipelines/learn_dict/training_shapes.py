@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal
@@ -26,7 +26,6 @@ from shapefit.geometry.normalisation import SMALLEST, normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
 from shapefit.geometry.symmetry import double, lateral_axis, symmetrise
 from shapefit.io import ShapeSet, match_landmarks
-from shapefit.io.extras import Extras
 from shapefit.meshes.dense import carry_mesh
 from shapefit.pipelines.outcome import Failure, Note
 
@@ -43,11 +42,11 @@ def apply_symmetry(shapes: ShapeSet, options: TrainingOptions) -> ShapeSet:
         return shapes
     index = find_partners(shapes, options)
     lateral = lateral_axis(shapes.shapes, index)
-    bare = replace(shapes, mesh_vertices=None, mesh_faces=None)
+    bare = shapes.replaced(mesh_vertices=None, mesh_faces=None)
     if options.symmetry == "symmetrise":
-        return replace(bare, shapes=symmetrise(shapes.shapes, index, lateral))
+        return bare.replaced(shapes=symmetrise(shapes.shapes, index, lateral))
     twice = bare.take(np.tile(np.arange(len(shapes)), 2))
-    return replace(twice, shapes=double(shapes.shapes, index, lateral))
+    return twice.replaced(shapes=double(shapes.shapes, index, lateral))
 
 
 def find_partners(shapes: ShapeSet, options: TrainingOptions) -> NDArray[Any]:
@@ -56,7 +55,7 @@ def find_partners(shapes: ShapeSet, options: TrainingOptions) -> NDArray[Any]:
         return read_mirror(shapes.landmark_names, options.mirror)
     place = options.place
     fix = "give `mirror`, store the index of each landmark's mirror image, or set `symmetry: none`"
-    index = Extras.of(shapes.extras, len(shapes)).whole.get("mirror_index")
+    index = shapes.columns.get("mirror_index")
     if index is None:
         raise input_error(place, "has no dataset `mirror_index`", fix)
     points = np.arange(len(shapes.landmark_names))

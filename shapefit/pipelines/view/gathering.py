@@ -120,14 +120,14 @@ def _take(
     ):
         gathered.mesh_vertices |= dict(zip(frames.tolist(), records.mesh_vertices, strict=True))
         gathered.mesh_faces = records.mesh_faces
-    numbers = records.extras.get(FRAME)
+    numbers = records.columns.get(FRAME)
     if numbers is not None and numbers.shape == frames.shape and numbers.dtype.kind in "iuf":
         put(FRAME, numbers)
     if isinstance(records, LandmarkSet):
         put_landmarks("landmarks", _visible(records))
     if isinstance(records, ResultSet):
         _take_result(records, put, put_landmarks)
-        of_items = {name: records.extras.get(name) for name in (DOUBT, match)}
+        of_items = {name: records.columns.get(name) for name in (DOUBT, match)}
         for name, values in {"status": records.status, **of_items}.items():
             if values is not None and np.shape(values) == frames.shape:
                 texts = gathered.texts.setdefault(name, np.full(n, "", dtype=object))
@@ -149,7 +149,7 @@ def _take_result(
     put: Callable[[str, Any], None],
     put_landmarks: Callable[[str, Any], None],
 ) -> None:
-    extras = records.extras
+    extras = records.columns
     put_landmarks("landmarks", extras.get("landmarks"))
     put_landmarks("outliers", extras.get("outliers"))
     if records.shape_sd is not None:

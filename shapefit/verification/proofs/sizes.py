@@ -47,13 +47,13 @@ class Size:
 
 def _stated(result: ResultSet, name: str, *axes: int) -> Floats:
     """Return a dataset (n, *axes); inf throughout where it is absent."""
-    stated = result.extras.get(name, np.full((len(result.shapes), *axes), np.inf))
+    stated = result.columns.get(name, np.full((len(result.shapes), *axes), np.inf))
     return np.asarray(stated, np.float64)
 
 
 def check_metres(result: ResultSet, size: Size) -> list[Check]:
     """Check the metres in one unit of each shape: as large as the training shapes were."""
-    if "metres_per_unit" not in result.extras:
+    if "metres_per_unit" not in result.columns:
         return []
     stated, X = _stated(result, "metres_per_unit"), result.shapes
     i, j = size.edges.T
@@ -78,7 +78,7 @@ def check_position(result: ResultSet, size: Size) -> list[Check]:
     As large as the atoms are on average, a normalised unit is
     (sum_i c_i s_i ||B_i||^2) / (sum_i c_i ||B_i|| ||sum_i c_i B_i||).
     """
-    if "position" not in result.extras:
+    if "position" not in result.columns:
         return []
     stated, t = _stated(result, "position", 3), _stated(result, "camera_translation", 3)
     n, claim = len(stated), "position follows from the camera_translation"

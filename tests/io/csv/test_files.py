@@ -1,7 +1,6 @@
 """CSV files: what is read and written."""
 
 import os
-from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -130,8 +129,8 @@ def test_results_as_csv(tmp_path, results):
     shapes[1] = np.nan
     shapes[0, :, 0] = (0.1, 1e-7, -123456789.123456789)
     with result_writer(path) as writer:
-        writer.append(replace(results, shapes=shapes).take([0, 1]))
-        writer.append(replace(results, shapes=shapes).take([2, 3, 4]))
+        writer.append(results.replaced(shapes=shapes).take([0, 1]))
+        writer.append(results.replaced(shapes=shapes).take([2, 3, 4]))
     lines = path.read_text().splitlines()
     assert lines[0] == "item,landmark,x,y,z,sequence"
     assert lines[1] == "image 0,head,0.1,1e-7,-123456789.12345679,a"
@@ -151,7 +150,7 @@ def test_standard_output(landmarks, capfdbinary):
 def test_names_with_commas_quotes_and_line_ends(tmp_path, shapes, same, read_one):
     names = ('a,"b"', "new\nline", "return\r", " blank ")
     items = ("é", "\r\n", '"', "x\ny", "'")
-    odd = replace(shapes, landmark_names=names, items=items, sequences=("\r",) * 5)
+    odd = shapes.replaced(landmark_names=names, items=items, sequences=("\r",) * 5)
     write_shapes(tmp_path / "odd.csv", odd)
     found = read_one(tmp_path / "odd.csv")
     assert found.landmark_names == names
@@ -162,7 +161,7 @@ def test_names_with_commas_quotes_and_line_ends(tmp_path, shapes, same, read_one
 
 def test_columns_of_chunks_must_agree(tmp_path, landmarks):
     def write():
-        save(tmp_path / "views.csv", landmarks, replace(landmarks, confidence=None))
+        save(tmp_path / "views.csv", landmarks, landmarks.replaced(confidence=None))
 
     with pytest.raises(ValueError, match="not those of the first"):
         write()

@@ -30,7 +30,7 @@ def test_a_folder_its_files_and_any_order_are_one_recording(written, tmp_path):
     paths = [written(f"cam/c_{n:012d}_keypoints.json", frame(person(17))) for n in (9, 10, 2)]
     images, notes = read(tmp_path / "cam")
     assert names(images) == ["cam/2/0", "cam/9/0", "cam/10/0"]
-    assert images.extras["frame"].tolist() == [0, 7, 8]
+    assert images.columns["frame"].tolist() == [0, 7, 8]
     assert (names(read(*paths)[0]), notes) == (names(images), ())
     assert names(read(paths[0])[0]) == ["cam/9/0"]
     assert images.landmark_names[0] == "nose"

@@ -18,7 +18,7 @@ def test_mmpose_video(written):
     assert images.items == ("v/1/0", "v/2/0", "v/2/1")
     assert images.landmark_names[5] == "left_shoulder"
     assert (images.confidence == 0.5).all()
-    assert images.extras["frame"].tolist() == [1, 2, 2]
+    assert images.columns["frame"].tolist() == [1, 2, 2]
 
 
 def test_mmpose_with_names(written):

@@ -168,7 +168,7 @@ def rows_of(spot: Mapping[str, Any], entry: Mapping[str, Any], records: Any) -> 
         end = "/port {port}/{frame_index}".format(**spot["frame_label"])
         rows = np.array([item.endswith(end) for item in records.items])
     else:
-        rows = np.asarray(records.extras[FRAME]) == spot["frame"]
+        rows = np.asarray(records.columns[FRAME]) == spot["frame"]
     if isinstance(spot["individual"], str) and entry.get("individual_names"):
         rows &= np.array([spot["individual"] in names[1:] for names in parts])
     return np.flatnonzero(rows)

@@ -17,6 +17,7 @@ from shapefit.io import (
     result_writer,
     write_dictionary,
 )
+from shapefit.io.layout import free_names
 from shapefit.io.records import LandmarkSet
 from tests.io.files import save
 
@@ -59,75 +60,52 @@ def test_one_point_a_row_in_the_file_one_a_column_in_memory(shape_file, shapes):
 def test_results_keep_attributes_and_carried_datasets(result_file, results):
     found = read_results(result_file)
     assert found.attributes == results.attributes
-    assert found.extras["true_model"].tolist() == list("vwxyz")
-    np.testing.assert_array_equal(found.extras["camera_matrix"], np.eye(3))
-    assert found.extras["maker"].item() == "José"
+    assert found.columns["true_model"].tolist() == list("vwxyz")
+    np.testing.assert_array_equal(found.columns["camera_matrix"], np.eye(3))
+    assert found.columns["maker"].item() == "José"
     with h5py.File(result_file) as file:
         assert file.attrs["version"] == 1
         assert file.attrs["shapefit_version"] == "0.1.0"
         assert file.attrs["method"] == "convex"
 
 
-def test_a_carried_dataset_never_hides_one_of_the_format(tmp_path, results):
-    path = tmp_path / "result.h5"
-    extras = {"scale": np.arange(5), "item": np.array(list("abcde"))}
-    save(path, replace(results, extras=extras))
-    found = read_results(path)
-    np.testing.assert_array_equal(found.scale, results.scale)
-    np.testing.assert_array_equal(found.extras["input_scale"], np.arange(5))
-    assert found.items == results.items
-    assert found.extras["input_item"].tolist() == list("abcde")
-
-
-def test_a_carried_dataset_has_a_name_of_its_own(tmp_path, results):
-    path = tmp_path / "result.h5"
-    extras = {
-        "scale": np.full(5, 1.0),
-        "input_scale": np.full(5, 2.0),
-        "status/reason": np.full(5, 3.0),
-        "transforms": np.full(7, 4.0),
-        "plain/scale": np.full(5, 5.0),
-    }
-    with result_writer(path) as writer:
-        for rows in ([0, 1], [2, 3, 4]):
-            writer.append(replace(results, extras=extras).take(rows))
-    found = read_results(path)
-    np.testing.assert_array_equal(found.scale, results.scale)
-    assert {name: values[0] for name, values in found.extras.items()} == {
-        "input_input_scale": 1.0,
-        "input_scale": 2.0,
-        "input_status/reason": 3.0,
-        "input_transforms": 4.0,
-        "plain/scale": 5.0,
+def test_a_carried_dataset_has_a_name_of_its_own():
+    carried = ("scale", "input_scale", "status/reason", "transforms", "plain/scale")
+    assert free_names(carried, {"scale", "status", "transforms"}) == {
+        "scale": "input_input_scale",
+        "input_scale": "input_scale",
+        "status/reason": "input_status/reason",
+        "transforms": "input_transforms",
+        "plain/scale": "plain/scale",
     }
 
 
 def test_three_images_do_not_make_rows_of_the_camera_matrix(landmark_file, tmp_path):
     (chunk, _) = read_landmarks(landmark_file)
     assert len(chunk) == 3
-    np.testing.assert_array_equal(chunk.take([1]).extras["camera_matrix"], np.eye(3))
+    np.testing.assert_array_equal(chunk.take([1]).columns["camera_matrix"], np.eye(3))
     for other in ("camera_matrix", "palette"):
-        three = replace(chunk, extras=type(chunk.extras)({}, {other: np.eye(3)}))
+        three = chunk.replaced(further={other: np.eye(3)}, of_file=[other])
         save(tmp_path / "three.h5", three)
         (again,) = read_landmarks(tmp_path / "three.h5")
-        np.testing.assert_array_equal(again.take([1]).extras[other], np.eye(3))
+        np.testing.assert_array_equal(again.take([1]).columns[other], np.eye(3))
 
 
 def test_a_last_chunk_of_three_does_not_either(landmarks, tmp_path):
     path = tmp_path / "views.h5"
     with landmark_writer(path) as writer:
         for rows in ([0, 1], [2, 3, 4]):
-            writer.append(replace(landmarks.take(rows), extras={"palette": np.eye(3)}))
+            writer.append(landmarks.take(rows).replaced(further={"palette": np.eye(3)}))
     (chunk, _) = read_landmarks(path)
     assert len(chunk) == 3
-    np.testing.assert_array_equal(chunk.take([1]).extras["palette"], np.eye(3))
+    np.testing.assert_array_equal(chunk.take([1]).columns["palette"], np.eye(3))
 
 
 def test_nested_datasets_are_carried(landmark_file, tmp_path, edit):
     edit(landmark_file, **{"camera/focal": np.arange(5.0), "camera/model": "pinhole"})
     first, _ = read_landmarks(landmark_file)
-    assert first.extras["camera/focal"].tolist() == [0, 1, 2]
-    assert first.extras["camera/model"].item() == "pinhole"
+    assert first.columns["camera/focal"].tolist() == [0, 1, 2]
+    assert first.columns["camera/model"].item() == "pinhole"
     save(tmp_path / "again.h5", first)
     with h5py.File(tmp_path / "again.h5") as file:
         assert file["camera/model"].asstr()[()] == "pinhole"
@@ -199,9 +177,9 @@ def test_chunks_must_go_together(tmp_path, landmarks):
                 writer.append(chunk)
 
     for other in (
-        replace(landmarks, confidence=None),
-        replace(landmarks, landmark_names=("a", "b", "c", "d")),
-        replace(landmarks, extras={}),
+        landmarks.replaced(confidence=None),
+        landmarks.replaced(landmark_names=("a", "b", "c", "d")),
+        landmarks.replaced(further={}),
     ):
         with pytest.raises(ValueError, match="not those of the first"):
             write(landmarks, other)

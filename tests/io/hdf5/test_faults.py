@@ -287,7 +287,7 @@ def test_faults_far_into_the_file_are_named_by_their_row(
     bad[4, 0, 3] = np.inf
     items = (*landmarks.items[:3], "", "image 1")
     path = tmp_path / "views.h5"
-    save(path, replace(landmarks, landmarks=bad, items=items))
+    save(path, landmarks.replaced(landmarks=bad, items=items))
     (line,) = problems(open_landmarks, [path])
     assert line == f"{path}:/item[3]: is empty; name every item"
     edit(path, item=[*items[:3], "x", "image 1"])

@@ -1,7 +1,6 @@
 """Streams of numbers that are mostly 0: zlib is the judge."""
 
 import zlib
-from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -37,8 +36,7 @@ def test_batches_of_any_length_are_read_as_they_were(tmp_path, results, rng):
     with result_writer(tmp_path / "r.h5") as writer:
         for number, length in enumerate(lengths):
             dense = rng.random((length, 7))
-            part = replace(
-                results.take(np.arange(length) % len(results)),
+            part = results.take(np.arange(length) % len(results)).replaced(
                 coefficients=np.where(rng.random((length, 7)) < 0.2, dense, 0.0),
                 items=tuple(f"{number}/{row}" for row in range(length)),
             )

@@ -29,7 +29,7 @@ def test_points_scores_and_frame_numbers(tmp_path, text):
     nan = [np.nan] * 3
     expected = [[[1, 2, 3], [4, 5, 6]], [[1.5, 2, 3], nan], [nan, [4, 5, 6]]]
     np.testing.assert_array_equal(shapes.shapes.swapaxes(1, 2), expected)
-    np.testing.assert_array_equal(shapes.extras["confidence"], [[0.9, 0.8], [0.9, 0], [0, 1]])
+    np.testing.assert_array_equal(shapes.columns["confidence"], [[0.9, 0.8], [0.9, 0], [0, 1]])
 
 
 def test_points_of_which_nothing_more_is_said_are_named(tmp_path):

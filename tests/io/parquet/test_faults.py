@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -166,8 +165,7 @@ def test_more_than_memory_is_refused(write, problems, monkeypatch):
 
 
 def test_counts_that_do_not_fit_their_lists(tmp_path, results, rng):
-    proved = replace(
-        results,
+    proved = results.replaced(
         transform_count=[1, 0, 2, 0, 0],
         transform_atom=[1, 2, 3],
         active_transforms=rng.normal(size=(3, 2, 3)),
@@ -213,7 +211,7 @@ def test_without_pyarrow_the_fix_is_named(write, problems, without_pyarrow):
 def test_a_writing_that_fails_leaves_the_old_file(tmp_path, landmarks):
     path = tmp_path / "views.parquet"
     path.write_bytes(b"old")
-    other = replace(landmarks, confidence=None)
+    other = landmarks.replaced(confidence=None)
 
     def write():
         save(path, landmarks, other)

@@ -63,7 +63,7 @@ def test_a_table_of_lists(write, kind, value):
 def test_names_in_a_column(write):
     path = write({"item": ITEMS, "x": X, "y": Y, "landmark_names": [NAMES] * 3}, {})
     assert read(path).landmark_names == tuple(NAMES)
-    assert not read(path).extras
+    assert not read(path).further
 
 
 def test_rows_that_name_other_landmarks(write, problems):
@@ -89,8 +89,8 @@ def test_texts_as_a_dictionary_and_missing_sequences(write):
 def test_further_columns_are_carried(write):
     depths = [[[1.0, 2.0], [3.0, 4.0]]] * 3
     images = read(write({"item": ITEMS, "x": X, "y": Y, "age": [1, 2, 3], "depths": depths}))
-    np.testing.assert_array_equal(images.extras["age"], [1, 2, 3])
-    assert images.extras["depths"].shape == (3, 2, 2)
+    np.testing.assert_array_equal(images.columns["age"], [1, 2, 3])
+    assert images.columns["depths"].shape == (3, 2, 2)
 
 
 def test_a_table_with_z_holds_shapes_or_a_result(write):

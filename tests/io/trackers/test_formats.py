@@ -56,25 +56,25 @@ def test_edges_of_a_deeplabcut_project(tmp_path, points, confidence, read, name)
     place = tmp_path / "labeled-data/walk" / name
     place.parent.mkdir(parents=True)
     WRITERS[name](place, points, confidence)
-    assert "edges" not in read(place).extras
+    assert "edges" not in read(place).further
     project = tmp_path / "config.yaml"
     project.write_text("skeleton:\n- [point0, point2]\n- - point2\n  - point1\n  - tail\n- [3]\n")
-    np.testing.assert_array_equal(read(place).extras["edges"], [[0, 2], [2, 1]])
+    np.testing.assert_array_equal(read(place).columns["edges"], [[0, 2], [2, 1]])
     for text in ("skeleton: [", "skeleton: 3", "- skeleton", "scorer: me"):
         project.write_text(text)
-        assert "edges" not in read(place).extras
+        assert "edges" not in read(place).further
 
 
 def test_edges_go_with_their_landmarks(tmp_path, points, confidence, read):
     made.write_deeplabcut_csv(tmp_path / "a.csv", points, confidence)
     (tmp_path / "config.yaml").write_text("skeleton: [[point0, point1, point2, point3]]")
     found = read(tmp_path / "a.csv")
-    edges = [{found.landmark_names[end] for end in edge} for edge in found.extras["edges"]]
+    edges = [{found.landmark_names[end] for end in edge} for edge in found.columns["edges"]]
     names = found.landmark_names[:0:-1]
     moved = found.arrange((*names, "more"), leave_out=True)
     expected = [edge for edge in edges if found.landmark_names[0] not in edge]
     assert 0 < len(expected) < len(edges)
-    assert [{moved.landmark_names[end] for end in e} for e in moved.extras["edges"]] == expected
+    assert [{moved.landmark_names[end] for end in e} for e in moved.columns["edges"]] == expected
 
 
 def test_files_with_and_without_edges_are_joined(tmp_path, points, confidence):
@@ -84,7 +84,7 @@ def test_files_with_and_without_edges_are_joined(tmp_path, points, confidence):
         parts = list(source.chunks(5))
     assert len(parts) > 2
     for part in parts:
-        np.testing.assert_array_equal(part.extras["edges"], parts[0].extras["edges"])
+        np.testing.assert_array_equal(part.columns["edges"], parts[0].columns["edges"])
 
 
 def test_items_are_video_individual_frame(tmp_path, points, confidence, read):

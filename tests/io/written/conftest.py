@@ -1,12 +1,12 @@
 """A person who walks in a known world, and the result that a perfect fit of it would be."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from shapefit.geometry.upright import TO_Y_UP
-from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT, Extras
+from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.skeletons import PEOPLE
 
@@ -80,14 +80,13 @@ def seen(world: np.ndarray, R: np.ndarray, t: np.ndarray) -> ResultSet:
         landmark_names=PEOPLE,
         items=tuple(f"film/anna/{i}" for i in range(n)),
         sequences=("film/anna",) * n,
-        extras=Extras(
-            {
-                METRES_PER_UNIT: 0.4 / scale,
-                "camera_translation": origin,
-                "frame": np.arange(7, 7 + n),
-            },
-            {"extrinsic_rotation": R, "extrinsic_translation": t},
-        ),
+        columns={
+            METRES_PER_UNIT: 0.4 / scale,
+            "camera_translation": origin,
+            "frame": np.arange(7, 7 + n),
+            "extrinsic_rotation": R,
+            "extrinsic_translation": t,
+        },
         unit="px",
         y_axis="down",
         frame_rate=25.0,
@@ -109,12 +108,7 @@ def without():
     """Return a result without some of its datasets."""
 
     def reduced(result: ResultSet, *names: str) -> ResultSet:
-        extras = result.extras
-        kept = (
-            {name: values for name, values in part.items() if name not in names}
-            for part in (extras.per_item, extras.whole)
-        )
-        return replace(result, extras=Extras(*kept))
+        return result.without(names)
 
     return reduced
 
@@ -127,12 +121,11 @@ def facing():
         if y_axis == "down":
             return result
         turn = np.array([1.0, -1.0, -1.0])
-        t = result.extras["camera_translation"] * turn
-        return replace(
-            result,
+        t = result.columns["camera_translation"] * turn
+        return result.replaced(
             shapes=turn[:, None] * result.shapes,
             translation=result.translation * turn[:2],
-            extras=result.extras | {"camera_translation": t},
+            further=result.further | {"camera_translation": t},
             y_axis="up",
         )
 

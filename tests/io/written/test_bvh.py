@@ -1,7 +1,5 @@
 """BVH is read back by our reader: joints are where the landmarks of the result were."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -66,7 +64,7 @@ def test_a_result_is_in_metres_with_joints_that_are_known(tmp_path, scene):
 def test_bones_that_stretch_are_told(tmp_path, shapes):
     stretched = shapes.shapes.copy()
     stretched[2, :, PEOPLE.index("lwrist")] += [0, 0, 10]  # cm
-    summary = save(tmp_path / "man.bvh", replace(shapes, shapes=stretched), up="z")
+    summary = save(tmp_path / "man.bvh", shapes.replaced(shapes=stretched), up="z")
     found, _ = places(tmp_path / "man.bvh", ["LeftHand"])
     truth = np.stack([stretched[:, 0], stretched[:, 2], -stretched[:, 1]], axis=1) / 100
     away = np.linalg.norm(found[..., 0] - truth[..., PEOPLE.index("lwrist")], axis=1)
@@ -78,7 +76,7 @@ def test_gaps_are_bridged_and_told(tmp_path, shapes):
     points = shapes.shapes.copy()
     points[1, :, 3] = np.nan
     points[:, :, 8] = np.nan
-    summary = save(tmp_path / "man.bvh", replace(shapes, shapes=points))
+    summary = save(tmp_path / "man.bvh", shapes.replaced(shapes=points))
     assert summary.warnings == (
         "head never have a place: left out",
         "1 frame with gaps, which are bridged in straight lines",
@@ -107,10 +105,10 @@ def read_animal(rng):
 
 def test_without_edges_or_shapes_it_is_refused(tmp_path, rng, problems):
     shapes = read_animal(rng)
-    (line,) = problems(save, tmp_path / "rat.bvh", replace(shapes, edges=None))
+    (line,) = problems(save, tmp_path / "rat.bvh", shapes.replaced(edges=None))
     assert line.startswith(f"{tmp_path / 'rat.bvh'}: the landmarks have no edges, so there are no")
     assert "write TRC or C3D" in line
-    nowhere = replace(shapes, shapes=np.full_like(shapes.shapes, np.nan))
+    nowhere = shapes.replaced(shapes=np.full_like(shapes.shapes, np.nan))
     (line,) = problems(save, tmp_path / "rat.bvh", nowhere)
     assert "no two landmarks of an edge have a place in any frame" in line
     assert not list(tmp_path.iterdir())

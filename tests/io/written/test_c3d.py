@@ -1,7 +1,6 @@
 """C3D is read back by its library, in millimetres to the precision of the format."""
 
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ def test_points_come_back_in_millimetres(tmp_path, scene):
     target = tmp_path / "man.c3d"
     shapes = scene.result.shapes.copy()
     shapes[2] = np.nan
-    save(target, replace(scene.result, shapes=shapes))
+    save(target, scene.result.replaced(shapes=shapes))
     file = ezc3d.c3d(str(target))
     point = file["parameters"]["POINT"]
     assert point["UNITS"]["value"] == ["mm"]
@@ -42,9 +41,9 @@ def test_shapes_keep_their_axes_and_promise_none(tmp_path, scene, shapes):
 
 
 def test_more_frames_than_a_file_can_number(tmp_path, scene, problems):
-    late = replace(scene.result, extras=scene.result.extras | {"frame": 65530 + np.arange(4)})
+    late = scene.result.replaced(further=scene.result.further | {"frame": 65530 + np.arange(4)})
     save(tmp_path / "late.c3d", late.take(slice(0, 3)))
-    later = replace(scene.result, extras=scene.result.extras | {"frame": 65533 + np.arange(4)})
+    later = scene.result.replaced(further=scene.result.further | {"frame": 65533 + np.arange(4)})
     (line,) = problems(save, tmp_path / "later.c3d", later)
     assert (
         line == "film/anna: the frames run to 65,537, and C3D numbers 65,535 at most; write "

@@ -1,12 +1,10 @@
 """The JSON file has COCO's layout, 3D points beside those of the image, and says its units."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from shapefit.io.extras import Extras
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.records import LandmarkSet
 from shapefit.io.writing import record_writer
@@ -39,7 +37,7 @@ def landmarks(rng) -> LandmarkSet:
         unit="px",
         y_axis="down",
         frame_rate=30.0,
-        extras=Extras({"frame": np.array([0, 0, 1, 1])}, {"edges": np.array([[0, 1], [0, 2]])}),
+        columns={"frame": np.array([0, 0, 1, 1]), "edges": np.array([[0, 1], [0, 2]])},
     )
 
 
@@ -47,7 +45,7 @@ def landmarks(rng) -> LandmarkSet:
 def test_landmarks_as_annotations(tmp_path, landmarks, y_axis):
     if y_axis == "up":  # as COCO's y is down, it is turned
         turned = landmarks.landmarks * np.array([[1], [-1]])
-        given = replace(landmarks, landmarks=turned, y_axis="up")
+        given = landmarks.replaced(landmarks=turned, y_axis="up")
     else:
         given = landmarks
     parts = given.take([0, 1]), given.take([2, 3])
@@ -79,9 +77,8 @@ def test_results_keep_their_unit_and_say_what_metres_are(tmp_path, scene, facing
     n, p = len(result), len(result.landmark_names)
     seen = np.arange(n * p * 2, dtype=float).reshape(n, p, 2)
     seen[0, 0] = np.nan
-    result = replace(
-        result,
-        extras=result.extras | {"landmarks": seen},
+    result = result.replaced(
+        further=result.further | {"landmarks": seen},
         shape_sd=np.full((n, 3, p), 0.5),
         status=np.array(["converged"] * n),
     )
@@ -92,7 +89,7 @@ def test_results_keep_their_unit_and_say_what_metres_are(tmp_path, scene, facing
         points = np.array(each["keypoints_3d"]).reshape(p, 3)
         np.testing.assert_array_equal(points, result.shapes[row].T)
         assert each["keypoints_3d_sd"] == [0.5] * (3 * p)
-        assert each["metres_per_unit"] == result.extras["metres_per_unit"][row]
+        assert each["metres_per_unit"] == result.columns["metres_per_unit"][row]
         assert each["status"] == "converged"
         assert each["item"] == result.items[row]
     assert content["annotations"][0]["keypoints"][:3] == [0, 0, 0]
@@ -105,7 +102,7 @@ def test_results_keep_their_unit_and_say_what_metres_are(tmp_path, scene, facing
 def test_unknown_points_are_null(tmp_path, shapes):
     points = shapes.shapes.copy()
     points[0, :, 1] = np.nan
-    content, images = write(tmp_path / "walk.json", SHAPES, replace(shapes, shapes=points))
+    content, images = write(tmp_path / "walk.json", SHAPES, shapes.replaced(shapes=points))
     first = content["annotations"][0]
     assert first["keypoints_3d"][3:6] == [None] * 3
     assert "keypoints" not in first

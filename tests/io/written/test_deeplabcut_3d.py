@@ -1,7 +1,6 @@
 """Tables of 3D points as DeepLabCut writes them, read by csv and by our reader of such tables."""
 
 import csv
-from dataclasses import replace
 
 import numpy as np
 
@@ -21,7 +20,7 @@ def table(path):
 def test_one_individual(tmp_path, scene):
     target = tmp_path / "man.csv"
     names = ("a,b", 'c"d', *scene.result.landmark_names[2:])
-    summary = save(target, replace(scene.result, landmark_names=names), to="deeplabcut-3d")
+    summary = save(target, scene.result.replaced(landmark_names=names), to="deeplabcut-3d")
     assert summary.written == (target,)
     header, numbers = table(target)
     assert list(header) == ["scorer", "bodyparts", "coords"]
@@ -34,11 +33,10 @@ def test_one_individual(tmp_path, scene):
 
 
 def test_several_individuals_share_a_file_and_videos_do_not(tmp_path, scene):
-    result = replace(
-        scene.result,
+    result = scene.result.replaced(
         items=("film/anna/0", "film/bob/2", "film/anna/2", "other/bob/0"),
         sequences=("film/anna", "film/bob", "film/anna", "other/bob"),
-        extras=scene.result.extras | {"frame": np.array([0, 2, 2, 0])},
+        further=scene.result.further | {"frame": np.array([0, 2, 2, 0])},
     )
     film, other = save(tmp_path / "man.csv", result, to="deeplabcut-3d").written
     assert (film.name, other.name) == ("man_film.csv", "man_other.csv")

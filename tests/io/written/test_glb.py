@@ -2,7 +2,6 @@
 
 import json
 import struct
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -112,8 +111,7 @@ def test_the_skin_follows_its_bones(tmp_path, throw):
 
 def test_several_people_are_several_skins_as_far_apart_as_in_the_image(tmp_path, scene, without):
     flat = without(scene.result, "camera_translation", "extrinsic_rotation")
-    beside = replace(
-        flat,
+    beside = flat.replaced(
         items=tuple(item.replace("anna", "ben") for item in flat.items),
         sequences=("film/ben",) * len(flat),
         shapes=flat.shapes + np.array([300.0, 40, 0])[:, None],
@@ -128,7 +126,7 @@ def test_several_people_are_several_skins_as_far_apart_as_in_the_image(tmp_path,
     posed = file.posed(tmp_path / "posed.glb", 0)
     nodes = [file.parts["nodes"][skin["skeleton"]]["translation"] for skin in file.parts["skins"]]
     assert {"film/anna", "film/ben"} <= set(posed.graph.nodes)
-    metres = float(np.median(flat.extras["metres_per_unit"]))
+    metres = float(np.median(flat.columns["metres_per_unit"]))
     np.testing.assert_allclose(np.subtract(*nodes[::-1]), [300 * metres, 0, 0], atol=MILLIMETRE)
 
 

@@ -1,12 +1,10 @@
 """Results come back in metres and upright, where a planted person walked."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.extras import METRES_FROM, METRES_PER_UNIT, Extras
+from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT
 from shapefit.io.options import OutputOptions
 from shapefit.io.written.metres import ANKLE_TO_SHOULDER, find_stature, in_metres
 
@@ -24,8 +22,8 @@ def lengths(points):
 def test_with_a_calibrated_camera_the_world_comes_back(scene, y_axis, every, facing, without):
     result = facing(scene.result, y_axis)
     if every:  # extrinsics per image
-        each = {name: np.stack([result.extras[name]] * len(result)) for name in CAMERA}
-        result = replace(result, extras=without(result, *CAMERA).extras | each)
+        each = {name: np.stack([result.columns[name]] * len(result)) for name in CAMERA}
+        result = result.replaced(further=without(result, *CAMERA).further | each)
     placed = in_metres(result, NOTHING, "man.trc")
     np.testing.assert_allclose(placed.points, scene.y_up, atol=1e-12)
     assert placed.axes == "y up, the axis z of the extrinsics; position from the camera"
@@ -40,7 +38,7 @@ def test_the_user_says_which_axis_of_the_world_is_up(scene):
 def test_without_extrinsics_the_camera_is_the_origin(scene, y_axis, facing, without):
     result = without(facing(scene.result, y_axis), *CAMERA)
     points = in_metres(result, NOTHING, "man.trc").points
-    R, t = (scene.result.extras[name] for name in CAMERA)
+    R, t = (scene.result.columns[name] for name in CAMERA)
     expected = np.diag([1, -1, -1]) @ (R @ scene.world + t[:, None])
     np.testing.assert_allclose(points, expected, atol=1e-12)
 
@@ -65,16 +63,16 @@ def test_weak_perspective_moves_in_the_plane_of_the_image(scene, without):
     result = without(scene.result, "camera_translation", *CAMERA)
     middle = in_metres(result, NOTHING, "man.trc").points.mean(axis=2)
     np.testing.assert_allclose(middle[:, 2], 0, atol=1e-12)
-    factor = np.median(scene.result.extras[METRES_PER_UNIT])
+    factor = np.median(scene.result.columns[METRES_PER_UNIT])
     way = factor * (scene.result.shapes.mean(axis=2)[:, 0])
     np.testing.assert_allclose(middle[:, 0] - middle[0, 0], way - way[0], atol=1e-12)
 
 
 def test_a_size_by_spread_is_one_for_the_sequence(scene, without):
-    result = replace(scene.result, attributes={METRES_FROM: "spread"})
+    result = scene.result.replaced(attributes={METRES_FROM: "spread"})
     result = without(result, "camera_translation", *CAMERA)
     points = in_metres(result, NOTHING, "man.trc").points
-    factor = np.median(result.extras[METRES_PER_UNIT])
+    factor = np.median(result.columns[METRES_PER_UNIT])
     np.testing.assert_allclose(lengths(points), factor * lengths(result.shapes), atol=1e-12)
 
 
@@ -96,7 +94,7 @@ def test_height_sets_the_size(scene, sized, without):
 def test_height_of_other_objects_is_their_largest_extent_upright(scene, without):
     result = without(scene.result, METRES_PER_UNIT, "camera_translation")
     names = tuple(f"point {i}" for i in range(15))
-    result = replace(result, landmark_names=names, shapes=result.shapes[:1].repeat(4, axis=0))
+    result = result.replaced(landmark_names=names, shapes=result.shapes[:1].repeat(4, axis=0))
     points = in_metres(result, OutputOptions(height=0.3), "car.trc").points
     assert np.ptp(points[0, 1]) == pytest.approx(0.3)
 
@@ -105,10 +103,10 @@ def test_failed_items_stay_gaps(scene, without):
     shapes = scene.result.shapes.copy()
     shapes[1] = np.nan
     for result in (scene.result, without(scene.result, "camera_translation")):
-        points = in_metres(replace(result, shapes=shapes), NOTHING, "man.trc").points
+        points = in_metres(result.replaced(shapes=shapes), NOTHING, "man.trc").points
         assert np.isnan(points[1]).all()
         assert np.isfinite(points[[0, 2, 3]]).all()
-    nothing = replace(result, shapes=np.full_like(shapes, np.nan))
+    nothing = result.replaced(shapes=np.full_like(shapes, np.nan))
     for options in (NOTHING, OutputOptions(height=1.7)):
         assert np.isnan(in_metres(nothing, options, "man.trc").points).all()
 
@@ -122,7 +120,7 @@ def test_shapes_are_converted_and_keep_their_axes(scene, shapes):
 
 
 def test_shapes_of_unknown_unit(scene, shapes):
-    unknown = replace(shapes, unit="unknown")
+    unknown = shapes.replaced(unit="unknown")
     with pytest.raises(InputError, match=r"walk\.trc: .*not known; give it, e\.g\. `--set unit=m`"):
         in_metres(unknown, NOTHING, "walk.trc")
     points = in_metres(unknown, OutputOptions(unit="cm"), "walk.trc").points
@@ -152,15 +150,14 @@ def test_up_needs_a_world(scene, without):
 
 @pytest.mark.parametrize("name", [METRES_PER_UNIT, "camera_translation"])
 def test_a_dataset_of_another_shape(scene, name):
-    extras = scene.result.extras | {name: np.ones((4, 7))}
+    extras = scene.result.further | {name: np.ones((4, 7))}
     with pytest.raises(InputError, match=rf"dataset {name} has the shape \(4, 7\)"):
-        in_metres(replace(scene.result, extras=extras), NOTHING, "man.trc")
+        in_metres(scene.result.replaced(further=extras), NOTHING, "man.trc")
 
 
 def test_a_world_in_millimetres(scene):
-    far = 1000 * scene.result.extras["extrinsic_translation"]
-    whole = dict(scene.result.extras.whole) | {"extrinsic_translation": far}
-    result = replace(scene.result, extras=Extras(scene.result.extras.per_item, whole))
+    far = 1000 * scene.result.columns["extrinsic_translation"]
+    result = scene.result.replaced(extrinsic_translation=far)
     placed = in_metres(result, OutputOptions(world_unit="mm"), "man.trc")
     np.testing.assert_allclose(placed.points, scene.y_up, atol=1e-12)
     assert placed.warnings == ()

@@ -2,7 +2,6 @@
 
 import errno
 import os
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -21,11 +20,10 @@ from tests.io.files import save
 @pytest.fixture
 def several(scene):
     """A result of two individuals, two frames each."""
-    return replace(
-        scene.result,
+    return scene.result.replaced(
         items=("a/0", "a/1", "b/0", "b/1"),
         sequences=("a", "a", "b", "b"),
-        extras=scene.result.extras | {"frame": np.array([0, 1, 0, 1])},
+        further=scene.result.further | {"frame": np.array([0, 1, 0, 1])},
     )
 
 
@@ -95,7 +93,7 @@ def test_a_folder_in_the_way(tmp_path, several, problems):
 
 
 def test_names_that_no_file_can_have(tmp_path, several):
-    odd = replace(several, sequences=("a:b", "a:b", "../c", "../c"))
+    odd = several.replaced(sequences=("a:b", "a:b", "../c", "../c"))
     written = save(tmp_path / "man.trc", odd).written
     assert [path.name for path in written] == ["man_a%3Ab.trc", "man_.._c.trc"]
     assert all(path.is_file() for path in written)
@@ -119,12 +117,12 @@ def test_names_without_what_all_begin_with():
 
 
 def test_names_of_files_have_no_spaces(tmp_path, several):
-    record = replace(several, sequences=("a b", "a b", "a_b", "a_b"))
+    record = several.replaced(sequences=("a b", "a b", "a_b", "a_b"))
     written = [path.name for path in save(tmp_path / "man.trc", record).written]
     assert written == ["man_a_b.trc", "man_a_b_2.trc"]
     assert sorted(os.listdir(tmp_path)) == sorted(written)
 
 
 def test_items_of_no_sequence_are_no_motion(tmp_path, several, problems):
-    (line,) = problems(save, tmp_path / "man.trc", replace(several, sequences=None))
+    (line,) = problems(save, tmp_path / "man.trc", several.replaced(sequences=None))
     assert "a/0, a/1, b/0, b/1 belong to no sequence: they are no motion; read them with" in line

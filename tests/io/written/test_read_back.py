@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from shapefit.io import read_shapes
-from shapefit.io.extras import Extras
 from shapefit.io.records import LandmarkSet
 from tests.io.files import load, save
 
@@ -37,7 +36,7 @@ def test_coco(tmp_path, rng):
         items=("film/0/0", "film/0/1", "film/1/0", "film/2/0"),
         unit="px",
         y_axis="down",
-        extras=Extras({"frame": np.array([0, 0, 1, 2])}),
+        columns={"frame": np.array([0, 0, 1, 2])},
     )
     save(tmp_path / "film.json", given)
     back = load(tmp_path / "film.json")

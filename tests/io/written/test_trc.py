@@ -1,7 +1,5 @@
 """TRC is read back, cell by cell, by a parser that shares nothing with the writer."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -45,7 +43,7 @@ def test_frames_are_sorted_and_those_missing_are_gaps(tmp_path, scene):
     result = scene.result.take([3, 0, 2])
     shapes = result.shapes.copy()
     shapes[2] = np.nan  # frame 9 failed
-    result = replace(result, shapes=shapes, frame_rate=None)
+    result = result.replaced(shapes=shapes, frame_rate=None)
     target = tmp_path / "man.trc"
     summary = save(target, result)
     _, header, _, rows = parse(target)
@@ -64,7 +62,7 @@ def test_an_unknown_landmark_is_an_empty_cell(tmp_path, shapes, scene):
     points = shapes.shapes.copy()
     points[1, :, 4] = np.nan
     target = tmp_path / "walk.trc"
-    save(target, replace(shapes, shapes=points), up="z")
+    save(target, shapes.replaced(shapes=points), up="z")
     rows = parse(target)[3]
     found = rows[:, 2:].reshape(4, 15, 3).swapaxes(1, 2)
     assert np.isnan(found[1, :, 4]).all()
@@ -73,11 +71,10 @@ def test_an_unknown_landmark_is_an_empty_cell(tmp_path, shapes, scene):
 
 
 def test_each_individual_has_a_file(tmp_path, scene, rng):
-    several = replace(
-        scene.result,
+    several = scene.result.replaced(
         items=("film/anna/0", "film/anna/1", "film/person 2/0", "film/person 2/1"),
         sequences=("film/anna",) * 2 + ("film/person 2",) * 2,
-        extras=scene.result.extras | {"frame": np.array([0, 1, 0, 1])},
+        further=scene.result.further | {"frame": np.array([0, 1, 0, 1])},
     )
     summary = save(tmp_path / "man.trc", several)
     names = [path.name for path in summary.written]
@@ -87,13 +84,13 @@ def test_each_individual_has_a_file(tmp_path, scene, rng):
 
 
 def test_names_with_tabs_do_not_shift_columns(tmp_path, shapes):
-    odd = replace(shapes, landmark_names=("a\tb", "c\nd", *shapes.landmark_names[2:]))
+    odd = shapes.replaced(landmark_names=("a\tb", "c\nd", *shapes.landmark_names[2:]))
     save(tmp_path / "odd.trc", odd)
     assert parse(tmp_path / "odd.trc")[2][:2] == ["a\\tb", "c\\nd"]
 
 
 def test_two_items_of_one_frame(tmp_path, scene, problems):
-    twice = replace(scene.result, extras=scene.result.extras | {"frame": np.array([0, 0, 1, 2])})
+    twice = scene.result.replaced(further=scene.result.further | {"frame": np.array([0, 0, 1, 2])})
     (line,) = problems(save, tmp_path / "man.trc", twice)
     assert "'film/anna/0' and 'film/anna/1' are of one frame" in line
     assert "track: nearest" in line
@@ -101,7 +98,9 @@ def test_two_items_of_one_frame(tmp_path, scene, problems):
 
 
 def test_frames_too_far_apart(tmp_path, scene, problems):
-    far = replace(scene.result, extras=scene.result.extras | {"frame": np.array([0, 1, 2, 10**9])})
+    far = scene.result.replaced(
+        further=scene.result.further | {"frame": np.array([0, 1, 2, 10**9])}
+    )
     (line,) = problems(save, tmp_path / "man.trc", far)
     assert "4 items in 1,000,000,001 frames of film/anna" in line
 
@@ -109,7 +108,7 @@ def test_frames_too_far_apart(tmp_path, scene, problems):
 @pytest.mark.parametrize("n", [0, 1, 5000])
 def test_any_number_of_frames(tmp_path, shapes, n):
     rows = np.arange(n) % len(shapes)
-    many = replace(shapes.take(rows), items=tuple(map(str, range(n))), sequences=None, unit="m")
+    many = shapes.take(rows).replaced(items=tuple(map(str, range(n))), sequences=None, unit="m")
     save(tmp_path / "many.trc", many)
     if n:
         found = parse(tmp_path / "many.trc")[3]

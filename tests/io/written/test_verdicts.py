@@ -1,12 +1,11 @@
 """Beside a file of motion: which of its frames are to be trusted."""
 
 import csv
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from shapefit.io.extras import METRES_PER_UNIT, Extras
+from shapefit.io.layout import METRES_PER_UNIT
 from shapefit.io.records import ResultSet
 from tests.io.files import save
 
@@ -32,7 +31,7 @@ def record(rng):
         frame_rate=50.0,
         unit="px",
         attributes={"metres_from": "edges"},
-        extras=Extras.of(extras, 4),
+        columns=extras,
     )
 
 
@@ -67,7 +66,7 @@ def test_each_motion_has_its_table(record, written, tmp_path, ending):
 
 
 def test_what_is_not_judged_has_no_table(record, written):
-    bare = replace(record, extras=Extras.of({METRES_PER_UNIT: np.full(4, 0.01)}, 4))
+    bare = record.replaced(further={METRES_PER_UNIT: np.full(4, 0.01)})
     assert written(bare, "walk.trc") == ["walk_a.trc", "walk_b.trc"]
 
 

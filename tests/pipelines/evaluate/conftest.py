@@ -43,7 +43,7 @@ def results(truth, rng):
         items=truth.items,
         sequences=SEQUENCES,
         unit="m",
-        extras={"true_rotation": R, "landmarks": (R @ truth.shapes)[:, :2].swapaxes(-1, -2)},
+        columns={"true_rotation": R, "landmarks": (R @ truth.shapes)[:, :2].swapaxes(-1, -2)},
     )
 
 

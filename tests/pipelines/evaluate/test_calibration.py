@@ -1,7 +1,6 @@
 """Error bars in a report: tables, files, what is left out, and images drawn from a prior."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +19,9 @@ def sure(results, rng):
     """Results with error bars and plausibilities; item1 is the least plausible."""
     correlation = rng.uniform(-0.3, 0.3, (N, 5, 3))
     own = {"shape_correlation": correlation, "plausibility": np.array([0.5, 0.1, *[0.9] * 5])}
-    return replace(results, shape_sd=rng.uniform(0.1, 0.3, (N, 3, 5)), extras=results.extras | own)
+    return results.replaced(
+        shape_sd=rng.uniform(0.1, 0.3, (N, 3, 5)), further=results.further | own
+    )
 
 
 @pytest.fixture
@@ -39,8 +40,8 @@ def reported(desk, sure):
 def test_the_tables_hold_what_the_error_bars_are_worth(desk, reported, sure, truth):
     page, _ = reported()
     assert "Without error bars, and left out: convex." in page
-    R = sure.extras["true_rotation"]
-    correlation = sure.extras["shape_correlation"].swapaxes(1, 2)
+    R = sure.columns["true_rotation"]
+    correlation = sure.columns["shape_correlation"].swapaxes(1, 2)
     square, width = find_squares(sure.shapes, truth.shapes, R, sure.shape_sd, correlation)
     level = chi2.cdf(square, 3)
     row = desk.row("calibration.csv", group="Subject 13", landmark="", unit="m")
@@ -61,32 +62,32 @@ def test_the_tables_hold_what_the_error_bars_are_worth(desk, reported, sure, tru
 
 
 def test_without_correlations_the_report_says_so(reported, sure):
-    own = {k: v for k, v in sure.extras.items() if k != "shape_correlation"}
-    page, _ = reported(replace(sure, extras=own))
+    own = {k: v for k, v in sure.columns.items() if k != "shape_correlation"}
+    page, _ = reported(sure.replaced(further=own))
     assert "The ellipsoids of posterior are parallel to the axes" in page
 
 
 def test_the_whole_covariance_serves_as_well(desk, reported, sure):
     reported()
     rows = desk.rows("calibration.csv")
-    sd, correlation = sure.shape_sd.swapaxes(1, 2), sure.extras["shape_correlation"]
+    sd, correlation = sure.shape_sd.swapaxes(1, 2), sure.columns["shape_correlation"]
     blocks = np.zeros((N, 5, 3, 5, 3))
     for a in range(3):
         for b in range(3):
             K = 1.0 if a == b else correlation[..., a + b - 1]
             blocks[:, range(5), a, range(5), b] = sd[..., a] * sd[..., b] * K
-    own = {k: v for k, v in sure.extras.items() if k != "shape_correlation"}
+    own = {k: v for k, v in sure.columns.items() if k != "shape_correlation"}
     own["shape_covariance"] = blocks.reshape(N, 15, 15)
-    reported(replace(sure, extras=own))
+    reported(sure.replaced(further=own))
     assert desk.rows("calibration.csv") == rows
     own["shape_covariance"] = blocks.reshape(N, 15, 15)[:, :9, :9]
     with pytest.raises(InputError, match=r"shape_covariance.*must be \(7, 15, 15\)"):
-        reported(replace(sure, extras=own))
+        reported(sure.replaced(further=own))
 
 
 def test_without_a_rotation_there_is_no_calibration(desk, reported, sure):
-    own = {k: v for k, v in sure.extras.items() if k != "true_rotation"}
-    page, warnings = reported(replace(sure, extras=own), metrics=["similarity"])
+    own = {k: v for k, v in sure.columns.items() if k != "true_rotation"}
+    page, warnings = reported(sure.replaced(further=own), metrics=["similarity"])
     assert any("without the dataset `true_rotation` or a `truth_frame`" in w for w in warnings)
     assert "Error bars" not in page
     assert "Least plausible images" in page
@@ -97,10 +98,10 @@ def test_a_truth_in_the_frame_of_the_camera_needs_no_rotation(desk, reported, su
     reported()
     rows = desk.rows("calibration.csv")
     camera = desk.errors(method="posterior", metric="camera", unit="m")
-    turned = replace(truth, shapes=sure.extras["true_rotation"] @ truth.shapes)
+    turned = truth.replaced(shapes=sure.columns["true_rotation"] @ truth.shapes)
     write_shapes(desk.folder / "truth.h5", turned)
-    own = {k: v for k, v in sure.extras.items() if k != "true_rotation"}
-    reported(replace(sure, extras=own), truth_frame="camera", metrics=["camera"])
+    own = {k: v for k, v in sure.columns.items() if k != "true_rotation"}
+    reported(sure.replaced(further=own), truth_frame="camera", metrics=["camera"])
     same = desk.errors(method="posterior", metric="camera", unit="m")
     assert same == pytest.approx(camera)
     of_metres = [row for row in desk.rows("calibration.csv") if row["unit"] == "m"]
@@ -112,11 +113,11 @@ def test_the_line_of_sight_meets_each_shape(desk, reported, sure, truth):
     reported()
     before = desk.errors(method="posterior", metric="camera", unit="m")
     away = truth.shapes - truth.shapes.mean(axis=2, keepdims=True)
-    away = sure.extras["true_rotation"] @ away
+    away = sure.columns["true_rotation"] @ away
     tilt = rotation_about(np.array([0.6, -0.8, 0.0]), np.array(0.4))
     for depth in (5.0, -5.0):
         seen = tilt @ (away + np.array([[0.0], [0.0], [depth]]))
-        write_shapes(desk.folder / "truth.h5", replace(truth, shapes=seen))
+        write_shapes(desk.folder / "truth.h5", truth.replaced(shapes=seen))
         reported(truth_frame="line-of-sight", metrics=["camera"])
         assert desk.errors(method="posterior", metric="camera", unit="m") == pytest.approx(before)
 
@@ -124,7 +125,7 @@ def test_the_line_of_sight_meets_each_shape(desk, reported, sure, truth):
 def test_gaps_of_the_truth_are_left_out(desk, reported, truth):
     shapes = truth.shapes.copy()
     shapes[0, :, 1] = np.nan
-    write_shapes(desk.folder / "truth.h5", replace(truth, shapes=shapes))
+    write_shapes(desk.folder / "truth.h5", truth.replaced(shapes=shapes))
     reported()
     labels = {"group": "Subject 13", "unit": "m"}
     assert desk.row("calibration.csv", landmark="left", **labels)["judged"] == "4"
@@ -151,7 +152,7 @@ def test_a_report_has_the_factors_with_which_error_bars_are_true(desk, reported,
     reported()
     path = desk.config.output / "error_bars.json"
     (factors,) = json.loads(path.read_text(encoding="utf-8")).values()
-    reported(replace(sure, shape_sd=factors["90%"] * sure.shape_sd))
+    reported(sure.replaced(shape_sd=factors["90%"] * sure.shape_sd))
     row = desk.row("calibration.csv", group="Subject 13", landmark="", unit="m")
     other = desk.row("calibration.csv", group="Subject 14", landmark="", unit="m")
     inside = (25 * float(row["inside_90"]) + 10 * float(other["inside_90"])) / 35

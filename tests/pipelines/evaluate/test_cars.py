@@ -28,13 +28,13 @@ def models(real_data):
 @pytest.fixture
 def rows(cars, models):
     """Model of each car."""
-    return np.array([models.items.index(model) for model in cars.extras["true_model"]])
+    return np.array([models.items.index(model) for model in cars.columns["true_model"]])
 
 
 @pytest.fixture
 def cars_desk(desk, cars, models, rows, real_data):
     """The true shapes as estimates, their landmarks 3 and 4 px beside the observed ones."""
-    R = np.asarray(cars.extras["true_rotation"], dtype=float)
+    R = np.asarray(cars.columns["true_rotation"], dtype=float)
     perfect = ResultSet(
         shapes=50 * R @ models.shapes[rows],
         landmarks_fitted=cars.landmarks + np.array([[3.0], [4.0]]),
@@ -43,7 +43,7 @@ def cars_desk(desk, cars, models, rows, real_data):
         items=cars.items,
         unit=cars.unit,
         y_axis=cars.y_axis,
-        extras={**cars.extras, "landmarks": cars.landmarks.swapaxes(-1, -2)},
+        columns={**cars.further, "landmarks": cars.landmarks.swapaxes(-1, -2)},
     )
     config = EvalConfig(
         results=[desk.write("cars.h5", perfect)],
@@ -62,7 +62,7 @@ def test_they_are_matched_by_their_model(cars_desk, cars):
         if row["unit"] != "box":
             expected = 5.0 if row["metric"] == "reprojection" else 0.0
             np.testing.assert_allclose(float(row["mean"]), expected, atol=1e-4)
-    _, _, width, height = np.asarray(cars.extras["bounding_box"], dtype=float).T
+    _, _, width, height = np.asarray(cars.columns["bounding_box"], dtype=float).T
     np.testing.assert_allclose(cars_desk.errors(unit="box"), 5 / np.sqrt(width**2 + height**2))
 
 

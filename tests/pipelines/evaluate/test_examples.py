@@ -1,6 +1,5 @@
 """The examples of eval: which images, and what of each is drawn."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +34,7 @@ def turned(truth, rng):
         shapes=shapes[rows][:, :, order],
         landmark_names=tuple(NAMES[i] for i in order),
         items=tuple(ITEMS[i] for i in rows),
-        extras={"landmarks": observed[rows][:, order]},
+        columns={"landmarks": observed[rows][:, order]},
     )
 
 
@@ -53,7 +52,7 @@ def poses(monkeypatch):
 
 
 def test_landmarks_truth_and_methods_stand_in_the_frame_of_the_first(truth, turned, poses):
-    other = replace(turned, shapes=-turned.shapes)
+    other = turned.replaced(shapes=-turned.shapes)
     methods = {"Convex": [lifted(turned, truth)], "Mirrored": [lifted(other, truth)]}
     examples_picture(["walk/02"], methods, truth)
     ((drawn, edges, y_axis),) = poses
@@ -73,10 +72,8 @@ def test_landmarks_truth_and_methods_stand_in_the_frame_of_the_first(truth, turn
 
 def test_images_of_one_object_are_matched_by_a_dataset(truth, turned, poses):
     models = np.array(turned.items, dtype=object)
-    images = replace(
-        turned,
-        items=tuple(f"image{i}" for i in range(8)),
-        extras={**turned.extras, "model": models},
+    images = turned.replaced(
+        items=tuple(f"image{i}" for i in range(8)), further={**turned.further, "model": models}
     )
     examples_picture(2, {"m": [lifted(images, truth, match="model")]}, truth)
     ((drawn, *_),) = poses
@@ -91,7 +88,7 @@ def test_only_images_that_every_method_lifted_are_chosen(truth, turned, poses):
     rows = [i for i, item in enumerate(turned.items) if item != "walk/04"]
     methods = {
         "a": [lifted(turned.take(rows[:4]), truth), lifted(turned.take(rows[4:]), truth)],
-        "b": [lifted(replace(turned, shapes=broken), truth)],
+        "b": [lifted(turned.replaced(shapes=broken), truth)],
     }
     examples_picture(["walk/*"], methods, truth)
     ((drawn, *_),) = poses
@@ -129,7 +126,7 @@ def test_a_name_with_brackets_is_a_glob_too():
 
 class TestInputErrors:
     def test_truth_without_edges(self, truth):
-        bare = replace(truth, edges=None)
+        bare = truth.replaced(edges=None)
         with pytest.raises(InputError, match=r"^x.h5: has no edges.*add the dataset `edges`"):
             check_examples(2, bare, [Path("x.h5")])
         check_examples(0, bare, [Path("x.h5")])
@@ -149,6 +146,6 @@ class TestInputErrors:
             choose(["i*"], [f"i{n:02d}" for n in range(21)])
 
     def test_no_observed_landmarks(self, truth, turned):
-        bare = lifted(replace(turned, extras={}), truth, "table.csv")
+        bare = lifted(turned.replaced(further={}), truth, "table.csv")
         with pytest.raises(InputError, match=r"table.csv: has no dataset 'landmarks'"):
             examples_picture(1, {"m": [bare]}, truth)

@@ -1,7 +1,6 @@
 """What stops an evaluation, and what it leaves behind then."""
 
 import errno
-from dataclasses import replace
 
 import pytest
 
@@ -54,7 +53,7 @@ class TestInputErrors:
         assert not desk.config.output.exists()
 
     def test_results_of_other_items(self, desk, results):
-        desk.write("convex.h5", replace(results, items=tuple("abcdefg")))
+        desk.write("convex.h5", results.replaced(items=tuple("abcdefg")))
         with pytest.raises(InputError, match="none of its 7 images is in the truth"):
             desk.run()
         assert not desk.config.output.exists()
@@ -72,7 +71,7 @@ class TestInputErrors:
 
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0, "soon"])
 def test_a_time_that_is_none_is_unknown(desk, results, seconds):
-    desk.write("convex.h5", replace(results, attributes={"solve_seconds": seconds}))
+    desk.write("convex.h5", results.replaced(attributes={"solve_seconds": seconds}))
     desk.run()
     assert "solving alone" not in (desk.config.output / "report.md").read_text()
 
@@ -80,7 +79,7 @@ def test_a_time_that_is_none_is_unknown(desk, results, seconds):
 def test_what_overflows_is_a_failure_of_the_image(desk, results):
     fitted = results.landmarks_fitted.copy()
     fitted[2] = 1e300
-    desk.write("convex.h5", replace(results, landmarks_fitted=fitted))
+    desk.write("convex.h5", results.replaced(landmarks_fitted=fitted))
     outcomes = desk.run(metrics=["similarity", "reprojection"])
     (failure,) = [failure for outcome in outcomes for failure in outcome.failures]
     assert failure.item == "item2"

@@ -34,7 +34,7 @@ def floors(desk, dictionary, results):
     """The key `floors`; the results name the item itself as the shape to leave out."""
     write_dictionary(desk.folder / "dictionary.h5", dictionary)
     own = np.array(results.items, dtype=object)
-    desk.write("convex.h5", replace(results, extras={**results.extras, "own": own}))
+    desk.write("convex.h5", results.replaced(further={**results.further, "own": own}))
     return {"dictionary": desk.folder / "dictionary.h5"}
 
 
@@ -68,7 +68,7 @@ def test_images_of_one_true_shape_may_leave_out_different_ones(desk, floors, res
         "own": np.array(["item0", "item2", "item0"], dtype=object),
     }
     few = results.take([0, 1, 2])
-    desk.write("convex.h5", replace(few, extras=extras))
+    desk.write("convex.h5", few.replaced(further=extras))
     desk.run(match="shown", metrics=["similarity"], floors={**floors, "leave_out": "own"})
     found = desk.errors(method=NEAREST, unit="m")
     assert found[0] > 0.05
@@ -93,7 +93,7 @@ def test_they_are_of_the_images_that_are_judged(desk, floors, results, truth):
     shapes = results.shapes.copy()
     shapes[1] = np.nan
     files = {
-        "a": [desk.write("a.h5", replace(results, shapes=shapes).take([0, 1, 5]))],
+        "a": [desk.write("a.h5", results.replaced(shapes=shapes).take([0, 1, 5]))],
         "b": [desk.write("b.h5", results.take([1, 2, 5, 6]))],
     }
     write_shapes(desk.folder / "truth.h5", truth.take([0, 1, 2, 3, 4, 5]))

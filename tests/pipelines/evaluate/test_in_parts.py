@@ -2,7 +2,6 @@
 
 import json
 import tracemalloc
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -62,7 +61,7 @@ def results(truth, rng):
         sequences=truth.sequences,
         unit="m",
         attributes={"solve_seconds": 0.5},
-        extras={
+        columns={
             "true_rotation": turns,
             "plausibility": np.round(rng.random(COUNT), 1),
             "outliers": rng.random((COUNT, 5)) < 0.2,
@@ -144,9 +143,7 @@ def test_the_truth_may_be_in_many_files_and_in_any_order(desk, results, truth, o
     del options["floors"]
     if match == "model":  # many images of the same shape
         models = np.array([f"item{i // 10 * 10 + 1}" for i in range(COUNT)], dtype=object)
-        results = ResultSet(
-            **{**vars(results), "sequences": None, "extras": {**results.extras, "model": models}}
-        )
+        results = results.with_columns({"model": models}).replaced(sequences=None)
     parts = {"results": {"m": divided(desk, results, [50, 50])}, "match": match}
     write_shapes(desk.folder / "truth.h5", truth)
     desk.run(**options, **parts)
@@ -210,9 +207,9 @@ def test_memory_does_not_grow_with_the_number_of_parts(desk, results, truth, mon
         parts, true = [], []
         for n in range(count):
             items = tuple(f"{n}/{row}" for row in range(len(rows)))
-            parts.append(desk.write(f"part{n}.h5", replace(results, items=items)))
+            parts.append(desk.write(f"part{n}.h5", results.replaced(items=items)))
             true.append(desk.folder / f"truth{n}.h5")
-            write_shapes(true[-1], replace(truth, items=items))
+            write_shapes(true[-1], truth.replaced(items=items))
         tracemalloc.start()
         try:
             desk.run(results={"m": parts}, truth=true, view=False, metrics=("similarity",))

@@ -48,7 +48,7 @@ def fields(truth, rotations, rng):
         "items": truth.items,
         "sequences": truth.sequences,
         "unit": "px",
-        "extras": {"true_rotation": rotations, "landmarks": observed},
+        "columns": {"true_rotation": rotations, "landmarks": observed},
     }
 
 
@@ -77,7 +77,7 @@ def test_every_metric_in_its_units(fields, truth, rotations):
     np.testing.assert_allclose(errors["camera", "normalised"], camera / scale)
     np.testing.assert_allclose(errors["rotation", "deg"], 30)
     np.testing.assert_allclose(errors["reprojection", "px"], np.sqrt(2))
-    observed = fields["extras"]["landmarks"]
+    observed = fields["columns"]["landmarks"]
     sides = np.nanmax(observed, axis=1) - np.nanmin(observed, axis=1)
     box = np.sqrt(2) / np.linalg.norm(sides, axis=-1)
     np.testing.assert_allclose(errors["reprojection", "box"], box)
@@ -86,7 +86,7 @@ def test_every_metric_in_its_units(fields, truth, rotations):
 
 def test_a_given_box_measures_the_reprojection(fields, truth):
     corners, sides = np.full((N, 2), 1e3), np.array([[3.0, 4.0], [12.0, 5.0], *4 * [[8.0, 6.0]]])
-    fields["extras"]["bounding_box"] = np.concatenate([corners, sides], axis=1)
+    fields["columns"]["bounding_box"] = np.concatenate([corners, sides], axis=1)
     box = judged(fields, truth, metrics=["reprojection"]).errors["reprojection", "box"]
     np.testing.assert_allclose(box, np.sqrt(2) / np.array([5.0, 13, 10, 10, 10, 10]))
 
@@ -122,7 +122,7 @@ def test_landmarks_are_matched_by_name_and_others_left_out(fields, truth):
 def test_another_dataset_can_name_the_truth(fields, truth):
     models = truth.take([2, 0])
     fields["shapes"] = truth.shapes[[0, 0, 2, 2, 0, 2]]
-    fields["extras"] = {
+    fields["columns"] = {
         "true_model": np.array(["item0", "item0", "item2", "item2", "item0", "item2"], dtype=object)
     }
     judgement = judged(fields, models, "true_model", ["similarity"])
@@ -155,7 +155,7 @@ class TestFailures:
         }
 
     def test_an_item_with_unknown_true_rotation_is_listed(self, fields, truth):
-        fields["extras"]["true_rotation"][3] = np.nan
+        fields["columns"]["true_rotation"][3] = np.nan
         judgement = judged(fields, truth)
         assert list(judgement.failures) == ["item3"]
         assert "rotation (deg)" in judgement.failures["item3"]
@@ -180,7 +180,7 @@ class TestFailures:
     def test_an_empty_shape_is_not_to_blame_for_what_the_truth_lacks(self, fields, truth):
         fields["shapes"][3] = 1.0
         fields["rotation"][3] = np.nan
-        fields["extras"]["true_rotation"][3] = np.nan
+        fields["columns"]["true_rotation"][3] = np.nan
         (reason,) = judged(fields, truth).failures.values()
         assert reason.startswith(
             "a value needed for camera (normalised), camera (m), rotation (deg) is nan"
@@ -190,7 +190,7 @@ class TestFailures:
     def test_an_item_with_no_box_to_measure_by_is_listed(self, fields, truth, sides):
         boxes = np.tile([0.0, 0, 3, 4], (N, 1))
         boxes[3, 2:] = sides
-        fields["extras"]["bounding_box"] = boxes
+        fields["columns"]["bounding_box"] = boxes
         judgement = judged(fields, truth)
         assert list(judgement.failures) == ["item3"]
         assert "reprojection (box)" in judgement.failures["item3"]
@@ -227,7 +227,7 @@ class TestSkippedMetrics:
     )
     def test_are_named_with_what_they_lack(self, fields, truth, absent, skipped):
         fields.pop(absent, None)
-        fields["extras"].pop(absent, None)
+        fields["columns"].pop(absent, None)
         judgement = judged(fields, truth)
         assert {metric for metric, _ in judgement.errors} == set(METRICS) - skipped
         assert len(judgement.warnings) == len(skipped)
@@ -268,7 +268,7 @@ class TestInputErrors:
             judged(fields, truth)
 
     def test_unknown_dataset_to_match_by(self, fields, truth):
-        fields["extras"]["model"] = np.array(truth.items, dtype=object)
+        fields["columns"]["model"] = np.array(truth.items, dtype=object)
         with pytest.raises(InputError, match=r"'true_model' .*`match` to one of: item, model$"):
             judged(fields, truth, "true_model")
 
@@ -278,13 +278,13 @@ class TestInputErrors:
 
     @pytest.mark.parametrize("name", ["true_rotation", "landmarks", "bounding_box"])
     def test_dataset_of_wrong_shape(self, fields, truth, name):
-        fields["extras"]["bounding_box"] = np.ones((N, 4))
-        fields["extras"][name] = fields["extras"][name][:, :2]
+        fields["columns"]["bounding_box"] = np.ones((N, 4))
+        fields["columns"][name] = fields["columns"][name][:, :2]
         with pytest.raises(InputError, match=f"convex.h5:/{name}: has the shape"):
             judged(fields, truth)
 
     def test_dataset_of_no_numbers(self, fields, truth):
-        fields["extras"]["true_rotation"] = fields["extras"]["true_rotation"] * 1j
+        fields["columns"]["true_rotation"] = fields["columns"]["true_rotation"] * 1j
         with pytest.raises(InputError, match=r"convex\.h5:/true_rotation: holds complex128"):
             judged(fields, truth)
 

@@ -1,7 +1,6 @@
 """Precision and recall of the labels of outliers, and images that leave them undefined."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ def labelled(results):
     corrupted[2, 3] = True
     outliers[5, 0] = True
     labels = {"outliers": outliers, "corrupted": corrupted}
-    return replace(results, extras={**results.extras, **labels})
+    return results.replaced(further={**results.further, **labels})
 
 
 def values(desk, metric):
@@ -46,7 +45,7 @@ def test_are_shares_of_each_image_that_has_some(desk, labelled):
 def test_a_failed_image_has_neither(desk, labelled):
     shapes = labelled.shapes.copy()
     shapes[1] = np.nan
-    desk.write("convex.h5", replace(labelled, shapes=shapes))
+    desk.write("convex.h5", labelled.replaced(shapes=shapes))
     judged, _ = desk.run(metrics=METRICS)
     assert [failure.item for failure in judged.failures] == ["item1"]
     for metric in ("precision", "recall"):
@@ -67,30 +66,30 @@ def test_pictures_of_them_are_drawn(desk, labelled):
 
 
 def test_are_left_out_where_nobody_knows_what_was_corrupted(desk, labelled):
-    extras = {name: data for name, data in labelled.extras.items() if name != "corrupted"}
-    desk.write("convex.h5", replace(labelled, extras=extras))
+    extras = {name: data for name, data in labelled.further.items() if name != "corrupted"}
+    desk.write("convex.h5", labelled.replaced(further=extras))
     judged, _ = desk.run(metrics=METRICS)
     assert len(judged.warnings) == 2
     assert "no precision without the dataset `corrupted`" in judged.warnings[0]
 
 
 def test_alone_need_what_was_corrupted(desk, labelled):
-    extras = {name: data for name, data in labelled.extras.items() if name != "corrupted"}
-    desk.write("convex.h5", replace(labelled, extras=extras))
+    extras = {name: data for name, data in labelled.further.items() if name != "corrupted"}
+    desk.write("convex.h5", labelled.replaced(further=extras))
     with pytest.raises(InputError, match="no recall without the dataset `corrupted`; add the"):
         desk.run(metrics=["recall"])
 
 
 def test_nothing_to_judge_at_all_is_an_error(desk, labelled):
-    nothing = {**labelled.extras, "corrupted": np.zeros((7, 5), dtype=bool)}
-    desk.write("convex.h5", replace(labelled, extras=nothing))
+    nothing = {**labelled.further, "corrupted": np.zeros((7, 5), dtype=bool)}
+    desk.write("convex.h5", labelled.replaced(further=nothing))
     with pytest.raises(InputError, match=r"metrics: no image has anything to judge in recall"):
         desk.run(metrics=["recall"])
     assert not desk.config.output.exists()
 
 
 def test_labels_of_other_landmarks_are_an_error(desk, labelled):
-    wrong = {**labelled.extras, "corrupted": np.zeros((7, 4), dtype=bool)}
-    desk.write("convex.h5", replace(labelled, extras=wrong))
+    wrong = {**labelled.further, "corrupted": np.zeros((7, 4), dtype=bool)}
+    desk.write("convex.h5", labelled.replaced(further=wrong))
     with pytest.raises(InputError, match=r"convex\.h5:/corrupted: has the shape \(7, 4\)"):
         desk.run(metrics=METRICS)

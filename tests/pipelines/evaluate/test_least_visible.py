@@ -1,7 +1,5 @@
 """Images that show too few landmarks are left out, and said to be."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -13,10 +11,10 @@ SEEN = (5, 4, 3, 5, 2, 4, 5)
 
 @pytest.fixture
 def partly_seen(desk, results):
-    observed = results.extras["landmarks"].copy()
+    observed = results.columns["landmarks"].copy()
     for image, seen in zip(observed, SEEN, strict=True):
         image[seen:] = np.nan
-    seen = replace(results, extras={**results.extras, "landmarks": observed})
+    seen = results.replaced(further={**results.further, "landmarks": observed})
     desk.write("convex.h5", seen)
     return seen
 
@@ -36,7 +34,7 @@ def test_images_with_at_least_so_many_are_judged(desk, partly_seen, least, judge
 def test_an_image_that_could_not_be_lifted_counts_by_what_it_shows(desk, partly_seen):
     shapes = partly_seen.shapes.copy()
     shapes[[0, 2]] = np.nan  # five landmarks, on one line perhaps, and three
-    desk.write("convex.h5", replace(partly_seen, shapes=shapes))
+    desk.write("convex.h5", partly_seen.replaced(shapes=shapes))
     outcome, _ = desk.run(least_visible=4)
     assert [failure.item for failure in outcome.failures] == ["item0"]
     assert outcome.done == 5
@@ -59,7 +57,7 @@ def test_results_of_the_same_images_say_so_once(desk, partly_seen):
 
 
 def test_the_time_of_an_image_is_that_of_all_images(desk, partly_seen):
-    told = replace(partly_seen, attributes={"solve_seconds": 0.014})
+    told = partly_seen.replaced(attributes={"solve_seconds": 0.014})
     desk.write("convex.h5", told)
     *_, last = desk.run(least_visible=5, groups={})
     assert last.note.split("\n\n")[2].splitlines()[2].endswith("|            2 |      500 |")

@@ -1,7 +1,6 @@
 """The pictures that an evaluation draws beside its tables."""
 
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,7 +38,7 @@ def test_boxes_are_those_of_the_normalised_errors_of_the_groups(desk, monkeypatc
 class TestExamples:
     @pytest.fixture(autouse=True)
     def edges(self, desk, truth):
-        write_shapes(desk.folder / "truth.h5", replace(truth, edges=np.array([[0, 1], [1, 3]])))
+        write_shapes(desk.folder / "truth.h5", truth.replaced(edges=np.array([[0, 1], [1, 3]])))
 
     def test_they_are_drawn_for_methods_by_name(self, desk, results):
         desk.write("b.h5", results)

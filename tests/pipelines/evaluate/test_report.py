@@ -1,7 +1,6 @@
 """The tables and the page that an evaluation writes, and what stands in them."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -56,7 +55,7 @@ def test_per_image_has_a_row_for_every_metric_and_unit(desk):
 def test_failed_items_are_counted_listed_and_left_out(desk, truth, results):
     shapes = results.shapes.copy()
     shapes[1] = np.nan
-    desk.write("convex.h5", replace(results, shapes=shapes))
+    desk.write("convex.h5", results.replaced(shapes=shapes))
     judged, last = desk.run()
     assert [failure.item for failure in judged.failures] == ["item1"]
     assert judged.failures[0].reason.startswith("convex: ")
@@ -80,7 +79,7 @@ def test_items_without_truth_are_failures(desk, truth):
 
 
 def test_several_methods_side_by_side(desk, results):
-    desk.write("worse.h5", replace(results, shapes=-results.shapes))
+    desk.write("worse.h5", results.replaced(shapes=-results.shapes))
     methods = {"good": [desk.folder / "convex.h5"], "mirrored": [desk.folder / "worse.h5"]}
     outcomes = desk.run(results=methods)
     assert [outcome.note for outcome in outcomes[:-1]] == ["good", "mirrored"]
@@ -113,8 +112,8 @@ def test_csv_results_are_judged_by_shape_alone(desk, results):
 
 
 def test_without_groups_and_sequences_all_is_one(desk, truth, results):
-    write_shapes(desk.folder / "truth.h5", replace(truth, sequences=None))
-    desk.write("convex.h5", replace(results, sequences=None))
+    write_shapes(desk.folder / "truth.h5", truth.replaced(sequences=None))
+    desk.write("convex.h5", results.replaced(sequences=None))
     desk.run(groups={})
     places = {(row["group"], row["sequence"]) for row in desk.rows()}
     assert places == {("all", ""), ("all", "all")}
@@ -141,8 +140,7 @@ def test_provenance_is_kept(desk):
 
 def test_what_the_files_tell_about_solving_is_summed_up(desk, results):
     status = np.array(["optimal"] * 6 + ["iteration limit"], dtype=object)
-    told = replace(
-        results,
+    told = results.replaced(
         objective=np.arange(7.0),
         status=status,
         attributes={"solve_seconds": 0.014, "method": "convex"},

@@ -3,7 +3,6 @@
 import errno
 import os
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,7 +29,7 @@ def changed(tmp_path, car_atoms):
 
     def write(**fields):
         path = tmp_path / "changed.h5"
-        write_dictionary(path, replace(car_atoms, **fields))
+        write_dictionary(path, car_atoms.replaced(**fields))
         return path
 
     return write
@@ -187,7 +186,7 @@ def test_other_files_of_the_folder_stay(tmp_path, export):
     ],
 )
 def test_two_items_that_clash_are_named(tmp_path, export, views, items, keys, message):
-    clashing = replace(views, items=(*items, "c", "d", "e", "f"))
+    clashing = views.replaced(items=(*items, "c", "d", "e", "f"))
     with pytest.raises(InputError, match=f"{message}; rename one of them, or .* another format"):
         export(clashing, **keys)
     assert sorted(os.listdir(tmp_path)) == ["views.h5"]
@@ -197,7 +196,7 @@ def test_two_items_that_clash_are_named(tmp_path, export, views, items, keys, me
 
 def test_a_mesh_and_a_picture_that_clash_are_named(tmp_path, run, views):
     both = {"folder": str(tmp_path / "both")}
-    clashing = replace(views, items=("car", "car.png/1", "c", "d", "e", "f"))
+    clashing = views.replaced(items=("car", "car.png/1", "c", "d", "e", "f"))
     with pytest.raises(InputError, match=r"car\.png: is a file of another item"):
         run(clashing, export=both, pictures=both)
     assert sorted(os.listdir(tmp_path)) == ["views.h5"]
@@ -207,7 +206,7 @@ def test_a_mesh_and_a_picture_that_clash_are_named(tmp_path, run, views):
 def earlier(tmp_path, export, views):
     """Export to meshes and pictures; return what all files hold, and the same images moved."""
     export(fit_keys={"pictures": {"folder": str(tmp_path / "pictures"), "most": 1}})
-    moved = replace(views, landmarks=2 * views.landmarks)
+    moved = views.replaced(landmarks=2 * views.landmarks)
     return everything(tmp_path), moved
 
 

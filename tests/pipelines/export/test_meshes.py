@@ -1,7 +1,5 @@
 """Every mesh file that `fit` writes is opened again and compared with what its result says."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import trimesh
@@ -139,7 +137,7 @@ def test_in_perspective_the_car_is_where_it_is(
     images = views
     if y_axis == "up":  # the same pictures, y counted from below
         flipped = views.landmarks * np.array([1, -1])[:, None]
-        images = replace(views, landmarks=flipped, y_axis="up")
+        images = views.replaced(landmarks=flipped, y_axis="up")
     centre = [640.0, 480.0 if y_axis == "down" else -480.0]
     camera = {"model": "perspective", "focal": 1600.0, "principal_point": centre}
     found, _ = export(
@@ -148,7 +146,7 @@ def test_in_perspective_the_car_is_where_it_is(
     sign = 1 if y_axis == "down" else -1
     for image, item in enumerate(found.items):
         size = metres(car_atoms, found, image)
-        t = found.extras["camera_translation"][image][:, None]
+        t = found.columns["camera_translation"][image][:, None]
         solid = found.rotation[image] @ mixed(car_atoms.mesh_vertices, found, image)
         mesh = read_one(item, "ply")
         np.testing.assert_allclose(mesh.vertices.T, size * (solid + t), atol=2e-6)
@@ -176,7 +174,7 @@ def test_only_the_items_asked_for_are_written(tmp_path, export, views):
 def test_images_without_a_shape_are_counted(tmp_path, export, views):
     landmarks = views.landmarks.copy()
     landmarks[1, :, 2:] = np.nan
-    _, outcomes = export(replace(views, landmarks=landmarks))
+    _, outcomes = export(views.replaced(landmarks=landmarks))
     assert list(failures(outcomes)) == [views.items[1]]
     assert outcomes[-1].note == "y down in the images; 5 meshes"
     assert outcomes[-1].warnings == (
@@ -199,7 +197,7 @@ def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
     export, car_atoms, views, monkeypatch, read_one, mixed, rotation
 ):
     monkeypatch.setattr("shapefit.pipelines.export.meshes.BATCH", 3)
-    copies = [replace(views, items=tuple(f"{i}#{copy}" for i in views.items)) for copy in "ab"]
+    copies = [views.replaced(items=tuple(f"{i}#{copy}" for i in views.items)) for copy in "ab"]
     landmarks = concatenate(copies)
     landmarks.landmarks[7, :, 2:] = np.nan
     found, _ = export(
@@ -247,7 +245,7 @@ def test_which_images_have_a_shape():
 def test_names_too_long_for_a_path_are_cut(tmp_path, export, views):
     items = ("/".join(["x" * 200] * 25), "/".join("y" * 3000), *views.items[2:])
     pictures = {"folder": str(tmp_path / "pictures"), "items": ["*/x*", "*/y"]}
-    _, outcomes = export(replace(views, items=items), fit_keys={"pictures": pictures})
+    _, outcomes = export(views.replaced(items=items), fit_keys={"pictures": pictures})
     assert outcomes[-1].note == "y down in the images; 6 meshes, 2 pictures"
     assert len(list((tmp_path / "meshes").rglob("*.ply"))) == 6
     assert len(list((tmp_path / "pictures").rglob("%-*.png"))) == 2
@@ -255,7 +253,7 @@ def test_names_too_long_for_a_path_are_cut(tmp_path, export, views):
 
 def test_odd_names_stay_in_the_folder_and_apart(tmp_path, export, views):
     items = ("../up", "/root", "a b", "..", "a/b/c", "a:b?")
-    export(replace(views, items=items))
+    export(views.replaced(items=items))
     assert sorted(
         str(path.relative_to(tmp_path / "meshes")) for path in tmp_path.rglob("*.ply")
     ) == ["%/root.ply", "%2E%2E.ply", "%2E%2E/up.ply", "a b.ply", "a%3Ab%3F.ply", "a/b/c.ply"]
@@ -265,7 +263,7 @@ def test_odd_names_stay_in_the_folder_and_apart(tmp_path, export, views):
 def test_what_is_too_far_for_single_precision_has_no_mesh(
     export, views, tmp_path, file_format, meshes
 ):
-    images = replace(views, landmarks=views.landmarks.copy())
+    images = views.replaced(landmarks=views.landmarks.copy())
     images.landmarks[2] *= 1e45
     _, outcomes = export(images, format=file_format)
     assert outcomes[-1].note == f"y down in the images; {meshes} meshes"

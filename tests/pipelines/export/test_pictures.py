@@ -1,6 +1,5 @@
 """The pictures that `fit` draws: which, of what, and where in them the model lies."""
 
-from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -92,7 +91,7 @@ def test_the_sheet_is_spread_evenly_over_all(tmp_path, draw, views, sheets, chun
 def test_an_image_may_be_called_like_the_sheet(tmp_path, draw, views, sheets, place):
     items = list(views.items)
     items[place], items[2] = "contact_sheet", "contact_sheet%"
-    named = replace(views, items=tuple(items))
+    named = views.replaced(items=tuple(items))
     draw(named, items=["contact_sheet*"], sheet=3, fit_keys={"chunk": 2})
     assert written(tmp_path) == {
         "contact_sheet.png", "contact_sheet%25.png", "contact_sheet%.png",
@@ -106,14 +105,14 @@ def test_an_image_may_be_called_like_the_sheet(tmp_path, draw, views, sheets, pl
 
 
 def test_the_sheet_keeps_its_name_where_no_picture_has_it(tmp_path, draw, views):
-    draw(replace(views, items=("contact_sheet", *views.items[1:])), most=0, sheet=3)
+    draw(views.replaced(items=("contact_sheet", *views.items[1:])), most=0, sheet=3)
     assert written(tmp_path) == {"contact_sheet.png"}
 
 
 def test_an_image_without_a_shape_has_its_picture(tmp_path, draw, views, sheets):
     landmarks = views.landmarks.copy()
     landmarks[1][:, np.flatnonzero(np.isfinite(landmarks[1, 0]))[2:]] = np.nan
-    _, outcomes = draw(replace(views, landmarks=landmarks), items=[views.items[1]], sheet=6)
+    _, outcomes = draw(views.replaced(landmarks=landmarks), items=[views.items[1]], sheet=6)
     assert f"{views.items[1]}.png" in written(tmp_path)
     ((images, _),) = sheets
     assert [image.fitted for image in images] == [True, False, True, True, True, True]
@@ -127,7 +126,7 @@ def test_images_without_a_shape_that_nobody_names_make_room_for_others(tmp_path,
     landmarks = views.landmarks.copy()
     for failing in (0, 1):
         landmarks[failing][:, np.flatnonzero(np.isfinite(landmarks[failing, 0]))[2:]] = np.nan
-    _, outcomes = draw(replace(views, landmarks=landmarks), most=3, fit_keys={"chunk": 2})
+    _, outcomes = draw(views.replaced(landmarks=landmarks), most=3, fit_keys={"chunk": 2})
     assert written(tmp_path) == {f"{item}.png" for item in views.items[2:5]}
     assert outcomes[-1].warnings == (
         "images without a shape (failed, or with all coefficients 0): 2; they have no picture "
@@ -168,11 +167,11 @@ class TestFittedImages:
     def test_observed_landmarks_and_outliers(self, gather, views):
         keys = {"method": "convex", "outliers": {"method": "sparse-error", "threshold": 0.02}}
         found, images = gather(**keys)
-        assert np.any(found.extras["outliers"])
+        assert np.any(found.columns["outliers"])
         for row, image in enumerate(images):
             assert image.title == views.items[row]
             np.testing.assert_array_equal(image.landmarks, views.landmarks[row])
-            np.testing.assert_array_equal(image.outliers, found.extras["outliers"][row])
+            np.testing.assert_array_equal(image.outliers, found.columns["outliers"][row])
         _, plain = gather()
         assert all(image.outliers is None for image in plain)
 
@@ -201,8 +200,8 @@ class TestFittedImages:
             np.testing.assert_allclose(seen.mesh_vertices[:2, vertex], fitted, atol=1e-3)
 
     def test_a_camera_that_looks_up_y_sees_the_same(self, gather, views):
-        flipped = replace(
-            views, landmarks=views.landmarks * np.array([1, -1])[:, None], y_axis="up"
+        flipped = views.replaced(
+            landmarks=views.landmarks * np.array([1, -1])[:, None], y_axis="up"
         )
         seen = {}
         for images, centre in ((views, [640.0, 480.0]), (flipped, [640.0, -480.0])):

@@ -45,7 +45,7 @@ def images(atoms, rotations):
         sequences=("a",) * 4 + ("b",) * 4,
         unit="px",
         y_axis="down",
-        extras={"true_rotation": rotations, "camera_matrix": np.eye(3)},
+        columns={"true_rotation": rotations, "camera_matrix": np.eye(3)},
     )
 
 

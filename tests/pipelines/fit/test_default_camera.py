@@ -5,7 +5,6 @@ import pytest
 
 from shapefit.config import FitConfig
 from shapefit.io import LandmarkSet
-from shapefit.io.extras import Extras
 from shapefit.pipelines.fit.default_camera import FOCAL, with_camera, without_camera
 
 SIZE = np.array([1920, 1080])
@@ -25,7 +24,7 @@ def images(rng, size=500.0, at=(700.0, 300.0), unit="px", **whole):
         landmark_names=tuple("abcdefgh"),
         items=tuple("123456"),
         unit=unit,
-        extras=Extras({}, whole),
+        columns={**whole},
     )
 
 

@@ -1,7 +1,6 @@
 """`fit` and images that cannot be fitted, or whose optimum is no shape."""
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,7 +41,7 @@ class TestItemsThatFail:
         observed = [[float(c) if c != "" else np.nan for c in point] for point in points]
         hidden = np.isnan(observed).any(axis=1, keepdims=True)
         np.testing.assert_array_equal(
-            found.extras["landmarks"][1], np.where(hidden, np.nan, observed)
+            found.columns["landmarks"][1], np.where(hidden, np.nan, observed)
         )
 
     @pytest.mark.parametrize(
@@ -66,7 +65,7 @@ class TestItemsThatFail:
         landmarks[3] *= factor
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            found, outcomes = fit(dictionary, replace(images, landmarks=landmarks), **keys)
+            found, outcomes = fit(dictionary, images.replaced(landmarks=landmarks), **keys)
         assert failures(outcomes).pop("image3").startswith(reason)
         assert found.status[3] == Status.DEGENERATE.value
         # ransac also fails others: their atoms are far from the mean shape
@@ -136,7 +135,7 @@ class TestEmptyShapes:
         for lam, count in ((1e3, 7), (1e-3, 0)):
             landmarks = images.landmarks.copy()
             landmarks[2] = 0.0  # fails, and is not told of a second time
-            some = replace(images, landmarks=landmarks)
+            some = images.replaced(landmarks=landmarks)
             found, outcomes = fit(dictionary, some, **keys, **{"lambda": lam})
             assert list(failures(outcomes)) == ["image2"]
             empty = ~(np.ptp(found.shapes, axis=2) > 0).any(axis=1) & (np.arange(8) != 2)

@@ -24,7 +24,7 @@ def images(y_axis="down", **extras):
         landmark_names=tuple("abcde"),
         items=tuple("wxyz"),
         y_axis=y_axis,
-        extras=extras,
+        columns=extras,
     )
 
 
@@ -168,7 +168,7 @@ def test_a_wrong_principal_point_is_told(fit):
 
 
 def test_perspective_finds_cars_better_than_weak_perspective(fit, views):
-    truth = np.asarray(views.extras["true_rotation"], float)
+    truth = np.asarray(views.columns["true_rotation"], float)
     weak, full = (fit(**camera)[0] for camera in ({}, PERSPECTIVE))
     errors = [np.median(rotation_angle(found.rotation, truth)) for found in (weak, full)]
     assert errors[1] < 0.5 * errors[0]
@@ -183,19 +183,19 @@ def test_perspective_finds_cars_better_than_weak_perspective(fit, views):
 def test_the_position_is_metric(fit, views, cars):
     """The distance to the middle of the car's landmarks, whose size the dictionary knows."""
     found, _ = fit(**PERSPECTIVE)
-    middle = cars.shapes.mean(axis=2)[[cars.items.index(m) for m in views.extras["true_model"]]]
-    R = np.asarray(views.extras["true_rotation"], float)
-    truth = np.einsum("nij,nj->ni", R, middle) + views.extras["true_translation"]
-    error = np.linalg.norm(found.extras["position"] - truth, axis=1)
+    middle = cars.shapes.mean(axis=2)[[cars.items.index(m) for m in views.columns["true_model"]]]
+    R = np.asarray(views.columns["true_rotation"], float)
+    truth = np.einsum("nij,nj->ni", R, middle) + views.columns["true_translation"]
+    error = np.linalg.norm(found.columns["position"] - truth, axis=1)
     assert np.median(error / truth[:, 2]) < 0.05
 
 
 def test_the_result_tells_the_camera(fit):
     found, _ = fit(**PERSPECTIVE, principal_point=(640.0, 480.0))
     n = len(found)
-    np.testing.assert_array_equal(found.extras["focal"], np.full((n, 2), 1600))
-    np.testing.assert_array_equal(found.extras["principal_point"], np.tile([640, 480], (n, 1)))
-    t = found.extras["camera_translation"]
+    np.testing.assert_array_equal(found.columns["focal"], np.full((n, 2), 1600))
+    np.testing.assert_array_equal(found.columns["principal_point"], np.tile([640, 480], (n, 1)))
+    t = found.columns["camera_translation"]
     np.testing.assert_allclose(found.scale, 1600 / t[:, 2])
     assert found.relative_gap is None
 
@@ -204,8 +204,8 @@ def test_without_sizes_there_is_no_position(fit, dictionary):
     with h5py.File(dictionary, "a") as file:
         del file["atom_scale"]
     found, _ = fit(**PERSPECTIVE)
-    assert "position" not in found.extras
-    assert np.isfinite(found.extras["camera_translation"]).all()
+    assert "position" not in found.columns
+    assert np.isfinite(found.columns["camera_translation"]).all()
 
 
 def test_a_dataset_that_is_not_there_is_refused_before_anything_is_written(fit, tmp_path):

@@ -1,14 +1,11 @@
 """Names that are wrong in every image: another skeleton, left and right exchanged."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from shapefit.config.named_files import find_dictionaries
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import LandmarkSet, read_dictionary
-from shapefit.io.extras import Extras
 from shapefit.io.skeletons import SKELETONS, THETA, people_parts
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
@@ -59,7 +56,7 @@ def film(poses, skeleton):
         items=tuple(f"image{i}" for i in range(N)),
         unit="px",
         y_axis="down",
-        extras=Extras({}, {"image_size": np.array(SIZE)}),
+        columns={"image_size": np.array(SIZE)},
     )
 
 
@@ -84,14 +81,14 @@ def exchanged(images):
         other[name[0]] + name[1:] if name[0] in other and name[1].isupper() else name
         for name in images.landmark_names
     ]
-    return replace(images, landmark_names=tuple(names))
+    return images.replaced(landmark_names=tuple(names))
 
 
 @pytest.mark.parametrize(("meant", "said"), [("body_25b", "body_25"), ("body_25", "body_25b")])
 def test_another_skeleton_of_as_many_landmarks_is_named(warnings_of, poses, meant, said):
     images = film(poses, meant)
     assert not warnings_of(images)
-    wrong = replace(images, landmark_names=SKELETONS[said].landmark_names)
+    wrong = images.replaced(landmark_names=SKELETONS[said].landmark_names)
     (warning,) = warnings_of(wrong)
     assert f"implausible as {said}" in warning
     assert f"is it {meant}? Say so by `keypoints: {meant}`" in warning
@@ -107,7 +104,7 @@ def test_sides_that_are_exchanged_in_every_image_are_noticed(warnings_of, poses)
 def test_from_afar_both_namings_are_alike_and_nothing_is_said(warnings_of, poses):
     images = film(poses, "body_25")
     middle = images.landmarks.mean(axis=2, keepdims=True)
-    far = replace(images, landmarks=middle + (images.landmarks - middle) / 20)
+    far = images.replaced(landmarks=middle + (images.landmarks - middle) / 20)
     assert not [each for each in warnings_of(exchanged(far)) if "exchanged" in each]
 
 
@@ -138,5 +135,5 @@ def test_people_who_walk_backwards_have_their_sides_exchanged(warnings_of, poses
     assert not [each for each in warnings_of(images) if "exchanged" in each]
     other = {"l": "r", "r": "l"}
     names = [other[name[0]] + name[1:] if name[0] in other else name for name in joints]
-    wrong = replace(images, landmark_names=tuple(names))
+    wrong = images.replaced(landmark_names=tuple(names))
     assert [each for each in warnings_of(wrong) if "exchanged" in each]

@@ -56,7 +56,7 @@ def images(rng, models):
         landmark_names=NAMES,
         items=tuple(f"image{i}" for i in range(9)),
         unit="px",
-        extras={"true_model": np.array(SHOWN, dtype=object), "box": np.ones((9, 4))},
+        columns={"true_model": np.array(SHOWN, dtype=object), "box": np.ones((9, 4))},
     )
 
 
@@ -79,7 +79,7 @@ def check_same(one, other, rows=slice(None), other_rows=slice(None)):
     for name in ("iterations", "status"):
         assert list(getattr(one, name)[rows]) == list(getattr(other, name)[other_rows])
     for name in ("landmarks", "lambda", "residual"):
-        np.testing.assert_array_equal(one.extras[name][rows], other.extras[name][other_rows])
+        np.testing.assert_array_equal(one.columns[name][rows], other.columns[name][other_rows])
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -113,9 +113,9 @@ def test_no_stage_of_the_fit_sees_the_model(run, models, images, rng, outliers, 
     check_same(before, after)
     stages = {"camera_translation"} if outliers == "none" else {"camera_translation", "outliers"}
     for found in (before, after):
-        assert {"camera_translation", "outliers"} & set(found.extras) == stages
+        assert {"camera_translation", "outliers"} & set(found.further) == stages
     for name in stages:
-        np.testing.assert_array_equal(before.extras[name], after.extras[name])
+        np.testing.assert_array_equal(before.columns[name], after.columns[name])
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -169,7 +169,7 @@ def test_chunks_make_no_difference_but_to_starts(run, monkeypatch):
 def crowd(images):
     """Seventy images of polo, more than a stretch, and those of the others."""
     many = images.take([0] * 70 + [i for i in range(9) if SHOWN[i] != "polo"])
-    return replace(many, items=tuple(f"image{i}" for i in range(len(many))))
+    return many.replaced(items=tuple(f"image{i}" for i in range(len(many))))
 
 
 @pytest.mark.parametrize("keys", [
@@ -208,7 +208,7 @@ def test_small_groups_share_the_threads_and_large_ones_have_them_all(
 
 def test_models_that_the_dictionary_lacks_are_fitted_with_all_atoms(run, images):
     shown = np.array(["beetle" if name == "up" else name for name in SHOWN], dtype=object)
-    odd = replace(images, extras={"true_model": shown})
+    odd = images.replaced(further={"true_model": shown})
     found, outcomes = run(views=odd, method="mean-shape", chunk=4)
     assert warnings(outcomes) == [
         "leave_out: 2 of 9 images show items that are not in the dictionary, the first 'beetle'; "
@@ -223,7 +223,7 @@ def test_models_that_the_dictionary_lacks_are_fitted_with_all_atoms(run, images)
 def test_unknown_are_fitted_with_the_mean_shape_of_the_dictionary_too(run, models, images):
     """It need not be the mean of the atoms, which stands in where a model is left out."""
     other = replace(models, mean_shape=models.atoms[0])
-    views = replace(images, extras={"true_model": np.array(("kadett", *SHOWN[1:]), dtype=object)})
+    views = images.replaced(further={"true_model": np.array(("kadett", *SHOWN[1:]), dtype=object)})
     found, _ = run(other, views=views, method="mean-shape")
     whole, _ = run(other, views=views, method="mean-shape", leave_out=None)
     check_same(found, whole, [0], [0])
@@ -231,7 +231,7 @@ def test_unknown_are_fitted_with_the_mean_shape_of_the_dictionary_too(run, model
 
 
 def test_images_may_be_named_like_their_models(run, images):
-    views = replace(images.take([0, 1, 3]), items=("polo", "golf", "up"))
+    views = images.take([0, 1, 3]).replaced(items=("polo", "golf", "up"))
     by_item, _ = run(views=views, leave_out="item")
     by_dataset, _ = run(views=views)
     check_same(by_item, by_dataset)
@@ -241,7 +241,7 @@ def test_numbers_are_names_too(run, models, images):
     numbers = {name: i for i, name in enumerate(MODELS)}
     numbered = replace(models, atom_items=tuple(str(numbers[n]) for n in models.atom_items))
     shown = np.array([numbers[name] for name in SHOWN])
-    by_number, _ = run(numbered, replace(images, extras={"true_model": shown}))
+    by_number, _ = run(numbered, images.replaced(further={"true_model": shown}))
     by_name, _ = run()
     check_same(by_number, by_name)
 
@@ -302,9 +302,9 @@ def test_real_cars_are_fitted_as_by_a_dictionary_learned_without_them(fit, real_
     models = read_shapes([real_data / "cars" / "models.h5"])
     chunk = load(real_data / "cars" / "annotated_cars.h5")
     cars = chunk.take(slice(0, None, 20))
-    names, counts = np.unique(cars.extras["true_model"].astype(str), return_counts=True)
+    names, counts = np.unique(cars.columns["true_model"].astype(str), return_counts=True)
     model = str(names[counts.argmax()])
-    shown = cars.extras["true_model"].astype(str) == model
+    shown = cars.columns["true_model"].astype(str) == model
     others = np.array([item != model for item in models.items])
 
     def learned(shapes, name):

@@ -1,7 +1,5 @@
 """Lens distortion is removed before a fit, once, and the result says so."""
 
-from dataclasses import replace
-
 import h5py
 import numpy as np
 import pytest
@@ -35,7 +33,7 @@ def views(made_cars, rng):
             items=tuple("abcd"),
             unit="px",
             y_axis="down",
-            extras=datasets,
+            columns=datasets,
         )
 
     straight = images(plane, camera_matrix=MATRIX)
@@ -72,15 +70,15 @@ def test_a_distorted_image_fits_like_a_straight_one(views, fit):
     found, _ = fit(bent)
     np.testing.assert_allclose(found.shapes, want.shapes, atol=1e-4 * np.ptp(want.shapes))
     np.testing.assert_allclose(
-        found.extras["landmarks"], straight.landmarks.swapaxes(1, 2), atol=1e-8
+        found.columns["landmarks"], straight.landmarks.swapaxes(1, 2), atol=1e-8
     )
 
 
 def test_the_result_says_so_and_nothing_removes_it_twice(views, fit):
     _, bent = views
     result, _ = fit(bent)
-    np.testing.assert_array_equal(result.extras["removed_distortion"], LENS)
-    assert "distortion" not in result.extras
+    np.testing.assert_array_equal(result.columns["removed_distortion"], LENS)
+    assert "distortion" not in result.columns
     once = straightened(bent, None)
     assert straightened(once, None).landmarks is not None
     np.testing.assert_array_equal(straightened(once, None).landmarks, once.landmarks)
@@ -96,7 +94,7 @@ def test_verify_knows_what_was_removed(views, fit, tmp_path):
 
     assert verify("views.h5") == []
     shifted = bent.landmarks + 1e-3 * (np.arange(4) == 2)[:, None, None]
-    save(tmp_path / "shifted.h5", replace(bent, landmarks=shifted))
+    save(tmp_path / "shifted.h5", bent.replaced(landmarks=shifted))
     assert "c" in verify("shifted.h5")
 
 
@@ -105,37 +103,36 @@ def test_a_calibration_gives_camera_lens_and_place(views, fit, tmp_path):
     camera = {"model": "perspective", "calibration": toml(tmp_path, LENS), "name": "left"}
     want, _ = fit(straight, camera={"model": "perspective", "intrinsics": "camera_matrix"},
                   method="convex+refine")  # fmt: skip
-    found, _ = fit(replace(bent, extras={}), camera=camera, method="convex+refine")
+    found, _ = fit(bent.replaced(further={}), camera=camera, method="convex+refine")
     np.testing.assert_allclose(found.shapes, want.shapes, atol=1e-4 * np.ptp(want.shapes))
-    np.testing.assert_array_equal(found.extras["extrinsic_translation"], [1, 2, 3])
-    assert found.extras["extrinsic_rotation"].shape == (3, 3)
-    np.testing.assert_array_equal(found.extras["image_size"], SIZE)
-    np.testing.assert_allclose(found.extras["focal"], np.tile([800, 820], (4, 1)))
+    np.testing.assert_array_equal(found.columns["extrinsic_translation"], [1, 2, 3])
+    assert found.columns["extrinsic_rotation"].shape == (3, 3)
+    np.testing.assert_array_equal(found.columns["image_size"], SIZE)
+    np.testing.assert_allclose(found.columns["focal"], np.tile([800, 820], (4, 1)))
 
 
 def test_a_calibration_goes_over_what_the_landmarks_say(views, fit, tmp_path):
     straight, bent = views
-    wrong = replace(bent, extras={"camera_matrix": np.eye(3), "distortion": np.ones(5)})
+    wrong = bent.replaced(further={"camera_matrix": np.eye(3), "distortion": np.ones(5)})
     found, _ = fit(wrong, camera={"calibration": toml(tmp_path, LENS)})
     np.testing.assert_allclose(
-        found.extras["landmarks"], straight.landmarks.swapaxes(1, 2), atol=1e-8
+        found.columns["landmarks"], straight.landmarks.swapaxes(1, 2), atol=1e-8
     )
 
 
 def test_cameras_of_single_images_and_y_that_points_up(views):
     straight, bent = views
     turned = np.diag([1.0, -1.0, 1.0]) @ MATRIX @ np.diag([1.0, -1.0, 1.0])
-    up = replace(
-        bent,
+    up = bent.replaced(
         landmarks=bent.landmarks * np.array([[1.0], [-1.0]]),
         y_axis="up",
-        extras={"camera_matrix": np.tile(turned, (4, 1, 1)), "distortion": np.tile(LENS, (4, 1))},
+        further={"camera_matrix": np.tile(turned, (4, 1, 1)), "distortion": np.tile(LENS, (4, 1))},
     )
     found = straightened(up, None)
     np.testing.assert_allclose(
         found.landmarks * np.array([[1.0], [-1.0]]), straight.landmarks, atol=1e-8
     )
-    assert found.extras["removed_distortion"].shape == (4, 5)
+    assert found.columns["removed_distortion"].shape == (4, 5)
 
 
 def test_landmarks_that_the_lens_cannot_show_are_hidden(views):
@@ -143,7 +140,7 @@ def test_landmarks_that_the_lens_cannot_show_are_hidden(views):
     landmarks = bent.landmarks.copy()
     landmarks[0, 0, 0] = 1e5
     found = straightened(
-        replace(bent, landmarks=landmarks, extras=dict(bent.extras) | {"distortion": -LENS * 0 + [
+        bent.replaced(landmarks=landmarks, further=dict(bent.further) | {"distortion": -LENS * 0 + [
             -0.25, 0, 0, 0, 0]}), None,
     )  # fmt: skip
     assert not found.seen()[0, 0]
@@ -168,9 +165,9 @@ def test_a_lens_that_cannot_be_right_warns(lens, words):
 
 def test_warnings_reach_the_command(views, fit):
     _, bent = views
-    _, warnings = fit(replace(bent, extras={"camera_matrix": MATRIX, "distortion": LENS / 640}))
+    _, warnings = fit(bent.replaced(further={"camera_matrix": MATRIX, "distortion": LENS / 640}))
     assert any("divides the distortion" in str(text) for text in warnings)
-    _, warnings = fit(replace(bent, extras={"distortion": LENS}))
+    _, warnings = fit(bent.replaced(further={"distortion": LENS}))
     assert any("without `camera_matrix`" in str(text) for text in warnings)
 
 

@@ -25,12 +25,12 @@ class TestFamily:
         few.landmarks[np.arange(2), 0, np.arange(2)] += 30
         wrong = np.eye(2, 10, dtype=bool)
         found, _ = fit(one, few, outliers={"method": loss, "threshold": 0.2}, **{"lambda": 0.01})
-        judged = found.extras["outliers"].astype(bool)
+        judged = found.columns["outliers"].astype(bool)
         assert judged[wrong].all()
         # its pull is bounded, not ended: another landmark may come to lie beyond
         assert (judged & ~wrong).sum() <= (1 if loss == "sparse-error" else 0)
         plain, _ = fit(one, few)
-        assert "outliers" not in plain.extras
+        assert "outliers" not in plain.columns
         good = ~wrong
         robust, squared = (
             np.linalg.norm(part.landmarks_fitted - few.landmarks, axis=1)[good].max()
@@ -40,14 +40,14 @@ class TestFamily:
 
     def test_the_exact_loss_leaves_no_residual(self, fit, dictionary, images):
         found, _ = fit(dictionary, images, loss="exact", solver={"tolerance": 1e-8})
-        assert found.extras["residual"].max() < 1e-8
+        assert found.columns["residual"].max() < 1e-8
 
     def test_lambda_follows_the_noise(self, fit, dictionary, images):
         low, _ = fit(dictionary, images, **{"lambda": "auto", "noise": 0.5})
         high, _ = fit(dictionary, images, **{"lambda": "auto", "noise": 1.0})
-        np.testing.assert_allclose(high.extras["lambda"], 2 * low.extras["lambda"])
+        np.testing.assert_allclose(high.columns["lambda"], 2 * low.columns["lambda"])
         np.testing.assert_allclose(
-            low.extras["lambda"] * low.scale, low.extras["lambda"][0] * low.scale[0]
+            low.columns["lambda"] * low.scale, low.columns["lambda"][0] * low.scale[0]
         )
 
     def test_the_time_is_that_of_solving_all_chunks(self, fit, dictionary, views, monkeypatch):

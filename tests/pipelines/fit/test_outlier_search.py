@@ -1,7 +1,5 @@
 """`outliers.method` of `fit`: wrong landmarks are as good as hidden, and said to be wrong."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -40,7 +38,7 @@ def run(fit, tmp_path, made_cars):
 
 def spoil(views, share, rng):
     landmarks, wrong = corrupt(views.landmarks, views.seen(), share, 0.1, rng)
-    return replace(views, landmarks=landmarks), wrong
+    return views.replaced(landmarks=landmarks), wrong
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -49,18 +47,18 @@ def test_an_outlier_is_as_good_as_hidden_but_labelled(method, lifting, run, view
     spoilt, wrong = spoil(views, 0.3, rng)
     found, failures = run(spoilt, method=lifting, outliers={"method": method})
     assert not failures
-    labels = found.extras["outliers"].astype(bool)
+    labels = found.columns["outliers"].astype(bool)
     visible = np.isfinite(spoilt.landmarks[:, 0])
     assert not labels[~visible].any()
     assert (labels & wrong).sum() > 0.85 * max(labels.sum(), wrong.sum())
     np.testing.assert_array_equal(  # the observed landmarks, those judged wrong too
-        found.extras["landmarks"], np.swapaxes(spoilt.landmarks, 1, 2)
+        found.columns["landmarks"], np.swapaxes(spoilt.landmarks, 1, 2)
     )
-    hidden = replace(spoilt, landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks))
+    hidden = spoilt.replaced(landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks))
     without, _ = run(hidden, method=lifting)
     np.testing.assert_array_equal(found.shapes, without.shapes)
     np.testing.assert_array_equal(found.scale, without.scale)
-    assert "outliers" not in without.extras
+    assert "outliers" not in without.columns
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -68,9 +66,9 @@ def test_perspective_starts_from_the_inliers(method, run, views, rng):
     spoilt, _ = spoil(views, 0.3, rng)
     camera = {"model": "perspective", "intrinsics": "camera_matrix"}
     found, _ = run(spoilt, outliers={"method": method}, camera=camera)
-    labels = found.extras["outliers"].astype(bool)
+    labels = found.columns["outliers"].astype(bool)
     assert labels.any()
-    hidden = replace(spoilt, landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks))
+    hidden = spoilt.replaced(landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks))
     without, _ = run(hidden, camera=camera)
     np.testing.assert_array_equal(found.shapes, without.shapes)
 
@@ -80,10 +78,10 @@ def test_the_search_does_without_the_model_left_out(method, run, views, rng, mad
     spoilt, _ = spoil(views, 0.3, rng)
     spoilt = spoilt.take(slice(8))
     found, _ = run(spoilt, outliers={"method": method}, leave_out="true_model")
-    for image, model in enumerate(spoilt.extras["true_model"]):
+    for image, model in enumerate(spoilt.columns["true_model"]):
         assert not found.coefficients[image][~made_cars.atoms_without(str(model))].any()
         alone = labels_of(spoilt.take([image]), made_cars.without(str(model)), method)
-        np.testing.assert_array_equal(found.extras["outliers"][image].astype(bool), alone)
+        np.testing.assert_array_equal(found.columns["outliers"][image].astype(bool), alone)
 
 
 def labels_of(image, dictionary, method):
@@ -132,9 +130,9 @@ def test_labels_of_ransac_depend_neither_on_chunks_nor_on_order(chunk, run, view
     found, _ = run(spoilt, outliers=search)
     order = rng.permutation(len(spoilt))
     again, _ = run(spoilt.take(order), outliers=search, chunk=chunk, threads=2)
-    np.testing.assert_array_equal(again.extras["outliers"], found.extras["outliers"][order])
+    np.testing.assert_array_equal(again.columns["outliers"], found.columns["outliers"][order])
     other, _ = run(spoilt, outliers=search | {"seed": 1})
-    assert (other.extras["outliers"] != found.extras["outliers"]).any()
+    assert (other.columns["outliers"] != found.columns["outliers"]).any()
 
 
 def test_a_seed_belongs_to_the_name_of_an_image(views):
@@ -155,7 +153,7 @@ def test_images_that_cannot_be_searched_or_lifted(method, run, views, rng):
     landmarks[3][:, seen[3][5:]] = np.nan  # five landmarks of another shape
     landmarks[3][:, seen[3][:5]] = rng.uniform(0, 1e3, (2, 5))
     landmarks[4] = np.nan
-    images = replace(images, landmarks=landmarks)
+    images = images.replaced(landmarks=landmarks)
     found, failures = run(images, outliers={"method": method, "threshold": 0.01})
     name = images.items
     assert failures[name[1]] == "only 2 visible landmarks, 3 are needed"
@@ -164,7 +162,7 @@ def test_images_that_cannot_be_searched_or_lifted(method, run, views, rng):
         "of 5 visible landmarks agree with each other; the minimum is 4, not all on one line"
     )
     assert failures[name[4]] == "all landmarks are hidden"
-    labels = found.extras["outliers"].astype(bool)
+    labels = found.columns["outliers"].astype(bool)
     assert not labels[[0, 1, 2, 4]].any()
     assert labels[3].sum() == 5
     assert np.isfinite(found.shapes[0]).all()
@@ -179,8 +177,8 @@ def test_four_landmarks_are_searched_and_four_that_agree_are_enough(run, views, 
     landmarks[:, :, ~np.isin(np.arange(p), [0, p // 3, 2 * p // 3, p - 1])] = np.nan
     landmarks[1] = np.where(np.isfinite(landmarks[1]), rng.uniform(0, 1e3, (2, p)), np.nan)
     search = {"method": "ransac", "threshold": 0.05}
-    found, failures = run(replace(images, landmarks=landmarks), outliers=search)
+    found, failures = run(images.replaced(landmarks=landmarks), outliers=search)
     assert list(failures) == [images.items[1]]
     assert "of 4 visible landmarks agree" in failures[images.items[1]]
-    assert not found.extras["outliers"][0].any()
-    assert found.extras["outliers"][1].sum() == 4
+    assert not found.columns["outliers"][0].any()
+    assert found.columns["outliers"][1].sum() == 4

@@ -1,6 +1,5 @@
 """The recommended way for people on motion capture, as in benchmarks/notes/posterior.md."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -93,5 +92,5 @@ def test_one_landmark_that_is_wrong_leaves_the_others(real_data, lift):
         result = lift(shapes, each)
         hidden = result.shapes.copy()
         hidden[np.arange(n), :, wrong] = np.nan
-        found.append(errors(replace(result, shapes=hidden), shapes).mean())
+        found.append(errors(result.replaced(shapes=hidden), shapes).mean())
     assert found[1] < 1.1 * found[0]

@@ -58,18 +58,18 @@ def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, with_prior, i
     keys = {"method": "posterior", "posterior": {"covariance": True}}
     keys |= {"camera": {"model": "weak-perspective"}}
     found, _ = fit(with_prior, images, **keys)
-    covariance = found.extras["shape_covariance"]
+    covariance = found.columns["shape_covariance"]
     assert covariance.shape == (8, 30, 30)
     variance = np.diagonal(covariance, axis1=1, axis2=2).reshape(8, 10, 3)
     assert found.shape_sd.swapaxes(1, 2) ** 2 == pytest.approx(variance)
     blocks = covariance.reshape(8, 10, 3, 10, 3)
-    sd, correlation = found.shape_sd.swapaxes(1, 2), found.extras["shape_correlation"]
+    sd, correlation = found.shape_sd.swapaxes(1, 2), found.columns["shape_correlation"]
     for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
         own = np.einsum("npp->np", blocks[:, :, a, :, b]) / (sd[..., a] * sd[..., b])
         assert correlation[..., row] == pytest.approx(own, abs=1e-6)
-    assert ((found.extras["plausibility"] >= 0) & (found.extras["plausibility"] <= 1)).all()
+    assert ((found.columns["plausibility"] >= 0) & (found.columns["plausibility"] <= 1)).all()
     assert set(found.status) == {"converged"}
-    larger = replace(images, landmarks=10 * images.landmarks)
+    larger = images.replaced(landmarks=10 * images.landmarks)
     grown, _ = fit(with_prior, larger, **keys)
     assert grown.shape_sd == pytest.approx(10 * found.shape_sd, rel=1e-4)
 
@@ -80,10 +80,10 @@ def test_noise_widens_and_a_covariance_of_each_landmark_takes_its_place(fit, wit
     noisy, _ = fit(with_prior, images, noise=2.0, **keys)
     assert np.median(noisy.shape_sd[:, :2]) > np.median(plain.shape_sd[:, :2])
     each = np.tile(4.0 * np.eye(2), (8, 10, 1, 1))
-    told = replace(images, extras={**images.extras, "landmark_covariance": each})
+    told = images.replaced(further={**images.further, "landmark_covariance": each})
     same, _ = fit(with_prior, told, **keys)
     assert same.shapes == pytest.approx(noisy.shapes)
-    wrong = replace(images, extras={"landmark_covariance": -each})
+    wrong = images.replaced(further={"landmark_covariance": -each})
     fit(with_prior, wrong, method="convex")  # which does not use it
     with pytest.raises(InputError, match="negative variance"):
         fit(with_prior, wrong, method="posterior")
@@ -93,7 +93,7 @@ def test_noise_widens_and_a_covariance_of_each_landmark_takes_its_place(fit, wit
 def test_what_confidences_above_one_do_is_told(fit, with_prior, images, method):
     known = read_dictionary(with_prior)
     write_dictionary(with_prior, replace(known, edges=np.array([[0, 1], [1, 2]])))
-    sure = replace(images, confidence=np.full((8, 10), 3.0))
+    sure = images.replaced(confidence=np.full((8, 10), 3.0))
     given = {"least_score": None}
     _, outcomes = fit(with_prior, sure, method=method, posterior=given)
     told = {w for out in outcomes for w in map(str, out.warnings) if "confidences above 1" in w}
@@ -109,8 +109,8 @@ def test_implausible_images_are_reported_and_keep_their_status(fit, with_prior, 
     (doubt,) = [doubt for out in outcomes for doubt in out.doubts]
     assert doubt.text == "implausible landmarks"
     assert set(doubt.items) == set(found.items)
-    assert not found.extras["trusted"].any()
-    assert set(found.extras["doubt"]) == {"implausible landmarks"}
+    assert not found.columns["trusted"].any()
+    assert set(found.columns["doubt"]) == {"implausible landmarks"}
     assert set(found.status) == {"converged"}
 
 
@@ -118,14 +118,14 @@ def test_images_are_trusted_unless_something_speaks_against_it(fit, with_prior, 
     found, outcomes = fit(with_prior, images, method="posterior",
         posterior={"implausible": 0, "widest": 100},
     )  # fmt: skip
-    assert found.extras["trusted"].all()
+    assert found.columns["trusted"].all()
     assert not any(out.doubts for out in outcomes)
 
 
 def test_images_without_enough_landmarks_fail_alone(fit, with_prior, images):
     landmarks = images.landmarks.copy()
     landmarks[2, :, 2:] = np.nan
-    found, outcomes = fit(with_prior, replace(images, landmarks=landmarks), method="posterior")
+    found, outcomes = fit(with_prior, images.replaced(landmarks=landmarks), method="posterior")
     assert list(failures(outcomes)) == ["image2"]
     assert np.isnan(found.shapes[2]).all()
     assert np.isnan(found.shape_sd[2]).all()
@@ -141,7 +141,7 @@ def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     assert found.shapes == pytest.approx(weak.shapes, abs=1e-3)
     assert found.shape_sd == pytest.approx(weak.shape_sd, rel=1e-3, abs=1e-4)
     assert found.landmarks_fitted == pytest.approx(weak.shapes[:, :2], abs=1e-3)
-    assert found.extras["camera_translation"][:, 2] == pytest.approx(1e7 / found.scale, rel=1e-6)
+    assert found.columns["camera_translation"][:, 2] == pytest.approx(1e7 / found.scale, rel=1e-6)
     with h5py.File(tmp_path / "result.h5") as file:
         assert np.isfinite(file["dual"][:]).all()
     assert not failures(outcomes)
@@ -149,7 +149,7 @@ def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     other, _ = fit(with_prior, images, camera=near, **keys)
     assert np.abs(other.landmarks_fitted - other.shapes[:, :2]).max() > 0.1
     names = ("shape_covariance", "camera_translation", "focal", "principal_point")
-    assert all(np.isfinite(other.extras[name]).all() for name in names)
+    assert all(np.isfinite(other.columns[name]).all() for name in names)
 
 
 def test_a_result_through_a_camera_passes_verification(fit, tmp_path, with_prior, images):

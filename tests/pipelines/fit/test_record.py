@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from shapefit.io import open_landmarks, write_dictionary
-from shapefit.io.extras import Extras
 from shapefit.pipelines.fit.record import OF_A_RESULT
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
@@ -21,9 +20,9 @@ def fit(project, made_cars, tmp_path):
         images = next(source.chunks(3))
 
     def fit(per_item=None, output="result.h5", edges=None, **keys):
-        whole = {"camera_matrix": images.extras["camera_matrix"]}
+        whole = {"camera_matrix": images.columns["camera_matrix"]}
         whole |= {} if edges is None else {"edges": np.array(edges)}
-        save(tmp_path / "views.h5", replace(images, extras=Extras(per_item, whole)))
+        save(tmp_path / "views.h5", images.replaced(further={**(per_item or {}), **whole}))
         dictionary = tmp_path / "dictionary.h5"
         found, outcomes = fit_file(tmp_path / "views.h5", dictionary, tmp_path / output, **keys)
         return found, warnings(outcomes)
@@ -44,25 +43,25 @@ def fit(project, made_cars, tmp_path):
 def test_every_dataset_of_a_fit_is_known_as_such(fit, keys):
     """Or of the landmarks: their edges are those of the dictionary, whatever they were."""
     found, told = fit(**keys)
-    assert found.extras.keys() - {"camera_matrix", "edges"} <= OF_A_RESULT
+    assert found.further.keys() - {"camera_matrix", "edges"} <= OF_A_RESULT
     assert not [line for line in told if "that a result uses" in line]
 
 
 def test_a_dictionary_without_edges_leaves_those_of_the_landmarks(fit, made_cars, tmp_path):
     write_dictionary(tmp_path / "dictionary.h5", replace(made_cars, edges=None))
     found, _ = fit(edges=[[0, 1], [2, 5]])
-    np.testing.assert_array_equal(found.extras["edges"], [[0, 1], [2, 5]])
+    np.testing.assert_array_equal(found.columns["edges"], [[0, 1], [2, 5]])
 
 
 def test_datasets_of_the_landmarks_do_not_pass_for_those_of_the_fit(fit):
     mine = {name: np.full(3, -7.0) for name in ("status", "lambda", "residual", "outliers")}
     found, told = fit({**mine, "subject": np.full(3, -7.0)})
     assert list(found.status) == ["optimal"] * 3
-    np.testing.assert_array_equal(found.extras["lambda"], 0.1)
-    assert "outliers" not in found.extras
-    assert (found.extras["residual"] >= 0).all()
+    np.testing.assert_array_equal(found.columns["lambda"], 0.1)
+    assert "outliers" not in found.columns
+    assert (found.columns["residual"] >= 0).all()
     for name in (*(f"input_{name}" for name in mine), "subject"):
-        np.testing.assert_array_equal(found.extras[name], -7.0)
+        np.testing.assert_array_equal(found.columns[name], -7.0)
     (warning,) = (line for line in told if "that a result uses" in line)
     for name in mine:
         assert f"{name} is stored as input_{name}" in warning

@@ -77,7 +77,7 @@ def test_without_edges_sequences_go_by_steady_motion(people, tmp_path):
     single, _ = fitted(tmp_path, people / "views.h5", method="posterior")
     whole, _ = fitted(tmp_path, people / "views.h5")
     assert np.isfinite(whole.shapes).all()
-    assert np.isfinite(whole.extras["sequence_noise"]).any()
+    assert np.isfinite(whole.columns["sequence_noise"]).any()
 
     def haste(shapes):
         return np.abs(np.diff(shapes[:, 2], n=2, axis=0)).mean()
@@ -92,7 +92,7 @@ def test_without_edges_sequences_go_by_steady_motion(people, tmp_path):
 def test_error_bars_keep_what_frames_have_in_common(people):
     single, _ = fitted(people, people / "views.h5", method="posterior")
     whole, _ = fitted(people, people / "views.h5")
-    refined = np.isfinite(whole.extras["sequence_noise"])
+    refined = np.isfinite(whole.columns["sequence_noise"])
     assert refined.any()
     assert (whole.shape_sd[refined] > 0.4 * single.shape_sd[refined]).all()
     np.testing.assert_allclose(whole.shape_sd[~refined], single.shape_sd[~refined], rtol=1e-5)
@@ -106,22 +106,21 @@ def test_covariances_agree_with_deviations_and_correlations(people, tmp_path, ca
     first = np.flatnonzero(np.array(images.sequences) == images.sequences[0])
     path = written(tmp_path / "first.h5", images.take(first))
     found, _ = fitted(people, path, posterior={"covariance": True}, **keys)
-    assert np.isfinite(found.extras["sequence_noise"]).any()
-    n, p, _ = found.extras["shape_correlation"].shape
-    own = np.einsum("njajb->njab", found.extras["shape_covariance"].reshape(n, p, 3, p, 3))
+    assert np.isfinite(found.columns["sequence_noise"]).any()
+    n, p, _ = found.columns["shape_correlation"].shape
+    own = np.einsum("njajb->njab", found.columns["shape_covariance"].reshape(n, p, 3, p, 3))
     sd = np.sqrt(np.einsum("njaa->naj", own))
     np.testing.assert_allclose(sd, found.shape_sd, rtol=1e-6)
     for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
         mixed = own[:, :, a, b] / (sd[:, a] * sd[:, b])
-        np.testing.assert_allclose(mixed, found.extras["shape_correlation"][:, :, row], atol=1e-5)
+        np.testing.assert_allclose(mixed, found.columns["shape_correlation"][:, :, row], atol=1e-5)
 
 
 def test_a_body_that_hardly_turns_is_but_steadied(people, project, tmp_path):
     images = load(people / "views.h5").take([7] * 24)
     jitter = 0.01 * np.random.default_rng(2).standard_normal(images.landmarks.shape)
     size = np.ptp(images.landmarks[0], axis=1).max()
-    still = replace(
-        images,
+    still = images.replaced(
         landmarks=images.landmarks + size * jitter,
         items=tuple(map(str, range(24))),
         sequences=("still",) * 24,
@@ -129,13 +128,13 @@ def test_a_body_that_hardly_turns_is_but_steadied(people, project, tmp_path):
     path = written(tmp_path / "still.h5", still)
     single, _ = fitted(people, path, method="posterior")
     whole, _ = fitted(people, path)
-    assert np.isnan(whole.extras["sequence_noise"]).all()
+    assert np.isnan(whole.columns["sequence_noise"]).all()
     np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
     jumps = [np.abs(np.diff(each.shapes, axis=0)).mean() for each in (single, whole)]
     assert jumps[1] < 0.9 * jumps[0]
     known = {"lengths": project / "sample_data/people_test.h5"}
     measured, _ = fitted(people, path, sequences=known)
-    assert np.isfinite(measured.extras["sequence_noise"]).all()
+    assert np.isfinite(measured.columns["sequence_noise"]).all()
 
 
 def test_the_program_that_sequences_start_from_is_proved(people):
@@ -151,22 +150,20 @@ def test_the_program_that_sequences_start_from_is_proved(people):
 
 def test_sequences_of_one_image_are_single_images(people, tmp_path):
     images = load(people / "views.h5").take(slice(0, 20))
-    alone = replace(images, sequences=tuple(map(str, range(20))))
+    alone = images.replaced(sequences=tuple(map(str, range(20))))
     path = written(tmp_path / "alone.h5", alone)
     single, _ = fitted(people, path, method="posterior")
     whole, _ = fitted(people, path)
     # but for the neighbour that the convex program starts from
     np.testing.assert_allclose(whole.shapes, single.shapes, rtol=1e-5, atol=1e-8)
     np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
-    assert np.isnan(whole.extras["sequence_noise"]).all()
+    assert np.isnan(whole.columns["sequence_noise"]).all()
 
 
 def test_copies_of_a_frame_stay_within_a_standard_deviation(people, tmp_path):
     one = load(people / "views.h5").take([7])
-    copies = replace(
-        one.take([0] * 12),
-        items=tuple(map(str, range(12))),
-        sequences=("copies",) * 12,
+    copies = one.take([0] * 12).replaced(
+        items=tuple(map(str, range(12))), sequences=("copies",) * 12
     )
     single, _ = fitted(people, written(tmp_path / "one.h5", one), method="posterior")
     whole, _ = fitted(people, written(tmp_path / "copies.h5", copies))
@@ -181,11 +178,11 @@ def test_results_do_not_depend_on_threads(people):
 
 
 def test_an_unknown_frame_rate_is_a_warning(people, tmp_path):
-    images = replace(load(people / "views.h5").take(slice(0, 10)), frame_rate=None)
+    images = load(people / "views.h5").take(slice(0, 10)).replaced(frame_rate=None)
     path = written(tmp_path / "unknown.h5", images)
     assert any("frame rate is unknown" in text for text in fitted(people, path)[1])
     assert not any("frame rate" in t for t in fitted(people, path, sequences={"frame_rate": 24})[1])
-    stated = written(tmp_path / "stated.h5", replace(images, frame_rate=24.0))
+    stated = written(tmp_path / "stated.h5", images.replaced(frame_rate=24.0))
     result, warnings = fitted(people, stated)
     assert not any("frame rate" in text for text in warnings)
     assert result.frame_rate == 24
@@ -202,7 +199,7 @@ def test_a_frame_rate_that_is_none_is_an_error(people, tmp_path, rate):
 
 def test_sequences_out_of_order_are_an_error(people, tmp_path):
     images = load(people / "views.h5").take(slice(0, 6))
-    mixed = replace(images, sequences=("a", "a", "b", "b", "a", "a"))
+    mixed = images.replaced(sequences=("a", "a", "b", "b", "a", "a"))
     with pytest.raises(InputError, match="the sequence 'a' goes on after others"):
         fitted(people, written(tmp_path / "mixed.h5", mixed))
 
@@ -235,7 +232,7 @@ def test_known_lengths_come_from_shapes_or_a_table(people, project, tmp_path):
 def test_landmarks_are_renamed_and_strange_ones_left_out(people, tmp_path):
     images = load(people / "views.h5").take(slice(0, 8))
     names = list(images.landmark_names)
-    odd = replace(images, landmark_names=("first", *names[1:-1], names[-1] + "x"))
+    odd = images.replaced(landmark_names=("first", *names[1:-1], names[-1] + "x"))
     path = written(tmp_path / "odd.h5", odd)
     result, warnings = fitted(people, path, method="convex", input={"rename": {"first": names[0]}})
     assert any(f"{names[-1]}x: {names[-1]}" in text for text in warnings)
@@ -271,7 +268,7 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
     assert not any(outcome.failures for outcome in verify.run(request))
     errors = [similarity(each.shapes, X).mean() for each in (found, weak)]
     assert errors[0] < 0.95 * errors[1]
-    assert found.extras["camera_translation"].shape == (len(truth), 3)
+    assert found.columns["camera_translation"].shape == (len(truth), 3)
     assert (found.shape_sd > 0).all()
     far = {"model": "perspective", "focal": 1e8, "principal_point": [500.0, 500.0]}
     same, _ = fitted(people, path, camera=far)
@@ -336,7 +333,7 @@ def test_bones_that_hardly_turn_must_move_their_images_little(
     monkeypatch.setattr(clips, "NEAR", near)
     monkeypatch.setattr(clips, "FARTHEST", 1e9)
     found, _ = fitted(people, people / "views.h5")
-    assert np.isfinite(found.extras["sequence_noise"]).all() == refined
+    assert np.isfinite(found.columns["sequence_noise"]).all() == refined
 
 
 def test_lengths_of_other_bodies_leave_the_size_free(people, rng):

@@ -83,8 +83,8 @@ class TestShapes:
         b, _ = fit(dictionary, second)
         np.testing.assert_array_equal(a.shapes, b.shapes)
         seen = np.where(confidence[:, :, None] > 0, images.landmarks.swapaxes(1, 2), np.nan)
-        np.testing.assert_array_equal(a.extras["landmarks"], seen)
-        np.testing.assert_array_equal(b.extras["landmarks"], seen)
+        np.testing.assert_array_equal(a.columns["landmarks"], seen)
+        np.testing.assert_array_equal(b.columns["landmarks"], seen)
 
     def test_permuted_landmarks_simply_work(self, fit, dictionary, images):
         order = [3, 1, 4, 0, 5, 9, 2, 6, 8, 7]
@@ -92,12 +92,12 @@ class TestShapes:
             landmarks=images.landmarks[:, :, order],
             landmark_names=tuple(NAMES[j] for j in order),
             items=images.items,
-            extras={"corrupted": np.eye(8, 10, dtype=bool)[:, order]},
+            columns={"corrupted": np.eye(8, 10, dtype=bool)[:, order]},
         )
         a, _ = fit(dictionary, images)
         b, _ = fit(dictionary, permuted)
         np.testing.assert_array_equal(a.shapes, b.shapes)
-        np.testing.assert_array_equal(b.extras["corrupted"].astype(bool), np.eye(8, 10))
+        np.testing.assert_array_equal(b.columns["corrupted"].astype(bool), np.eye(8, 10))
         assert b.landmark_names == NAMES
 
     @pytest.mark.parametrize("factor", [2.0**-30, 2.0**53])
@@ -137,14 +137,16 @@ class TestShapes:
                 found = getattr(again, name)
                 if found is not None:
                     np.testing.assert_array_equal(found, getattr(base, name), name)
-            assert again.extras.keys() == base.extras.keys()
-            for name in again.extras:
-                np.testing.assert_array_equal(again.extras[name], base.extras[name], name)
+            assert again.further.keys() == base.further.keys()
+            for name in again.columns:
+                np.testing.assert_array_equal(again.columns[name], base.columns[name], name)
 
     def test_further_datasets_and_provenance_are_carried(self, fit, dictionary, images):
         found, _ = fit(dictionary, images, transforms=True)
-        np.testing.assert_array_equal(found.extras["true_rotation"], images.extras["true_rotation"])
-        np.testing.assert_array_equal(found.extras["camera_matrix"], np.eye(3))
+        np.testing.assert_array_equal(
+            found.columns["true_rotation"], images.columns["true_rotation"]
+        )
+        np.testing.assert_array_equal(found.columns["camera_matrix"], np.eye(3))
         assert found.sequences == images.sequences
         assert found.transforms.shape == (8, 6, 2, 3)
         assert json.loads(found.attributes["config"])["method"] == "convex"
@@ -169,4 +171,4 @@ class TestShapes:
         assert found.attributes["method"] == method
         np.testing.assert_allclose(found.shapes[:, :2], found.landmarks_fitted)
         if method != "mean-shape":  # alternate may end in a local minimum
-            assert np.median(found.extras["residual"]) < 0.05
+            assert np.median(found.columns["residual"]) < 0.05

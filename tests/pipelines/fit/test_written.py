@@ -23,7 +23,7 @@ EDGES = np.array([[0, 1], [1, 2], [2, 3]])
 def films(tmp_path, images):
     """Write the images, two sequences of four, at 10 Hz."""
     path = tmp_path / "views.h5"
-    save(path, replace(images, frame_rate=10.0))
+    save(path, images.replaced(frame_rate=10.0))
     return path
 
 
@@ -76,7 +76,7 @@ def test_what_the_result_stores(tmp_path, films, measured):
     run(fit, "fit", tmp_path / "result.h5", landmarks=[films], dictionary=measured)
     result = read_results(tmp_path / "result.h5")
     assert result.attributes["metres_from"] == "edges"
-    metres = result.extras["metres_per_unit"][:, None, None] * result.shapes
+    metres = result.columns["metres_per_unit"][:, None, None] * result.shapes
     np.testing.assert_allclose(total(metres.swapaxes(1, 2)), 0.6)
 
 

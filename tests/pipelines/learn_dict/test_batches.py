@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 import tracemalloc
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -141,7 +141,7 @@ class TestBadShapes:
     def test_one_point_is_left_out_and_named(self, learned, people):
         points = people.shapes.copy()
         points[1234] = points[1234, :, :1]
-        outcomes, found = learned(replace(people, shapes=points), batch=300)
+        outcomes, found = learned(people.replaced(shapes=points), batch=300)
         item = people.items[1234]
         assert failures(outcomes) == {item: "all its landmarks are at one point"}
         _, expected = learned(people.take(np.arange(1920) != 1234), batch=300)
@@ -162,14 +162,14 @@ class TestBadShapes:
     def test_none_that_can_be_used(self, learned, people):
         points = np.zeros_like(people.shapes)
         with pytest.raises(InputError, match=r"0 shapes.*, for one: all its landmarks are"):
-            learned(replace(people, shapes=points), batch=300)
+            learned(people.replaced(shapes=points), batch=300)
 
     def test_fewer_than_atoms(self, learned, people):
         few = people.take(slice(0, 20))
         points = few.shapes.copy()
         points[:9] = 0
         with pytest.raises(InputError, match=r"k: 16 atoms .* 11 shapes .*; lower k"):
-            learned(replace(few, shapes=points), batch=17)
+            learned(few.replaced(shapes=points), batch=17)
 
 
 class TestRefusals:
@@ -215,7 +215,7 @@ class TestRefusals:
 
 def test_landmarks_are_paired_by_the_file(learned, project):
     cars = read_shapes([project / "sample_data/cars.h5"])
-    bare = replace(cars, mesh_vertices=None, mesh_faces=None)
+    bare = cars.replaced(mesh_vertices=None, mesh_faces=None)
     settings = {"k": 4, "symmetry": "symmetrise", "align": "none"}
     _, whole = learned(bare, **settings)
     _, found = learned(bare, batch=len(cars) - 1, **settings)
@@ -226,7 +226,7 @@ def test_landmarks_are_paired_by_the_file(learned, project):
 def test_meshes_are_left_out_with_a_warning(learned, people):
     mesh = np.repeat(people.shapes[:, :, :4], 2, axis=2)
     faces = np.array([[0, 1, 2]])
-    outcomes, found = learned(replace(people, mesh_vertices=mesh, mesh_faces=faces), batch=300)
+    outcomes, found = learned(people.replaced(mesh_vertices=mesh, mesh_faces=faces), batch=300)
     assert found.mesh_vertices is None
     assert found.mesh_faces is None
     assert texts(outcomes) == ["the meshes are left out: leave out `batch` to keep them"]
@@ -244,7 +244,7 @@ def test_memory_grows_with_the_batch_alone(people, tmp_path):
         rows = np.arange(count) % len(people)
         path = tmp_path / f"{count}.h5"
         items = tuple(map(str, range(count)))
-        write_shapes(path, replace(people.take(rows), items=items, sequences=None))
+        write_shapes(path, people.take(rows).replaced(items=items, sequences=None))
         config = LearnDictConfig(
             shapes=str(path), output=str(tmp_path / "d.h5"), k=8, batch=1000, iterations=2
         )

@@ -1,7 +1,5 @@
 """`method: exemplars`: every training shape an atom, with its mesh, its size and its name."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import trimesh
@@ -112,7 +110,7 @@ def same_dictionary():
 
 
 def test_models_without_mesh_and_unit_are_atoms_too(make, models):
-    bare = replace(models, mesh_vertices=None, mesh_faces=None, unit="unknown")
+    bare = models.replaced(mesh_vertices=None, mesh_faces=None, unit="unknown")
     dictionary, _ = make(bare)
     assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
     assert dictionary.unit == "unknown"
@@ -121,7 +119,7 @@ def test_models_without_mesh_and_unit_are_atoms_too(make, models):
 def test_a_model_of_one_point_fails_and_the_others_are_atoms(make, models):
     points = models.shapes.copy()
     points[3] = 1.0
-    dictionary, outcomes = make(replace(models, shapes=points))
+    dictionary, outcomes = make(models.replaced(shapes=points))
     assert [failure.item for failure in outcomes[0].failures] == ["model3"]
     assert "model3" not in dictionary.atom_items
     assert dictionary.k == len(dictionary.atom_scale) == len(dictionary.mesh_vertices) == 8

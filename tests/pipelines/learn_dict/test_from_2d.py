@@ -45,7 +45,7 @@ def learn(tmp_path):
             landmark_names=tuple(f"p{j}" for j in range(landmarks.shape[2])),
             items=tuple(f"image{i}" for i in range(len(landmarks))),
         )
-        save(tmp_path / "images.h5", replace(images, **(further or {})))
+        save(tmp_path / "images.h5", images.replaced(**further or {}))
         given = {"shapes": tmp_path / "images.h5", "output": tmp_path / "dict.h5", "k": 5}
         return list(learn_dict.run(LearnDictConfig(**given | changes)))
 
@@ -88,7 +88,7 @@ def test_a_known_camera_decides_what_is_near(learn, tmp_path, class_of_shapes, s
     size = np.linalg.norm(shapes, axis=(1, 2)).mean() / np.sqrt(P)
     seen = shapes[:, :2] / (1 + shapes[:, 2:] / (4 * size))
     camera = np.array([[400 * size, 0, 300], [0, 400 * size, 300], [0, 0, 1.0]])
-    outcomes = learn(seen, {"extras": {"camera_matrix": camera}})
+    outcomes = learn(seen, {"further": {"camera_matrix": camera}})
     assert any("perspective: near and far" in outcome.line for outcome in outcomes)
     found = lift(tmp_path)
     assert error(found, shapes, 1) < 0.3 < error(found, shapes, -1)
@@ -102,7 +102,7 @@ def test_nothing_reads_a_truth(learn, tmp_path, class_of_shapes):
         "true_rotation": np.full((N, 3, 3), np.nan),
         "triangulated_shapes": np.full((N, P, 3), -7.0),
     }
-    learn(class_of_shapes[:, :2], {"extras": extras})
+    learn(class_of_shapes[:, :2], {"further": extras})
     with h5py.File(tmp_path / "images.h5") as file:
         assert "true_shapes" in file
     poisoned = read_dictionary(tmp_path / "dict.h5")
@@ -213,7 +213,7 @@ def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes
     edges = np.column_stack([np.arange(P - 1), np.arange(1, P)])
     freedom = []
     for stretch in (0.0, 0.3):
-        further = {"extras": {"edges": edges}}
+        further = {"further": {"edges": edges}}
         learn(class_of_shapes[:, :2], further, prior={"components": 1, "stretch": stretch})
         made = read_dictionary(tmp_path / "dict.h5")
         np.testing.assert_array_equal(made.edges, edges)

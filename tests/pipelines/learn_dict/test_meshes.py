@@ -56,7 +56,7 @@ def test_vertices_go_where_the_landmarks_go_on_which_they_lie(tmp_path, models):
 
 def test_meshes_mixed_otherwise_follow_the_mixture(tmp_path, models, rng):
     meshes = rng.standard_normal((12, 3, 7))
-    dictionary, _ = make(tmp_path, replace(models, mesh_vertices=meshes))
+    dictionary, _ = make(tmp_path, models.replaced(mesh_vertices=meshes))
     normalised = normalise(models.shapes)
     alignment = generalised_procrustes(normalised.points)
     carried = carry_mesh(meshes, normalised, alignment.rotations)
@@ -73,12 +73,12 @@ def test_learned_atoms_have_sizes_in_the_unit_of_the_shapes(tmp_path, models):
     grown = dictionary.atom_scale * spread(dictionary.atoms)
     share = learned.coefficients / learned.coefficients.sum(axis=0)
     np.testing.assert_allclose(grown, share.T @ normalised.scale, rtol=1e-12)
-    larger, _ = make(tmp_path, replace(models, shapes=1000 * models.shapes))
+    larger, _ = make(tmp_path, models.replaced(shapes=1000 * models.shapes))
     np.testing.assert_allclose(larger.atom_scale, 1000 * dictionary.atom_scale, rtol=1e-9)
 
 
 def test_shapes_without_meshes_give_atoms_without(tmp_path, models):
-    bare = replace(models, mesh_vertices=None, mesh_faces=None)
+    bare = models.replaced(mesh_vertices=None, mesh_faces=None)
     dictionary, warnings = make(tmp_path, bare)
     assert (warnings, dictionary.mesh_vertices, dictionary.mesh_faces) == ([], None, None)
 

@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -131,7 +130,7 @@ class TestDictionary:
 
     def test_where_shapes_lie_and_how_large_they_are_does_not_matter(self, config, shapes):
         _, before = learned(config())
-        moved = replace(shapes, shapes=1000 * shapes.shapes - 7)
+        moved = shapes.replaced(shapes=1000 * shapes.shapes - 7)
         _, after = learned(config(moved))
         np.testing.assert_allclose(after.atoms, before.atoms, atol=1e-9)
 
@@ -139,8 +138,8 @@ class TestDictionary:
         _, before = learned(config())
         order = [3, 0, 4, 2, 1]
         names = tuple(NAMES[i] for i in order)
-        permuted = replace(
-            shapes, shapes=shapes.shapes[..., order], landmark_names=names, edges=None
+        permuted = shapes.replaced(
+            shapes=shapes.shapes[..., order], landmark_names=names, edges=None
         )
         _, after = learned(config(permuted))
         assert after.landmark_names == names
@@ -181,7 +180,7 @@ class TestEvery:
         np.testing.assert_array_equal(thinned.atoms, expected.atoms)
 
     def test_without_sequences_all_are_one(self, config, shapes):
-        _, thinned = learned(config(replace(shapes, sequences=None), every=4))
+        _, thinned = learned(config(shapes.replaced(sequences=None), every=4))
         _, expected = learned(config(shapes.take(slice(0, 30, 4))))
         np.testing.assert_array_equal(thinned.atoms, expected.atoms)
 
@@ -262,20 +261,20 @@ class TestPcaBases:
         points = shapes.shapes.copy()
         points[:10] = points[0]
         outcomes, dictionary = learned(
-            config(replace(shapes, shapes=points), method="pca-bases", bases=3)
+            config(shapes.replaced(shapes=points), method="pca-bases", bases=3)
         )
         assert [o.note for o in outcomes[1:]] == ["0 bases of walk", "3 bases of run", "3 bases"]
         assert dictionary.k == 3
 
     def test_without_sequences_all_are_one(self, config, shapes):
         outcomes, dictionary = learned(
-            config(replace(shapes, sequences=None), method="pca-bases", bases=3)
+            config(shapes.replaced(sequences=None), method="pca-bases", bases=3)
         )
         assert [o.note for o in outcomes[1:]] == ["3 bases", "3 bases"]
         assert dictionary.k == 3
 
     def test_need_shapes_that_differ(self, config, shapes):
-        still = replace(shapes, shapes=np.repeat(shapes.shapes[:1], 30, axis=0))
+        still = shapes.replaced(shapes=np.repeat(shapes.shapes[:1], 30, axis=0))
         with pytest.raises(InputError, match=r"shapes: .* all alike; give sequences that move"):
             list(learn_dict.run(config(still, method="pca-bases")))
 
@@ -283,7 +282,7 @@ class TestPcaBases:
         of_sequence = np.array([shapes.sequences.index(name) for name in shapes.sequences])
         still = shapes.shapes[of_sequence].astype(np.float32).astype(np.float64)
         with pytest.raises(InputError, match=r"shapes: .* all alike; give sequences that move"):
-            list(learn_dict.run(config(replace(shapes, shapes=still), method="pca-bases")))
+            list(learn_dict.run(config(shapes.replaced(shapes=still), method="pca-bases")))
 
     def test_need_shapes(self, config, shapes):
         with pytest.raises(InputError, match="0 shapes"):
@@ -298,7 +297,7 @@ class TestFailures:
     def test_shapes_of_one_point_are_left_out(self, config, shapes):
         points = shapes.shapes.copy()
         points[4] = points[4, :, :1]
-        outcomes, dictionary = learned(config(replace(shapes, shapes=points)))
+        outcomes, dictionary = learned(config(shapes.replaced(shapes=points)))
         assert failures(outcomes) == {"item4": "all its landmarks are at one point"}
         assert [len(o.failures) for o in outcomes] == [1, 0, 0, 0, 0, 0]
         _, expected = learned(config(shapes.take(np.arange(30) != 4)))
@@ -307,7 +306,7 @@ class TestFailures:
     def test_shapes_that_are_not_finite_are_left_out(self, config, shapes, monkeypatch):
         points = shapes.shapes.copy()
         points[4, 0, 0], points[7, 1, 2] = np.nan, np.inf
-        spoiled = replace(shapes, shapes=points)
+        spoiled = shapes.replaced(shapes=points)
         monkeypatch.setattr(Source, "whole", lambda _: spoiled)
         outcomes, dictionary = learned(config())
         assert failures(outcomes) == dict.fromkeys(("item4", "item7"), "a coordinate is not finite")
@@ -316,7 +315,7 @@ class TestFailures:
     def test_a_shape_whose_squares_vanish_is_left_out(self, config, shapes):
         points = shapes.shapes.copy()
         points[4] *= 1e-160
-        outcomes, dictionary = learned(config(replace(shapes, shapes=points)))
+        outcomes, dictionary = learned(config(shapes.replaced(shapes=points)))
         ((item, reason),) = failures(outcomes).items()
         assert (item, reason.partition(", within")[0]) == (
             "item4",
@@ -327,7 +326,7 @@ class TestFailures:
     def test_shapes_that_are_not_kept_cannot_fail(self, config, shapes):
         points = shapes.shapes.copy()
         points[4] = 0
-        outcomes, _ = learned(config(replace(shapes, shapes=points), every=3))
+        outcomes, _ = learned(config(shapes.replaced(shapes=points), every=3))
         assert failures(outcomes) == {}
 
 
@@ -340,7 +339,7 @@ class TestRefusals:
         points = shapes.shapes.copy()
         points[4] = 0
         with pytest.raises(InputError, match="29 shapes"):
-            list(learn_dict.run(config(replace(shapes, shapes=points), k=30)))
+            list(learn_dict.run(config(shapes.replaced(shapes=points), k=30)))
 
     def test_no_shapes(self, config, shapes):
         with pytest.raises(InputError, match="0 shapes"):
@@ -349,7 +348,7 @@ class TestRefusals:
     def test_no_shape_that_can_be_used(self, config, shapes):
         points = np.repeat(shapes.shapes[:, :, :1], shapes.shapes.shape[2], axis=2)
         with pytest.raises(InputError, match=r"0 shapes.*; item0, for one: all its landmarks are"):
-            list(learn_dict.run(config(replace(shapes, shapes=points), k=1)))
+            list(learn_dict.run(config(shapes.replaced(shapes=points), k=1)))
 
     def test_an_output_folder_that_cannot_be_made_is_seen_before_any_work(self, config, tmp_path):
         (tmp_path / "none").touch()

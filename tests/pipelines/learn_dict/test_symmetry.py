@@ -1,7 +1,5 @@
 """Left and right of training shapes: `symmetry` of `learn-dict`."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -27,7 +25,7 @@ def shapes(rng):
         items=tuple(f"face{i}" for i in range(6)),
         sequences=("a",) * 3 + ("b",) * 3,
         unit="m",
-        extras={"mirror_index": PARTNERS},
+        columns={"mirror_index": PARTNERS},
     )
 
 
@@ -90,7 +88,7 @@ def test_learned_atoms_come_from_doubled_shapes(make, shapes):
     assert dictionary.k == 12
     both = np.concatenate([shapes.shapes, mirror(shapes.shapes, PARTNERS, 2)])
     items = tuple(f"face{i}" for i in range(12))
-    given = replace(shapes, shapes=both, items=items, sequences=("a",) * 12)
+    given = shapes.replaced(shapes=both, items=items, sequences=("a",) * 12)
     expected, _ = make(given, **keys)
     np.testing.assert_allclose(dictionary.atoms, expected.atoms, atol=1e-12)
     with pytest.raises(InputError, match="12 atoms are more than the 6 shapes"):
@@ -98,8 +96,8 @@ def test_learned_atoms_come_from_doubled_shapes(make, shapes):
 
 
 def test_meshes_are_left_out_and_a_warning_says_why(make, shapes, rng):
-    meshed = replace(
-        shapes, mesh_vertices=rng.normal(size=(6, 3, 4)), mesh_faces=np.array([[0, 1, 2]])
+    meshed = shapes.replaced(
+        mesh_vertices=rng.normal(size=(6, 3, 4)), mesh_faces=np.array([[0, 1, 2]])
     )
     for symmetry in ("symmetrise", "double"):
         dictionary, outcomes = make(meshed, symmetry=symmetry)
@@ -115,7 +113,7 @@ def test_meshes_are_left_out_and_a_warning_says_why(make, shapes, rng):
 def test_shapes_without_pairs_are_refused(make, shapes, tmp_path):
     for symmetry in ("symmetrise", "double"):
         with pytest.raises(InputError) as caught:
-            make(replace(shapes, extras={}), symmetry=symmetry)
+            make(shapes.replaced(further={}), symmetry=symmetry)
         assert str(caught.value) == (
             f"{tmp_path / 'faces.h5'}: has no dataset `mirror_index`; give `mirror`, store the "
             "index of each landmark's mirror image, or set `symmetry: none`"
@@ -128,7 +126,7 @@ def test_shapes_without_pairs_are_refused(make, shapes, tmp_path):
     ids=["cycle", "too high", "negative", "nobody has a partner", "too few", "no integers"],
 )
 def test_an_index_that_pairs_nothing_is_refused(make, shapes, index):
-    broken = replace(shapes, extras={"mirror_index": np.array(index)})
+    broken = shapes.replaced(further={"mirror_index": np.array(index)})
     with pytest.raises(InputError, match=r"faces\.h5:/mirror_index: does not pair the landmarks; "):
         make(broken, symmetry="double")
 
@@ -146,5 +144,5 @@ def test_real_cars_are_symmetric_already(real_data, tmp_path):
         dictionaries.append(read_dictionary(config.output))
     plain, symmetric = dictionaries
     np.testing.assert_allclose(symmetric.atoms, plain.atoms, atol=1e-6)
-    index = read_shapes([cars]).extras["mirror_index"]
+    index = read_shapes([cars]).columns["mirror_index"]
     np.testing.assert_allclose(mirror(symmetric.atoms, index), symmetric.atoms, atol=1e-12)

@@ -1,7 +1,6 @@
 """Whatever a result states is changed once: `verify` finds the lie, or names the dataset."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,9 +68,9 @@ def dataset_lies(result):
             other = (value[1], value[0], *value[2:])
         else:
             other = changed(value, row)
-        yield name, replace(result, **{known.attribute: other})
-    for name, value in result.extras.per_item.items():
-        yield name, replace(result, extras=result.extras | {name: changed(value, IMAGE)})
+        yield name, result.replaced(**{known.attribute: other})
+    for name, value in ((n, v) for n, v in result.further.items() if n not in result.of_file):
+        yield name, result.replaced(further=result.further | {name: changed(value, IMAGE)})
 
 
 def attribute_lies(result):
@@ -80,29 +79,29 @@ def attribute_lies(result):
         other = 2 * value + 1 if isinstance(value, float) else f"{value} "
         if name == "inputs":
             other = json.dumps({key: digest[::-1] for key, digest in json.loads(value).items()})
-        yield name, replace(result, attributes={**result.attributes, name: other})
+        yield name, result.replaced(attributes={**result.attributes, name: other})
         if name in ("inputs", "config_digest"):
             rest = {key: value for key, value in result.attributes.items() if key != name}
-            yield name, replace(result, attributes=rest)
-    yield "y_axis", replace(result, y_axis="up" if result.y_axis == "down" else "down")
-    yield "unit", replace(result, unit="furlong")
-    yield "frame_rate", replace(result, frame_rate=17.0)
+            yield name, result.replaced(attributes=rest)
+    yield "y_axis", result.replaced(y_axis="up" if result.y_axis == "down" else "down")
+    yield "unit", result.replaced(unit="furlong")
+    yield "frame_rate", result.replaced(frame_rate=17.0)
 
 
 def inventions(result):
     """Yield the name of each dataset that another method writes, with a record that has it, too."""
     n, p = len(result), len(result.landmark_names)
     axes = {"n": n, "p": p, "q": 2, "k": 3}
-    for name in sorted(DATASETS.keys() - FIELDS.keys() - result.extras.keys() - {"confidence"}):
-        yield name, replace(result, extras=result.extras | {name: np.ones(n)})
+    for name in sorted(DATASETS.keys() - FIELDS.keys() - result.further.keys() - {"confidence"}):
+        yield name, result.replaced(further=result.further | {name: np.ones(n)})
     for name in ("shape_sd", "mesh_vertices", "transforms", "relative_gap"):
         known = FIELDS[name]
         if getattr(result, name) is None:
             shape = [axes.get(axis, axis) for axis in known.memory_axes]
             if name == "transforms" and result.coefficients is not None:
                 shape[1] = result.coefficients.shape[1]
-            yield name, replace(result, **{name: np.ones(shape)})
-    yield "foreign", replace(result, extras=result.extras | {"foreign": np.ones(n)})
+            yield name, result.replaced(**{name: np.ones(shape)})
+    yield "foreign", result.replaced(further=result.further | {"foreign": np.ones(n)})
 
 
 @pytest.mark.parametrize(
@@ -170,8 +169,7 @@ def test_images_declared_to_have_no_shape_are_found(
         if (value := getattr(result, name)) is not None
     }  # fmt: skip
     kept = np.repeat(~gone, result.transform_count)
-    lie = replace(
-        result,
+    lie = result.replaced(
         **empty,
         status=np.where(gone, status, result.status),
         transform_count=np.where(gone, 0, result.transform_count),

@@ -34,7 +34,7 @@ def desk(tmp_path, rng):
             **fields,
         }
         with result_writer(tmp_path / name) as writer:
-            writer.append(ResultSet(shapes=found, extras=extras, **settings))
+            writer.append(ResultSet(shapes=found, columns=extras, **settings))
             writer.attributes.update(attributes or {})
         return tmp_path / name
 
