@@ -173,10 +173,6 @@ from shapefit.io.records import LandmarkSet
 from shapefit.io.whole.atomic import atomic_path
 
 
-def is_points(path, head):
-    return head.startswith(b"POINTS ")
-
-
 def read_points(path):
     first, *lines = path.read_text().splitlines()
     names = tuple(first.split()[1:])
@@ -207,10 +203,11 @@ class Writer:
 '''
 
 POINTS_ENTRY = """
-from shapefit.io.foreign.table import FileFormat
-from shapefit.io.formats import FORMATS
+from shapefit.io.formats import FORMATS, FileFormat
 FORMATS["points"] = FileFormat(
-    title="a points file", suffixes=(".points",), recogniser="toy:is_points",
+    title="a points file",
+    suffixes=(".points",),
+    begins=lambda head: head.bytes.startswith(b"POINTS"),
     readers={"landmarks": "toy:read_points"}, writer="toy:write_points", writes=("landmarks",),
 )
 """

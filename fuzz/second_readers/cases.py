@@ -26,7 +26,8 @@ from fuzz.motion_cases import ANIPOSE, BVH, TRC, spoiled_text
 from fuzz.tracker_cases import spoil_groups, write_tracker_files
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, printable
-from shapefit.io.foreign.opening import group_inputs, open_either
+from shapefit.io.foreign.items import read_recording
+from shapefit.io.formats import group_inputs
 from shapefit.io.options import AS_THEY_ARE
 
 from . import of_text, of_trackers
@@ -158,15 +159,14 @@ def ours(path: Path) -> Reading:
     ((known, paths),) = group_inputs([path], AS_THEY_ARE)
     if known.recorder is None:
         raise InputError(f"is taken for {known.title}")
-    recording = open_either(known, paths)
+    recording = read_recording(known, paths)
     found: dict[tuple[str, int], list[Floats]] = {}
-    for block in recording.blocks():
-        scores = np.full(block.points.shape[:2], np.nan)
-        scores = scores if block.confidence is None else block.confidence
-        rows = np.concatenate([block.points, scores[..., None]], axis=-1)
-        videos = block.videos or [""] * len(block)
-        for video, frame, row in zip(videos, block.frames.tolist(), rows, strict=True):
-            found.setdefault((video, frame), []).append(row)
+    scores = np.full(recording.points.shape[:2], np.nan)
+    scores = scores if recording.confidence is None else recording.confidence
+    rows = np.concatenate([recording.points, scores[..., None]], axis=-1)
+    videos = recording.videos or [""] * len(recording)
+    for video, frame, row in zip(videos, recording.frames.tolist(), rows, strict=True):
+        found.setdefault((video, frame), []).append(row)
     return recording.landmark_names, [np.stack(each) for each in found.values()]
 
 

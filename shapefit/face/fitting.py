@@ -24,12 +24,11 @@ from shapefit.face.records import (
     fit_of,
     landmark_set,
 )
-from shapefit.io.foreign.sources import landmark_file
-from shapefit.io.joined import Source
+from shapefit.io.foreign.arrays import of_array
+from shapefit.io.foreign.items import landmarks_of
 from shapefit.io.kinds.dictionaries import check_given_dictionary
 from shapefit.io.kinds.opening import given_source
 from shapefit.io.options import InputOptions, Track, input_options
-from shapefit.io.plain.arrays import of_array
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.pipelines.fit.plan import plan_fit
 from shapefit.pipelines.fit.report import Report
@@ -144,8 +143,7 @@ def _images(
             found = f"has {points.shape[-2]} landmarks without names, not {len(names)}"
             raise input_error("landmarks", found, 'name them, as in `keypoints="coco_17"`')
         further |= {"landmark_names": tuple(names)}
-    with Source([landmark_file(of_array(PLACE, points, **further), options)]) as source:
-        return source.whole()
+    return landmarks_of(of_array(PLACE, points, **further), options)[0]
 
 
 def in_one_array(frames: Sequence[ArrayLike]) -> tuple[NDArray[Any], dict[str, Any]]:

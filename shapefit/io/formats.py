@@ -1,48 +1,105 @@
-"""The table of file formats: how each is recognised, what it can hold, what reads and writes it.
+"""The table of file formats: how a file of each begins, what it holds, who reads and writes it.
 
-It is light: readers and writers are imported when a file of theirs is met. A format of others has
-one file with its functions, and one entry in the table of its room.
+A format is one row of `FORMATS`. The row is light: readers and writers are named as
+".module:function" below `shapefit.io`, and imported when a file of theirs is met.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import re
+import struct
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from shapefit.errors import input_error, listed
-from shapefit.io.foreign.table import FORMATS as OF_OTHERS
-from shapefit.io.foreign.table import FileFormat
+from shapefit.errors import InputError, abbreviate, input_error, listed
+from shapefit.io.foreign.headers import anipose_landmarks, decode, understand
+from shapefit.io.head import Head
+from shapefit.io.options import InputOptions
 from shapefit.io.sources import (
-    BYTE_ORDER_MARK,
     HDF5_SIGNATURE,
     PARQUET_SIGNATURE,
     is_stream,
     require_file,
     source_name,
 )
-from shapefit.io.written import table as written
-from shapefit.stores.reading import read_head
+from shapefit.stores.shelf import on_threads
 
-HEAD_BYTES = 4096
-"""Of a file that a recogniser sees."""
 
-STORED = dict.fromkeys(("landmarks", "shapes", "result"), "shapefit.io.stored.files:stored_file")
+@dataclass(frozen=True, kw_only=True)
+class FileFormat:
+    """A format of files; functions are named as `load` takes them.
+
+    title        what a file of it is called, with its article
+    suffixes     endings of its names; it is looked for in files of these names first, and an
+                 output of such a name is written in it
+    begins       whether a file with such a head is in this format
+    recorder     of a format of others: takes the paths that are one recording, returns it
+    records      the kinds that a recording can be of; its content decides
+    together     files of one folder are one recording: a frame each, or parts that need each other;
+                 its readers take all their paths and return a record and notes
+    folders      a folder is an input, too
+    readers      by kind (landmarks, shapes, result, dictionary): takes a path, returns the record,
+                 or a SourceFile that gives out parts of it. A reader of shapes takes `gaps`, too:
+                 whether landmarks may be unknown
+    reader       of a format of ours that holds every dataset: takes a path and a layout, opens a
+                 StoredReader
+    form         of such a format: takes a path, returns the layout that the file says it has
+    writer       takes a path and the layout of the records, gives a RecordWriter in a `with`
+    writes       the kinds that it can write
+    in_metres    what it writes is in metres and upright, a sequence a file; its writer takes
+                 OutputOptions, too
+    points_only  it has no place for what is not a point: attributes, further datasets
+    states_y_axis  its files say, or it is known of all of them, whether y points up or down
+    """
+
+    title: str
+    suffixes: tuple[str, ...]
+    begins: Callable[[Head], bool] = lambda head: False
+    recorder: str | None = None
+    records: tuple[str, ...] = ()
+    together: bool = False
+    folders: bool = False
+    readers: Mapping[str, str] = field(default_factory=dict)
+    reader: str | None = None
+    form: str | None = None
+    writer: str | None = None
+    writes: tuple[str, ...] = ()
+    in_metres: bool = False
+    points_only: bool = True
+    states_y_axis: bool = True
+
+    @property
+    def by_sequence(self) -> bool:
+        """Whether its files hold one sequence each, or nothing but sequences."""
+        return self.in_metres
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What its files can hold."""
+        return (*self.readers, *self.records)
+
+    def has_suffix(self, path: Path) -> bool:
+        """Whether the path is named like a file of this format."""
+        return path.name.lower().endswith(self.suffixes)
+
+
+STORED = dict.fromkeys(("landmarks", "shapes", "result"), ".stored.files:stored_file")
 """Readers of the formats that hold every dataset, by kind."""
 
 HDF5 = FileFormat(
     title="an HDF5 file",
     suffixes=(".h5", ".hdf5", ".hdf", ".he5"),
-    recogniser="shapefit.io.formats:begins_like_hdf5",
-    readers={
-        **STORED,
-        "dictionary": "shapefit.io.kinds.dictionaries:read_hdf5",
-    },
-    reader="shapefit.io.hdf5.reading:Hdf5Reader",
-    form="shapefit.io.hdf5.reading:hdf5_form",
-    writer="shapefit.io.hdf5.writing:hdf5_output",
+    begins=lambda head: head.bytes.startswith(HDF5_SIGNATURE),
+    readers={**STORED, "dictionary": ".kinds.dictionaries:read_hdf5"},
+    reader=".hdf5.reading:Hdf5Reader",
+    form=".hdf5.reading:hdf5_form",
+    writer=".hdf5.writing:hdf5_output",
     writes=("landmarks", "shapes", "result", "dictionary"),
     points_only=False,
 )
@@ -50,11 +107,11 @@ HDF5 = FileFormat(
 PARQUET = FileFormat(
     title="a Parquet file",
     suffixes=(".parquet", ".pq"),
-    recogniser="shapefit.io.formats:begins_like_parquet",
+    begins=lambda head: head.bytes.startswith(PARQUET_SIGNATURE),
     readers=STORED,
-    reader="shapefit.io.parquet.reading:ParquetReader",
-    form="shapefit.io.parquet.reading:parquet_form",
-    writer="shapefit.io.parquet.writing:parquet_output",
+    reader=".parquet.reading:ParquetReader",
+    form=".parquet.reading:parquet_form",
+    writer=".parquet.writing:parquet_output",
     writes=("landmarks", "shapes", "result"),
     points_only=False,
 )
@@ -62,62 +119,335 @@ PARQUET = FileFormat(
 CSV = FileFormat(
     title="a CSV file",
     suffixes=(".csv",),
-    recogniser="shapefit.io.formats:begins_like_tidy_csv",
+    begins=lambda head: {"item", "landmark"} <= head.columns and not HDF5.has_suffix(head.path),
     readers={
-        "landmarks": "shapefit.io.csv.tables:read_landmark_table",
-        "shapes": "shapefit.io.csv.tables:read_shape_table",
-        "result": "shapefit.io.csv.tables:read_result_table",
+        "landmarks": ".csv.tables:read_landmark_table",
+        "shapes": ".csv.tables:read_shape_table",
+        "result": ".csv.tables:read_result_table",
     },
-    writer="shapefit.io.csv.writing:csv_output",
+    writer=".csv.writing:csv_output",
     writes=("landmarks", "shapes", "result"),
     states_y_axis=False,
 )
+
+
+def _deeplabcut_csv(head: Head) -> bool:
+    """Whether the first cell is `scorer`, and one of the next lines begins `bodyparts`.
+
+    A first line can be longer than what is seen of the file; then the first cell decides.
+    """
+    lines = head.lines[:-1] or head.lines
+    firsts = [line.split(b",", 1)[0].strip(b' "') for line in lines]
+    if firsts[0] == b"scorer" and b"," in head.lines[0]:
+        return len(firsts) < 3 or b"bodyparts" in firsts[1:3]
+    return firsts[0] in (b"bodyparts", b"individuals") and b"coords" in firsts[1:3]
+
+
+def _nwb(head: Head) -> bool:
+    found = head.hdf5
+    processed = any(name.startswith("processing/") for name in found.inner)
+    return "nwb_version" in found.attributes or processed
+
+
+def _slp(head: Head) -> bool:
+    found = head.hdf5
+    return "metadata@format_id" in found.inner and {"frames", "instances"} <= found.entries
+
+
+PEOPLE = {"people", "bodies"}
+"""Keys of OpenPose's layout, and of AlphaPose's `cmu`."""
+
+_ALPHAPOSE = re.compile(rb'\s*\{\s*"(?:[^"\\]|\\.)*"\s*:\s*\{\s*"(?:version|people|bodies)"\s*:')
+
+
+def _openpose(head: Head) -> bool:
+    if head.is_folder:
+        return any(_openpose(each) for each in head.files(".json"))
+    found = head.json
+    return bool(found.kind == "{" and found.keys & PEOPLE) or found.keys == {"version"}
+
+
+def _coco_results(head: Head) -> bool:
+    found = head.json
+    whole = {"image_id", "keypoints"} <= found.keys
+    return found.kind == "[" and (whole or found.points == "flat")
+
+
+def _coco_annotations(head: Head) -> bool:
+    keys = head.json.keys
+    known = {"images", "annotations", "categories", "licenses"}
+    alone = "info" in keys and "people" not in keys
+    return head.json.kind == "{" and bool(keys & known or alone)
+
+
+def _mmpose_video(head: Head) -> bool:
+    found = head.json
+    if found.kind == "[":
+        return "instances" in found.keys
+    return found.kind == "{" and bool(found.keys & {"meta_info", "instance_info"})
+
+
+def _mmpose_images(head: Head) -> bool:
+    if head.is_folder:
+        return any(_is_list_of_instances(each) for each in head.files(".json"))
+    return head.bytes.strip() == b"[]" or _is_list_of_instances(head)
+
+
+def _is_list_of_instances(head: Head) -> bool:
+    found = head.json
+    named = {"keypoints", "keypoint_scores"} <= found.keys and "instances" not in found.keys
+    return found.kind == "[" and (named or found.points == "pairs")
+
+
+def _yolo(head: Head) -> bool:
+    """Whether a .txt file begins with a line of a class, a box and landmarks, all fractions."""
+    if head.is_folder:
+        first = next((each for each in head.files(".txt") if each.bytes.strip()), None)
+        return first is not None and _yolo(first)
+    cells = next((c for line in head.lines[:10] if (c := line.partition(b"#")[0].split())), [])
+    try:
+        numbers = [float(cell) for cell in cells]
+    except ValueError:
+        return False
+    return (
+        head.named(".txt")
+        and len(numbers) >= 7
+        and numbers[0].is_integer()
+        and numbers[0] >= 0
+        and all(0 <= value <= 1 for value in numbers[1:5])
+        and all(-1 <= value <= 2 for value in numbers[5:7])
+    )
+
+
+_POINT = re.compile(rb'\{\s*(?:"(?:name|id)"\s*:\s*"?\w+"?,\s*)?"x"\s*:\s*[^,{}]+,\s*"y"\s*:')
+
+
+def _mediapipe(head: Head) -> bool:
+    """Whether JSON begins with objects of x and y."""
+    return head.json.kind != "" and _POINT.search(head.bytes) is not None
+
+
+def _acclaim(head: Head) -> bool:
+    lines = any(line.lstrip()[:1] in (b":", b"#") for line in head.lines)
+    return head.named(".asf", ".amc") and b"\0" not in head.bytes and lines
+
+
+def _caliscope(head: Head) -> bool:
+    needed = {"frame_index", "point_id", "img_loc_x", "img_loc_y"}
+    return needed <= head.columns and bool(head.columns & {"port", "cam_id"})
+
+
+C3D_BLOCK, C3D_MAGIC = 512, 0x50
+"""Bytes of the header of C3D, and its second byte."""
+
+
+def _c3d(head: Head) -> bool:
+    """Whether a file begins with the place of its parameters, 0x50, and numbers that agree."""
+    data = head.bytes
+    if len(data) < C3D_BLOCK or data[1] != C3D_MAGIC or data[0] == 0:
+        return False
+    points, _, first, last = struct.unpack("<HHHH", data[2:10])
+    start = struct.unpack("<H", data[16:18])[0]
+    agree = 0 < points < 1024 and 0 < first <= last and 1 < start < 1024 and data[0] < 8
+    return head.named(".c3d") or agree
+
+
+def _bvh(head: Head) -> bool:
+    words = head.text.split(maxsplit=2)
+    return [word.upper() for word in words[:2]] == [b"HIERARCHY", b"ROOT"]
+
+
+def _mesh(head: Head) -> bool:
+    starts = (b"v ", b"#", b"o ", b"mtllib ", b"g ")
+    lines = any(line.startswith(starts) for line in head.lines)
+    return head.bytes.startswith((b"ply\n", b"ply\r", b"glTF")) or (head.named(".obj") and lines)
+
+
+def _table(head: Head) -> bool:
+    """Whether the first line names columns of landmarks, in another layout than ours."""
+    if not head.named(".csv", ".tsv", ".txt") or anipose_landmarks(head.columns):
+        return False
+    line = decode(head.bytes).replace("\r", "\n").partition("\n")[0]
+    own = {"item", "landmark"} <= {cell.strip(' "\t') for cell in line.split(",")}
+    return "\0" not in line and not own and understand(line) is not None
+
+
+ZIP = b"PK\x03\x04"
+_LISTS = re.compile(rb"\s*\[\s*\[\s*(?:\[\s*)?[-\dnN]")
+
+
+def _array(head: Head) -> bool:
+    archive = head.bytes.startswith(ZIP) and head.named(".npz")
+    lists = head.named(".json") and _LISTS.match(head.text) is not None
+    return archive or lists or head.bytes.startswith(b"\x93NUMPY")
+
+
+IMAGES, SHAPES = ("landmarks",), ("shapes",)
+EITHER = ("landmarks", "shapes")
+
+
+def _read(
+    title: str,
+    suffixes: str,
+    records: tuple[str, ...],
+    begins: Callable[[Head], bool],
+    recorder: str,
+    **further: Any,
+) -> FileFormat:
+    """Return the row of a format of others; its reader is named below `shapefit.io.foreign`."""
+    return FileFormat(
+        title=title,
+        suffixes=tuple(suffixes.split()),
+        records=records,
+        begins=begins,
+        recorder=f".foreign.{recorder}",
+        **further,
+    )
+
+
+_SETS: Any = {"together": True, "folders": True}
 
 FORMATS: dict[str, FileFormat] = {
     "hdf5": HDF5,
     "parquet": PARQUET,
     "csv": CSV,
-    **OF_OTHERS,
+    "deeplabcut-csv": _read(
+        *("a DeepLabCut or Lightning Pose CSV", ".csv", EITHER),
+        *(_deeplabcut_csv, "tables:read_deeplabcut"),
+    ),
+    "deeplabcut-h5": _read(
+        *("a DeepLabCut HDF5 file", ".h5 .hdf5", EITHER),
+        *(lambda head: bool(head.hdf5.pandas), "deeplabcut:read_hdf5"),
+    ),
+    "jabs-h5": _read(
+        *("a JABS pose file", ".h5", IMAGES),
+        *(lambda head: "poseest/points" in head.hdf5.inner, "trackers:read_jabs"),
+    ),
+    "movement-netcdf": _read(
+        *("a movement netCDF file", ".nc .nc4", EITHER),
+        *(lambda head: "ds_type" in head.hdf5.attributes, "trackers:read_movement"),
+    ),
+    "nwb-ndx-pose": _read("an NWB file", ".nwb", EITHER, _nwb, "nwb:read_nwb"),
+    "sleap-analysis-h5": _read(
+        *("a SLEAP analysis file", ".h5 .hdf5", IMAGES),
+        *(lambda head: {"tracks", "node_names"} <= head.hdf5.entries, "sleap:read_analysis"),
+    ),
+    "sleap-slp": _read("a SLEAP .slp file", ".slp", IMAGES, _slp, "sleap:read_labels"),
+    "alphapose-json": _read(
+        *("an AlphaPose file of all images", ".json", IMAGES),
+        *(lambda head: _ALPHAPOSE.match(head.text) is not None, "people:read_alphapose"),
+    ),
+    "caliscope-csv": _read("a caliscope CSV", ".csv", IMAGES, _caliscope, "tables:read_caliscope"),
+    "coco-annotations": _read(
+        *("a file of COCO annotations", ".json", IMAGES),
+        *(_coco_annotations, "people:read_coco_annotations"),
+    ),
+    "coco-results": _read(
+        *("a file of COCO results", ".json", IMAGES), *(_coco_results, "people:read_coco_results")
+    ),
+    "mmpose-images": _read(
+        *("a set of MMPose files", ".json", IMAGES),
+        *(_mmpose_images, "people:read_mmpose_images"),
+        **_SETS,
+    ),
+    "mmpose-video": _read(
+        *("an MMPose file", ".json", IMAGES), *(_mmpose_video, "people:read_mmpose_video")
+    ),
+    "openpose": _read(
+        "a set of OpenPose files", ".json", IMAGES, _openpose, "people:read_openpose", **_SETS
+    ),
+    "ultralytics-txt": _read(
+        "a set of YOLO pose labels", ".txt", IMAGES, _yolo, "yolo:read_yolo", **_SETS
+    ),
+    "acclaim": _read(
+        "an ASF/AMC motion", ".amc .asf", SHAPES, _acclaim, "acclaim:read_acclaim", together=True
+    ),
+    "anipose-csv": _read(
+        *("an anipose 3D CSV", ".csv", SHAPES),
+        *(lambda head: bool(anipose_landmarks(head.columns)), "tables:read_anipose"),
+    ),
+    "bvh": _read("a BVH motion", ".bvh", SHAPES, _bvh, "bvh:read_bvh"),
+    "c3d": _read("a C3D file", ".c3d", SHAPES, _c3d, "c3d:read_c3d"),
+    "mesh": FileFormat(
+        title="a mesh with landmarks",
+        suffixes=(".obj", ".ply", ".glb"),
+        begins=_mesh,
+        readers={"shapes": ".foreign.meshes:read_meshes"},
+        together=True,
+    ),
+    "trc": _read(
+        *("a TRC file", ".trc", SHAPES),
+        *(lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", "trc:read_trc"),
+    ),
+    "table": _read(
+        "a table of landmarks", ".csv .tsv .txt", EITHER, _table, "tables:read_any_table",
+        states_y_axis=False,
+    ),
+    "arrays": _read(
+        "an array of landmarks", ".npy .npz", IMAGES, _array, "arrays:read_array",
+        states_y_axis=False,
+    ),
+    "mediapipe": _read(
+        "a file of MediaPipe's landmarks", ".json", IMAGES, _mediapipe, "people:read_mediapipe"
+    ),
+}  # fmt: skip
+"""Those of the package come first; the others are asked before them, in this order."""
+
+
+def _metres(title: str, suffix: str, writer: str) -> FileFormat:
+    """Return the row of files in metres; the writer is named below `shapefit.io.written`."""
+    return FileFormat(
+        title=title,
+        suffixes=(suffix,),
+        writer=f".written.{writer}",
+        writes=("shapes", "result"),
+        in_metres=True,
+    )
+
+
+WRITTEN: dict[str, FileFormat] = {
+    "bvh": _metres("a BVH file", ".bvh", "bvh:bvh_output"),
+    "c3d": _metres("a C3D file", ".c3d", "c3d:c3d_output"),
+    "glb": _metres("a GLB file", ".glb", "glb:glb_output"),
+    "trc": _metres("a TRC file", ".trc", "trc:trc_output"),
 }
-"""Those of the package come first; the recognisers of others are asked before theirs."""
+"""Formats that are written for other tools; those of them that can be read have a row above."""
 
 
 def targets() -> dict[str, FileFormat]:
     """Return the formats that can be written, by their names."""
     own = {name: known for name, known in FORMATS.items() if known.writer}
-    return own | written.FORMATS
+    return own | WRITTEN
 
 
-def find_format(path: Path, name: str = "auto") -> FileFormat:
-    """Return the format of a file, by its content; what nothing recognises is read as CSV.
+def detect_format(path: Path, name: str = "auto") -> FileFormat:
+    """Return the format of a file or folder, by what it begins with; text of no known kind is CSV.
 
     Standard input and pipes are CSV. With another `name` than auto it is that format. Raises
-    InputError as `require_file` does, for unknown names, and for binary files that nothing
-    recognises.
+    InputError as `require_file` does, for unknown names, and for files that are something else.
     """
     if is_stream(path):
         return CSV
     if name != "auto":
         return _named(name, FORMATS)
     if path.is_dir():
-        return _find_folder_format(path)
+        return _detect_folder(Head(path))
     require_file(path)
     if not path.is_file():
         return CSV
-    head = read_head(path, HEAD_BYTES)
+    head = Head(path)
     for known in _likely_first(path):
-        if load(known.recogniser)(path, head):
+        if known.begins(head):
             return known
     if HDF5.has_suffix(path):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
-    other = load("shapefit.io.foreign.opening:stranger")(path, head)
-    if other is not None:
-        raise other
-    if b"\0" in head and not CSV.has_suffix(path):
-        raise load("shapefit.io.foreign.opening:unknown")(path, FORMATS.values())
-    if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"["):
-        raise load("shapefit.io.detectors.json_text:unknown_json")(path, head)
+    if (error := _something_else(head)) is not None:
+        raise error
+    if b"\0" in head.bytes and not CSV.has_suffix(path):
+        raise _unknown(path)
+    if head.json.kind:
+        raise _unknown_json(head)
     return CSV
 
 
@@ -129,14 +459,130 @@ def _named(name: str, known: Mapping[str, FileFormat], key: str = "format") -> F
     return known[name]
 
 
-def _find_folder_format(path: Path) -> FileFormat:
+def _detect_folder(head: Head) -> FileFormat:
     """Return the format of a folder whose files are one recording."""
     folders = [known for known in FORMATS.values() if known.folders]
     for known in folders:
-        if load(known.recogniser)(path, b""):
+        if known.begins(head):
             return known
+    path = head.path
     looked = f", and holds none of these: {listed(known.title for known in folders)}"
     raise input_error(path, f"it is a folder{looked}", f"name the files in it, e.g. '{path}/*.h5'")
+
+
+def _likely_first(path: Path) -> Iterator[FileFormat]:
+    """Yield the formats whose names fit before the others, and each time the package's own last.
+
+    Many formats are HDF5 or CSV inside, so they are asked before ours.
+    """
+    others = [known for known in FORMATS.values() if known not in (HDF5, CSV)]
+    ordered = [*others, HDF5, CSV]
+    yield from (known for known in ordered if known.has_suffix(path))
+    yield from (known for known in ordered if not known.has_suffix(path))
+
+
+UNPACK = "unpack it first"
+LANDMARKS = "give the file of landmarks that a detector made of it"
+EXPORT = "export its points as CSV"
+PICKLE = "is a pickle of Python, which is never executed here"
+
+SIGNS: tuple[tuple[tuple[bytes, ...], str, str], ...] = (
+    ((b"\x1f\x8b",), "is compressed by gzip", UNPACK),
+    ((b"BZh",), "is compressed by bzip2", UNPACK),
+    ((b"\xfd7zXZ\0",), "is compressed by xz", UNPACK),
+    ((b"\x28\xb5\x2f\xfd",), "is compressed by zstd", UNPACK),
+    (
+        (ZIP,),
+        "is a zip archive, as models of PyTorch are, too",
+        "give a file of landmarks; unpack it first if it holds one",
+    ),
+    (
+        tuple(bytes([128, protocol]) for protocol in range(2, 6)),
+        PICKLE,
+        "give the CSV or HDF5 file that its program exports",
+    ),
+    ((b"MATLAB ",), "is a file of MATLAB", EXPORT),
+    ((b"CDF",), "is netCDF 3", "write it as netCDF 4: to_netcdf(..., engine='h5netcdf')"),
+    ((b"RIFF", b"\x1aE\xdf\xa3"), "is a video, or a part of one", LANDMARKS),
+    (
+        (b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"BM"),
+        "is an image",
+        "give the file of landmarks found in it",
+    ),
+)
+"""First bytes, what such a file is, and the fix."""
+
+
+def _something_else(head: Head) -> InputError | None:
+    """Return the error for a file whose first bytes say what else it is; None without such."""
+    if head.bytes[4:8] in (b"ftyp", b"moov", b"mdat"):
+        return input_error(head.path, "is a video, or a part of one", LANDMARKS)
+    for starts, found, fix in SIGNS:
+        if head.bytes.startswith(starts) and not _is_text(head.bytes):
+            return input_error(head.path, found, fix)
+    return None
+
+
+def _is_text(data: bytes) -> bool:
+    """Whether bytes are the beginning of a text; the last letter may be cut."""
+    try:
+        data.decode()
+    except UnicodeDecodeError as error:
+        return error.start > len(data) - 4 and b"\0" not in data
+    return b"\0" not in data
+
+
+def _unknown(path: Path) -> InputError:
+    """Return the error for a binary file that is in none of the known formats."""
+    near = next((known for known in FORMATS.values() if known.has_suffix(path)), None)
+    fix = f"it is named like {near.title}, but does not begin like one; " if near else ""
+    titles = listed(known.title for known in FORMATS.values())
+    return input_error(path, "is of no known format", f"{fix}known are {titles}")
+
+
+_JSON = {
+    "COCO annotations": ("images", "annotations", "categories"),
+    "COCO results": ("image_id", "category_id", "keypoints", "score"),
+    "OpenPose": ("version", "people", "pose_keypoints_2d"),
+    "MMPose": ("frame_id", "instances", "keypoints", "keypoint_scores", "meta_info"),
+}
+
+
+def _unknown_json(head: Head) -> InputError:
+    """Return the error for JSON that is in no known format: what it has, what was looked for."""
+    keys = head.json.keys
+    place = "an object" if head.json.kind == "{" else "a list of objects"
+    found = f"{place} with {abbreviate(sorted(keys))}" if keys else f"{place} without names"
+    looked = "; ".join(f"{title} ({', '.join(names)})" for title, names in _JSON.items())
+    shared = {title: len(keys & set(names)) for title, names in _JSON.items()}
+    near = max(shared, key=lambda title: shared[title])
+    hint = f"the nearest is {near}" if shared[near] else "none of them is near"
+    if {"shapes", "imagePath"} <= keys:
+        hint = "it is LabelMe's: export it as COCO keypoints"
+    fix = f"known are {looked}; {hint}"
+    return input_error(head.path, f"is JSON of no known kind, {found}", fix)
+
+
+def group_inputs(
+    paths: Sequence[Path], options: InputOptions
+) -> list[tuple[FileFormat, tuple[Path, ...]]]:
+    """Return the inputs in order, each with its format; files that are one recording together."""
+    groups: dict[tuple[str, str], tuple[FileFormat, list[Path]]] = {}
+    formats = on_threads(partial(detect_format, name=options.format), paths)
+    for path, known in zip(paths, formats, strict=True):
+        shared = known.together and not path.is_dir()
+        key = (known.title, str(path.parent)) if shared else ("", str(path))
+        groups.setdefault(key, (known, []))[1].append(path)
+    return [(known, tuple(own)) for known, own in groups.values()]
+
+
+def mixture(groups: Sequence[tuple[FileFormat, tuple[Path, ...]]]) -> tuple[str, ...]:
+    """Warn of inputs in several formats, some of them of other tools, whose names may not agree."""
+    counts = Counter(known.title for known, _ in groups)
+    if len(counts) < 2 or all(known.recorder is None for known, _ in groups):
+        return ()
+    found = listed((f"{title} ({number})" for title, number in counts.items()), "and")
+    return (f"several formats in one call: {found}; landmarks are matched by their names",)
 
 
 def find_reader(path: Path, kind: str, known: FileFormat | None = None) -> Callable[..., Any]:
@@ -144,7 +590,7 @@ def find_reader(path: Path, kind: str, known: FileFormat | None = None) -> Calla
 
     Raises InputError where nothing does.
     """
-    known = known or find_format(path)
+    known = known or detect_format(path)
     if kind not in known.readers:
         titles = listed(each.title for each in FORMATS.values() if kind in each.readers)
         found = f"is {known.title}, not {titles}" if path.is_file() else "is not a file on a disk"
@@ -177,42 +623,14 @@ def find_writer(path: Path, kind: str, name: str = "auto") -> Callable[..., Any]
     if known.writer is None or kind not in known.writes:
         name = known.title.split()[1]
         if kind == "landmarks" and known.in_metres:
-            fix = "lift them with `shapefit fit` first, or write .h5, .csv or .json"
+            fix = "lift them with `shapefit fit` first, or write .h5 or .csv"
             raise input_error(path, f"2D landmarks cannot be {name}", fix)
         raise input_error(path, f"a {kind} cannot be {name}", "give it a name in .h5")
     return load(known.writer)
 
 
-def begins_like_hdf5(path: Path, head: bytes) -> bool:
-    """Whether a file begins with the signature of HDF5."""
-    return head.startswith(HDF5_SIGNATURE)
-
-
-def begins_like_parquet(path: Path, head: bytes) -> bool:
-    """Whether a file begins with the signature of Parquet."""
-    return head.startswith(PARQUET_SIGNATURE)
-
-
-def begins_like_tidy_csv(path: Path, head: bytes) -> bool:
-    """Whether the first line names the columns of our tables."""
-    line = head.partition(b"\n")[0].removeprefix(BYTE_ORDER_MARK).strip()
-    columns = {cell.strip(b' "') for cell in line.split(b",")}
-    return {b"item", b"landmark"} <= columns and not HDF5.has_suffix(path)
-
-
-def _likely_first(path: Path) -> Iterator[FileFormat]:
-    """Yield the formats whose names fit before the others, and each time the package's own last.
-
-    Many formats are HDF5 or CSV inside, so their recognisers are asked before ours.
-    """
-    others = [known for known in FORMATS.values() if known not in (HDF5, CSV)]
-    ordered = [*others, HDF5, CSV]
-    yield from (known for known in ordered if known.has_suffix(path))
-    yield from (known for known in ordered if not known.has_suffix(path))
-
-
 def load(place: str) -> Callable[..., Any]:
-    """Import a function by its place, "module:function"."""
+    """Import a function by its place, "module:function"; ".module" is one below `shapefit.io`."""
     module, _, name = place.partition(":")
-    function: Callable[..., Any] = getattr(import_module(module), name)
+    function: Callable[..., Any] = getattr(import_module(module, "shapefit.io"), name)
     return function

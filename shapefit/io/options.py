@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
-
-from shapefit.arrays import Floats, Integers
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from shapefit.config.commands.input import InputConfig
@@ -49,13 +47,6 @@ class InputOptions:
 AS_THEY_ARE = InputOptions()
 
 
-class AtomMeshes(NamedTuple):
-    """One mesh per atom: vertices (k, 3, q), faces (f, 3)."""
-
-    vertices: Floats
-    faces: Integers
-
-
 @dataclass(frozen=True, kw_only=True)
 class OutputOptions:
     """How shapes get into files in metres.
@@ -65,20 +56,17 @@ class OutputOptions:
     unit        of shapes whose files do not say it
     up          axis of the shapes, or of the world that the extrinsics know, that points up
     world_unit  of the translation of the extrinsics; metres by default
-    meshes      of the atoms that the results mix, for files that hold meshes
     """
 
     height: float | None = None
     unit: str | None = None
     up: Up | None = None
     world_unit: str | None = None
-    meshes: AtomMeshes | None = None
 
     @property
     def given(self) -> tuple[str, ...]:
         """Return the names of the keys of a config that are set."""
-        said = vars(self) | {"meshes": None}
-        return tuple(name for name, value in said.items() if value is not None)
+        return tuple(name for name, value in vars(self).items() if value is not None)
 
 
 AS_KNOWN = OutputOptions()

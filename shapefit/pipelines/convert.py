@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -18,13 +17,9 @@ from shapefit.io.joined import ResultSource
 from shapefit.io.kinds.listing import Kind, find_kind
 from shapefit.io.kinds.opening import open_results
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
-from shapefit.io.options import AtomMeshes, InputOptions, OutputOptions, input_options
-from shapefit.io.records import ResultSet
+from shapefit.io.options import InputOptions, OutputOptions, input_options
 from shapefit.io.sources import is_stream
 from shapefit.io.writing import record_writer
-from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.export.carried_mesh import Pose, meshes_that_follow
-from shapefit.pipelines.export.origin import fit_dictionary
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
 FORMS = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
@@ -40,17 +35,12 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
     if kind == "dictionary":
         found = "is a dictionary, which has no other format"
         raise input_error(config.files[0], found, "give landmarks, shapes or results")
-    sized = OutputOptions(
+    placed = OutputOptions(
         height=config.height, unit=config.unit, up=config.up, world_unit=config.world_unit
     )
     with (
         _open(kind, config.files, options) as source,
-        record_writer(
-            config.output,
-            FORMS[kind],
-            config.to,
-            replace(sized, meshes=_meshes(source.head) if target.atom_meshes else None),
-        ) as writer,
+        record_writer(config.output, FORMS[kind], config.to, placed) as writer,
     ):
         chunks, count = _choose(source, config)
         for chunk in chunks:
@@ -81,16 +71,6 @@ def _open(kind: Kind, files: Sequence[Path], options: InputOptions) -> Source:
     if kind == "shapes":
         return open_shapes(files, options, gaps=True)
     return open_results(files, without=())
-
-
-def _meshes(head: Any) -> AtomMeshes | None:
-    """Return the meshes of the dictionary of a fit, where they can follow its result."""
-    method = head.attributes.get("method") if isinstance(head, ResultSet) else None
-    if method not in METHODS:
-        return None
-    _, dictionary = fit_dictionary(head.attributes)
-    pose = Pose(str(method), perspective="camera_translation" in head.columns)
-    return None if isinstance(dictionary, str) else meshes_that_follow(pose, dictionary)
 
 
 def _choose(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:

@@ -20,10 +20,8 @@ from shapefit.io import (
     open_shapes,
     read_dictionary,
 )
-from shapefit.io.foreign.opening import group_inputs, open_either
-from shapefit.io.foreign.sources import fitting_skeletons
-from shapefit.io.foreign.table import FileFormat
-from shapefit.io.formats import find_format
+from shapefit.io.foreign.items import fitting_skeletons, peek_recording
+from shapefit.io.formats import FileFormat, detect_format, group_inputs
 from shapefit.io.kinds.listing import find_kind
 from shapefit.io.kinds.opening import read_results
 from shapefit.io.layout import UNKNOWN_UNIT
@@ -87,7 +85,7 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
         if path.parent in folders:
             continue
         try:
-            find_format(path, options.format)
+            detect_format(path, options.format)
         except InputError as error:
             fail(path, error)
         else:
@@ -124,8 +122,10 @@ def _told(
     if kind == "result":
         return title + _of_result(path), ()
     if known.recorder is not None:
-        recording = open_either(known, paths)
-        title += [("frames", f"{recording.frames:,}")] if recording.frames is not None else []
+        recording = peek_recording(known, paths)
+        title += (
+            [("frames", f"{recording.frame_count:,}")] if recording.frame_count is not None else []
+        )
         count = recording.landmark_count
         fitting = fitting_skeletons(count)
         nameless = recording.landmark_names is None and not recording.default_keypoints

@@ -23,7 +23,7 @@ from shapefit.io import (
     open_landmarks,
     read_dictionary,
 )
-from shapefit.io.foreign.opening import group_inputs
+from shapefit.io.formats import group_inputs
 from shapefit.io.kinds.opening import open_proofs, proof_chunks
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.stored.files import read_rows

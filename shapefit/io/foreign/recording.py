@@ -1,191 +1,121 @@
-"""What files of other tools hold, in one form: instances of landmarks, frame by frame."""
+"""What a file of another tool holds, as whole arrays: instances of landmarks, frame by frame."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import chain
-from pathlib import Path
-from typing import Any, Literal, Self, TypeVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
+from shapefit.errors import input_error
 from shapefit.io.layout import UNKNOWN_UNIT
 
 ANYBODY = -1
 """The individual of an instance whose identity over frames is not known."""
-
 
 FRACTION = "fraction of the image"
 """Unit of coordinates that are divided by the width and the height of the image."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rows:
-    """What N instances have, whatever else: `take` and `stacked` know arrays, texts and extras."""
-
-    points: Floats
-    confidence: Floats | None = None
-    frames: Integers
-    extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    counts: Mapping[str, int] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def take(self, rows: NDArray[np.intp] | slice, counts: Mapping[str, int] | None = None) -> Self:
-        """Return these rows, those of a slice as views, with other counts, by default none."""
-        if isinstance(rows, np.ndarray) and np.array_equal(rows, np.arange(len(self))):
-            rows = slice(None)
-        taken = {name: _taken(values, rows) for name, values in self._of_rows().items()}
-        extras = {name: values[rows] for name, values in self.extras.items()}
-        return replace(self, **taken, extras=extras, counts=counts or {})
-
-    def blocks(self, size: int = 4096) -> Iterator[Self]:
-        """Give out the rows, so many at a time."""
-        return (self.take(slice(row, row + size)) for row in range(0, len(self), size))
-
-    def _of_rows(self) -> dict[str, Any]:
-        """Return the fields that have a row for each instance, but for extras, by name."""
-        return {name: v for name, v in vars(self).items() if name not in ("extras", "counts")}
-
-
-def _taken(values: Any, rows: NDArray[np.intp] | slice) -> Any:
-    if values is None or isinstance(values, np.ndarray) or isinstance(rows, slice):
-        return None if values is None else values[rows]
-    return tuple(values[row] for row in rows.tolist())
-
-
-R = TypeVar("R", bound=Rows)
-
-
-def stacked(parts: Sequence[R]) -> R:
-    """Return instances one after the other, their counts added up.
-
-    Those without a confidence among others have 1.
-    """
-    if len(parts) == 1:
-        return parts[0]
-    if any(part.confidence is not None for part in parts):
-        parts = [
-            replace(part, confidence=np.ones(part.points.shape[:2]))
-            if part.confidence is None
-            else part
-            for part in parts
-        ]
-    joined: dict[str, Any] = {}
-    for name in parts[0]._of_rows():
-        values = [getattr(part, name) for part in parts]
-        if any(each is None for each in values):
-            joined[name] = None
-        elif isinstance(values[0], np.ndarray):
-            joined[name] = np.concatenate(values)
-        else:
-            joined[name] = tuple(chain.from_iterable(values))
-    extras = {
-        name: np.concatenate([part.extras[name] for part in parts]) for name in parts[0].extras
-    }
-    counts = Counter[str]()
-    for part in parts:
-        counts.update(part.counts)
-    return replace(parts[0], **joined, extras=extras, counts=counts)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Instances(Rows):
-    """N instances, each one individual in one frame, in order of the frames.
-
-    points (N, p, 2) or (N, p, 3), NaN where the format says that a landmark is missing; confidence
-    (N, p), NaN where a landmark has none (then 1), or None where the format has none; frames (N,),
-    the place of each frame in its video, from 0, never falling within a video; labels (N),
-    what the file calls the frame (a number, a time, an image); individuals (N,), places in
-    `Recording.individuals`, or ANYBODY; videos (N), where a file holds more than one; extras
-    (N, ...), further datasets.
-
-    counts: what was left out or replaced here, by the words of a warning, as {"predicted
-    instances replaced by those that a user placed": 3}.
-    """
-
-    labels: Sequence[str]
-    individuals: Integers
-    videos: Sequence[str] | None = None
-
-    @classmethod
-    def of_one(
-        cls, points: Floats, start: int, labels: Sequence[str] | None = None, **further: Any
-    ) -> Self:
-        """Return frames `start` and on of one individual; without labels they are numbers."""
-        frames = np.arange(start, start + len(points))
-        return cls(
-            points=points,
-            frames=frames,
-            labels=list(map(str, frames.tolist())) if labels is None else labels,
-            individuals=np.zeros(len(points), np.int64),
-            **further,
-        )
-
-    @classmethod
-    def of_all(
-        cls, points: Floats, confidence: Floats | None, start: int, labels: Sequence[str]
-    ) -> Self:
-        """Return points (n, i, p, d) of frames `start` and on, i individuals in each."""
-        n, many, p, d = points.shape
-        return cls(
-            points=points.reshape(n * many, p, d),
-            confidence=None if confidence is None else confidence.reshape(n * many, p),
-            frames=np.repeat(np.arange(start, start + n), many),
-            labels=[label for label in labels for _ in range(many)],
-            individuals=np.tile(np.arange(many), n),
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
 class Recording:
-    """A file (or a folder of them) of another tool.
+    """N instances, each one individual in one frame, in order of the frames of each video.
 
-    name             the path, for messages
-    video            what items begin with: the name of the file without its endings
-    dimensions       2 for landmarks, 3 for shapes
-    landmark_count   p, where there are no names to count
-    landmark_names   None where the file has none: then `keypoints` names them
-    blocks           reads all instances anew, some thousand frames at a time
-    individuals      their names; empty where the format knows no individuals, or names none
-    frames           of the source, those without an instance too; None where that takes a count
-    frame_rate       in Hz
-    y_axis           direction of y in the image (2 dimensions)
-    edges            pairs of landmarks, by place
-    extras           datasets of the whole file: camera_matrix (3, 3), distortion, image_size
-    size_needed      of fractions of the image: whether they are useless without `image_size`
-    notes            warnings about the file as a whole
-    unordered        whether the images are, as far as names say, no frames of a video
+    name         the path, for messages
+    video        what items begin with: the name of the file without its endings
+    points       (N, p, 2) or (N, p, 3), NaN where the format says that a landmark is missing
+    confidence   (N, p), NaN where a landmark has none (then 1); None where the format has none
+    frames       (N,), the place of each frame in its video, from 0, never falling within a video
+    labels       (N), what the file calls the frame: a number, a time, an image
+    individuals  (N,), places in `individual_names`, or ANYBODY
+    videos       (N), where a file holds more than one
+
+    individual_names  empty where the format knows no individuals, or names none
+    landmark_names    None where the file has none: then `keypoints` names them
+    frame_count       of the source, frames without an instance too; None where it does not say
+    frame_rate        in Hz
+    y_axis            direction of y in the image (2 dimensions)
+    edges             pairs of landmarks, by place
+    size_needed       of fractions of the image: whether they are useless without `image_size`
+    notes             warnings: what was left out or replaced, what is in doubt
+    unordered         whether the images are, as far as names say, no frames of a video
     default_keypoints  the skeleton that the format implies, where landmarks have no names
     """
 
     name: str
     video: str
-    dimensions: Literal[2, 3]
-    landmark_count: int = 0
+    points: Floats
+    confidence: Floats | None = None
+    frames: Integers
+    labels: Sequence[str]
+    individuals: Integers
+    videos: Sequence[str] | None = None
+    individual_names: tuple[str, ...] = ()
     landmark_names: tuple[str, ...] | None = None
-    blocks: Callable[[], Iterable[Instances]]
-    individuals: tuple[str, ...] = ()
-    frames: int | None = None
+    frame_count: int | None = None
     frame_rate: float | None = None
     unit: str = UNKNOWN_UNIT
     y_axis: Literal["up", "down"] = "down"
     edges: tuple[tuple[int, int], ...] = ()
-    extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     size_needed: bool = False
     notes: tuple[str, ...] = ()
     unordered: bool = False
     default_keypoints: str | None = None
 
-    def __post_init__(self) -> None:
-        """Count the landmarks that have names."""
-        if self.landmark_names is not None:
-            object.__setattr__(self, "landmark_count", len(self.landmark_names))
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def dimensions(self) -> int:
+        """2 for landmarks, 3 for shapes."""
+        return self.points.shape[2]
+
+    @property
+    def landmark_count(self) -> int:
+        """Number of landmarks, p."""
+        return self.points.shape[1]
+
+
+def one_individual(points: Floats, labels: Sequence[str] | None = None) -> dict[str, Any]:
+    """Return the fields of a recording of points (n, p, d), a frame each; labels are numbers."""
+    frames = np.arange(len(points))
+    return {
+        "points": points,
+        "frames": frames,
+        "labels": list(map(str, frames.tolist())) if labels is None else labels,
+        "individuals": np.zeros(len(points), np.int64),
+    }
+
+
+def all_individuals(
+    points: Floats, confidence: Floats | None, labels: Sequence[str]
+) -> dict[str, Any]:
+    """Return the fields of a recording of points (n, i, p, d), i individuals in each frame."""
+    n, many, p, d = points.shape
+    return {
+        "points": points.reshape(n * many, p, d),
+        "confidence": None if confidence is None else confidence.reshape(n * many, p),
+        "frames": np.repeat(np.arange(n), many),
+        "labels": [label for label in labels for _ in range(many)],
+        "individuals": np.tile(np.arange(many), n),
+    }
+
+
+def take_instances(fields: Mapping[str, Any], rows: NDArray[Any]) -> dict[str, Any]:
+    """Return the fields of a recording for some of its instances."""
+    places = np.arange(len(rows))[rows] if rows.dtype == bool else rows
+    return {
+        name: values
+        if values is None
+        else values[places]
+        if isinstance(values, np.ndarray)
+        else [values[place] for place in places.tolist()]
+        for name, values in fields.items()
+    }
 
 
 ENDINGS = (".analysis", ".predictions", ".pkg", ".pose")
@@ -197,3 +127,72 @@ def video_name(path: Path) -> str:
     name = path.stem
     ending = next((ending for ending in ENDINGS if name.lower().endswith(ending)), "")
     return name[: len(name) - len(ending)] or path.name
+
+
+IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+
+
+def image_labels(paths: Sequence[str]) -> list[str]:
+    """Return names of images: without folder and suffix where that tells them apart."""
+    stems = [_without_suffix(name_of(path)) for path in paths]
+    return stems if len(set(stems)) == len(stems) else [_without_suffix(path) for path in paths]
+
+
+def number_label(value: float) -> str:
+    """Return a frame's number or time in seconds as text, to the microsecond."""
+    return str(int(value)) if value == int(value) else f"{value:.6f}".rstrip("0")
+
+
+def number_labels(place: str, values: NDArray[Any]) -> list[str]:
+    """Return the numbers or times of frames as text; InputError where one is no number."""
+    wrong = ~np.isfinite(values)
+    if wrong.any():
+        found = f"entry {int(np.argmax(wrong))} is {values[wrong][0]}, which is no frame"
+        raise input_error(place, found, "number the frames")
+    return [number_label(value) for value in values.tolist()]
+
+
+def name_of(path: str) -> str:
+    """Return the last part of a path, whichever system wrote it."""
+    return PureWindowsPath(path).name if "\\" in path else PurePosixPath(path).name
+
+
+def numbered_repeats(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names, those that repeat an earlier one with a number after them."""
+    taken: set[str] = set()
+    found = []
+    for name in names:
+        free, number = name, 2
+        while free in taken:
+            free, number = f"{name} ({number})", number + 1
+        taken.add(free)
+        found.append(free)
+    return tuple(found)
+
+
+def check_unique(place: str, names: Sequence[str], what: str) -> None:
+    """Raise InputError for names that are empty or repeat."""
+    known: set[str] = set()
+    for name in names:
+        if not name:
+            raise input_error(place, f"a {what} has no name", "name each of them")
+        if name in known:
+            found = f"the {what} {name!r} is there twice"
+            raise input_error(place, found, "give each a name of its own")
+        known.add(name)
+
+
+def edges_of(lines: Any, count: int) -> tuple[tuple[int, int], ...]:
+    """Return those of a list of lines that join two of so many landmarks."""
+    pairs = lines if isinstance(lines, list) else []
+    whole = [
+        tuple(pair)
+        for pair in pairs
+        if isinstance(pair, list) and len(pair) == 2 and all(type(end) is int for end in pair)
+    ]
+    return tuple((a, b) for a, b in whole if 0 <= a < count and 0 <= b < count)
+
+
+def _without_suffix(path: str) -> str:
+    ending = next((ending for ending in IMAGES if path.lower().endswith(ending)), "")
+    return path[: len(path) - len(ending)]

@@ -12,14 +12,13 @@ that of their boxes (intersection over union). No learned appearance, nothing be
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, Integers
-from shapefit.io.foreign.recording import ANYBODY, Instances, stacked
+from shapefit.io.foreign.recording import ANYBODY, Recording
 
 REACH = 0.35
 """Of the size of a person (the diagonal of the box): how far landmarks go in a frame, at most, from
@@ -70,53 +69,49 @@ class _Tracks:
             setattr(self, name, np.concatenate([values, getattr(others, name)]))
 
 
-def joined(blocks: Iterable[Instances], first: int) -> Iterator[Instances]:
-    """Give every anonymous instance the number of a track, `first` for the first of them.
+def track_people(recording: Recording, first: int) -> Integers:
+    """Return the individuals (N,), every anonymous one with the number of a track from `first` on.
 
     Tracks are numbered in order of their first frames, through all videos. Instances without a
     landmark, and those of whom the file says who they are, stay as they are.
     """
+    individuals = recording.individuals.copy()
+    weights = np.isfinite(recording.points).all(axis=2).astype(float)
+    if recording.confidence is not None:
+        weights *= np.clip(np.nan_to_num(recording.confidence, nan=1.0), 0, 1)
+    points = np.clip(recording.points, -LARGEST, LARGEST)
+    points[weights == 0] = np.nan
+    boxes, size = _boxes(points)
+    frames, videos = recording.frames.tolist(), recording.videos
+    rows_of: defaultdict[tuple[str, int], list[int]] = defaultdict(list)
+    for row in np.flatnonzero((individuals == ANYBODY) & weights.any(axis=1)).tolist():
+        rows_of["" if videos is None else videos[row], frames[row]].append(row)
     open_tracks: dict[str, _Tracks] = {}
-    following = [first]
-    for block in _whole_frames(blocks):
-        individuals = block.individuals.copy()
-        videos = block.videos or [""] * len(block)
-        found: Flags = np.asarray(np.isfinite(block.points).all(axis=2))
-        rows_of: defaultdict[tuple[str, int], list[int]] = defaultdict(list)
-        frames = block.frames.tolist()
-        weights = found.astype(float)
-        if block.confidence is not None:
-            weights *= np.clip(np.nan_to_num(block.confidence, nan=1.0), 0, 1)
-        points = np.clip(block.points, -LARGEST, LARGEST)
-        points[weights == 0] = np.nan
-        boxes, size = _boxes(points)
-        nobody = (individuals == ANYBODY) & weights.any(axis=1)
-        for row in np.flatnonzero(nobody).tolist():
-            rows_of[videos[row], frames[row]].append(row)
-        for (video, frame), rows in rows_of.items():
-            seen = _Tracks(
-                points=points[rows],
-                motion=np.zeros((len(rows), 2)),
-                boxes=boxes[rows],
-                size=size[rows],
-                frame=np.full(len(rows), frame),
-                number=np.full(len(rows), ANYBODY),
-            )
-            tracks = open_tracks.get(video)
-            if tracks is None:
-                seen.number = np.arange(following[0], following[0] + len(rows))
-                following[0] += len(rows)
-                open_tracks[video] = seen
-            else:
-                _follow(tracks, seen, weights[rows], frame, following)
-            individuals[rows] = seen.number
-        yield replace(block, individuals=individuals)
+    following = first
+    for (video, frame), rows in rows_of.items():
+        seen = _Tracks(
+            points=points[rows],
+            motion=np.zeros((len(rows), 2)),
+            boxes=boxes[rows],
+            size=size[rows],
+            frame=np.full(len(rows), frame),
+            number=np.full(len(rows), ANYBODY),
+        )
+        if video in open_tracks:
+            following = _follow(open_tracks[video], seen, weights[rows], frame, following)
+        else:
+            seen.number = np.arange(following, following + len(rows))
+            following += len(rows)
+            open_tracks[video] = seen
+        individuals[rows] = seen.number
+    return individuals
 
 
-def _follow(
-    tracks: _Tracks, seen: _Tracks, weights: Floats, frame: int, following: list[int]
-) -> None:
-    """Number the D detections `seen` in a frame, and let the tracks go on to them."""
+def _follow(tracks: _Tracks, seen: _Tracks, weights: Floats, frame: int, following: int) -> int:
+    """Number the D detections `seen` in a frame, new ones from `following` on; return the next.
+
+    The tracks go on to them.
+    """
     passed = frame - tracks.frame
     if passed.size and passed.max() > LONGEST_GAP + 1:
         tracks.keep(np.asarray(passed <= LONGEST_GAP + 1))
@@ -133,11 +128,12 @@ def _follow(
             _go_on(tracks, expected, seen, passed, *np.array(pairs).T)
     new: Flags = np.asarray(seen.number == ANYBODY)
     if new.any():
-        seen.number[new] = np.arange(following[0], following[0] + new.sum())
-        following[0] += int(new.sum())
+        seen.number[new] = np.arange(following, following + new.sum())
+        following += int(new.sum())
         others = replace(seen)
         others.keep(new)
         tracks.begin(others)
+    return following
 
 
 def _costs(
@@ -228,21 +224,3 @@ def _overlap(a: Floats, b: Floats) -> Floats:
     shared = np.maximum(sides, 0).prod(axis=-1)
     areas = (a[..., 2:] - a[..., :2]).prod(axis=-1) + (b[..., 2:] - b[..., :2]).prod(axis=-1)
     return np.asarray(shared / np.maximum(areas - shared, 1e-12))
-
-
-def _whole_frames(blocks: Iterable[Instances]) -> Iterator[Instances]:
-    """Give out blocks that end where a frame ends."""
-    kept: Instances | None = None
-    for block in blocks:
-        whole = block if kept is None else stacked([kept, block])
-        last_frame = whole.frames[-1:]
-        same: Flags = np.isin(whole.frames, last_frame)
-        if whole.videos is not None and len(whole):
-            last = whole.videos[-1]
-            same = same & np.array([video == last for video in whole.videos])
-        end = int(np.flatnonzero(~same)[-1]) + 1 if (~same).any() else 0
-        if end:
-            yield whole.take(slice(0, end), whole.counts)
-        kept = whole.take(slice(end, None), {} if end else whole.counts)
-    if kept is not None:
-        yield kept

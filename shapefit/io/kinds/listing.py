@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from shapefit.errors import input_error
-from shapefit.io.foreign.opening import open_either
-from shapefit.io.formats import CSV, find_format
+from shapefit.io.foreign.items import peek_recording
+from shapefit.io.formats import CSV, detect_format
 from shapefit.io.kinds.opening import open_landmarks, open_results, open_shapes
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT, Dataset
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
@@ -33,11 +33,11 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
     if is_stream(path):
         found = "standard input can be read only once"
         raise input_error("-", found, "save it to a file and name that")
-    known = find_format(path, options.format)
+    known = detect_format(path, options.format)
     if known.recorder is not None:
         if len(known.records) == 1:  # JSON, for one, would be read whole to say so
             return known.records[0]  # type: ignore[return-value]
-        recording = open_either(known, (path,))
+        recording = peek_recording(known, (path,))
         return "landmarks" if recording.dimensions == 2 else "shapes"
     if known.form is not None:
         return stored_form(path).kind  # type: ignore[return-value]
@@ -99,7 +99,7 @@ def list_file(path: Path, options: InputOptions = AS_THEY_ARE) -> Listing:
     if kind == "dictionary":
         found = "is a shapefit-dictionary file"
         raise input_error(path, found, "give results, shapes or landmarks")
-    if kind == "shapes" and find_format(path, options.format) is CSV:
+    if kind == "shapes" and detect_format(path, options.format) is CSV:
         kind = "result"
     with _open(path, kind, options, OPTIONAL) as source:
         head = source.head
@@ -135,6 +135,6 @@ def _open(path: Path, kind: ListedKind, options: InputOptions, without: Collecti
     if kind == "landmarks":
         return open_landmarks([path], options)
     if kind == "shapes":
-        own = find_format(path, options.format).reader is not None
+        own = detect_format(path, options.format).reader is not None
         return open_shapes([path], options, gaps=not own)
     return open_results([path], without)

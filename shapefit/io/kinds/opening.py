@@ -11,15 +11,8 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.foreign.opening import group_inputs, mixture, open_recording
-from shapefit.io.foreign.sources import (
-    are_fractions,
-    keep_landmarks,
-    size_needed,
-    without_gaps,
-)
-from shapefit.io.foreign.table import FileFormat
-from shapefit.io.formats import find_format, find_reader
+from shapefit.io.foreign.items import are_fractions, keep_landmarks, size_needed
+from shapefit.io.formats import FileFormat, detect_format, find_reader, group_inputs, mixture
 from shapefit.io.joined import LandmarkSource, ResultSource, ShapeSource, Source, SourceFile
 from shapefit.io.landmark_names import check_known
 from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Dataset, Layout
@@ -94,7 +87,7 @@ def open_results(paths: Sequence[Path], without: Collection[Dataset] = PROOFS) -
     at a time, CSV whole. Raises InputError for what is wrong with a file, for items that occur
     twice, and for files that do not go together.
     """
-    known = [(find_format(path), (path,)) for path in paths]
+    known = [(detect_format(path), (path,)) for path in paths]
     return ResultSource([_open(RESULTS, *own, AS_THEY_ARE, without=without) for own in known])
 
 
@@ -135,7 +128,7 @@ def read_results(path: Path, *, proofs: bool = False) -> ResultSet:
 @contextmanager
 def open_proofs(path: Path) -> Iterator[StoredReader]:
     """Open a result for its proofs. Raises InputError where it is CSV, or not a result."""
-    if find_format(path).reader is None:
+    if detect_format(path).reader is None:
         found = "is neither HDF5 nor Parquet, and CSV holds points only"
         fix = "give a result that `shapefit fit` wrote to a name in .h5 or .parquet"
         raise input_error(path, found, fix)
@@ -175,15 +168,14 @@ def _open(
     path, name = paths[0], source_name(paths[0])
     notes: tuple[str, ...] = ()
     if known.recorder is not None and form is not RESULTS:
-        from shapefit.io.foreign.sources import landmark_file, shape_file
+        from shapefit.io.foreign.items import read_landmarks
+        from shapefit.io.foreign.items import read_shapes as read_foreign_shapes
 
-        recording = open_recording(known, paths, form.kind)
         if form is LANDMARKS:
-            own = landmark_file(recording, options)
-            return own if known.states_y_axis else replace(own, y_axis=None)
-        records, notes = shape_file(recording, options)
-        if not gaps:
-            records, notes = without_gaps(records, notes, name)
+            images, notes = read_landmarks(known, paths, options)
+            stated = images.y_axis if known.states_y_axis else None
+            return SourceFile.held(name, images, notes=notes, y_axis=stated)
+        records, notes = read_foreign_shapes(known, paths, options, gaps=gaps)
     else:
         read = find_reader(path, form.kind, known)
         if read is stored_file:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.errors import input_error, listed
-from shapefit.io.formats import FORMATS, find_format, load
+from shapefit.io.formats import FORMATS, detect_format, load
 from shapefit.io.joined import SourceFile
 from shapefit.io.layout import Dataset, Layout
 from shapefit.io.name_index import ItemList
@@ -24,7 +24,7 @@ def open_stored(path: Path, form: Layout, known: Any = None) -> StoredReader:
 
     Raises InputError where its format holds points only.
     """
-    known = known or find_format(path)
+    known = known or detect_format(path)
     if known.reader is None:
         titles = listed(each.title for each in FORMATS.values() if each.reader is not None)
         found = f"is not {titles}" if path.is_file() else "is not a file on a disk"
@@ -35,7 +35,7 @@ def open_stored(path: Path, form: Layout, known: Any = None) -> StoredReader:
 
 def stored_form(path: Path) -> Layout:
     """Return the layout that a file of ours says it has. Raises InputError where it has none."""
-    known = find_format(path)
+    known = detect_format(path)
     if known.form is None:
         raise ValueError(f"{known.title} has no layout of its own")
     form: Layout = load(known.form)(path)

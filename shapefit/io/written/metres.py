@@ -15,12 +15,12 @@ from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, UNKNOWN_UNIT
 from shapefit.io.options import OutputOptions
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.skeletons import PEOPLE, people_joints
-from shapefit.io.written.tracks import (
-    CAMERA_TRANSLATION,
-    EXTRINSIC_ROTATION,
-    EXTRINSIC_TRANSLATION,
-    Solid,
-)
+
+Solid = ShapeSet | ResultSet
+
+CAMERA_TRANSLATION = "camera_translation"
+EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION = "extrinsic_rotation", "extrinsic_translation"
+"""Datasets of the file or of each image: X_camera = R X_world + t, in metres; z away from it."""
 
 ANKLE_TO_SHOULDER = 0.818 - 0.039
 """Share of the height of a person between the heights of ankles and shoulders (R. Drillis and R.

@@ -15,8 +15,14 @@ from shapefit.io.whole.atomic import atomic_path, check_output
 from shapefit.io.whole.folder import staged_files, write_and_sync
 from shapefit.io.whole.item_files import file_stem
 from shapefit.io.writing import NOTHING_APPENDED
-from shapefit.io.written.motion import Motion, find_motion, write_verdicts
-from shapefit.io.written.tracks import Solid, find_tracks, points_of
+from shapefit.io.written.metres import Solid
+from shapefit.io.written.motion import (
+    Motion,
+    find_motion,
+    find_tracks,
+    points_of,
+    write_verdicts,
+)
 from shapefit.stores.urls import UrlPath
 
 Write = Callable[[Path, Sequence[Motion]], None]
@@ -42,7 +48,7 @@ class MotionWriter:
 
     def append(self, record: Solid) -> None:
         """Take the items of a record after those that are there."""
-        self._parts.append(points_of(record, self._options.meshes is not None))
+        self._parts.append(points_of(record))
 
     def motions(self, place: str) -> list[Motion]:
         """Return all sequences in metres. Raises ValueError where nothing was appended."""

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+from shapefit.arrays import Floats, Integers
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import listed
-from shapefit.io.options import AtomMeshes
 from shapefit.lifting.methods import METHODS, those
+
+
+class AtomMeshes(NamedTuple):
+    """One mesh per atom: vertices (k, 3, q), faces (f, 3)."""
+
+    vertices: Floats
+    faces: Integers
 
 
 def find_meshes(dictionary: Dictionary) -> AtomMeshes | None:
@@ -50,8 +57,3 @@ def find_obstacle(pose: Pose) -> tuple[str, str] | None:
         return None
     found = f"`method: {pose.method}` gives no coefficients to combine the atoms' meshes"
     return found, f"choose {listed(those(lambda method: method.mixes_atoms))}"
-
-
-def meshes_that_follow(pose: Pose, dictionary: Dictionary) -> AtomMeshes | None:
-    """Return the meshes of the atoms, None where there are none or they cannot follow a fit."""
-    return None if find_obstacle(pose) else find_meshes(dictionary)

@@ -20,7 +20,7 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.options import PerspectiveOptions
 
 if TYPE_CHECKING:
-    from shapefit.io.motion.calibration import CalibratedCamera
+    from shapefit.io.foreign.calibration import CalibratedCamera
 
 
 DISTORTION = "distortion"
@@ -131,7 +131,7 @@ def find_calibrated(config: ViewingConfig) -> CalibratedCamera | None:
     """Return the camera that the config names in a calibration. Raises InputError."""
     if config.calibration is None:
         return None
-    from shapefit.io.motion.calibration import read_camera
+    from shapefit.io.foreign.calibration import read_camera
 
     return read_camera(config.calibration, config.name)
 

@@ -21,8 +21,7 @@ from shapefit.core import STRETCH
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, LandmarkSource
-from shapefit.io.foreign.table import FileFormat
-from shapefit.io.formats import FORMATS, find_target_format
+from shapefit.io.formats import FORMATS, FileFormat, find_target_format
 from shapefit.io.options import InputOptions, input_options
 from shapefit.lifting.lift import Lifting, Program
 from shapefit.lifting.methods import (

@@ -14,7 +14,7 @@ from shapefit.pipelines.joints import Joints, name_warnings, named_as_joints
 from shapefit.pipelines.outcome import nothing_in
 
 if TYPE_CHECKING:
-    from shapefit.io.motion.calibration import CalibratedCamera
+    from shapefit.io.foreign.calibration import CalibratedCamera
 
 BATCH = 4096
 """Images that are read before the first whole sequences of them are lifted."""

@@ -23,10 +23,7 @@ from shapefit.io import (
     read_dictionary,
     result_writer,
 )
-from shapefit.io.foreign.opening import look_into
-from shapefit.io.formats import find_target_format
 from shapefit.io.options import OutputOptions
-from shapefit.pipelines.export.carried_mesh import meshes_that_follow
 from shapefit.pipelines.export.run import open_exports, plan_exports
 from shapefit.pipelines.fit.chain import fit_images
 from shapefit.pipelines.fit.labels import check_labels
@@ -50,7 +47,6 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     files = (*(config.landmarks if rows is None else ()), config.dictionary)
     # The digest of an object takes the whole of it.
     on_threads(local_copy, (path for path in files if isinstance(path, UrlPath)))
-    look_into(files)
     dictionary = read_dictionary(config.dictionary)
     settle, wanted = plan_settling(config, dictionary), plan_exports(config, dictionary)
     seconds, done, inputs = 0.0, 0, dict[str, str]()
@@ -61,11 +57,9 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
         wanted = wanted.seen_through(config.camera)
         plan = plan_fit(config, dictionary, source.head.landmark_names)
         dictionary = plan.dictionary
-        has_place = find_target_format(output).atom_meshes
-        meshes = meshes_that_follow(wanted.pose, dictionary) if has_place else None
         with (
             open_exports(wanted, dictionary, source.count) as exports,
-            result_writer(output, OutputOptions(height=config.height, meshes=meshes)) as writer,
+            result_writer(output, OutputOptions(height=config.height)) as writer,
             closing(lift_source(source, plan)) as batches,
             written_behind(writer.append, plan.lifts_at_a_time(source) > 0) as write,
         ):

@@ -29,7 +29,7 @@ from shapefit.pipelines.joints import (
 )
 
 if TYPE_CHECKING:
-    from shapefit.io.motion.calibration import CalibratedCamera
+    from shapefit.io.foreign.calibration import CalibratedCamera
 
 Theta = Mapping[str, float]
 

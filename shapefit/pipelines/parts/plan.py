@@ -13,9 +13,7 @@ from shapefit.config import FitConfig
 from shapefit.core import STRETCH
 from shapefit.errors import InputError, input_error, path_text
 from shapefit.io import open_landmarks
-from shapefit.io.foreign.opening import group_inputs
-from shapefit.io.foreign.table import FileFormat
-from shapefit.io.formats import FORMATS, HDF5
+from shapefit.io.formats import FORMATS, HDF5, FileFormat, group_inputs
 from shapefit.io.layout import LANDMARKS
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import HDF5_SIGNATURE, PARQUET_SIGNATURE, begins_with

@@ -23,8 +23,7 @@ from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError, abbreviate, counted, input_error, printable
 from shapefit.io import digest, open_landmarks, read_dictionary
 from shapefit.io.columns import nearest_folder
-from shapefit.io.foreign.opening import group_inputs
-from shapefit.io.formats import FORMATS, find_format, find_writer
+from shapefit.io.formats import FORMATS, detect_format, find_writer, group_inputs
 from shapefit.io.layout import RESULTS
 from shapefit.io.name_index import Equal, NameIndex
 from shapefit.io.sources import is_stream
@@ -83,7 +82,7 @@ def settle_first(config: FitConfig) -> FitConfig:
     dictionary, options = read_dictionary(config.dictionary), read_options(config)
     inputs = config.landmarks
     try:
-        known = find_format(inputs[0], options.format)
+        known = detect_format(inputs[0], options.format)
         folder = inputs[0].parent
         near = [path for path in inputs if path.parent == folder] if known.together else inputs[:1]
         ((known, first), *_) = group_inputs(near, options)

@@ -13,7 +13,7 @@ from shapefit.config import ViewConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted
 from shapefit.io import read_dictionary
-from shapefit.io.formats import find_format
+from shapefit.io.formats import detect_format
 from shapefit.io.joined import agreed
 from shapefit.io.kinds.listing import Listing, list_file
 from shapefit.io.options import input_options
@@ -238,7 +238,7 @@ def _frame_rate(config: ViewConfig, found: Sequence[Gathered], frames: Frames) -
     files += [
         list_file(path, options)
         for path in config.truth
-        if not find_format(path, options.format).points_only
+        if not detect_format(path, options.format).points_only
     ]
     stated = [config.frame_rate, *(file.frame_rate for file in files)]
     rate = next((r for r in stated if r is not None and r < 1e6), None)

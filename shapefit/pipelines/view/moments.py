@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from shapefit.arrays import Integers
-from shapefit.io.foreign.sources import FRAME
+from shapefit.io.foreign.items import FRAME
 from shapefit.pipelines.view.frames import Frames
 from shapefit.pipelines.view.gathering import Gathered
 

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from shapefit.io import open_landmarks, read_shapes
-from shapefit.io.foreign.opening import group_inputs, open_recording
+from shapefit.io.foreign.items import FRAME, read_recording
 from shapefit.io.foreign.recording import Recording
-from shapefit.io.foreign.sources import FRAME
-from shapefit.io.formats import FORMATS
+from shapefit.io.formats import FORMATS, group_inputs
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 
 PROJECT = Path(__file__).resolve().parents[3]
@@ -66,7 +65,7 @@ def options(entry) -> InputOptions:
 @pytest.fixture
 def recording(entry, path, options) -> Recording:
     ((known, paths),) = group_inputs([path], options)
-    return open_recording(known, paths, entry["kind"])
+    return read_recording(known, paths)
 
 
 @pytest.fixture
@@ -97,13 +96,10 @@ def close(got: float, wanted: float, size: float, rtol: float) -> bool:
 
 def confidences(recording: Recording) -> tuple[int, float]:
     """Number and sum of the confidences that points have."""
-    count, total = 0, 0.0
-    for block in recording.blocks():
-        if block.confidence is not None:
-            placed = np.isfinite(block.points).all(axis=2) & np.isfinite(block.confidence)
-            count += int(placed.sum())
-            total += float(block.confidence[placed].sum())
-    return count, total
+    if recording.confidence is None:
+        return 0, 0.0
+    placed = np.isfinite(recording.points).all(axis=2) & np.isfinite(recording.confidence)
+    return int(placed.sum()), float(recording.confidence[placed].sum())
 
 
 def test_items_and_sums(entry, records, recording):
@@ -138,15 +134,10 @@ def test_names_and_frames(entry, records, recording):
     if entry["path"].startswith("motion/"):
         assert records.unit == ("m" if entry["unit"] == "m" else "unknown")
     if entry.get("individual_names") is not None:
-        assert list(recording.individuals) == entry["individual_names"]
-    frames = recording.frames
-    if frames is None:
-        found = set()
-        for block in recording.blocks():
-            videos = block.videos or [""] * len(block)
-            found |= set(zip(videos, block.frames.tolist(), strict=True))
-        frames = len(found)
-    assert frames == entry["frames"]
+        assert list(recording.individual_names) == entry["individual_names"]
+    videos = recording.videos or [""] * len(recording)
+    found = set(zip(videos, recording.frames.tolist(), strict=True))
+    assert (recording.frame_count or len(found)) == entry["frames"]
 
 
 def number_in_video(label: Any) -> str | None:

@@ -12,8 +12,8 @@ from scipy.optimize import linear_sum_assignment
 
 from shapefit.arrays import Floats
 from shapefit.io import open_landmarks
-from shapefit.io.foreign.recording import ANYBODY, Instances, stacked
-from shapefit.io.foreign.tracking import LONGEST_GAP, assign, joined
+from shapefit.io.foreign.recording import ANYBODY, Recording
+from shapefit.io.foreign.tracking import LONGEST_GAP, assign, track_people
 from shapefit.io.options import InputOptions
 
 FIGURE = np.array(
@@ -37,7 +37,7 @@ def walking(start: float, speed: float, frames: int, rng: np.random.Generator) -
 
 def instances(
     people: Sequence[Floats], rng: np.random.Generator | None
-) -> tuple[Instances, Floats]:
+) -> tuple[Recording, Floats]:
     """Return detections, people of a frame in any order (rng), and who each is."""
     points, frames, who = [], [], []
     for frame in range(len(people[0])):
@@ -46,32 +46,23 @@ def instances(
             points.append(people[person][frame])
             frames.append(frame)
             who.append(person)
-    block = Instances(
+    return recording(points, frames), np.array(who)
+
+
+def recording(points: Sequence[Floats], frames: Sequence[int]) -> Recording:
+    """Return detections of nobody in particular."""
+    return Recording(
+        name="walk",
+        video="walk",
         points=np.array(points),
         frames=np.array(frames),
         labels=[str(frame) for frame in frames],
         individuals=np.full(len(frames), ANYBODY),
     )
-    return block, np.array(who)
 
 
-def cut(block: Instances, size: int) -> list[Instances]:
-    """Return the same instances in blocks that need not end where a frame does."""
-    return [
-        replace(
-            block,
-            points=block.points[at : at + size],
-            frames=block.frames[at : at + size],
-            labels=block.labels[at : at + size],
-            individuals=block.individuals[at : at + size],
-            videos=block.videos and block.videos[at : at + size],
-        )
-        for at in range(0, len(block), size)
-    ]
-
-
-def tracks(block: Instances, size: int = 10_000) -> NDArray[np.int64]:
-    return np.concatenate([part.individuals for part in joined(cut(block, size), 1)])
+def tracks(block: Recording) -> NDArray[np.int64]:
+    return track_people(block, 1)
 
 
 def same_partition(found: NDArray[np.int64], who: Floats) -> bool:
@@ -88,14 +79,6 @@ def test_two_people_who_cross_in_any_order(seed: int) -> None:
     people = [walking(0, 6, 120, rng), walking(700, -6, 120, rng)]
     block, who = instances(people, rng)
     assert same_partition(tracks(block), who)
-
-
-def test_blocks_may_end_within_a_frame(rng: np.random.Generator) -> None:
-    block, who = instances([walking(300 * n, 3, 50, rng) for n in range(3)], rng)
-    whole = tracks(block)
-    assert same_partition(whole, who)
-    for size in (1, 2, 7, 149):
-        assert (tracks(block, size) == whole).all()
 
 
 def test_tracks_are_numbered_by_first_appearance(rng: np.random.Generator) -> None:
@@ -145,7 +128,7 @@ def test_videos_have_their_own_tracks(rng: np.random.Generator) -> None:
         block, points=block.points[order], frames=block.frames[order],
         labels=[block.labels[n] for n in order], videos=[block.videos[n] for n in order],
     )  # fmt: skip
-    assert (tracks(block, 7) == who[order] + 1).all()
+    assert (tracks(block) == who[order] + 1).all()
 
 
 def test_fifty_people_in_a_frame(rng: np.random.Generator) -> None:
@@ -177,7 +160,7 @@ def test_the_man_on_the_beam_is_one_person(real_data: Path, camera: str, agreein
         frames = [int(item.decode().split("/")[-1]) for item in file["item"][:]]
     options = InputOptions(keypoints="body_25b", track="nearest")
     with open_landmarks([folder / "openpose_json" / f"{camera}_json"], options) as source:
-        (images,) = source.chunks(1000)
+        images = source.whole()
     assert images.sequences is not None
     man = images.take([name.endswith("person 1") for name in images.sequences])
     assert len(man) == 100
@@ -191,13 +174,7 @@ def test_the_man_on_the_beam_is_one_person(real_data: Path, camera: str, agreein
 
 def follow(figures: Sequence[Floats], frames: Sequence[int]) -> list[int]:
     """Return the numbers of the tracks of one figure a frame."""
-    block = Instances(
-        points=np.array(figures),
-        frames=np.array(frames),
-        labels=list(map(str, frames)),
-        individuals=np.full(len(frames), ANYBODY),
-    )
-    return [int(number) for part in joined([block], 1) for number in part.individuals]
+    return tracks(recording(figures, frames)).tolist()
 
 
 SIZE = float(np.hypot(56, 170))
@@ -224,20 +201,3 @@ def test_the_size_of_somebody_half_hidden_shrinks_slowly(frames, same):
     parts = [FIGURE, *[half] * frames, half + np.array([40, 0])]
     found = follow(parts, list(range(len(parts))))
     assert (found[0] == found[-1]) == same
-
-
-def test_blocks_are_joined_and_cut(rng):
-    """Without a confidence beside others it is 1; what was left out of each adds up."""
-    points = rng.normal(size=(5, 4, 2))
-    first = Instances.of_one(points[:2], 0, counts={"a": 1, "b": 2})
-    scores = rng.random((3, 4))
-    second = Instances.of_one(points[2:], 2, confidence=scores, counts={"b": 3})
-    whole = stacked([first, second])
-    np.testing.assert_array_equal(whole.points, points)
-    np.testing.assert_array_equal(whole.confidence, [*np.ones((2, 4)), *scores])
-    assert (list(whole.labels), whole.frames.tolist()) == (list("01234"), [0, 1, 2, 3, 4])
-    assert whole.counts == {"a": 1, "b": 5}
-    some = whole.take(np.array([4, 1]), {"c": 1})
-    assert (some.labels, some.frames.tolist(), some.counts) == (("4", "1"), [4, 1], {"c": 1})
-    np.testing.assert_array_equal(some.points, points[[4, 1]])
-    assert len(Instances.of_all(np.empty((2, 0, 4, 2)), np.empty((2, 0, 4)), 0, "ab")) == 0

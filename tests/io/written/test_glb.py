@@ -10,7 +10,7 @@ import trimesh
 from shapefit.geometry.rotations import turn_about_axis
 from shapefit.io import read_shapes
 from shapefit.io.skeletons import PEOPLE
-from shapefit.io.written.gltf import quaternions
+from shapefit.io.written.glb import quaternions
 from tests.io.files import save
 from tests.io.written.test_bvh import MILLIMETRE, NAMES
 

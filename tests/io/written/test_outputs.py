@@ -12,7 +12,7 @@ from shapefit.errors import InputError
 from shapefit.io.layout import LANDMARKS, RESULTS
 from shapefit.io.options import OutputOptions
 from shapefit.io.writing import record_writer
-from shapefit.io.written import outputs, point_tables
+from shapefit.io.written import outputs, trc
 from shapefit.io.written.outputs import by_individual, motion_output
 from tests.io.files import save
 
@@ -57,14 +57,14 @@ def test_a_full_disk(tmp_path, several, one, monkeypatch, problems):
     record = several.take([0, 1]) if one else several
     (tmp_path / "man.trc").write_text("old")
     (tmp_path / "man_a.trc").write_text("old")
-    original = point_tables.write_trc
+    original = trc.write_trc
 
     def fill(path, motions):
         original(path, motions)
         if one or motions[0].name == "b":
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(point_tables, "trc_output", motion_output(fill, by_individual))
+    monkeypatch.setattr(trc, "trc_output", motion_output(fill, by_individual))
     (line,) = problems(save, tmp_path / "man.trc", record)
     assert "cannot be written: No space left on device; free some space" in line
     assert sorted(os.listdir(tmp_path)) == ["man.trc", "man_a.trc"]
@@ -72,7 +72,7 @@ def test_a_full_disk(tmp_path, several, one, monkeypatch, problems):
 
 
 def test_standard_output(scene, problems):
-    for to in ("trc", "c3d", "deeplabcut-3d", "coco"):
+    for to in ("trc", "c3d", "bvh", "glb"):
         (line,) = problems(partial(save, to=to), Path("-"), scene.result)
         assert line.startswith("output: ")
         assert line.endswith("cannot go to standard output; name a file")

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.io import read_shapes
-from shapefit.io.records import LandmarkSet
-from tests.io.files import load, save
+from tests.io.files import save
 
 
 def test_trc(tmp_path, scene):
@@ -25,21 +24,3 @@ def test_c3d(tmp_path, scene):
     assert back.frame_rate == 25
     size = {"m": 1.0, "mm": 0.001}[back.unit]
     np.testing.assert_allclose(size * back.shapes, scene.y_up, atol=1e-6)
-
-
-def test_coco(tmp_path, rng):
-    points = rng.uniform(0, 100, size=(4, 2, 5))
-    points[1, :, 2] = np.nan
-    given = LandmarkSet(
-        landmarks=points,
-        landmark_names=tuple("abcde"),
-        items=("film/0/0", "film/0/1", "film/1/0", "film/2/0"),
-        unit="px",
-        y_axis="down",
-        columns={"frame": np.array([0, 0, 1, 2])},
-    )
-    save(tmp_path / "film.json", given)
-    back = load(tmp_path / "film.json")
-    assert back.landmark_names == given.landmark_names
-    assert back.y_axis == "down"
-    np.testing.assert_allclose(back.landmarks, points)

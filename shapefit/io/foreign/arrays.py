@@ -1,0 +1,151 @@
+"""Arrays of landmarks without names, of NumPy or in JSON: (n, p, 2), or 3 with a confidence.
+
+One body per image, the images in order. (p, 2) and (p, 3) are one image. In a .npz the confidences
+may be an array (n, p) of their own.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Floats
+from shapefit.errors import InputError, counted, input_error, listed
+from shapefit.io.foreign.frame_files import are_series
+from shapefit.io.foreign.items import are_fractions
+from shapefit.io.foreign.json_text import read_json
+from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording, video_name
+from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.memory import check_fits
+from shapefit.io.problems import warn_of_zeros
+
+
+def of_bodies(
+    path: Path,
+    points: Floats,
+    confidence: Floats | None,
+    *,
+    labels: Sequence[str] | None = None,
+    frames: Sequence[int] | None = None,
+    videos: Sequence[str] | None = None,
+    images: bool = False,
+    notes: tuple[str, ...] = (),
+    **further: Any,
+) -> Recording:
+    """Return a recording of points (n, p, 2 or 3), one body per image, NaN where one is missing.
+
+    labels (n) are names or numbers of the images, by default their places; frames (n) do not fall
+    within a video. They are `images` that have nothing to do with one another, or the frames of a
+    video. (0, 0) with a confidence of 0 is missing. `further` are fields of a Recording. Raises
+    InputError for confidences below 0.
+    """
+    n, _, dimensions = points.shape
+    points = points.copy()
+    if confidence is not None and (confidence < 0).any():
+        found = f"has a confidence of {np.nanmin(confidence):g}"
+        raise input_error(path, found, "write 0 (hidden) or a positive number")
+    if dimensions == 2:
+        at_zero = (points == 0).all(axis=2)
+        if confidence is not None:
+            points[at_zero & (confidence == 0)] = np.nan
+        else:
+            notes += warn_of_zeros(points)
+    fraction = dimensions == 2 and are_fractions(points[np.isfinite(points)])
+    names = labels if labels is not None else [str(row) for row in range(n)]
+    return Recording(
+        name=str(path),
+        video=video_name(path),
+        points=points,
+        confidence=confidence,
+        frames=np.arange(n) if frames is None else np.array(frames, dtype=np.int64),
+        labels=names,
+        individuals=np.full(n, ANYBODY if images else 0, np.int64),
+        videos=videos,
+        frame_count=n,
+        unit=FRACTION if fraction else UNKNOWN_UNIT,
+        size_needed=fraction,
+        unordered=images and not are_series(names),
+        notes=notes,
+        **further,
+    )
+
+
+POINTS = ("landmarks", "keypoints", "points", "poses")
+SCORES = ("confidence", "scores", "keypoint_scores", "likelihood", "visibility")
+WANTED = "give (images, landmarks, 2), or 3 with a confidence of 0 to 1"
+
+
+def read_array(paths: tuple[Path, ...]) -> Recording:
+    """Return the images of an array, whose landmarks `keypoints` names."""
+    return of_array(paths[0], *_read(paths[0]))
+
+
+def of_array(
+    path: Path, points: NDArray[Any], scores: NDArray[Any] | None = None, **further: Any
+) -> Recording:
+    """Return the images of an array (n, p, 2 or 3) or (p, 2 or 3); `path` names it in messages.
+
+    `further` is what else `of_bodies` takes. Raises InputError for arrays of other shapes, and for
+    a third number that is no confidence.
+    """
+    if points.ndim == 2:
+        points, scores = points[None], None if scores is None else scores[None]
+    if points.ndim != 3 or points.shape[2] not in (2, 3) or points.dtype.kind not in "biuf":
+        found = f"is an array of {points.dtype} and the shape {points.shape}"
+        raise input_error(path, found, WANTED)
+    points = points.astype(np.float64)
+    points = np.where(np.isfinite(points), points, np.nan)
+    if points.shape[2] == 3:
+        last = points[..., 2]
+        least, most = np.nanmin(last, initial=np.inf), np.nanmax(last, initial=-np.inf)
+        if scores is not None or least < 0 or most > 1:
+            shown = "; ".join(" ".join(f"{value:g}" for value in row) for row in points[0, :2])
+            found = f"its third numbers run from {least:g} to {most:g}, so are they confidences?"
+            raise input_error(path, found, f"{WANTED} (the first rows are {shown})")
+        points, scores = points[..., :2], last
+    if scores is not None and scores.shape != points.shape[:2]:
+        found = f"has confidences of the shape {scores.shape}, and points {points.shape}"
+        raise input_error(path, found, WANTED)
+    points[np.isnan(points).any(axis=2)] = np.nan
+    confidence = None if scores is None else np.nan_to_num(scores.astype(np.float64))
+    return of_bodies(path, points, confidence, **further)
+
+
+def _read(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None]:
+    """Return the points of a file, and the confidences where they are an array of their own."""
+    if path.suffix.lower() == ".json":
+        try:
+            return np.array(read_json(path), dtype=np.float64), None
+        except (ValueError, TypeError) as error:
+            raise input_error(path, "is no array: lists of different length", WANTED) from error
+    try:
+        if zipfile.is_zipfile(path):
+            return _read_archive(path)
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        check_fits(str(path), 2 * 8 * array.size)
+        return np.array(array), None
+    except InputError:
+        raise
+    except Exception as error:  # NumPy has many kinds of error for damaged files
+        found = f"cannot be read as an array ({str(error).partition(chr(10))[0][:80]})"
+        raise input_error(path, found, "save it again with numpy.save, without objects") from error
+
+
+def _read_archive(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None]:
+    with zipfile.ZipFile(path) as archive:
+        check_fits(str(path), 2 * sum(entry.file_size for entry in archive.infolist()))
+    with np.load(path, allow_pickle=False) as archive:
+        arrays: Mapping[str, NDArray[Any]] = {name: archive[name] for name in archive.files}
+    known = [name for name in arrays if name.lower() in POINTS]
+    known = known or [name for name, one in arrays.items() if one.ndim == 3]
+    if len(known) != 1:
+        names = [f"{name} {one.shape}" for name, one in arrays.items()]
+        held = f"{counted(len(names), 'array')}: {listed(names, 'and')}" if names else "nothing"
+        raise input_error(path, f"holds {held}", "call the landmarks `landmarks`")
+    scores = next((one for name, one in arrays.items() if name.lower() in SCORES), None)
+    return arrays[known[0]], scores

@@ -1,0 +1,203 @@
+"""Detections, one after the other, as a recording: numbers, confidences, and who each is."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Floats, Integers
+from shapefit.errors import counted, input_error, listed
+from shapefit.io.foreign.frame_files import Images
+from shapefit.io.foreign.recording import ANYBODY, Recording, take_instances
+
+NAMED_BY_COUNT: Mapping[int, str] = {17: "coco_17", 26: "halpe_26", 33: "mediapipe_33"}
+"""The skeleton that detectors of people mean by a number of landmarks, where one is usual."""
+
+
+@dataclass
+class Detections:
+    """What grows while files are read, one entry for each detection.
+
+    name and video as in a Recording; unordered, whether they are images of no video; numbers, x, y
+    and, with `step` 3, the confidence of each landmark, empty where nothing was found; scores, the
+    confidences where they stand by themselves; frames, labels and videos as in `Instances`;
+    identities what the file calls who it is, None or a negative number where it does not know.
+    """
+
+    name: str
+    video: str
+    step: int = 3
+    unordered: bool = False
+    videos: list[str] | None = None
+    numbers: list[Sequence[float]] = field(default_factory=list)
+    scores: list[Sequence[float]] = field(default_factory=list)
+    frames: list[int] = field(default_factory=list)
+    labels: list[str] = field(default_factory=list)
+    identities: list[Any] = field(default_factory=list)
+
+    @classmethod
+    def in_file(cls, path: Path, step: int = 3) -> Self:
+        """Begin with those of one file."""
+        return cls(str(path), path.name.partition(".")[0], step)
+
+    @classmethod
+    def in_images(cls, images: Images, step: int = 3) -> Self:
+        """Begin with those of files of a frame each, of one video or several."""
+        several = len({file.video for file in images.files}) > 1
+        return cls(images.name, images.video, step, images.unordered, [] if several else None)
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def add(
+        self, numbers: Sequence[float], frame: int, label: str, who: Any, video: str | None = None
+    ) -> None:
+        """Add a detection in a frame, and whom the file calls it."""
+        self.numbers.append(numbers)
+        self.frames.append(frame)
+        self.labels.append(label)
+        self.identities.append(who)
+        if self.videos is not None and video is not None:
+            self.videos.append(video)
+
+    def values(self) -> Floats:
+        """Return the numbers (N, p, step), NaN where a detection has none or they are not finite.
+
+        Raises InputError where detections have different numbers of landmarks, and for texts.
+        """
+        return _numbers(self.numbers, self.step, self.name)
+
+    def confidence(self) -> Floats:
+        """Return the scores (N, p), as `values` returns the numbers."""
+        return _numbers(self.scores, 1, self.name)[..., 0]
+
+
+def _numbers(given: list[Sequence[float]], step: int, name: str) -> Floats:
+    sizes = Counter(map(len, given))
+    empty = sizes.pop(0, 0)
+    if any(size % step for size in sizes):
+        size = next(size for size in sizes if size % step)
+        found = f"a detection of {size} numbers, which are not {step} for each landmark"
+        raise input_error(name, found, "check what wrote the file")
+    if len(sizes) > 1:
+        kinds = [f"{n} detections with {s // step}" for s, n in sorted(sizes.items())]
+        fix = "give the files of each skeleton in a separate call"
+        raise input_error(name, f"several skeletons: {listed(kinds, 'and')} landmarks", fix)
+    width = next(iter(sizes), 0)
+    rows = given
+    if empty:
+        nothing = [math.nan] * width
+        rows = [row or nothing for row in given]
+    try:
+        values = np.array(rows, dtype=np.float64)
+    except (ValueError, TypeError, OverflowError) as error:
+        found = f"keypoints that are not numbers ({str(error)[:80]})"
+        raise input_error(name, found, "check what wrote the file") from error
+    if values.ndim != 2 and len(rows):
+        raise input_error(name, "keypoints that are not numbers", "check what wrote the file")
+    values = values.reshape(len(rows), -1, step) if width else np.empty((0, 0, step))
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def as_recording(
+    detections: Detections,
+    values: Floats,
+    missing: NDArray[np.bool_],
+    *,
+    confidence: Floats | None = None,
+    frames: int,
+    notes: tuple[str, ...] = (),
+    **further: Any,
+) -> Recording:
+    """Return a recording of detections.
+
+    values (N, p, 2 or more) are what was read, x and y first; missing (N, p). Where nobody was
+    found, the recording is empty and says so. `further` are fields of a Recording; without names
+    landmarks are those of the skeleton that detectors mean by their number.
+    """
+    if not values.size:
+        notes += (f"nobody was found in {counted(frames, 'frame')}",)
+        values, missing = np.empty((0, 0, 2)), np.empty((0, 0), bool)
+        confidence, further = None, {"landmark_names": ()}
+        detections = Detections(detections.name, detections.video)
+    people, individuals, doubts = _identities(detections)
+    known = NAMED_BY_COUNT.get(values.shape[1])
+    further.setdefault("default_keypoints", None if further.get("landmark_names") else known)
+    instances = {
+        "points": np.where(missing[..., None], np.nan, values[..., :2]),
+        "confidence": None if confidence is None else np.where(missing, 0.0, confidence),
+        "frames": np.array(detections.frames, dtype=np.int64),
+        "labels": detections.labels,
+        "individuals": individuals,
+        "videos": detections.videos,
+    }
+    return Recording(
+        name=detections.name,
+        video=detections.video,
+        **take_instances(instances, _in_order(detections.videos, detections.frames)),
+        individual_names=people,
+        frame_count=frames,
+        notes=notes + doubts,
+        unit=further.pop("unit", "px"),
+        unordered=detections.unordered,
+        **further,
+    )
+
+
+def numbered(ids: Iterable[Any]) -> tuple[list[int], list[Any]]:
+    """Return the places of ids in the order of their first appearance, and those ids."""
+    place: dict[Any, int] = {}
+    return [place.setdefault(one, len(place)) for one in ids], list(place)
+
+
+def image_key(image: Any, place: str) -> int | float | str:
+    """Return what identifies an image. Raises InputError at `place` for what cannot."""
+    if not isinstance(image, int | float | str):
+        raise input_error(place, f"no image ({str(image)[:40]})", "name images by number or text")
+    return image
+
+
+def _in_order(videos: Sequence[str] | None, frames: Sequence[int]) -> NDArray[np.intp]:
+    """Return the order in which frames never fall within a video."""
+    first = numbered(videos)[0] if videos is not None else [0] * len(frames)
+    return np.lexsort((np.array(frames), np.array(first))).astype(np.intp)
+
+
+def _identities(detections: Detections) -> tuple[tuple[str, ...], Integers, tuple[str, ...]]:
+    """Return the names of individuals, who each detection is, and doubts about that.
+
+    Some tools number the people of each frame anew: where a number is twice in a frame, none is
+    an identity.
+    """
+    nobody = np.full(len(detections), ANYBODY, dtype=np.int64)
+    ids = [_plain(one) for one in detections.identities]
+    known = [row for row, one in enumerate(ids) if one is not None]
+    if not known:
+        return (), nobody, ()
+    videos = detections.videos or [""] * len(ids)
+    seen = Counter((videos[row], detections.frames[row], ids[row]) for row in known)
+    if max(seen.values()) > 1:
+        twice = sum(number > 1 for number in seen.values())
+        text = f"numbers of people are not used, as {twice} of them occur twice in a frame"
+        return (), nobody, (text,)
+    places, names = numbered(ids[row] for row in known)
+    nobody[known] = places
+    return tuple(names), nobody, ()
+
+
+def _plain(identity: Any) -> str | None:
+    """Return an identity as text, None for none: a number, a text, or a list of one of them."""
+    while isinstance(identity, list) and len(identity) == 1:
+        identity = identity[0]
+    if isinstance(identity, bool) or not isinstance(identity, int | float | str):
+        return None
+    if isinstance(identity, str):
+        return identity or None
+    return None if identity < 0 or identity != identity else f"id {identity:g}"

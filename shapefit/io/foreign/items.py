@@ -1,0 +1,418 @@
+"""Recordings of other tools as landmarks and shapes: every instance an item with a name.
+
+Landmarks that a file does not name are those of a skeleton known by name (`keypoints`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Flags, Floats
+from shapefit.errors import InputError, abbreviate, counted, input_error, listed
+from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording, take_instances
+from shapefit.io.formats import FORMATS, FileFormat, load
+from shapefit.io.landmark_names import match_landmarks, nearest_names
+from shapefit.io.layout import EDGES
+from shapefit.io.options import InputOptions
+from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.io.skeletons import SKELETONS
+from shapefit.io.sources import source_name
+
+FRAME = "frame"
+"""Dataset (n,): the place of each item in its video, from 0."""
+
+Notes = tuple[str, ...]
+R = TypeVar("R", LandmarkSet, ShapeSet)
+
+
+def read_landmarks(
+    known: FileFormat, paths: tuple[Path, ...], options: InputOptions
+) -> tuple[LandmarkSet, Notes]:
+    """Return the images of a recording, and warnings of what is left out. Raises InputError."""
+    return landmarks_of(_of_kind(known, paths, "landmarks"), options)
+
+
+def read_shapes(
+    known: FileFormat, paths: tuple[Path, ...], options: InputOptions, *, gaps: bool = False
+) -> tuple[ShapeSet, Notes]:
+    """Return the shapes of a recording, and warnings of what is left out. Raises InputError.
+
+    With `gaps` landmarks may be unknown, NaN; without, the whole shapes of those mostly known.
+    """
+    shapes, notes = shapes_of(_of_kind(known, paths, "shapes"), options)
+    return (shapes, notes) if gaps else without_gaps(shapes, notes, source_name(paths[0]))
+
+
+HELD_BYTES = 1 << 27
+"""Of recordings that were read to tell what they hold, and are kept until they are read."""
+
+_held: dict[tuple[Path, ...], Recording] = {}
+
+
+def peek_recording(known: FileFormat, paths: tuple[Path, ...]) -> Recording:
+    """Return the recording in these files, and keep it for the reading that follows."""
+    found = read_recording(known, paths)
+    held = sum(each.points.nbytes for each in _held.values())
+    if held + found.points.nbytes <= HELD_BYTES:
+        _held[paths] = found
+    return found
+
+
+def read_recording(known: FileFormat, paths: tuple[Path, ...]) -> Recording:
+    """Return the recording in these files, be it of landmarks or of shapes."""
+    if known.recorder is None:
+        raise ValueError(f"{known.title} is not a recording")
+    if (kept := _held.pop(paths, None)) is not None:
+        return kept
+    found: Recording = load(known.recorder)(paths)
+    return found
+
+
+def _of_kind(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Recording:
+    """Return the recording in these files. Raises InputError where it is not of this kind."""
+    wanted = 2 if kind == "landmarks" else 3
+    name = source_name(paths[0])
+    if known.recorder is None or kind not in known.records:
+        titles = listed(each.title for each in FORMATS.values() if kind in each.kinds)
+        fix = f"give {'2D landmarks' if wanted == 2 else '3D shapes'}: {titles}"
+        raise input_error(name, f"is {known.title}, which holds no {kind}", fix)
+    recording = read_recording(known, paths)
+    if recording.dimensions != wanted:
+        found = f"{known.title} of {recording.dimensions}D points"
+        fix = "give 3D shapes" if wanted == 3 else "give 2D landmarks; 3D shapes are for learn-dict"
+        raise input_error(name, found, fix)
+    return recording
+
+
+KEY = "keypoints"
+NUMBERED = "numbered"
+"""In place of a skeleton: landmarks are called 0, 1 and so on."""
+
+
+def fitting_skeletons(count: int) -> list[str]:
+    """Return the known skeletons of so many landmarks."""
+    return [name for name, one in SKELETONS.items() if len(one.landmark_names) == count]
+
+
+def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ...]:
+    """Return the names of the landmarks of a recording.
+
+    They are those of the file. Where it has none, they are those of the skeleton `keypoints`, of
+    the one that its format implies, or their numbers where no known skeleton has as many, or
+    `keypoints` is `numbered`. Raises InputError for an unknown skeleton, one of another number of
+    landmarks, and where some have as many as the file and `keypoints` names none.
+    """
+    wanted = options.keypoints
+    if wanted is not None and wanted not in (*SKELETONS, NUMBERED):
+        near = nearest_names(wanted, tuple(SKELETONS))
+        fix = f"did you mean {near[0]}?" if near else f"use {listed(SKELETONS)}"
+        raise input_error(KEY, f"there is no skeleton {wanted!r}", fix)
+    if recording.landmark_names is not None:
+        return recording.landmark_names
+    count = recording.landmark_count
+    fitting = fitting_skeletons(count)
+    chosen = wanted or recording.default_keypoints
+    if chosen is None and fitting:
+        found = f"{count} landmarks without names, as {listed(fitting, 'and')} have"
+        ways = [f"`--set {KEY}={name}`" for name in (*fitting, NUMBERED)]
+        raise input_error(recording.name, found, f"say which: {listed(ways)}")
+    if chosen in (None, NUMBERED):
+        return tuple(map(str, range(count)))
+    names = SKELETONS[chosen].landmark_names
+    if len(names) != count:
+        known = f"; {listed(fitting)} have as many" if fitting else ""
+        found = f"{count} landmarks, and {chosen} has {len(names)}"
+        raise input_error(recording.name, found, f"set another `{KEY}`{known}")
+    return names
+
+
+LEAST, MOST = -0.5, 1.5
+"""Coordinates that are all within these are fractions of an image, those outside of it too."""
+
+SIZE_FIX = "give the size of the images in pixels: `--set image_size=[1920,1080]`"
+
+SQUEEZED = (
+    "x and y are fractions of the width and the height of the image, so that figures are squeezed "
+    "where it is not square"
+)
+
+
+def are_fractions(known: Floats) -> bool:
+    """Whether coordinates are fractions of an image rather than pixels."""
+    return known.size > 0 and bool(known.min() >= LEAST and known.max() <= MOST)
+
+
+def size_needed(name: str) -> InputError:
+    """Return the error for fractions of images whose size is not known."""
+    return input_error(name, "x and y are fractions of the width and height of the image", SIZE_FIX)
+
+
+def in_pixels(recording: Recording, options: InputOptions) -> Recording:
+    """Return a recording whose fractions of the image are pixels, where its size is given.
+
+    Raises InputError where they are useless without; else a note says so.
+    """
+    if recording.unit != FRACTION:
+        return recording
+    if options.image_size is not None:
+        return replace(recording, points=recording.points * options.image_size, unit="px")
+    if recording.size_needed:
+        raise size_needed(recording.name)
+    return replace(recording, notes=(*recording.notes, f"{SQUEEZED}; {SIZE_FIX}"))
+
+
+def landmarks_of(recording: Recording, options: InputOptions) -> tuple[LandmarkSet, Notes]:
+    """Return a recording of 2D landmarks as images, and notes."""
+    names = landmark_names(recording, options)
+    recording = in_pixels(replace(recording, y_axis=options.y_axis or recording.y_axis), options)
+    chosen, notes = choose(recording, options)
+    whole: dict[str, NDArray[Any]] = {}
+    if recording.edges:
+        whole[EDGES] = np.array(recording.edges, dtype=np.int64)
+    images = LandmarkSet(
+        landmarks=np.ascontiguousarray(chosen["points"].transpose(0, 2, 1)),
+        confidence=chosen["confidence"],
+        landmark_names=names,
+        items=tuple(chosen["items"]),
+        sequences=tuple(chosen["sequences"]) if any(chosen["sequences"]) else None,
+        unit=recording.unit,
+        y_axis=recording.y_axis,
+        frame_rate=recording.frame_rate,
+        columns={**whole, FRAME: chosen["frames"]},
+        of_file=whole,
+    )
+    return images, notes
+
+
+def shapes_of(recording: Recording, options: InputOptions) -> tuple[ShapeSet, Notes]:
+    """Return a recording of 3D points as shapes, NaN where a landmark is unknown; and notes."""
+    names = landmark_names(recording, options)
+    chosen, notes = choose(recording, options)
+    columns = {FRAME: chosen["frames"]}
+    if chosen["confidence"] is not None:
+        columns["confidence"] = chosen["confidence"]
+    shapes = ShapeSet(
+        shapes=np.ascontiguousarray(chosen["points"].transpose(0, 2, 1)),
+        landmark_names=names,
+        items=tuple(chosen["items"]),
+        sequences=tuple(chosen["sequences"]) if any(chosen["sequences"]) else None,
+        edges=np.array(recording.edges, dtype=np.int64) if recording.edges else None,
+        unit=recording.unit,
+        frame_rate=recording.frame_rate,
+        columns=columns,
+    )
+    return shapes, notes
+
+
+NOBODY = "individuals without a landmark left out"
+INFINITE = "landmarks hidden, whose coordinates are infinite"
+DOUBTFUL = "landmarks hidden, whose confidence is below `likelihood_below`"
+UNTRACKED = "untracked"
+"""In place of the individual, for those without identity beside others that have one."""
+
+
+def choose(recording: Recording, options: InputOptions) -> tuple[dict[str, Any], Notes]:
+    """Return the instances that the options ask for, one sequence after the other, and notes.
+
+    They are points (n, p, d), confidence (n, p) or None, frames (n,), items and sequences (n), ""
+    for none. Instances without a landmark are left out. Raises InputError for an individual that
+    the recording does not have, for images without order of which motion is asked for, and for an
+    individual that is twice in a frame.
+    """
+    people = recording.individual_names
+    if options.track == "motion" and recording.unordered and (recording.frame_count or 0) > 1:
+        found = "holds images of different files, without numbers of frames: no motion"
+        fix = "set `track: nearest` if they are one all the same, or write .h5 or .csv"
+        raise input_error(recording.name, found, fix)
+    individuals = recording.individuals
+    if options.track != "none":
+        from shapefit.io.foreign.tracking import track_people
+
+        individuals = track_people(recording, first_track(people))
+        people = tuple(
+            dict.fromkeys(_name(people, number) for number in np.unique(individuals).tolist())
+        )
+        people = tuple(filter(None, people))
+    if options.individual is not None and options.individual not in people:
+        raise _unknown_individual(recording.name, options.individual, people)
+    counts = Counter[str]()
+    points, confidence = recording.points, recording.confidence
+    placed: Flags = np.asarray(np.isfinite(points).all(axis=2))
+    counts[INFINITE] = int((~placed & np.isinf(points).any(axis=2)).sum())
+    if options.likelihood_below and confidence is not None:
+        doubtful = placed & (confidence < options.likelihood_below)
+        counts[DOUBTFUL] = int(doubtful.sum())
+        placed &= ~doubtful
+    rows = placed.any(axis=1)
+    counts[NOBODY] = int((~rows).sum())
+    if confidence is not None:
+        confidence = np.where(placed, _weights(confidence), 0.0)
+    items, sequences, own = _names_of(recording, individuals, options.individual)
+    chosen = take_instances(
+        {
+            "points": np.where(placed[..., None], points, np.nan),
+            "confidence": confidence,
+            "frames": recording.frames,
+            "items": items,
+            "sequences": sequences,
+        },
+        rows & own,
+    )
+    _check_unique(recording.name, chosen["items"])
+    first = {name: number for number, name in enumerate(dict.fromkeys(chosen["sequences"]))}
+    order = np.argsort([first[name] for name in chosen["sequences"]], kind="stable")
+    lost = tuple(f"{number} {text}" for text, number in counts.items() if number)
+    notes = tuple(f"{recording.name}: {note}" for note in (*recording.notes, *lost))
+    return take_instances(chosen, order.astype(np.intp)), notes
+
+
+def _weights(confidence: Floats) -> Floats:
+    """Return confidences as weights: 1 where there is none, 0 for those below 0."""
+    return np.maximum(np.nan_to_num(confidence, nan=1.0, posinf=1.0, neginf=0.0), 0.0)
+
+
+def _names_of(
+    recording: Recording, individuals: NDArray[Any], wanted: str | None
+) -> tuple[list[str], list[str], Flags]:
+    """Return the item and the sequence of each instance, and which are of the wanted individual."""
+    videos = recording.videos or [recording.video] * len(recording)
+    people = recording.individual_names
+    anonymous = f"{UNTRACKED}/" if people else ""
+    items: list[str] = []
+    sequences: list[str] = []
+    own = np.ones(len(recording), bool)
+    numbers: Counter[tuple[str, str]] = Counter()  # anonymous instances of each frame
+    known: dict[tuple[str, int], tuple[str, str]] = {}
+    each = zip(videos, individuals.tolist(), recording.labels, strict=True)
+    for row, (video, number, label) in enumerate(each):
+        if number == ANYBODY:
+            items.append(f"{video}/{anonymous}{label}/{numbers[video, label]}")
+            sequences.append("")
+            numbers[video, label] += 1
+            own[row] = wanted is None
+            continue
+        if (video, number) not in known:
+            name = _name(people, number)
+            known[video, number] = name, f"{video}/{name}" if name else video
+        name, sequence = known[video, number]
+        items.append(f"{sequence}/{label}")
+        sequences.append(sequence)
+        own[row] = wanted in (None, name)
+    return items, sequences, own
+
+
+def _name(people: Sequence[str], number: int) -> str:
+    """Return the name of an individual; "" for the only one of a recording that names none."""
+    if number == ANYBODY or number < first_track(people):
+        return people[number] if people and number >= 0 else ""
+    return f"person {number - first_track(people) + 1}"
+
+
+def first_track(people: Sequence[str]) -> int:
+    """Return the number that the first individual gets who was joined over frames."""
+    return max(1, len(people))
+
+
+def _unknown_individual(place: str, name: str, names: Sequence[str]) -> InputError:
+    if names:
+        fix = f"name one of {abbreviate(names)}"
+    else:
+        fix = "its format names none; leave out `individual`, or join people with `track: nearest`"
+    return input_error(place, f"has no individual {name!r}", fix)
+
+
+def _check_unique(place: str, items: Sequence[str]) -> None:
+    """Raise InputError for an individual that is twice in a frame."""
+    if len(set(items)) == len(items):
+        return
+    twice = [item for item, number in Counter(items).items() if number > 1]
+    verb = "occur" if len(twice) > 1 else "occurs"
+    names = abbreviate(twice) if len(twice) > 1 else twice[0]
+    fix = "give each frame a number of its own, and each individual one place in it"
+    raise input_error(place, f"{names} {verb} more than once", fix)
+
+
+KNOWN_SHARE = 0.9
+"""Of the shapes of a recording in which a landmark must be known to be learned from."""
+
+
+def without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, Notes]:
+    """Return the whole shapes of the landmarks that are mostly known, and notes of what is lost.
+
+    Raises InputError where no landmark is.
+    """
+    known = np.asarray(np.isfinite(shapes.shapes).all(axis=1))
+    if not len(shapes):
+        return shapes, notes
+    often: Flags = np.asarray(known.mean(axis=0) >= KNOWN_SHARE)
+    if not often.any():
+        found = f"no landmark is known in {KNOWN_SHARE:.0%} of its {counted(len(shapes), 'shape')}"
+        raise input_error(name, found, "give shapes with fewer gaps")
+    rows: Flags = np.asarray(known[:, often].all(axis=1))
+    lost = [name for name, stays in zip(shapes.landmark_names, often, strict=True) if not stays]
+    if lost:
+        text = f"left out, known in less than {KNOWN_SHARE:.0%} of the shapes"
+        notes += (f"{name}: {counted(len(lost), 'landmark')} {text} ({abbreviate(lost)})",)
+    if not rows.all():
+        gone = counted(int((~rows).sum()), "shape")
+        notes += (f"{name}: {gone} left out, in which a landmark is unknown",)
+    if lost:
+        shapes = _of_landmarks(shapes, np.flatnonzero(often))
+    return shapes.take(rows), notes
+
+
+def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
+    """Return landmarks or shapes with these of their landmarks alone, in this order.
+
+    Raises InputError at `place` for names that are not there, or twice.
+    """
+    if len(set(names)) < len(names):
+        raise input_error("landmarks", "a name is there twice", "name each landmark once")
+    columns = match_landmarks(records.landmark_names, names, f"{place}: landmarks")
+    if isinstance(records, LandmarkSet):
+        return records.arrange(names, place, leave_out=True)
+    return _of_landmarks(records, columns)
+
+
+MIRROR = "mirror_index"
+
+
+def _of_landmarks(shapes: ShapeSet, columns: NDArray[np.intp]) -> ShapeSet:
+    """Return the shapes with some of their landmarks, and the edges between those.
+
+    Of a tree, whose edges lead from parents to children, a landmark is joined to the nearest of
+    its forebears that stays.
+    """
+    place = {int(old): new for new, old in enumerate(columns)}
+    kept = dict(shapes.columns)
+    index = kept.pop(MIRROR, None)
+    if index is not None and all(int(index[old]) in place for old in place):
+        kept[MIRROR] = np.array([place[int(index[old])] for old in place])
+    return shapes.replaced(
+        columns=kept,
+        shapes=shapes.shapes[:, :, columns],
+        landmark_names=tuple(shapes.landmark_names[int(j)] for j in columns),
+        edges=None if shapes.edges is None else _edges_between(shapes.edges.tolist(), place),
+    )
+
+
+def _edges_between(edges: list[list[int]], place: Mapping[int, int]) -> NDArray[np.int64]:
+    """Return the edges (e, 2) between landmarks that have a new place."""
+    parents = {child: parent for parent, child in edges}
+    tree = len(parents) == len(edges)
+    pairs = []
+    for above, below in edges:
+        for _ in range(len(edges) if tree else 0):
+            if above in place or above not in parents:
+                break
+            above = parents[above]
+        if above in place and below in place:
+            pairs.append([place[above], place[below]])
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)

@@ -1,0 +1,278 @@
+"""HDF5 of trackers: how it is read, with every damage named; the files of JABS and movement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import prod
+from pathlib import Path
+from re import sub
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Floats
+from shapefit.errors import input_error, printable
+from shapefit.io.foreign.recording import (
+    Recording,
+    all_individuals,
+    check_unique,
+    number_labels,
+    take_instances,
+    video_name,
+)
+from shapefit.io.hdf5.file import Hdf5File
+
+MOST_TEXTS = 1_000_000
+"""Names that a dataset of names can hold."""
+
+
+class TrackerFile(Hdf5File):
+    """An open HDF5 file of another tool."""
+
+    def groups(self, group: str) -> tuple[str, ...]:
+        """Return the names of the groups in a group."""
+        with self.damage(group):
+            node = self.root[group]
+            return tuple(name for name in node if isinstance(node.get(name), h5py.Group))
+
+    def has(self, name: str) -> bool:
+        """Whether there is such a dataset or group."""
+        with self.damage(name):
+            return self.root.get(name) is not None
+
+    def shape(self, name: str, axes: str = "") -> tuple[int, ...]:
+        """Return the shape of a dataset; InputError unless it has as many axes as are listed."""
+        shape = self.stored(name).shape
+        if axes and len(shape) != len(axes.split(", ")):
+            raise self.fault(name, f"has the shape {shape}", f"its axes should be ({axes})")
+        return shape
+
+    def check_shape(self, name: str, wanted: Sequence[int]) -> None:
+        """Raise InputError unless a dataset has this shape."""
+        shape = self.shape(name)
+        if shape != tuple(wanted):
+            found = f"has the shape {shape}, and other datasets want {tuple(wanted)}"
+            raise self.fault(name, found)
+
+    def fields(self, name: str) -> tuple[str, ...]:
+        """Return the names of the columns of a table; InputError where it is none."""
+        found = self.stored(name).dataset.dtype.names
+        if not found:
+            raise self.fault(name, "is not a table of named columns")
+        return tuple(found)
+
+    def numbers(self, name: str) -> Floats:
+        """Return a dataset as numbers. Raises InputError where they are none."""
+        if self.stored(name).dataset.dtype.kind not in "biuf":
+            raise self.fault(name, "holds no numbers")
+        self.check_written(name)
+        values = self.rows(name)
+        with self.damage(name):
+            return np.asarray(values, np.float64)
+
+    def arranged(self, name: str, axes: Sequence[str], wanted: Sequence[str]) -> Floats:
+        """Return a dataset with the wanted axes in order; one that it has not is 1 long."""
+        values = self.numbers(name)
+        present = [axis for axis in wanted if axis in axes]
+        values = values.transpose([axes.index(axis) for axis in present])
+        return values.reshape([values.shape[present.index(a)] if a in axes else 1 for a in wanted])
+
+    def is_text(self, name: str) -> bool:
+        """Whether a dataset holds text."""
+        return self.stored(name).text
+
+    def scales(self, name: str) -> tuple[str, ...]:
+        """Return the names of the dimension scales of a dataset; InputError without them."""
+        dataset = self.stored(name).dataset
+        with self.damage(name):  # h5py's own `dims` can abort the process on damaged files
+            scales = dataset.attrs["DIMENSION_LIST"]
+            names = [text(h5py.h5r.get_name(own[0], self.root.id) or b"") for own in scales]
+        return tuple(name.strip("/") for name in names)
+
+    def texts(self, name: str) -> tuple[str, ...]:
+        """Return a dataset of names. Raises InputError where they are none, or too many."""
+        stored = self.stored(name)
+        if prod(stored.shape) > MOST_TEXTS:
+            raise self.fault(name, f"holds {stored.shape} names")
+        if not stored.text:
+            if stored.dataset.size == 0:
+                return ()  # SLEAP writes lists without entries as numbers
+            raise self.fault(name, "holds no text")
+        with self.damage(name):
+            found = np.ravel(stored.dataset[()])
+        return tuple(text(value) for value in found)
+
+    def edges(self, name: str, count: int) -> tuple[tuple[int, int], ...]:
+        """Return the pairs of landmarks in a dataset (e, 2); none where it is absent or empty."""
+        if not self.is_dataset(name) or 0 in self.shape(name):
+            return ()
+        shape = self.shape(name)
+        if len(shape) != 2 or shape[1] != 2:
+            raise self.fault(name, f"has the shape {shape}, not (edges, 2)")
+        pairs = self.numbers(name)
+        if not ((pairs >= 0) & (pairs < count)).all():
+            raise self.fault(name, "points at landmarks that are not there")
+        return tuple((int(a), int(b)) for a, b in pairs)
+
+
+def text(value: Any) -> str:
+    """Return bytes of a file as text; what is not UTF-8 as escapes."""
+    return value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else str(value)
+
+
+POINTS, CONFIDENCE = "poseest/points", "poseest/confidence"
+COUNT, TRACK, IDENTITY = (
+    "poseest/instance_count",
+    "poseest/instance_track_id",
+    "poseest/instance_embed_id",
+)
+
+MOUSE = (
+    "NOSE LEFT_EAR RIGHT_EAR BASE_NECK LEFT_FRONT_PAW RIGHT_FRONT_PAW CENTER_SPINE "
+    "LEFT_REAR_PAW RIGHT_REAR_PAW BASE_TAIL MID_TAIL TIP_TAIL"
+)
+"""The landmarks of JABS, which its files do not name."""
+
+LINES = ((0, 1), (0, 2), (0, 3), (3, 6), (6, 9), (9, 10), (10, 11), (6, 4), (6, 5), (9, 7), (9, 8))
+
+
+def read_jabs(paths: tuple[Path, ...]) -> Recording:
+    """Read `poseest/points` of JABS: (frame, [instance,] point, [y, x]), where y comes first.
+
+    A confidence of 0 is a point that was not found. Version 2 knows one mouse. Version 3 counts the
+    instances of a frame and gives them tracks; from version 4 on they have identities, from 1, and
+    0 where there is none.
+    """
+    path = paths[0]
+    names = tuple(MOUSE.split())
+    with TrackerFile(path) as file:
+        shape = file.shape(POINTS)
+        if len(shape) not in (3, 4) or shape[-1] != 2:
+            found = f"has the shape {shape}"
+            raise file.fault(POINTS, found, "its axes are (frame, [mouse,] point, 2)")
+        if file.is_dataset(CONFIDENCE):
+            file.check_shape(CONFIDENCE, shape[:-1])
+        frames, many, p = shape[0], (shape[1] if len(shape) == 4 else 1), shape[-2]
+        ids, absent = np.zeros((frames, many), np.int64), np.zeros((frames, many), bool)
+        if len(shape) == 4:
+            ids, absent = _identities(file, frames, many)
+        points = file.numbers(POINTS).reshape(frames, many, p, 2)[..., ::-1]
+        confidence = np.ones(points.shape[:-1])
+        if file.is_dataset(CONFIDENCE):
+            confidence = file.numbers(CONFIDENCE).reshape(confidence.shape)
+    seen = confidence > 0
+    points = np.where(seen[..., None], points, np.nan)
+    fields = all_individuals(points, confidence, list(map(str, range(frames))))
+    known = np.unique(ids[~absent])
+    fields["individuals"] = np.searchsorted(known, ids.ravel())
+    lost = int((seen.any(axis=2) & absent).sum())
+    named = p == len(names)
+    return Recording(
+        name=str(path),
+        video=sub(r"_pose_est(_v\d+)?$", "", video_name(path)),
+        **take_instances(fields, ~absent.ravel()),
+        landmark_names=names if named else None,
+        individual_names=tuple(map(str, known.tolist())) if len(shape) == 4 else (),
+        frame_count=frames,
+        unit="px",
+        edges=LINES if named else (),
+        notes=(f"{lost} instances without an identity left out",) if lost else (),
+    )
+
+
+def _identities(file: TrackerFile, frames: int, many: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return who is where (frame, instance) in a file of several mice, and where is nobody."""
+    stated = file.attribute("version", "poseest")
+    version = stated[0] if isinstance(stated, list) and stated else stated
+    by_identity = version > 3 if isinstance(version, int) else file.is_dataset(IDENTITY)
+    name = IDENTITY if by_identity else TRACK
+    file.check_shape(name, (frames, many))
+    ids = file.numbers(name).astype(np.int64)
+    if by_identity:
+        return ids, ids <= 0
+    file.check_shape(COUNT, (frames,))
+    return ids, np.arange(many) >= file.numbers(COUNT)[:, None]
+
+
+POSITION, SCORES = "position", "confidence"
+
+SINGULAR = {"keypoints": "keypoint", "individuals": "individual"}
+
+WANTED = ("time", "individual", "keypoint", "space")
+"""The axes of movement, in the order in which they are given out."""
+
+
+def read_movement(paths: tuple[Path, ...]) -> Recording:
+    """Read movement's netCDF, which is HDF5: `position` over time, space, keypoints, individuals.
+
+    The axes are named by dimension scales, in any order. Newer versions say `keypoint` and
+    `individual`; one individual or keypoint that was picked out has no axis.
+    """
+    path = paths[0]
+    with TrackerFile(path) as file:
+        kind = text(file.attribute("ds_type") or "")
+        if kind != "poses":
+            found = f"holds {printable(kind) or 'data of no stated type'}, not poses"
+            fix = "give a data set of poses; bounding boxes have no landmarks"
+            raise input_error(path, found, fix)
+        axes = _axes(file, POSITION)
+        sizes = dict(zip(axes, file.shape(POSITION), strict=True))
+        for axis in ("time", "space"):
+            if axis not in sizes:
+                raise file.fault(POSITION, f"has no axis {axis}")
+        names = _names(file, "keypoint", sizes.get("keypoint", 1))
+        individuals = _names(file, "individual", sizes.get("individual", 1))
+        space = _names(file, "space", sizes["space"])
+        if space not in (("x", "y"), ("x", "y", "z")):
+            found = f"names the coordinates {printable(', '.join(space))}"
+            raise file.fault("space", found, "name them x, y and z")
+        rate = file.attribute("fps")
+        confidence = None
+        if file.is_dataset(SCORES):
+            own = _axes(file, SCORES)
+            if {*own, "space"} != set(axes):
+                found = f"has the axes {', '.join(own)}, and position {', '.join(axes)}"
+                raise file.fault(SCORES, found)
+            file.check_shape(SCORES, [sizes[axis] for axis in own])
+            confidence = file.arranged(SCORES, own, WANTED[:3])
+        times = np.arange(sizes["time"], dtype=float)
+        if file.is_dataset("time"):
+            file.check_shape("time", (sizes["time"],))
+            times = file.numbers("time")
+        points = file.arranged(POSITION, axes, WANTED)
+        labels = number_labels(file.place("time"), times)
+    return Recording(
+        name=str(path),
+        video=video_name(path),
+        **all_individuals(points, confidence, labels),
+        landmark_names=names,
+        individual_names=individuals,
+        frame_count=sizes["time"],
+        frame_rate=float(rate) if isinstance(rate, int | float) and 0 < rate < np.inf else None,
+        unit="px" if len(space) == 2 else "unknown",
+    )
+
+
+def _axes(file: TrackerFile, name: str) -> tuple[str, ...]:
+    """Return the names of the axes of a dataset, as its dimension scales say."""
+    found = [SINGULAR.get(axis, axis) for axis in file.scales(name)]
+    if len(found) != len(file.shape(name)):
+        raise file.fault(name, f"has the shape {file.shape(name)}, and names {len(found)} axes")
+    if len(set(found)) != len(found) or not set(found) <= set(WANTED):
+        what = f"has the axes {printable(', '.join(found))}"
+        raise file.fault(name, what, f"name them {', '.join(WANTED)}")
+    return tuple(found)
+
+
+def _names(file: TrackerFile, axis: str, size: int) -> tuple[str, ...]:
+    """Return the names along an axis; its numbers where it has none."""
+    place = next((name for name in (axis, f"{axis}s") if file.is_dataset(name)), None)
+    if place is None or not file.is_text(place):
+        return tuple(f"{axis}_{number}" for number in range(size))
+    names = file.texts(place)
+    if len(names) != size:
+        raise file.fault(place, f"names {len(names)}, and there are {size}")
+    check_unique(file.place(place), names, axis)
+    return names

@@ -1,0 +1,164 @@
+"""Labels and predictions of YOLO for poses, as Ultralytics writes them: a text file per image."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.errors import input_error
+from shapefit.io.foreign.detections import Detections, as_recording
+from shapefit.io.foreign.frame_files import images_in
+from shapefit.io.foreign.recording import FRACTION, Recording, edges_of
+from shapefit.io.sources import BYTE_ORDER_MARK, read_whole
+
+Table = NDArray[np.float64]
+
+BOX = 5
+FILE = "data.yaml"
+
+
+class Layout(NamedTuple):
+    """Landmarks of a line, numbers of each, and what data.yaml calls landmarks and classes."""
+
+    landmarks: int
+    step: int
+    names: tuple[str, ...] | None = None
+    people: bool = False
+    edges: tuple[tuple[int, int], ...] = ()
+
+
+def read_yolo(paths: tuple[Path, ...]) -> Recording:
+    """Read the labels of a folder, or these files, as one recording.
+
+    A line is class, centre and size of a box, and x, y and mostly v of each landmark, as fractions
+    of the width and height of the image; predictions may end in a score and a track. `kpt_shape`
+    in the data.yaml beside the labels says how many landmarks there are, and whether v is given:
+    0 is missing, 1 and 2 are placed, fractions are confidences. Without v, a landmark at 0, 0 is
+    missing.
+    """
+    images = images_in(paths, ".txt", "classes.txt")
+    rows = [(file, row) for file in images.files for row in _rows(file.path)]
+    layout = _stated(paths[0] if paths[0].is_dir() else paths[0].parent) or _guessed(
+        [row for _, row in rows], images.name
+    )
+    width = BOX + layout.landmarks * layout.step
+    detections = Detections.in_images(images, step=layout.step)
+    for file, row in rows:
+        rest = len(row) - width
+        if rest not in (0, 1, 2):
+            found = f"a line of {len(row)} numbers, and {layout.landmarks} landmarks take {width}"
+            raise input_error(file.path, found, f"check kpt_shape in {FILE}")
+        who = row[-1] if rest == 2 else None
+        detections.add(row[BOX:width], file.frame, file.label, who, file.video)
+    values = detections.values()
+    missing, confidence = _seen(values)
+    numbers = tuple(map(str, range(layout.landmarks)))
+    person = layout.people and layout.landmarks == 17
+    return as_recording(
+        detections,
+        values,
+        missing,
+        confidence=confidence,
+        frames=len(images.files),
+        unit=FRACTION,
+        landmark_names=layout.names or (None if person else numbers),
+        default_keypoints="coco_17" if person else None,
+        edges=layout.edges,
+    )
+
+
+def _rows(path: Path) -> list[list[float]]:
+    """Return the numbers of each line; comments and empty lines are skipped."""
+    rows = []
+    for number, line in enumerate(
+        read_whole(path).removeprefix(BYTE_ORDER_MARK).splitlines(), start=1
+    ):
+        cells = line.partition(b"#")[0].split()
+        if not cells:
+            continue
+        try:
+            rows.append([float(cell) for cell in cells])
+        except ValueError as error:
+            found = f"is no line of numbers ({str(error)[:60]})"
+            raise input_error(f"{path}:{number}", found, "give labels of poses") from error
+    return rows
+
+
+def _seen(values: Table) -> tuple[NDArray[np.bool_], Table | None]:
+    """Return which landmarks are missing, and the confidences where v is not 0, 1 or 2."""
+    if values.shape[2] == 2:
+        return np.asarray((values <= 0).all(axis=2)), None
+    v = values[..., 2]
+    marks = np.isin(v, (0, 1, 2)).all()
+    return ~(v > 0), None if marks else v
+
+
+def _guessed(rows: list[list[float]], name: str) -> Layout:
+    """Return the layout that lines have where no data.yaml states it."""
+    sizes = {len(row) - BOX for row in rows}
+    smallest = min(sizes, default=0)
+    threes = [m for m in (smallest, smallest - 1, smallest - 2) if m > 0 and m % 3 == 0]
+    marks = {row[place] for row in rows for place in range(BOX + 2, BOX + (threes or [0])[0], 3)}
+    if threes and (marks <= {0, 1, 2} or threes[0] == 51):
+        return Layout(threes[0] // 3, 3, people=threes[0] == 51)
+    if smallest % 2 == 0 and smallest % 3 and not threes[1:]:
+        return Layout(smallest // 2, 2)
+    if not rows:
+        return Layout(0, 3)
+    found = f"lines of {smallest} numbers after the box, and no {FILE} with kpt_shape beside them"
+    raise input_error(name, found, f"put the {FILE} of the data set beside the labels")
+
+
+def _stated(folder: Path) -> Layout | None:
+    """Return what the nearest data.yaml in this folder or three above it states."""
+    place = folder.resolve()
+    for each in (place, *place.parents[:3]):
+        path = each / FILE
+        if path.is_file():
+            return _layout(path)
+    return None
+
+
+def _layout(path: Path) -> Layout | None:
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    try:
+        found: Any = YAML(typ="safe", pure=True).load(path)
+    except (YAMLError, UnicodeDecodeError, ValueError) as error:
+        text = " ".join(str(error).split())[:80]
+        raise input_error(path, f"is no YAML ({text})", "correct it") from error
+    shape = found.get("kpt_shape") if isinstance(found, dict) else None
+    if shape is None:
+        return None
+    if not (
+        isinstance(shape, list)
+        and len(shape) == 2
+        and all(type(size) is int for size in shape)
+        and 0 < shape[0] < 10_000
+        and shape[1] in (2, 3)
+    ):
+        raise input_error(path, f"kpt_shape is {shape}", "give [landmarks, 2] or [landmarks, 3]")
+    count = shape[0]
+    classes = found.get("names")
+    classes = list(classes.values()) if isinstance(classes, dict) else classes
+    return Layout(
+        count,
+        shape[1],
+        _landmark_names(found, count),
+        people=classes == ["person"],
+        edges=edges_of(found.get("skeleton"), count),
+    )
+
+
+def _landmark_names(found: dict[str, Any], count: int) -> tuple[str, ...] | None:
+    """Return `kpt_names`: a list, or one per class, of which the first is taken."""
+    names = found.get("kpt_names")
+    if isinstance(names, dict):
+        names = next(iter(names.values()), None)
+    if not isinstance(names, list) or len(names) != count or len({*map(str, names)}) != count:
+        return None
+    return tuple(map(str, names))

@@ -1,0 +1,170 @@
+"""What a file begins with, looked at once: bytes, lines, keys of JSON and of HDF5."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from shapefit.io.sources import BYTE_ORDER_MARK, HDF5_SIGNATURE
+from shapefit.stores.opening import StoreError
+from shapefit.stores.reading import read_head
+
+HEAD_BYTES = 4096
+"""Of a file that decide its format."""
+
+OWN_FORMAT = "shapefit-"
+"""What the root attribute `format` of our own HDF5 files begins with."""
+
+FIRST_FILES = 20
+"""Of a folder that are looked at."""
+
+
+@dataclass(frozen=True)
+class JsonKeys:
+    """The keys that JSON begins with.
+
+    kind is { or [, "" where it is no JSON; keys are those of the outermost object, or of the
+    objects in the outermost list; points says whether the keypoints of the first of these are
+    pairs or flat, where they are so many that no other key is seen.
+    """
+
+    kind: str = ""
+    keys: frozenset[str] = frozenset()
+    points: Literal["pairs", "flat", ""] = ""
+
+
+@dataclass(frozen=True)
+class Hdf5Keys:
+    """What the root of an HDF5 file of another tool holds; nothing for ours, and damaged ones.
+
+    entries     names of its groups and datasets
+    attributes  names of the attributes of the root
+    pandas      groups of the root that pandas wrote
+    inner       "group/name" of what the groups poseest, processing and metadata hold, and
+                "group@name" of their attributes
+    """
+
+    entries: frozenset[str] = frozenset()
+    attributes: frozenset[str] = frozenset()
+    pandas: tuple[str, ...] = ()
+    inner: frozenset[str] = frozenset()
+
+
+class Head:
+    """What decides the format of a file, or of a folder; each part is looked at once."""
+
+    def __init__(self, path: Path) -> None:
+        """Read the first bytes; those of a folder are none. Raises what reading raises."""
+        self.path = path
+        self.is_folder = path.is_dir()
+        self.bytes = b"" if self.is_folder else read_head(path, HEAD_BYTES)
+
+    def named(self, *endings: str) -> bool:
+        """Whether the name of the file has one of these endings."""
+        return self.path.name.lower().endswith(endings)
+
+    @cached_property
+    def text(self) -> bytes:
+        """The first bytes without the mark that text in UTF-8 may begin with."""
+        return self.bytes.removeprefix(BYTE_ORDER_MARK)
+
+    @cached_property
+    def lines(self) -> list[bytes]:
+        """The first lines, whatever ends them; the last may be cut."""
+        return self.text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+
+    @cached_property
+    def columns(self) -> frozenset[str]:
+        """The cells of the first line, parted by commas, without spaces and quotes."""
+        cells = self.lines[0].decode("utf-8", "replace").split(",")
+        return frozenset(cell.strip(' "\t') for cell in cells)
+
+    @cached_property
+    def json(self) -> JsonKeys:
+        """The keys that JSON begins with."""
+        return find_json_keys(self.text)
+
+    @cached_property
+    def hdf5(self) -> Hdf5Keys:
+        """What the root of an HDF5 file of another tool holds. Raises StoreError."""
+        if not self.bytes.startswith(HDF5_SIGNATURE):
+            return Hdf5Keys()
+        return find_hdf5_keys(self.path)
+
+    def files(self, ending: str) -> Iterator[Head]:
+        """Yield the heads of the first files of a folder with this ending, by name."""
+        if not self.is_folder:
+            return
+        names = sorted(name for name in os.listdir(self.path) if name.lower().endswith(ending))
+        for name in names[:FIRST_FILES]:
+            path = self.path / name
+            if path.is_file() and os.access(path, os.R_OK):
+                yield Head(path)
+
+
+_NUMBERS = re.compile(rb"[-+\d.eE,\s]{8,}")
+_TOKENS = re.compile(rb'"((?:[^"\\]|\\.)*)"\s*(:?)|[{}\[\]]', re.DOTALL)
+_KEYPOINTS = re.compile(rb'\[\s*\{\s*"keypoints"\s*:\s*\[\s*([-\d\[])')
+
+
+def find_json_keys(data: bytes) -> JsonKeys:
+    """Return the keys in the first bytes of a file, which may end anywhere."""
+    text = data.lstrip()
+    if text[:1] not in (b"{", b"["):
+        return JsonKeys()
+    kind = text[:1].decode()
+    level, depth, keys = (1 if kind == "{" else 2), 0, set()
+    for token in _TOKENS.finditer(_NUMBERS.sub(b" ", text)):
+        mark = token[0][:1]
+        if mark in b"{[":
+            depth += 1
+        elif mark in b"}]":
+            depth -= 1
+        elif token[2] and depth == level:
+            keys.add(token[1].decode("utf-8", "replace"))
+    found = _KEYPOINTS.match(text) if keys == {"keypoints"} else None
+    if found is None:
+        return JsonKeys(kind, frozenset(keys))
+    return JsonKeys(kind, frozenset(keys), "pairs" if found[1] == b"[" else "flat")
+
+
+def find_hdf5_keys(path: Path) -> Hdf5Keys:
+    """Open an HDF5 file, and return what its root holds."""
+    from shapefit.io.hdf5.opening import open_hdf5
+
+    try:
+        with open_hdf5(path) as file:
+            return _keys_of(file)
+    except StoreError:
+        raise
+    except Exception:  # h5py has many kinds of error for damaged files; their reader names them
+        return Hdf5Keys()
+
+
+def _keys_of(file: Any) -> Hdf5Keys:
+    stated = file.attrs.get("format", "")
+    if isinstance(stated, bytes):
+        stated = stated.decode("utf-8", "replace")
+    if isinstance(stated, str) and stated.startswith(OWN_FORMAT):
+        return Hdf5Keys()
+    groups = {name: file.get(name) for name in file}
+    inner: set[str] = set()
+    for name in ("poseest", "processing", "metadata"):
+        if (group := groups.get(name)) is not None:
+            inner |= {f"{name}@{each}" for each in group.attrs}
+            inner |= {f"{name}/{each}" for each in group} if hasattr(group, "keys") else set()
+    return Hdf5Keys(
+        frozenset(groups),
+        frozenset(file.attrs),
+        tuple(name for name, one in groups.items() if one is not None and _is_pandas(one)),
+        frozenset(inner),
+    )
+
+
+def _is_pandas(group: Any) -> bool:
+    return "pandas_type" in group.attrs

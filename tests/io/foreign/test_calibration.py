@@ -1,0 +1,97 @@
+"""Calibrations in the TOML of several tools."""
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.errors import InputError
+from shapefit.io.foreign.calibration import read_camera
+
+TWO = """
+[cam_0]
+name = "left"
+size = [640, 480]
+matrix = [[500.0, 0.0, 320.0], [0.0, 501.0, 240.0], [0.0, 0.0, 1.0]]
+distortions = [-0.1, 0.01, 0.001, 0.002, 0.0]
+rotation = [0.0, 0.0, 1.5707963267948966]
+translation = [1.0, 2.0, 3.0]
+
+[cam_1]
+port = 7
+size = [640, 480]
+matrix = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
+distortions = [-0.1, 0.01, 0.001, 0.002]
+rotation = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+translation = [1, 2, 3]
+
+[metadata]
+error = 0.3
+"""
+
+
+@pytest.fixture
+def calibration(tmp_path):
+    def make(text=TWO):
+        path = tmp_path / "calibration.toml"
+        path.write_text(text)
+        return path
+
+    return make
+
+
+@pytest.mark.parametrize("name", ["cam_0", "left", "cam_1", "7"])
+def test_by_section_name_or_port_and_rotations_of_both_kinds(calibration, name):
+    camera = read_camera(calibration(), name)
+    np.testing.assert_allclose(camera.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    np.testing.assert_allclose(camera.distortion, [-0.1, 0.01, 0.001, 0.002, 0, 0, 0, 0])
+    assert camera.size.tolist() == [640, 480]
+    assert camera.translation.tolist() == [1, 2, 3]
+
+
+def test_the_only_camera_needs_no_name_and_may_lack_a_place(calibration):
+    text = "[cameras.3]\nmatrix = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]\nport = 3\n"
+    camera = read_camera(calibration(text), None)
+    assert camera.section == "3"
+    assert camera.rotation is None
+    assert not camera.distortion.any()
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "words"),
+    [
+        (TWO, None, ["2 cameras", "cam_0 (left)", "cam_1 (7)"]),
+        (TWO, "right", ["no camera 'right'", "cam_0 (left) and cam_1 (7)"]),
+        ("[metadata]\nerror = 1\n", None, ["no section with the `matrix`"]),
+        ("matrix = [", None, ["is no TOML"]),
+        (TWO.replace("500.0, 0.0, 320.0", "500.0, 3.0, 320.0"), "left", ["cam_0", "500 3 320"]),
+        (TWO.replace("500.0, 0.0, 320.0", "-500.0, 0.0, 320.0"), "left", ["cam_0", "-500"]),
+        (TWO.replace("[0.0, 0.0, 1.57", "[0.0, 1.57"), "left", ["cam_0", "rotation"]),
+        (TWO.replace("[[0, -1, 0]", "[[0, 1, 0]"), "7", ["cam_1", "reflection"]),
+        (TWO.replace("[[0, -1, 0]", "[[0, -2, 0]"), "7", ["cam_1", "rotation"]),
+        (TWO.replace("0.002, 0.0]", "0.002, 'a']"), "left", ["cam_0", "distortions"]),
+        (TWO.replace("0.002, 0.0]", "0.002, 0.0, 1.0]"), "left", ["6 coefficients"]),
+        (TWO.replace("0.002, 0.0]", "0, 0, 0, 0, 0, 1]"), "left", ["9 coefficients", "prism"]),
+        (TWO.replace('name = "left"', 'name = "left"\nfisheye = true'), "left", ["fisheye"]),
+    ],
+)
+def test_errors_name_what_is_wrong(calibration, text, name, words):
+    with pytest.raises(InputError) as error:
+        read_camera(calibration(text), name)
+    assert all(word in str(error.value) for word in words), error.value
+
+
+@pytest.mark.real_data
+def test_real_calibrations_equal_what_others_read(real_data):
+    """The file of the flies is in millimetres, the landmarks beside it in metres."""
+    for file, name, landmarks, before, size in [
+        ("fly/calibration.toml", "Cam-A", "fly/Cam-A.h5", "", 1000),
+        ("pose2sim_balancing/Calib_qualisys.toml", "cam_03", "pose2sim_balancing/cam03.h5",
+         "published_", 1),
+    ]:  # fmt: skip
+        camera = read_camera(real_data / "detected" / file, name)
+        with h5py.File(real_data / "detected" / landmarks) as known:
+            rotation = known[f"{before}extrinsic_rotation"][()]
+            translation = known[f"{before}extrinsic_translation"][()]
+            np.testing.assert_allclose(camera.matrix, known["camera_matrix"][()])
+        np.testing.assert_allclose(camera.rotation, rotation, atol=1e-12)
+        np.testing.assert_allclose(camera.translation / size, translation, rtol=1e-9)

@@ -1,0 +1,204 @@
+"""Tables, arrays and lists of points in the layouts that people have them in."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.detector_files import write_array, write_long, write_mediapipe, write_wide
+from shapefit.errors import InputError
+from shapefit.io import open_landmarks, open_shapes
+from shapefit.io.formats import detect_format
+
+from .conftest import read_images as read
+
+NAMES = [f"point{number}" for number in range(4)]
+
+
+@pytest.fixture
+def points(rng) -> np.ndarray:
+    return np.round(rng.uniform(1, 600, (5, 1, 4, 2)), 3)
+
+
+@pytest.fixture
+def confidence(rng) -> np.ndarray:
+    return np.round(rng.uniform(0.1, 1, (5, 1, 4)), 3)
+
+
+def table(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("write", "name", "named", "sequence"),
+    [
+        (write_wide, "a.csv", True, True),
+        (write_long, "a.csv", True, False),
+        (write_array, "a.npy", False, True),
+        (write_array, "a.npz", False, True),
+        (write_mediapipe, "a.json", False, False),
+    ],
+)
+def test_points_and_confidences_are_those_of_the_file(
+    tmp_path, points, confidence, write, name, named, sequence
+):
+    write(tmp_path / name, points, confidence)
+    images, _ = read(tmp_path / name)
+    np.testing.assert_array_equal(images.landmarks.transpose(0, 2, 1), points[:, 0])
+    np.testing.assert_array_equal(images.confidence, confidence[:, 0])
+    assert list(images.landmark_names) == (NAMES if named else list("0123"))
+    assert images.y_axis == "down"
+    assert (images.sequences == ("a",) * 5) if sequence else images.sequences is None
+
+
+WIDE = "frame,nose_x,nose_y,tail_x,tail_y\n7,1,2,30,40\n8,5,6,70,80\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        WIDE,
+        WIDE.replace("frame", ""),
+        WIDE.replace("frame,", "").replace("7,1", "1").replace("8,5", "5"),
+        WIDE.replace(",", ";"),
+        WIDE.replace(",", "\t").upper(),
+        WIDE.replace("_", "."),
+        "\ufeff" + WIDE.replace("\n", "\r\n"),
+        "frame,joint,X,Y\n7,nose,1,2\n7,tail,30,40\n8,nose,5,6\n8,tail,70,80\n",
+        "Frame;Body Part;x;y\n8;nose;5,0;6,0\n7;tail;30,0;40,0\n7;nose;1;2\n8;tail;70;80\n",
+        "video,frame,x1,y1,x2,y2\nv,7,1,2,30,40\nv,8,5,6,70,80\n",
+    ],
+)
+def test_headers_that_say_the_same(tmp_path, text):
+    path = table(tmp_path / "walk.csv", text)
+    assert detect_format(path).title == "a table of landmarks"
+    images, notes = read(path)
+    order = np.argsort([name.lower() for name in images.landmark_names])
+    found = images.landmarks.transpose(0, 2, 1)[:, order]
+    np.testing.assert_array_equal(found, [[[1, 2], [30, 40]], [[5, 6], [70, 80]]])
+    assert notes == ()
+    assert len(set(images.sequences)) == 1
+
+
+def test_images_of_a_name_are_no_sequence(tmp_path):
+    images, _ = read(table(tmp_path / "t.csv", WIDE.replace("frame", "filename")))
+    assert images.sequences is None
+    assert images.items == ("t/7/0", "t/8/0")
+
+
+def test_what_is_missing_or_hidden(tmp_path):
+    text = "frame,joint,x,y,score\n0,a,0,0,0\n0,b,0,0,0.5\n1,a,NA,3,1\n1,b,3,,1\n2,b,3,4,0\n"
+    images, _ = read(table(tmp_path / "t.csv", text))
+    assert images.items == ("t/0", "t/2")
+    assert np.isnan(images.landmarks[:, 0]).tolist() == [[True, False], [True, False]]
+    assert images.confidence[1].tolist() == [0, 0]
+
+
+def test_many_landmarks_at_zero_are_a_warning(tmp_path, points):
+    points[::2, :, 1] = 0
+    np.save(tmp_path / "a.npy", points[:, 0])
+    _, (note,) = read(tmp_path / "a.npy")
+    assert "3 of 20 landmarks are at exactly (0, 0)" in note
+    rows = [
+        f"{n},{k},{x},{y}" for n, own in enumerate(points[:, 0]) for k, (x, y) in enumerate(own)
+    ]
+    _, (note,) = read(table(tmp_path / "a.csv", "\n".join(["item,landmark,x,y", *rows])))
+    assert "a.csv: 3 of 20 landmarks are at exactly (0, 0)" in note
+
+
+def test_a_depth_beside_a_confidence_is_left_out_and_without_one_it_is_a_shape(tmp_path):
+    text = "frame,a_x,a_y,a_z,b_x,b_y,b_z\n0,1,2,3,40,50,60\n"
+    with open_shapes([table(tmp_path / "t.csv", text)]) as source:
+        (shapes,) = source.chunks(9)
+    assert shapes.shapes[0].T.tolist() == [[1, 2, 3], [40, 50, 60]]
+    seen = text.replace("b_z", "b_z,a_visibility,b_visibility").replace("60", "60,0.5,1")
+    images, (note,) = read(table(tmp_path / "t.csv", seen))
+    assert images.landmarks[0].T.tolist() == [[1, 2], [40, 50]]
+    assert "z left out" in note
+
+
+@pytest.mark.parametrize("kind", ["npy", "json", "csv"])
+def test_fractions_of_an_image_need_its_size(tmp_path, rng, kind):
+    points = np.round(rng.uniform(size=(3, 33, 2)), 3)
+    path = tmp_path / f"a.{kind}"
+    if kind == "npy":
+        np.save(path, points)
+    elif kind == "json":
+        write_mediapipe(path, points[:, None], np.ones((3, 1, 33)))
+    else:
+        names = [f"{axis}{n}" for n in range(33) for axis in "xyzv"]
+        rows = np.concatenate([points, np.ones((3, 33, 2))], axis=2).reshape(3, -1)
+        table(path, "\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)]))
+    with pytest.raises(InputError, match=r"fractions of the width.*`--set image_size=\[1920,1080"):
+        read(path, keypoints="mediapipe_33")
+    images, _ = read(path, keypoints="mediapipe_33", image_size=(200.0, 100.0))
+    np.testing.assert_allclose(images.landmarks.transpose(0, 2, 1), points * (200, 100))
+    assert (images.unit, images.landmark_names[0]) == ("px", "nose")
+
+
+def test_which_skeleton_an_array_has_must_be_said(tmp_path, rng):
+    np.save(tmp_path / "a.npy", rng.uniform(1, 600, (3, 17, 2)))
+    with pytest.raises(InputError, match="17 landmarks without names, as coco_17 and h36m_17 have"):
+        read(tmp_path / "a.npy")
+    assert read(tmp_path / "a.npy", keypoints="coco_17")[0].landmark_names[0] == "nose"
+    assert read(tmp_path / "a.npy", keypoints="numbered")[0].landmark_names[0] == "0"
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        (np.zeros((3, 4)), r"an array of float64 and the shape \(1, 3, 4\)"),
+        (np.ones((3, 4, 3)) * 7, r"third numbers run from 7 to 7.*the first rows are 7 7 7; 7 7 7"),
+        (np.array([{"a": 1}], dtype=object), "without objects"),
+    ],
+)
+def test_arrays_of_something_else(tmp_path, found, words):
+    np.save(tmp_path / "a.npy", found, allow_pickle=True)
+    with pytest.raises(InputError, match=rf"a\.npy: .*{words}"):
+        read(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "frame;joint;x;y\n0;a;1;2\n0;b;3;oops\n",
+            r"csv:3: 'oops' is no number \(column y\).*understood so far: frame 0, landmark a",
+        ),
+        ("frame,joint,x,y\n0,a,1,2\n0,a,3,4\n", "csv:3: 'a' of 0 is also in line 2"),
+        ("frame,joint,x,y\nlast,a,1,2\n", "the frame 'last' is no whole number"),
+        ("frame,joint,x,y,score\n0,a,1,2,-1\n", "has a confidence of -1"),
+        (WIDE + "1,2,3\n", r"csv:4: has 3 cells for 5 columns"),
+        (WIDE + "1,\0,3,4,5\n", r"csv:4: is not text \(a zero byte\); save it as CSV in UTF-8$"),
+    ],
+)
+def test_what_is_unsure_is_an_error_that_shows_what_was_understood(tmp_path, text, words):
+    with pytest.raises(InputError, match=words):
+        read(table(tmp_path / "t.csv", text))
+
+
+@pytest.mark.parametrize(
+    "wrap",
+    [
+        lambda body: body,
+        lambda body: [body],
+        lambda body: {"pose_landmarks": [body], "pose_world_landmarks": [[{"x": 9, "y": 9}]]},
+        lambda body: [{"frame": 0, "landmarks": body}],
+        lambda body: {"frames": [{"landmark": body}]},
+    ],
+)
+def test_lists_of_mediapipe(tmp_path, wrap):
+    body = [{"x": 10 * n, "y": 7, "z": -1, "visibility": 0.5, "name": "abc"[n]} for n in range(3)]
+    path = table(tmp_path / "walk.json", json.dumps(wrap(body)))
+    images, _ = read(path)
+    assert images.landmarks.tolist() == [[[0, 10, 20], [7, 7, 7]]]
+    assert images.landmark_names == ("a", "b", "c")
+
+
+def test_our_own_layout_stays_what_it_was(tmp_path):
+    path = table(tmp_path / "t.csv", "item,landmark,x,y\none,a,1,2\n")
+    assert detect_format(path).title == "a CSV file"
+    with open_landmarks([path]) as source:
+        assert next(iter(source.chunks(9))).items == ("one",)

@@ -1,0 +1,369 @@
+"""What is wrong with a file of a tracker is said with its place and a fix, whatever it is."""
+
+from __future__ import annotations
+
+import pickle
+from itertools import product
+
+import h5py
+import numpy as np
+import pytest
+
+from benchmarks import tracker_files as made
+from benchmarks.tracker_files import WRITERS, pickled
+from shapefit.errors import InputError
+from shapefit.io import open_landmarks
+from shapefit.io.formats import detect_format
+
+HDF5 = [name for name in WRITERS if not name.endswith(".csv")]
+
+
+@pytest.fixture
+def write(tmp_path, points, confidence):
+    def write(name: str):
+        WRITERS[name](tmp_path / name, points, confidence)
+        return tmp_path / name
+
+    return write
+
+
+def read_or_refuse(path) -> bool:
+    """Whether a file can be read; False where it is refused in plain words."""
+    try:
+        with open_landmarks([path]) as source:
+            for _ in source.chunks(3):
+                pass
+    except InputError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_files_that_are_cut_off(write, name):
+    path = write(name)
+    data = path.read_bytes()
+    for end in np.linspace(1, len(data) - 1, 25).astype(int):
+        path.write_bytes(data[:end])
+        whole = read_or_refuse(path)
+        assert name.endswith(".csv") or not whole
+
+
+@pytest.mark.parametrize("name", HDF5)
+def test_every_dataset_is_missing_once(write, name):
+    found: list[str] = []
+    with h5py.File(write(name)) as file:
+        file.visit(found.append)
+    path = write(name)
+    whole = path.read_bytes()
+    for node in found:
+        path.write_bytes(whole)
+        with h5py.File(path, "a") as file:
+            del file[node]
+        read_or_refuse(path)
+
+
+STRANGE = (
+    np.zeros((0,)),
+    np.float64(3),
+    np.array(["text"], dtype="S"),
+    np.full((3, 3), np.nan),
+    np.full((2, 2, 2, 2), 1e300),
+    np.arange(-5, 100),
+    np.zeros(4, "V8"),
+    h5py.Empty("f8"),
+)
+
+
+steps = pytest.mark.parametrize("step", [5, pytest.param(1, marks=pytest.mark.slow)])
+"""Every fifth pair of a place and a value, and all of them."""
+
+
+@steps
+@pytest.mark.parametrize("name", HDF5)
+def test_every_dataset_is_strange_once(write, name, step):
+    found: list[str] = []
+    path = write(name)
+    whole = path.read_bytes()
+    with h5py.File(path) as file:
+        file.visititems(
+            lambda node, one: found.append(node) if isinstance(one, h5py.Dataset) else None
+        )
+    for node, values in list(product(found, STRANGE))[::step]:
+        path.write_bytes(whole)
+        with h5py.File(path, "a") as file:
+            attributes = dict(file[node].attrs)
+            del file[node]
+            file[node] = values
+            for key in set(attributes) - {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS"}:
+                file[node].attrs[key] = attributes[key]
+        read_or_refuse(path)
+
+
+@steps
+@pytest.mark.parametrize("name", HDF5)
+def test_every_attribute_is_strange_once(write, name, step):
+    found: list[tuple[str, str]] = []
+    path = write(name)
+    whole = path.read_bytes()
+    with h5py.File(path) as file:
+        found += [("/", key) for key in file.attrs]
+        file.visititems(lambda node, one: found.extend((node, key) for key in one.attrs))
+    changed = [each for each in found if each[1] not in ("DIMENSION_LIST", "REFERENCE_LIST")]
+    values = (b"\xff\xfe", "text", -1, 1e300, np.nan, [1, 2, 3], None)
+    for (node, key), value in list(product(changed, values))[::step]:
+        path.write_bytes(whole)
+        with h5py.File(path, "a") as file:
+            del file[node].attrs[key]
+            if value is not None:
+                file[node].attrs[key] = np.bytes_(value) if type(value) is bytes else value
+        read_or_refuse(path)
+
+
+def test_pickles_that_are_not_lists_of_names_are_refused(write, problem, tmp_path):
+    path = write("table.h5")
+    witness = tmp_path / "executed"
+    evil = b"cos\nsystem\n(Vtouch " + str(witness).encode() + b"\ntR."
+    for blob, opcode in (
+        (evil, "GLOBAL"),
+        (pickle.dumps([("a", "b", "x")], 2), "PROTO"),
+        (b"(dp0\n.", "DICT"),
+    ):
+        with h5py.File(path, "a") as file:
+            file["df_with_missing/table"].attrs["values_block_0_kind"] = np.bytes_(blob)
+        text = problem(path)
+        assert f"holds the opcode {opcode}" in text
+        assert text.endswith("save it as CSV")
+        assert "@values_block_0_kind" in text
+    assert not witness.exists()
+
+
+@pytest.mark.parametrize("blob", [b"", b".", b"(l", b"g1\n.", b"a.", b"t.", b"(lI1\na.", b"I5\n."])
+def test_broken_lists_of_names(write, problem, blob):
+    path = write("table.h5")
+    with h5py.File(path, "a") as file:
+        file["df_with_missing/table"].attrs["values_block_0_kind"] = np.bytes_(blob)
+    assert problem(path).endswith("save it as CSV")
+
+
+def test_a_pickle_that_asks_for_room_for_a_billion_names(write, problem):
+    path = write("table.h5")
+    with h5py.File(path, "a") as file:
+        file["df_with_missing/table"].attrs["values_block_0_kind"] = np.bytes_(b"(lp999999999\n.")
+    assert "it puts 999999999 names aside" in problem(path)
+
+
+def test_values_that_are_pickled(write, problem):
+    path = write("fixed.h5")
+    with h5py.File(path, "a") as file:
+        del file["df_with_missing/block0_values"]
+        blob = np.frombuffer(pickle.dumps(np.zeros((7, 24), object)), np.uint8)
+        kind = h5py.vlen_dtype(np.uint8)
+        dataset = file["df_with_missing"].create_dataset("block0_values", (1,), kind)
+        dataset[0] = blob
+    assert "block0_values" in problem(path)
+
+
+def test_columns_that_are_named_twice_and_differently(write, problem):
+    path = write("fixed.h5")
+    with h5py.File(path, "a") as file:
+        table = file["df_with_missing"]
+        for name in [name for name in table if name.startswith("block0_items_")]:
+            own = name.replace("block0_items", "axis0")
+            values = table[name][:]
+            if own.endswith("label2"):
+                values[-1] = -1
+            if own in table:
+                del table[own]
+            table[own] = values
+    assert "names other columns than its blocks" in problem(path)
+
+
+def test_a_filter_that_is_not_there(write, problem):
+    path = write("tracks.analysis.h5")
+    with h5py.File(path, "a") as file:
+        values = file["tracks"][:]
+        del file["tracks"]
+        creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        creation.set_chunk(values.shape)
+        creation.set_filter(32001, h5py.h5z.FLAG_OPTIONAL, (2, 2, 4, 64))  # blosc
+        space = h5py.h5s.create_simple(values.shape)
+        kind = h5py.h5t.IEEE_F64LE
+        dataset = h5py.h5d.create(file.id, b"tracks", kind, space, creation)
+        dataset.write_direct_chunk((0, 0, 0, 0), values.tobytes())
+    text = problem(path)
+    assert text.startswith(":/tracks: is compressed in a way that is not built in here")
+    assert text.endswith("write it again with gzip or without compression")
+
+
+HEADER = "scorer,n,n,n,n\nbodyparts,a,a,b,b\ncoords,x,y,x,y\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (HEADER + "0,1,2,3,4\n0,1,2,3,4\n", "t/0 occurs more than once"),
+        (HEADER + "0,1,2,3,4\n1,1,2,3\n", ":5: has 4 cells for 5 columns"),
+        (
+            HEADER + "0,1,2,3,4\n1,1,2,three,4\n",
+            ":5: 'three' is no number (column b/x)",
+        ),
+        (HEADER + "0,1,2,3,4\none,1,2,3,4\n", ":5: the frame is 'one'"),
+        (HEADER + '0,1,2,3,"4\n', ":4: a bad cell"),
+        (HEADER.replace("b,b", "a,a") + "0,1,2,3,4\n", "x of a is there twice"),
+        (HEADER.replace("x,y\n", "x,w\n") + "0,1,2,3,4\n", "b has no column y"),
+        (
+            HEADER.replace("x,y,x,y", "length,angle,length,angle"),
+            "no columns x and y (length, angle)",
+        ),
+        (HEADER.replace("x,y\n", "x,likelihood\n") + "0,1,2,3,4\n", "b has no column y"),
+        (HEADER.replace("coords", "scorer"), "there is no line 'coords'"),
+        ("scorer,n\n", "there is no line 'bodyparts'"),
+        ("scorer,n\nbodyparts,\ncoords,\n", "has no columns of coordinates"),
+        (HEADER.replace(",a,a", ",a"), "the lines of names have 4 and 5 cells"),
+    ],
+)
+def test_tables_of_text(tmp_path, problem, text, found):
+    (tmp_path / "t.csv").write_text(text)
+    assert found in problem(tmp_path / "t.csv")
+
+
+def test_two_scorers(write, problem):
+    path = write("table.h5")
+    columns = [(s, "a", axis) for s in ("one", "two") for axis in ("x", "y", "likelihood")]
+    with h5py.File(path, "a") as file:
+        del file["df_with_missing/table"]
+        table = np.zeros(3, [("index", "i8"), ("values_block_0", "f8", (6,))])
+        file["df_with_missing/table"] = table
+        file["df_with_missing/table"].attrs["values_block_0_kind"] = pickled(columns)
+    assert "keep the columns of one scorer (here one, two)" in problem(path)
+
+
+def two_tables(file):
+    file.copy("df_with_missing", "tracks")
+
+
+def bounding_boxes(file):
+    file.attrs["ds_type"] = "bboxes"
+
+
+def never_written(file):
+    del file["edge_inds"]
+    file.create_dataset("edge_inds", (10**7, 2), "i8", chunks=(1, 2))
+
+
+def more_than_memory_holds(file):
+    del file["tracks"], file["point_scores"]
+    file.create_dataset("tracks", (2, 2, 4, 10**12), "f8", chunks=(2, 2, 4, 1 << 20))
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "found"),
+    [
+        ("table.h5", two_tables, "holds the tables df_with_missing and tracks"),
+        ("poses.nc", bounding_boxes, "holds bboxes, not poses"),
+        ("tracks.analysis.h5", never_written, "the file holds 0 bytes; write its values"),
+        ("tracks.analysis.h5", more_than_memory_holds, "tracks"),
+    ],
+)
+def test_files_that_hold_something_else(write, problem, name, change, found):
+    path = write(name)
+    with h5py.File(path, "a") as file:
+        change(file)
+    assert found in problem(path)
+
+
+@pytest.mark.parametrize("name", ["frames", "instances"])
+def test_a_table_of_two_axes(write, problem, name):
+    path = write("labels.slp")
+    with h5py.File(path, "a") as file:
+        table = file[name][:]
+        del file[name]
+        file[name] = table[:, None]
+    assert f"/{name}: has the shape" in problem(path)
+
+
+def test_fewer_axes_than_are_named(write, problem):
+    path = write("poses.nc")
+    with h5py.File(path, "a") as file:
+        scales = file["position"].attrs["DIMENSION_LIST"]
+        values = file["position"][0]
+        del file["position"]
+        file["position"] = values
+        file["position"].attrs["DIMENSION_LIST"] = scales
+    assert "names 4 axes" in problem(path)
+
+
+def test_two_skeletons(write, read):
+    """Instances of each skeleton have its landmarks, and lack those of the other."""
+    path = write("labels.slp")
+    with h5py.File(path, "a") as file:
+        text = file["metadata"].attrs["json"]
+        first = '[{"id": 0}, {"id": 1}, {"id": 2}, {"id": 3}]'
+        other = first.replace("0", "4").replace("1}", "5}").replace("2}", "6}").replace("3}", "7}")
+        assert first in text
+        skeleton = f'{{"nodes": {other}, "links": []}}'
+        text = text.replace('"skeletons": [', f'"skeletons": [{skeleton}, ')
+        nodes = ", ".join(f'{{"name": "wing{number}"}}' for number in range(4))
+        text = text.replace('{"name": "point3"}', f'{{"name": "point3"}}, {nodes}')
+        file["metadata"].attrs["json"] = text
+        table = file["instances"][:]
+        table["skeleton"] = table["track"]
+        file["instances"][...] = table
+    found = read(path)
+    assert found.landmark_names[:5] == ("wing0", "wing1", "wing2", "wing3", "point0")
+    placed = np.isfinite(found.landmarks[:, 0])
+    assert placed[:7, :4].all()
+    assert not placed[:7, 4:].any()
+    assert placed[7:, 4:].sum() == 27
+
+
+@pytest.mark.parametrize(
+    ("column", "rows", "value", "found"),
+    [
+        ("track", 2, 0, "labels/animal0/0 occurs more than once"),
+        ("track", 1, 7, ":/instances: has the track 7 of 2"),
+        ("skeleton", 1, 3, ":/instances: has the skeleton 3 of 1"),
+        ("instance_type", 1, 9, ":/instances: has the instance_type 9 of 2"),
+        ("point_id_end", 1, 3, ":/instances: has another number of points than its skeleton"),
+    ],
+)
+def test_instances_of_what_is_not_there_or_twice(write, problem, column, rows, value, found):
+    path = write("labels.slp")
+    with h5py.File(path, "a") as file:
+        table = file["instances"][:]
+        table[column][:rows] = value
+        file["instances"][...] = table
+    assert found in problem(path)
+
+
+def test_nwb_files_without_poses_and_with_times_that_do_not_increase(write, problem):
+    path = write("poses.nwb")
+    with h5py.File(path, "a") as file:
+        series = file["processing/behavior/animal0/point1"]
+        series["starting_time"][()] = np.nan
+    assert "point1/starting_time: is no number; store the time" in problem(path)
+    with h5py.File(path, "a") as file:
+        series = file["processing/behavior/animal0/point1"]
+        del series["starting_time"]
+        series["timestamps"] = [0.0, 1, 2, 2, 3, 4, 5]
+    assert "timestamps: does not increase" in problem(path)
+    with h5py.File(path, "a") as file:
+        del file["processing/behavior"]
+    assert "holds no PoseEstimation" in problem(path)
+
+
+def test_infinite_coordinates_are_hidden_and_counted(tmp_path, points, confidence):
+    points[0, 0, 1, 0] = np.inf
+    made.write_deeplabcut_hdf5(tmp_path / "t.h5", points, confidence)
+    with open_landmarks([tmp_path / "t.h5"]) as source:
+        (found,) = source.chunks(100)
+        assert "1 landmarks hidden, whose coordinates are infinite" in source.notes[0]
+    assert np.isnan(found.landmarks[0, :, 1]).all()
+
+
+@pytest.mark.parametrize("head", [b"", b"\0", b"scorer", b"scorer\n", b"\xff\xfe" * 50, b",,,\n"])
+def test_recognisers_take_any_bytes(tmp_path, head):
+    (tmp_path / "f.csv").write_bytes(head + b"\x89HDF\r\n\x1a\n")
+    detect_format(tmp_path / "f.csv")
+    (tmp_path / "f.slp").write_bytes(b"\x89HDF\r\n\x1a\n" + head)
+    assert detect_format(tmp_path / "f.slp").title == "an HDF5 file"

@@ -1,0 +1,372 @@
+"""Each format gives back the points that it was made of."""
+
+import h5py
+import numpy as np
+import pytest
+
+from benchmarks import tracker_files as made
+from benchmarks.tracker_files import WRITERS, individual_names, landmark_names
+from shapefit.io import open_landmarks, read_shapes
+from shapefit.io.formats import detect_format
+
+FORMAT = {
+    "table.csv": "a DeepLabCut or Lightning Pose CSV",
+    "table.h5": "a DeepLabCut HDF5 file",
+    "fixed.h5": "a DeepLabCut HDF5 file",
+    "tracks.analysis.h5": "a SLEAP analysis file",
+    "labels.slp": "a SLEAP .slp file",
+    "poses.nwb": "an NWB file",
+    "poses.nc": "a movement netCDF file",
+    "mice_pose_est_v4.h5": "a JABS pose file",
+}
+
+
+def by_animal(landmarks, many: int) -> np.ndarray:
+    """Return points (frames, individuals, landmarks, 2) of items sorted by sequence."""
+    return landmarks.landmarks.reshape(many, -1, 2, 4).transpose(1, 0, 3, 2)
+
+
+@pytest.mark.parametrize("many", [1, 2])
+@pytest.mark.parametrize("name", WRITERS)
+def test_points_confidence_and_names(tmp_path, points, confidence, read, name, many):
+    path = tmp_path / name
+    points, confidence = points[:, :many], confidence[:, :many]
+    if name.startswith("mice"):
+        WRITERS[name](path, points, confidence, version=2 if many == 1 else 4)
+    else:
+        WRITERS[name](path, points, confidence)
+    assert detect_format(path).title == FORMAT[name]
+    found = read(path)
+    np.testing.assert_array_equal(by_animal(found, many), points)
+    seen = np.isfinite(points[..., 0])
+    weights = np.where(seen, confidence, 0).transpose(1, 0, 2).reshape(-1, 4)
+    np.testing.assert_allclose(found.confidence, weights)
+    assert len(found.landmark_names) == 4
+    if not name.startswith("mice"):
+        assert found.landmark_names == landmark_names(4)
+    assert len(set(found.sequences)) == many
+    assert (found.unit, found.y_axis) == ("px", "down")
+
+
+@pytest.mark.parametrize("name", ["table.csv", "table.h5", "fixed.h5"])
+def test_edges_of_a_deeplabcut_project(tmp_path, points, confidence, read, name):
+    """Pairs and chains of `skeleton`, without the names that the table has not."""
+    place = tmp_path / "labeled-data/walk" / name
+    place.parent.mkdir(parents=True)
+    WRITERS[name](place, points, confidence)
+    assert "edges" not in read(place).further
+    project = tmp_path / "config.yaml"
+    project.write_text("skeleton:\n- [point0, point2]\n- - point2\n  - point1\n  - tail\n- [3]\n")
+    np.testing.assert_array_equal(read(place).columns["edges"], [[0, 2], [2, 1]])
+    for text in ("skeleton: [", "skeleton: 3", "- skeleton", "scorer: me"):
+        project.write_text(text)
+        assert "edges" not in read(place).further
+
+
+def test_edges_go_with_their_landmarks(tmp_path, points, confidence, read):
+    made.write_deeplabcut_csv(tmp_path / "a.csv", points, confidence)
+    (tmp_path / "config.yaml").write_text("skeleton: [[point0, point1, point2, point3]]")
+    found = read(tmp_path / "a.csv")
+    edges = [{found.landmark_names[end] for end in edge} for edge in found.columns["edges"]]
+    names = found.landmark_names[:0:-1]
+    moved = found.arrange((*names, "more"), leave_out=True)
+    expected = [edge for edge in edges if found.landmark_names[0] not in edge]
+    assert 0 < len(expected) < len(edges)
+    assert [{moved.landmark_names[end] for end in e} for e in moved.columns["edges"]] == expected
+
+
+def test_files_with_and_without_edges_are_joined(tmp_path, points, confidence):
+    for name, writer in (("a.csv", made.write_deeplabcut_csv), ("b.nwb", made.write_nwb)):
+        writer(tmp_path / name, points, confidence)
+    with open_landmarks([tmp_path / "a.csv", tmp_path / "b.nwb"]) as source:
+        parts = list(source.chunks(5))
+    assert len(parts) > 2
+    for part in parts:
+        np.testing.assert_array_equal(part.columns["edges"], parts[0].columns["edges"])
+
+
+def test_items_are_video_individual_frame(tmp_path, points, confidence, read):
+    made.write_deeplabcut_csv(tmp_path / "v.csv", points, confidence)
+    found = read(tmp_path / "v.csv")
+    assert found.items[:2] == ("v/animal0/0", "v/animal0/1")
+    assert found.sequences[7:9] == ("v/animal1", "v/animal1")
+    made.write_deeplabcut_csv(tmp_path / "v.csv", points[:, :1], confidence[:, :1])
+    assert read(tmp_path / "v.csv").items[0] == "v/0"
+
+
+def test_one_individual_of_several(tmp_path, points, confidence, read, problem):
+    made.write_nwb(tmp_path / "v.nwb", points, confidence)
+    found = read(tmp_path / "v.nwb", individual="animal1")
+    assert set(found.sequences) == {"v/animal1"}
+    assert found.frame_rate == 30.0
+
+
+@pytest.mark.parametrize("name", ["table.csv", "table.h5", "fixed.h5", "poses.nc", "poses.nwb"])
+def test_three_dimensions_are_shapes(tmp_path, rng, confidence, name, problem):
+    points = rng.normal(size=(7, 2, 4, 3))
+    points[0, 0, 1] = np.nan
+    WRITERS[name](tmp_path / name, points, confidence)
+    shapes = read_shapes([tmp_path / name], gaps=True)
+    found = shapes.shapes.reshape(2, 7, 3, 4).transpose(1, 0, 3, 2)
+    np.testing.assert_array_equal(found, points)
+    assert "of 3D points; give 2D landmarks" in problem(tmp_path / name)
+
+
+def test_jabs_tracks_and_those_without_identity(tmp_path, points, confidence, read):
+    made.write_jabs(tmp_path / "m_pose_est_v3.h5", points, confidence, version=3)
+    with h5py.File(tmp_path / "m_pose_est_v3.h5", "a") as file:
+        file["poseest/instance_count"][4:] = 1
+    found = read(tmp_path / "m_pose_est_v3.h5")
+    assert [found.sequences.count(name) for name in ("m/0", "m/1")] == [7, 4]
+    made.write_jabs(tmp_path / "m_pose_est_v5.h5", points, confidence, version=5)
+    with h5py.File(tmp_path / "m_pose_est_v5.h5", "a") as file:
+        file["poseest/instance_embed_id"][2, 0] = 0
+    with open_landmarks([tmp_path / "m_pose_est_v5.h5"]) as source:
+        assert source.count == 13
+        (note,) = source.notes
+    assert note.endswith("1 instances without an identity left out")
+
+
+def test_movement_of_newer_versions_and_of_one_individual(tmp_path, points, confidence, read):
+    path = tmp_path / "p.nc"
+    made.write_movement(path, points, confidence, plural=False)
+    np.testing.assert_array_equal(by_animal(read(path), 2), points)
+    with h5py.File(path, "a") as file:
+        position, scores = file["position"][..., 0], file["confidence"][..., 0]
+        del file["position"], file["confidence"], file["individual"]
+        file["individual"] = "mouse"
+        file["position"], file["confidence"] = position, scores
+        for name, axes in (("position", ("time", "space", "keypoint")),):
+            for number, axis in enumerate(axes):
+                file[name].dims[number].attach_scale(file[axis])
+        file["confidence"].dims[0].attach_scale(file["time"])
+        file["confidence"].dims[1].attach_scale(file["keypoint"])
+    found = read(path)
+    np.testing.assert_array_equal(by_animal(found, 1), points[:, :1])
+    assert found.sequences[0] == "p/mouse"
+
+
+def test_a_file_of_nwb_whose_series_differ_in_time(tmp_path, points, confidence, read):
+    path = tmp_path / "p.nwb"
+    made.write_nwb(path, points[:, :1], confidence[:, :1])
+    with h5py.File(path, "a") as file:
+        series = file["processing/behavior/animal0/point1"]
+        for name in ("data", "confidence", "starting_time"):
+            del series[name]
+        series["data"], series["confidence"] = [[1.0, 2.0], [3.0, 4.0]], [0.5, 0.75]
+        series["timestamps"] = np.array([2, 5]) / 30
+    found = read(path)
+    assert len(found) == 7
+    seen = np.isfinite(found.landmarks[:, 0, 1])
+    assert np.flatnonzero(seen).tolist() == [2, 5]
+    assert found.landmarks[5, :, 1].tolist() == [3, 4]
+    assert found.confidence[:, 1].tolist() == [0, 0, 0.5, 0, 0, 0.75, 0]
+
+
+def test_analysis_files_that_do_not_name_their_axes(tmp_path, rng, confidence, read):
+    """Two landmarks, two tracks, two frames: only the occupancy tells the orders apart."""
+    points = rng.normal(size=(5, 2, 2, 2))
+    path = tmp_path / "p.analysis.h5"
+    made.write_sleap_analysis(path, points, confidence[:5, :, :2])
+    want = read(path)
+    with h5py.File(path, "a") as file:
+        del file["tracks"], file["point_scores"]
+        file["tracks"] = points
+        file["point_scores"] = confidence[:5, :, :2]
+    found = read(path)
+    np.testing.assert_array_equal(found.landmarks, want.landmarks)
+    np.testing.assert_array_equal(found.confidence, want.confidence)
+
+
+def test_a_skeleton_in_the_order_of_its_file(tmp_path, points, confidence, read):
+    path = tmp_path / "p.slp"
+    made.write_slp(path, points, confidence)
+    with h5py.File(path, "a") as file:
+        text = (
+            file["metadata"]
+            .attrs["json"]
+            .replace(
+                '[{"id": 0}, {"id": 1}, {"id": 2}, {"id": 3}]',
+                '[{"id": 2}, {"id": 0}, {"id": 3}, {"id": 1}]',
+            )
+        )
+        file["metadata"].attrs["json"] = text
+    found = read(path)
+    assert found.landmark_names == ("point2", "point0", "point3", "point1")
+    np.testing.assert_array_equal(by_animal(found, 2), points)
+
+
+def test_old_slp_files_are_shifted_by_half_a_pixel(tmp_path, points, confidence, read):
+    made.write_slp(tmp_path / "p.slp", points, confidence)
+    with h5py.File(tmp_path / "p.slp", "a") as file:
+        file["metadata"].attrs["format_id"] = 1.0
+    np.testing.assert_array_equal(by_animal(read(tmp_path / "p.slp"), 2), points - 0.5)
+
+
+@pytest.mark.parametrize("by", ["track", "from_predicted"])
+def test_what_a_user_placed_wins(tmp_path, points, confidence, by):
+    path = tmp_path / "p.slp"
+    made.write_slp(path, points, confidence, users={2: 1, 5: 0})
+    if by == "from_predicted":
+        with h5py.File(path, "a") as file:
+            table = file["instances"][:]
+            users = table["instance_type"] == 0
+            table["from_predicted"][users] = np.flatnonzero(users) - [1, 2]
+            table["track"][users] = -1
+            file["instances"][...] = table
+    with open_landmarks([path]) as source:
+        (found,) = source.chunks(100)
+        assert "2 predicted instances replaced by those that a user placed" in source.notes[0]
+    assert len(found) == 14
+    if by == "track":
+        want = points.copy()
+        want[2, 1] += 1
+        want[5, 0] += 1
+        np.testing.assert_array_equal(by_animal(found, 2), want)
+    else:
+        assert sorted(found.items)[-2:] == ["p/untracked/2/0", "p/untracked/5/0"]
+
+
+def test_labels_of_images(tmp_path, points, confidence, read):
+    path = tmp_path / "labels.h5"
+    made.write_deeplabcut_fixed(path, points, confidence)
+    assert read(path).items[1] == "labels/animal0/img00001"
+    with h5py.File(path, "a") as file:
+        folders = [f"labeled/{folder}/img{i}.png" for folder in "ab" for i in range(7)][:7]
+        del file["df_with_missing/axis1"]
+        folders[-1] = "labeled/b/img0.png"
+        file["df_with_missing/axis1"] = np.array(folders, "S")
+    assert read(path).items[6] == "labels/animal0/labeled/b/img0"
+
+
+CSV = """scorer,,,me,me,me,me
+bodyparts,,,nose,nose,tail,tail
+coords,,,x,y,x,y
+labeled-data,video,img1.png,1,2,3,4
+labeled-data,video,img2.png,,,5,6
+labeled-data,video,img3.png,7,8
+"""
+
+
+def test_paths_in_three_columns_and_rows_that_end_early(tmp_path, read):
+    path = tmp_path / "labels.csv"
+    path.write_text(CSV)
+    found = read(path)
+    assert found.items == ("labels/img1", "labels/img2", "labels/img3")
+    assert np.isnan(found.landmarks[:, 0]).tolist() == [
+        [False, False],
+        [True, False],
+        [False, True],
+    ]
+    assert found.confidence is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: "\ufeff" + text,
+        lambda text: text.replace(",", " , "),
+        lambda text: text.replace("12.5", '"12.5"'),
+        lambda text: text.replace("12.5", "1.25e1"),
+        lambda text: text + "\n\n",
+        lambda text: text.removesuffix("\n"),
+        lambda text: text.replace(",,", ",nan,").replace(",,", ",NaN,"),
+    ],
+)
+def test_csv_is_read_in_every_dress(tmp_path, read, change):
+    text = (
+        "scorer,net,net,net,net,net,net\nbodyparts,a,a,a,b,b,b\n"
+        "coords,x,y,likelihood,x,y,likelihood\n"
+        "42150,12.5,-3,0.5,1e-3,2,1\n42151,,,,5,6,0.25\n42153,1,2,1,3,4,\n"
+    )
+    (tmp_path / "plain.csv").write_text(text)
+    (tmp_path / "other.csv").write_bytes(change(text).encode())
+    want, found = read(tmp_path / "plain.csv"), read(tmp_path / "other.csv")
+    assert want.landmarks[0].tolist() == [[12.5, 0.001], [-3, 2]]
+    assert want.confidence.tolist() == [[0.5, 1], [0, 0.25], [1, 1]]
+    assert [item.split("/")[1] for item in found.items] == ["42150", "42151", "42153"]
+    np.testing.assert_array_equal(found.landmarks, want.landmarks)
+    np.testing.assert_array_equal(found.confidence, want.confidence)
+
+
+def test_fifty_individuals_in_a_frame(tmp_path, rng, read):
+    points, confidence = rng.uniform(size=(3, 50, 4, 2)), rng.uniform(size=(3, 50, 4))
+    made.write_slp(tmp_path / "p.slp", points, confidence)
+    found = read(tmp_path / "p.slp")
+    assert set(found.sequences) == {f"p/{name}" for name in individual_names(50)}
+    np.testing.assert_array_equal(by_animal(found, 50), points)
+
+
+def test_individuals_with_other_landmarks(tmp_path, read):
+    (tmp_path / "t.csv").write_text(
+        "scorer,n,n,n,n\nindividuals,mouse,mouse,single,single\nbodyparts,nose,nose,lick,lick\n"
+        "coords,x,y,x,y\n0,1,2,3,4\n"
+    )
+    found = read(tmp_path / "t.csv")
+    assert (found.landmark_names, found.items) == (("nose", "lick"), ("t/mouse/0", "t/single/0"))
+    assert found.landmarks[:, 0].tolist()[0][0] == 1
+    assert np.isnan(found.landmarks[0, :, 1]).all()
+    assert found.landmarks[1, :, 1].tolist() == [3, 4]
+
+
+def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
+    """Ensembles add variances; newer versions write -1 for what they did not find."""
+    (tmp_path / "t.csv").write_text(
+        "scorer,n,n,n,n,n\nbodyparts,a,a,a,a,a\ncoords,x,y,likelihood,x_ens_var,y_ens_var\n"
+        "0,1,2,0.5,9,9\n1,-1,-1,-1,9,9\n2,3,4,1,9,9\n"
+    )
+    with open_landmarks([tmp_path / "t.csv"]) as source:
+        (found,) = source.chunks(10)
+        notes = "\n".join(source.notes)
+    assert found.items == ("t/0", "t/2")
+    assert found.landmarks[:, :, 0].tolist() == [[1, 2], [3, 4]]
+    assert "columns left out: x_ens_var, y_ens_var" in notes
+    assert "1 individuals without a landmark left out" in notes
+
+
+def test_a_column_of_text_beside_the_coordinates(tmp_path, read):
+    (tmp_path / "t.csv").write_text(
+        "scorer,n,n,set\nbodyparts,a,a,\ncoords,x,y,\nv/img1.png,1,2,train\nv/img2.png,3,4,test\n"
+    )
+    assert read(tmp_path / "t.csv").items == ("t/img1", "t/img2")
+
+
+def test_a_header_that_is_longer_than_what_is_looked_at(tmp_path, rng, read):
+    for many in (2, 8, 16, 40):
+        points = rng.integers(0, 99, (2, many, 9, 2)).astype(float)
+        made.write_deeplabcut_csv(tmp_path / "t.csv", points, np.ones((2, many, 9)))
+        found = read(tmp_path / "t.csv")
+        assert (len(found), len(found.landmark_names)) == (2 * many, 9)
+
+
+def test_stated_axes_win(tmp_path, rng, read):
+    """Two of everything: without their names the axes would be taken for those of SLEAP."""
+    points, path = rng.normal(size=(2, 2, 2, 2)), tmp_path / "p.analysis.h5"
+    made.write_sleap_analysis(path, points, np.ones((2, 2, 2)))
+    want = read(path)
+    with h5py.File(path, "a") as file:
+        del file["tracks"]
+        file["tracks"] = points
+        file["tracks"].attrs["dims"] = '["frame", "track", "node", "xy"]'
+        file["point_scores"].attrs["dims"] = '["track", "node", "frame"]'
+    np.testing.assert_array_equal(read(path).landmarks, want.landmarks)
+
+
+def test_a_line_of_which_only_the_beginning_is_seen_decides_nothing(tmp_path):
+    for text, own in (
+        ("scorer,a,a\nindividuals,b,b\nbodyp", True),
+        ("scorer,a", True),
+        ("scorer,points\nme,3\nyou,4\n", False),
+    ):
+        (tmp_path / "t.csv").write_text(text)
+        assert detect_format(tmp_path / "t.csv").title.startswith("a DeepLabCut") == own
+
+
+def test_cells_that_pandas_takes_for_missing(tmp_path, read):
+    path = tmp_path / "walk.csv"
+    lines = ["scorer,s,s,s,s", "bodyparts,a,a,b,b", "coords,x,y,x,y", "0,1,2,NA,N/A", "1,3,4,5,6"]
+    path.write_text("\n".join(lines) + "\n")
+    found = read(path).landmarks
+    assert np.isnan(found[0, :, 1]).all()
+    assert found[1].T.tolist() == [[3, 4], [5, 6]]
