@@ -66,7 +66,7 @@ verify = click.Command(
     short_help="Check the proofs in a result.",
     help="""Check the proofs in a result; print a table of the claims (Markdown) to stdout.
 
-RESULT is an HDF5 or Parquet file that fit wrote. Objective, dual bound and gap of every image are
+RESULT is an HDF5 file that fit wrote. Objective, dual bound and gap of every image are
 computed again, without the solver, and compared with the claims of the file, together with
 everything that follows from the transforms. Images with a false claim count as failed.""",
     epilog="""\b

@@ -10,7 +10,6 @@ from . import (
     detector_cases,
     hdf5_cases,
     motion_cases,
-    parquet_cases,
     tracker_cases,
 )
 from .case import Make
@@ -20,7 +19,6 @@ KINDS: Mapping[str, Make] = {
     "detectors": detector_cases.make,
     "hdf5": hdf5_cases.make,
     "motion": motion_cases.make,
-    "parquet": parquet_cases.make,
     "trackers": tracker_cases.make,
     "yaml": config_cases.make_yaml,
     "set": config_cases.make_options,

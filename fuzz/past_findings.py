@@ -22,7 +22,7 @@ Finding = Callable[[Path], Command]
 SEEDS = (
     *(("hdf5", 118), ("hdf5", 231), ("hdf5", 239), ("hdf5", 362), ("hdf5", 487), ("hdf5", 526)),
     *(("hdf5", 53), ("hdf5", 5630), ("detectors", 4241), ("trackers", 4331)),
-    *(("hdf5", 6168), ("parquet", 700062), ("set", 1663), ("trackers", 700051)),
+    *(("hdf5", 6168), ("set", 1663), ("trackers", 700051)),
     ("set", 9808),
 )
 """Kinds and seeds of cases that failed."""

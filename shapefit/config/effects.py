@@ -13,7 +13,7 @@ from shapefit.config.paths import ResultFolder
 from shapefit.errors import listed
 from shapefit.lifting.methods import ALTERNATION, METHODS, POSTERIOR, SEARCH, those
 
-HOLDS_DATASETS = ("", ".h5", ".hdf5", ".hdf", ".he5", ".parquet", ".pq")
+HOLDS_DATASETS = ("", ".h5", ".hdf5", ".hdf", ".he5")
 """Endings of outputs that hold more than points."""
 
 
@@ -110,7 +110,7 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
             ("proof", "search.proof_every", "posterior.covariance"),
             _holds_datasets,
             ("output",),
-            "for an `output` in HDF5 or Parquet",
+            "for an `output` in HDF5",
         ),
         Effect(
             ("posterior.csv_deviations",),

@@ -108,12 +108,13 @@ PARQUET = FileFormat(
     title="a Parquet file",
     suffixes=(".parquet", ".pq"),
     begins=lambda head: head.bytes.startswith(PARQUET_SIGNATURE),
-    readers=STORED,
-    reader=".parquet.reading:ParquetReader",
-    form=".parquet.reading:parquet_form",
-    writer=".parquet.writing:parquet_output",
+    readers={
+        "landmarks": ".parquet_table:read_landmarks",
+        "shapes": ".parquet_table:read_shapes",
+        "result": ".parquet_table:read_result",
+    },
+    writer=".parquet_table:parquet_output",
     writes=("landmarks", "shapes", "result"),
-    points_only=False,
 )
 
 CSV = FileFormat(

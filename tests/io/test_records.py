@@ -188,7 +188,6 @@ def test_a_mirror_index_belongs_to_the_file_where_there_are_as_many_shapes_as_la
     np.testing.assert_array_equal(some.columns["mass"], [2, 0])
 
 
-@pytest.mark.parametrize("suffix", ["h5", "parquet"])
 @pytest.mark.parametrize(
     ("name", "values", "wanted"),
     [
@@ -200,10 +199,8 @@ def test_a_mirror_index_belongs_to_the_file_where_there_are_as_many_shapes_as_la
         ("input_landmark_names", np.arange(4), "store UTF-8 text (landmarks of the detector)"),
     ],
 )
-def test_what_a_fit_writes_beside_the_layout_has_its_axes(
-    tmp_path, results, suffix, name, values, wanted
-):
-    path = tmp_path / f"result.{suffix}"
+def test_what_a_fit_writes_beside_the_layout_has_its_axes(tmp_path, results, name, values, wanted):
+    path = tmp_path / "result.h5"
     save(path, results.replaced(further={name: values}))
     with pytest.raises(InputError, match=re.escape(wanted)) as caught:
         read_results(path)

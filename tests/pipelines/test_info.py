@@ -142,8 +142,8 @@ def test_a_part_that_cannot_be_read_is_named(fitted, tmp_path, number, change):
 
 
 def test_the_numbers_of_a_part_that_was_touched_are_read(tmp_path):
-    folder = fit_parts(tmp_path / "out", "part_format=parquet")
-    part = folder / "part-00001.parquet"
+    folder = fit_parts(tmp_path / "out")
+    part = folder / "part-00001.h5"
     data = bytearray(part.read_bytes())
     data[len(data) // 3 : len(data) // 2] = bytes(len(data) // 2 - len(data) // 3)
     part.write_bytes(data)

@@ -102,7 +102,7 @@ class SearchConfig(ConfigModel):
     max_seconds: float = Field(default=SearchOptions.max_seconds, gt=0)
     """Maximum seconds per image."""
     proof_every: int = Field(default=SearchOptions.proof_every, ge=0, le=MOST_STEPS)
-    """Also store the proof of every so many images, for `shapefit verify` (HDF5 and Parquet; some
+    """Also store the proof of every so many images, for `shapefit verify` (HDF5; some
     100 KB for each); 0 stores none."""
 
 
@@ -127,7 +127,7 @@ class FitConfig(CommandConfig):
     """Height of the body or object in metres, for outputs in metres (TRC, C3D, BVH, GLB); by
     default it is as large as the training shapes of the dictionary."""
     partition: int = Field(default=100_000, ge=1)
-    """With a folder as output, images per part: of a large HDF5 or Parquet file, rounded up to a
+    """With a folder as output, images per part: of a large HDF5 file, rounded up to a
     multiple of 64, or to whole sequences where those are lifted; of Parquet up to twice as many, to
     the end of a row group; of small files together, guessed by their bytes."""
     part_format: PartFormat = "hdf5"
@@ -188,7 +188,7 @@ class FitConfig(CommandConfig):
     """Also write the (k, 2, 3) transforms of every image (large)."""
     proof: bool = True
     """Also write the proof of the optimum of the convex program (the dual and the active
-    transforms) for `shapefit verify` (HDF5 and Parquet)."""
+    transforms) for `shapefit verify` (HDF5)."""
 
     @property
     def labels_outliers(self) -> bool:

@@ -146,7 +146,7 @@ class PosteriorConfig(ConfigModel):
     """Views, spread evenly, to start from besides that of the convex program."""
     covariance: bool = PosteriorOptions.covariance
     """Also write the covariance of all landmarks together, `shape_covariance` (n, 3p, 3p) (large;
-    HDF5 and Parquet)."""
+    HDF5)."""
     csv_deviations: bool = False
     """CSV: also write the standard deviations, as sd_x, sd_y, sd_z."""
     max_rounds: int = Field(default=PosteriorOptions.max_rounds, ge=1, le=MOST_STEPS)

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
-from shapefit.io.csv.text import Block, CsvText, read_numbers
+from shapefit.io.csv.text import Block, CsvText, check_columns
 from shapefit.io.layout import MODE_COUNT
 from shapefit.io.memory import check_fits
 from shapefit.io.problems import Problems
 from shapefit.io.records import LandmarkSet, Names, ResultSet, ShapeSet
 from shapefit.lifting.verdict import TRUSTED
+
+__all__ = ["Block", "TidyTable", "check_columns", "records_of"]
 
 GROWTH = 1.25
 """Room that a growing array makes at once, as a multiple of what it holds."""
@@ -75,6 +77,7 @@ FINITE_FIX = "write a finite number"
 UNSEEN_FIX = f"{FINITE_FIX}, or leave the cell empty where the landmark is unseen"
 UNKNOWN_FIX = f"{FINITE_FIX}, or leave the cell empty where the landmark is unknown"
 FAILED_FIX = f"{FINITE_FIX}, or leave the cell empty where the item failed"
+FIXES = {"landmarks": UNSEEN_FIX, "shapes": FINITE_FIX, "gaps": UNKNOWN_FIX, "result": FAILED_FIX}
 CONFIDENCE_FIX = "write 0 (hidden) or a positive number"
 
 
@@ -90,37 +93,31 @@ def read_shape_table(path: Path, *, gaps: bool = False) -> ShapeSet:
 
     With `gaps` a landmark that has no row, or an empty or nan coordinate, is unknown: NaN.
     """
-    fix = UNKNOWN_FIX if gaps else FINITE_FIX
-    table = _Tidy(path, ("x", "y", "z"), RESULT_COLUMNS, fix, empty_allowed=gaps)
-    if not gaps:
-        table.check_complete()
-    return ShapeSet(table.points, table.landmarks, table.items, table.sequences)
+    shapes: ShapeSet = records_of(TidyTable(path, "shapes", CsvText, gaps=gaps), "shapes")
+    return shapes
 
 
 def read_landmark_table(path: Path) -> LandmarkSet:
     """Read `item,landmark,x,y[,confidence][,sequence]`; an empty or nan coordinate is unseen."""
-    table = _Tidy(path, ("x", "y"), ("confidence", "sequence"), UNSEEN_FIX)
-    return LandmarkSet(
-        landmarks=table.points,
-        confidence=table.confidence,
-        landmark_names=table.landmarks,
-        items=table.items,
-        sequences=table.sequences,
-    )
+    landmarks: LandmarkSet = records_of(TidyTable(path, "landmarks", CsvText), "landmarks")
+    return landmarks
 
 
 def read_result_table(path: Path) -> ResultSet:
     """Read `item,landmark,x,y,z[,sequence]`; empty cells stand for items that failed."""
-    table = _Tidy(path, ("x", "y", "z"), RESULT_COLUMNS, FAILED_FIX)
-    return ResultSet(
-        shapes=table.points,
-        landmark_names=table.landmarks,
-        items=table.items,
-        sequences=table.sequences,
-    )
+    results: ResultSet = records_of(TidyTable(path, "result", CsvText), "result")
+    return results
 
 
-class _Tidy:
+def records_of(table: TidyTable, kind: str) -> Any:
+    """Return what a table holds as records of a kind."""
+    named = (table.points, table.landmarks, table.items, table.sequences)
+    if kind == "landmarks":
+        return LandmarkSet(*named, confidence=table.confidence)
+    return ShapeSet(*named) if kind == "shapes" else ResultSet(*named)
+
+
+class TidyTable:
     """The rows of a tidy table as arrays over items and landmarks, in order of appearance.
 
     points (n, d, p), all NaN for a landmark that has no row or lacks a coordinate; confidence
@@ -131,14 +128,21 @@ class _Tidy:
     def __init__(
         self,
         path: Path,
-        coordinates: Sequence[str],
-        optional: Sequence[str],
-        fix: str,
+        kind: str,
+        source: Callable[[Path, Sequence[str], Sequence[str]], Any],
         *,
-        empty_allowed: bool = True,
+        gaps: bool = False,
     ) -> None:
-        self._text = CsvText(path, ("item", "landmark", *coordinates), optional)
-        self._coordinates, self._fix = coordinates, fix
+        """Read all that `source` gives of a file: CsvText, or ParquetRows.
+
+        With `gaps` a landmark of a shape may have no row, or no coordinates.
+        """
+        coordinates = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
+        optional = ("confidence", "sequence") if kind == "landmarks" else RESULT_COLUMNS
+        empty_allowed = gaps or kind != "shapes"
+        self._text = source(path, ("item", "landmark", *coordinates), optional)
+        self.said = getattr(self._text, "said", {})
+        self._coordinates, self._fix = coordinates, FIXES[kind if not gaps else "gaps"]
         self._unfit = np.isinf if empty_allowed else _not_finite
         kinds = ("item", "landmark", "repeated", "sequence", *coordinates, "confidence")
         self._problems = {kind: Problems() for kind in kinds}
@@ -160,8 +164,10 @@ class _Tidy:
         if "sequence" in self._text.columns:
             names = self._names["sequence"].names()
             self.sequences = tuple(names[code] for code in self._sequence.cut(n).tolist())
+        if not empty_allowed:
+            self._check_complete()
 
-    def check_complete(self) -> None:
+    def _check_complete(self) -> None:
         """Raise InputError where an item lacks a landmark."""
         missing = np.flatnonzero(self._lines.cut(len(self.items), len(self.landmarks)) == 0)
         problems = Problems()
@@ -180,7 +186,7 @@ class _Tidy:
         rows[np.isnan(rows).any(axis=-1)] = np.nan
         self._points.reach(n, len(self._coordinates), p)
         self._points.values[item, :, landmark] = rows
-        if "confidence" in block.cells:
+        if "confidence" in self._text.columns:
             self._confidence.reach(n, p)
             self._confidence.values[item, landmark] = self._confidences(block)
 
@@ -235,12 +241,12 @@ class _Tidy:
         self._note("sequence", block, differs, "give all rows of an item one sequence")
 
     def _numbers(self, block: Block, column: str) -> Floats:
-        numbers = read_numbers(block.cells[column])
+        numbers = block.column(column)
         self._note(column, block, numbers.strange | self._unfit(numbers.values), self._fix)
         return numbers.values
 
     def _confidences(self, block: Block) -> Floats:
-        values = read_numbers(block.cells["confidence"]).values
+        values = block.column("confidence").values
         self._note("confidence", block, _not_finite(values) | (values < 0), CONFIDENCE_FIX)
         return values
 
@@ -248,7 +254,7 @@ class _Tidy:
         """Note the wrong cells of a column."""
 
         def word(row: int) -> str:
-            cell = block.cells[column][row]
+            cell = block.word(column, row)
             return f"{column} is '{cell}'; {fix}" if cell else f"{column} is empty; {fix}"
 
         self._tell(column, block, wrong, word)
@@ -260,8 +266,8 @@ class _Tidy:
             return
         rows = np.flatnonzero(wrong)
         row_of = dict(zip(block.lines[rows].tolist(), rows.tolist(), strict=True))
-        name = self._text.name
-        self._problems[kind].add(list(row_of), lambda line: f"{name}:{line}: {word(row_of[line])}")
+        place = self._text.place
+        self._problems[kind].add(list(row_of), lambda line: f"{place(line)}: {word(row_of[line])}")
 
     def _raise_if_wrong(self) -> None:
         problems = Problems()

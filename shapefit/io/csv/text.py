@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from io import StringIO
 from itertools import chain
@@ -205,10 +205,25 @@ def _check_quotes(row: list[str], text: str, place: str) -> None:
 
 @dataclass(frozen=True)
 class Block:
-    """Some rows of a table: the cells of each column, and the line on which each row begins."""
+    """Some rows of a table: the cells of each column, and the line on which each row begins.
+
+    numbers are columns that are no text.
+    """
 
     cells: dict[str, Sequence[str]]
     lines: Lines
+    numbers: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+    def column(self, name: str) -> Numbers:
+        """Return a column as numbers."""
+        if name in self.numbers:
+            values = self.numbers[name]
+            return Numbers(values, np.zeros(len(values), bool))
+        return read_numbers(self.cells[name])
+
+    def word(self, name: str, row: int) -> str:
+        """Return what stands in a cell."""
+        return str(self.numbers[name][row]) if name in self.numbers else self.cells[name][row]
 
 
 class CsvText:
@@ -269,21 +284,33 @@ class CsvText:
         if not known & set(columns):
             fix = f"write the header {wanted}, with commas"
             raise input_error(place, f"the header is '{self._first_line.strip()[:80]}'", fix)
-        problems = Problems()
-        for column in columns:
-            if column not in known:
-                near = get_close_matches(column, known, n=1)
-                fix = f"did you mean '{near[0]}'?" if near else f"the columns are {wanted}"
-                problems.tell(f"{place}: unknown column '{column}'; {fix}")
-            elif columns.count(column) > 1:
-                fix = "keep one of them"
-                problems.tell(f"{place}: the column '{column}' repeats; {fix}")
-        for column in required:
-            if column not in columns:
-                fix = f"the columns are {wanted}"
-                problems.tell(f"{place}: there is no column '{column}'; {fix}")
-        problems.raise_if_any()
+        check_columns(columns, required, optional, place)
         return columns
+
+    def place(self, line: int) -> str:
+        """Name a line in messages."""
+        return f"{self.name}:{line}"
+
+
+def check_columns(
+    columns: Sequence[str], required: Sequence[str], optional: Sequence[str], place: str
+) -> None:
+    """Raise InputError for columns that are unknown, there twice, or missing."""
+    wanted = ",".join(required) + "".join(f"[,{column}]" for column in optional)
+    known = {*required, *optional}
+    problems = Problems()
+    for column in columns:
+        if column not in known:
+            near = get_close_matches(column, known, n=1)
+            fix = f"did you mean '{near[0]}'?" if near else f"the columns are {wanted}"
+            problems.tell(f"{place}: unknown column '{column}'; {fix}")
+        elif columns.count(column) > 1:
+            problems.tell(f"{place}: the column '{column}' repeats; keep one of them")
+    for column in required:
+        if column not in columns:
+            fix = f"the columns are {wanted}"
+            problems.tell(f"{place}: there is no column '{column}'; {fix}")
+    problems.raise_if_any()
 
 
 _NUMBERS = {float, int}

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,17 +157,31 @@ def _rows(record: Records, part: slice, decimals: int | None = None) -> memoryvi
 
 def _of_items(record: Records, part: slice) -> dict[str, list[str]]:
     """Return the columns that are the same in all rows of an item, with a cell per item."""
-    columns: dict[str, list[str]] = {}
+    words = {True: "true", False: "false"}
+    return {
+        name: [words.get(value, value) if name == TRUSTED else str(value) for value in values]
+        for name, values in item_columns(record, part).items()
+    }
+
+
+def item_columns(record: Records, part: slice = slice(None)) -> dict[str, Any]:
+    """Return the columns that are the same in all rows of an item: sequence, modes, trusted."""
+    columns: dict[str, Any] = {}
     if record.sequences is not None:
-        columns["sequence"] = list(record.sequences[part])
+        columns["sequence"] = record.sequences[part]
     if isinstance(record, ResultSet):
         if record.modes is not None:
-            columns["modes"] = [str(count) for count in record.modes[part].tolist()]
-        if TRUSTED in record.columns:
-            columns[TRUSTED] = [
-                "true" if each else "false" for each in record.columns[TRUSTED][part]
-            ]
+            columns["modes"] = record.modes[part]
+        trusted = record.per_item(TRUSTED)
+        if trusted is not None:
+            columns[TRUSTED] = np.asarray(trusted[part], bool)
     return columns
+
+
+def deviations_of(record: Records) -> dict[str, Floats]:
+    """Return standard deviations of results as columns, one row a landmark of an item."""
+    sd = getattr(record, "shape_sd", None)
+    return {} if sd is None else {n: sd[:, axis].reshape(-1) for axis, n in enumerate(DEVIATIONS)}
 
 
 class Cells(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 
 from shapefit.errors import input_error
 from shapefit.io.foreign.items import peek_recording
-from shapefit.io.formats import CSV, detect_format
+from shapefit.io.formats import CSV, PARQUET, detect_format
 from shapefit.io.kinds.opening import open_landmarks, open_results, open_shapes
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT, Dataset
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
@@ -43,6 +43,10 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
         return stored_form(path).kind  # type: ignore[return-value]
     if known is CSV:
         return "shapes" if has_depth(path) else "landmarks"
+    if known is PARQUET:
+        from shapefit.io.parquet_table import parquet_kind
+
+        return parquet_kind(path)  # type: ignore[return-value]
     kinds: tuple[Kind, ...] = get_args(Kind)
     return next(kind for kind in kinds if kind in known.readers)
 
@@ -99,7 +103,7 @@ def list_file(path: Path, options: InputOptions = AS_THEY_ARE) -> Listing:
     if kind == "dictionary":
         found = "is a shapefit-dictionary file"
         raise input_error(path, found, "give results, shapes or landmarks")
-    if kind == "shapes" and detect_format(path, options.format) is CSV:
+    if kind == "shapes" and detect_format(path, options.format) in (CSV, PARQUET):
         kind = "result"
     with _open(path, kind, options, OPTIONAL) as source:
         head = source.head

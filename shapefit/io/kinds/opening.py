@@ -129,8 +129,8 @@ def read_results(path: Path, *, proofs: bool = False) -> ResultSet:
 def open_proofs(path: Path) -> Iterator[StoredReader]:
     """Open a result for its proofs. Raises InputError where it is CSV, or not a result."""
     if detect_format(path).reader is None:
-        found = "is neither HDF5 nor Parquet, and CSV holds points only"
-        fix = "give a result that `shapefit fit` wrote to a name in .h5 or .parquet"
+        found = "is not HDF5, and tables hold points only"
+        fix = "give a result that `shapefit fit` wrote to a name in .h5"
         raise input_error(path, found, fix)
     with open_stored(path, RESULTS) as reader:
         yield reader

@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from shapefit.io.columns import nearest_folder
-from shapefit.io.layout import RESULTS
+from shapefit.io.kinds.opening import open_results
 from shapefit.io.name_index import Equal, NameIndex, find_equal_names, stable_hashes
-from shapefit.io.stored.files import open_stored
 
 Key = TypeVar("Key")
 Order = Callable[["Span"], tuple[Any, Any]]
@@ -101,5 +100,5 @@ def find_equal(parts: Sequence[Path]) -> Equal:
 
 
 def _items(part: Path) -> Iterator[Sequence[str]]:
-    with open_stored(part, RESULTS) as reader:
-        yield from reader.read_blocks("item")
+    with open_results([part]) as source:
+        yield from source.names()
