@@ -1,7 +1,5 @@
 """Results with their proofs, written in chunks and read in others."""
 
-from dataclasses import replace
-
 import h5py
 import numpy as np
 import pytest
@@ -17,8 +15,7 @@ COUNTS = np.array([2, 0, 1, 3, 0])
 @pytest.fixture
 def proved(results, rng):
     """Results with a dual and six transforms in all."""
-    return replace(
-        results,
+    return results.replaced(
         dual=rng.normal(size=(5, 2, 4)),
         convex_translation=rng.normal(size=(5, 2)),
         transform_count=COUNTS,
