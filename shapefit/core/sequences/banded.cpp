@@ -38,7 +38,7 @@ void Banded::scales(const SequenceData& data, long f, long apart, double* out) c
     for (long e = 0; e < D_; ++e) out[e] = e < 3 * p ? tied * data.stiffness[e % p] : 0.0;
 }
 
-bool Banded::factorise(const SequenceData& data, const Place& at, double damping) {
+bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones, double damping) {
     const long d = data.points.size[1], D = D_, DD = D * D, DE = D * E_;
     double* tied = work_;
     log_det_ = 0;
@@ -47,7 +47,7 @@ bool Banded::factorise(const SequenceData& data, const Place& at, double damping
         double *V = V_ + f * DD, *N = N_ + f * DD, *F = F_ + f * DE;
         double* W = W_ + f % 3 * DD;
         const double *W1 = W_ + (f + 2) % 3 * DD, *W2 = W_ + (f + 1) % 3 * DD;  // of f - 1, f - 2
-        derive(data, at, f, S_, R_, E_);
+        derive(data, at, f, bones, S_, R_, E_);
         scales(data, f, 0, tied);
         for (long e = 0; e < d; ++e) S_[e * D + e] += tied[e] + damping;
         if (f > 0) {
@@ -101,18 +101,19 @@ void Banded::solve(const SequenceData& data, const double* x, Matrix<double> out
 //   Sigma_f,f+1 = -G_N Sigma_f+1,f+1 - G_W Sigma_f+2,f+1
 //   Sigma_f,f+2 = -G_N Sigma_f+1,f+2 - G_W Sigma_f+2,f+2
 //   Sigma_ff = V^T V - Sigma_f,f+1 G_N^T - Sigma_f,f+2 G_W^T
-void Banded::deviations(const SequenceData& data) const {
-    const long D = D_, DD = D * D, d = data.points.size[1], p = d / 3;
-    double* part[8];
-    for (int i = 0; i < 8; ++i) part[i] = work_ + i * DD;
-    double *here = part[0], *next = part[1], *last = part[2];  // Sigma_ff of f, f + 1, f + 2
-    double *between = part[3], *tied = R_;  // Sigma_f+1,f+2, then its transposed
+void Banded::write_covariances(const SequenceData& data, const Place& at, Marginal& marginal) const {
+    const long D = D_, DD = D * D;
+    double* left = work_;
+    const auto take = [&] { return left += DD, left - DD; };
+    double *here = take(), *next = take(), *last = take();  // Sigma_ff of f, f + 1, f + 2
+    double *between = take();                               // Sigma_f+1,f+2
+    double *GN = take(), *GW = take(), *one = take(), *two = take();
+    double *turned = S_, *tied = R_;
     clear(next, DD);
     clear(last, DD);
     clear(between, DD);
     for (long f = t_ - 1; f >= 0; --f) {
         const double *V = V_ + f * DD, *N = N_ + f * DD;
-        double *GN = part[4], *GW = part[5], *one = part[6], *two = part[7], *turned = S_;
         multiply_out(V, here, D, D);
         mirror(here, D, D);
         scales(data, f, 2, tied);
@@ -132,15 +133,7 @@ void Banded::deviations(const SequenceData& data) const {
         transpose(GW, D, turned);
         add_product(-1, plain(two, D), turned, here, D, D, D, D, upper(D));
         mirror(here, D, D);
-        double *sd = data.deviation[f].data, *correlation = data.correlation[f].data;
-        for (long e = 0; e < d; ++e) sd[e] = root(larger(here[e * D + e], 0.0));
-        for (long e = 0; e < d; ++e) {
-            const long first = (e / p == 2 ? p : 0) + e % p, second = (e / p == 0 ? p : 2 * p) + e % p;
-            correlation[e] = here[first * D + second] / larger(sd[first] * sd[second], TINY);
-        }
-        if (data.covariance.size[0])
-            for (long e = 0; e < d; ++e)
-                for (long i = 0; i < d; ++i) data.covariance[f][e][i] = here[e * D + i];
+        marginal.write(data, at, f, here);
         for (long e = 0; e < DD; ++e) between[e] = one[e];
         double* free = last;
         last = next;

@@ -10,7 +10,7 @@
 #pragma once
 
 #include "../algebra/workspace.hpp"
-#include "objective.hpp"
+#include "marginal.hpp"
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
@@ -20,7 +20,7 @@ class Banded {
 
     // Factor the Hessian of the frames at a place, `damping` added to its diagonal, and take the
     // right sides R of `derive` along; false where it is not positive definite.
-    bool factorise(const SequenceData& data, const Place& at, double damping);
+    bool factorise(const SequenceData& data, const Place& at, Bones bones, double damping);
 
     // Sums of products of the right sides, R^T A^-1 R (E, E).
     const double* products() const { return products_; }
@@ -30,8 +30,9 @@ class Banded {
     // out (t, D) = A^-1 (R_0 + sum_b R_(1 + b) x_b)
     void solve(const SequenceData& data, const double* x, Matrix<double> out) const;
 
-    // Square roots (t, 3p) of the diagonal of A^-1.
-    void deviations(const SequenceData& data) const;
+    // The covariance of each frame's points, the lengths held, to `data`: its block of A^-1, with the
+    // mixture of the frame in the place of what stands for it in A, see marginal.hpp.
+    void write_covariances(const SequenceData& data, const Place& at, Marginal& marginal) const;
 
   private:
     // Column scales of W_f = V_f diag(scales).

@@ -38,7 +38,7 @@ struct SequenceData {
     // likewise, of x with y, x with z and y with z of a landmark
     Matrix<double> correlation = from("correlation", "t 3p?");
     Tensor<double> covariance = from("covariance", "t 3p 3p?");  // of each frame, likewise
-    // energy at the minimum, log det of the last Hessian, rounds
+    // energy at the minimum, log det of the Hessian of the frames there, rounds
     Vector<double> end = from("end", "3");
 };
 

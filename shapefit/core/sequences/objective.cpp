@@ -20,21 +20,6 @@ Bone bone_of(const SequenceData& data, const double* y, long b) {
     return bone;
 }
 
-// out = P x of a symmetric P (d, d), read above the diagonal; <x, P x>.
-double multiply(const double* P, const double* x, long d, double* __restrict out) {
-    for (long i = 0; i < d; ++i) out[i] = 0;
-    for (long i = 0; i < d; ++i) {
-        const double *row = P + i * d, xi = x[i];
-        double total = row[i] * xi;
-        for (long j = i + 1; j < d; ++j) {
-            total += row[j] * x[j];
-            out[j] += xi * row[j];
-        }
-        out[i] += total;
-    }
-    return dot(x, out, d);
-}
-
 // -log sum_k share_k N(y; m_k, P_k^-1), with the shares at y and the gradient.
 double mix(const SequenceData& data, long f, const double* y, double* share, double* pull,
            double* scratch) {
@@ -46,7 +31,7 @@ double mix(const SequenceData& data, long f, const double* y, double* share, dou
         const double* mean = data.means[f][k].data;
         double *away = scratch, *pulled = scratch + (1 + k) * D;
         for (long e = 0; e < d; ++e) away[e] = y[e] - mean[e];
-        const double square = multiply(data.precisions[f][k].data, away, d, pulled);
+        const double square = multiply_symmetric(data.precisions[f][k].data, away, d, pulled);
         share[k] -= 0.5 * (square + data.log_det[f][k]);
         best = larger(share[k], best);
     }
@@ -67,6 +52,20 @@ Place::Place(Workspace& workspace, const SequenceData& data)
       pull(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
       share(workspace.matrix<double>(data.points.size[0], data.log_share.size[1])),
       too_long(workspace.vector<double>(data.lengths.size[0])) {}
+
+double multiply_symmetric(const double* P, const double* x, long d, double* __restrict out) {
+    for (long i = 0; i < d; ++i) out[i] = 0;
+    for (long i = 0; i < d; ++i) {
+        const double *row = P + i * d, xi = x[i];
+        double total = row[i] * xi;
+        for (long j = i + 1; j < d; ++j) {
+            total += row[j] * x[j];
+            out[j] += xi * row[j];
+        }
+        out[i] += total;
+    }
+    return dot(x, out, d);
+}
 
 double held_back(const SequenceData& data, const Place& at, long b) {
     double total = 0;
@@ -111,18 +110,24 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
     at.energy = energy;
 }
 
-void derive(const SequenceData& data, const Place& at, long f, double* S, double* R, long E) {
-    const long t = at.y.size[0], D = at.y.size[1], p = data.stiffness.size[0], d = 3 * p;
-    const double *y = at.y[f].data, *w = data.landmarks[f].data, *weight = data.weight[f].data;
-    for (long e = 0; e < D * D; ++e) S[e] = 0;
-    for (long e = 0; e < D * E; ++e) R[e] = 0;
+void add_precision(const SequenceData& data, const Place& at, long f, double sign, double* S) {
+    const long D = at.y.size[1], d = data.means.size[2];
     for (long k = 0; k < data.log_share.size[1]; ++k) {
-        const double share = at.share[f][k];
-        if (share < 1e-12) continue;
+        const double share = sign * at.share[f][k];
+        if (magnitude(share) < 1e-12) continue;
         const double* P = data.precisions[f][k].data;
         for (long i = 0; i < d; ++i)
             for (long j = i; j < d; ++j) S[i * D + j] += share * P[i * d + j];
     }
+}
+
+void derive(const SequenceData& data, const Place& at, long f, Bones bones, double* S, double* R,
+            long E) {
+    const long t = at.y.size[0], D = at.y.size[1], p = data.stiffness.size[0], d = 3 * p;
+    const double *y = at.y[f].data, *w = data.landmarks[f].data, *weight = data.weight[f].data;
+    for (long e = 0; e < D * D; ++e) S[e] = 0;
+    for (long e = 0; e < D * E; ++e) R[e] = 0;
+    add_precision(data, at, f, 1, S);
     for (long e = 0; e < d; ++e) R[e * E] = at.pull[f][e];
     for (long e = 0; e < 2 * p; ++e) {
         S[e * D + e] += weight[e];
@@ -137,6 +142,8 @@ void derive(const SequenceData& data, const Place& at, long f, double* S, double
     for (long b = 0; b < data.lengths.size[0]; ++b) {
         const Bone bone = bone_of(data, y, b);
         const double rigidity = data.rigidity[b], longer = bone.length - at.lengths[b];
+        const double across =
+            bones == Bones::WHOLE ? rigidity * longer / larger(bone.length, 1e-12) : 0.0;
         for (int end = 0; end < 6; ++end) {
             const double along = (end < 3 ? 1 : -1) * bone.along[end % 3];
             const long e = end % 3 * p + (end < 3 ? bone.i : bone.j);
@@ -145,7 +152,9 @@ void derive(const SequenceData& data, const Place& at, long f, double* S, double
             for (int other = 0; other < 6; ++other) {
                 const long o = other % 3 * p + (other < 3 ? bone.i : bone.j);
                 const double with = (other < 3 ? 1 : -1) * bone.along[other % 3];
-                if (o >= e) S[e * D + o] += rigidity * along * with;
+                const double same = (end < 3) == (other < 3) ? 1.0 : -1.0;
+                const double unit = end % 3 == other % 3 ? same : 0.0;
+                if (o >= e) S[e * D + o] += (rigidity - across) * along * with + across * unit;
             }
         }
     }

@@ -82,14 +82,13 @@ void smooth_sequence(const SequenceData& data) {
     copy_rows(data.points, at->y, d);
     for (long b = 0; b < e; ++b) at->lengths[b] = data.lengths[b];
     measure(data, *at, scratch);
-    double damping = FIRST_DAMPING, log_det = 0;
+    double damping = FIRST_DAMPING;
     long rounds = 0;
     while (rounds < data.most_rounds) {
         bool lower = false;
         for (; damping < MOST_DAMPING; damping *= DAMPED_MORE) {
-            if (!factor.factorise(data, *at, damping) || !find_step(data, *at, factor, step))
+            if (!factor.factorise(data, *at, Bones::HELD, damping) || !find_step(data, *at, factor, step))
                 continue;
-            log_det = factor.log_det();
             move(*at, step, *tried);
             measure(data, *tried, scratch);
             lower = tried->energy <= at->energy;
@@ -106,20 +105,22 @@ void smooth_sequence(const SequenceData& data) {
     }
     copy_rows(at->y, data.points, d);
     for (long b = 0; b < e; ++b) data.lengths[b] = at->lengths[b];
+    // the Hessian itself where deviations are wanted and it is positive definite, which Gauss and
+    // Newton's always is but for rounding
+    const bool wanted = data.deviation.size[0] > 0;
+    const bool definite = (wanted && factor.factorise(data, *at, Bones::WHOLE, 0)) ||
+                          factor.factorise(data, *at, Bones::HELD, 0);
     data.end[0] = at->energy;
-    data.end[1] = log_det;
+    data.end[1] = definite ? factor.log_det() : INFINITE;
     data.end[2] = static_cast<double>(rounds);
-    if (data.deviation.size[0]) {
-        const bool definite = factor.factorise(data, *at, 0);
-        if (definite)
-            factor.deviations(data);
-        else {
-            for (long i = 0; i < t * d; ++i)
-                data.deviation.data[i] = data.correlation.data[i] = NOT_A_NUMBER;
-            for (long i = 0; i < data.covariance.size[0] * d * d; ++i)
-                data.covariance.data[i] = NOT_A_NUMBER;
-        }
+    if (!wanted) return;
+    if (definite) {
+        Marginal marginal(workspace, data);
+        return factor.write_covariances(data, *at, marginal);
     }
+    for (long i = 0; i < t * d; ++i)
+        data.deviation.data[i] = data.correlation.data[i] = NOT_A_NUMBER;
+    for (long i = 0; i < data.covariance.size[0] * d * d; ++i) data.covariance.data[i] = NOT_A_NUMBER;
 }
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

@@ -11,7 +11,8 @@
 
 namespace shapefit::SHAPEFIT_LEVEL {
 
-// A local minimum near the start, and the deviations there; no step raises the objective.
+// A local minimum near the start, and the deviations there, the lengths held; no step raises the
+// objective.
 void smooth_sequence(const SequenceData& data);
 
 }  // namespace shapefit::SHAPEFIT_LEVEL

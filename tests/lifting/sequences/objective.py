@@ -61,6 +61,19 @@ class Objective:
             found[place] = (ends[0] - ends[1]) / (2 * step)
         return found
 
+    def hessian(self, y, lengths, step=1e-3):
+        """Second differences of the energy over the frames, the lengths held."""
+        n = y.size
+        moves = step * np.eye(n).reshape(n, *y.shape)
+        H = np.empty((n, n))
+        for i in range(n):
+            for j in range(i + 1):
+                signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+                H[i, j] = H[j, i] = sum(
+                    a * b * self.energy(y + a * moves[i] + b * moves[j], lengths) for a, b in signs
+                ) / (4 * step * step)
+        return H
+
     def matrix(self, y):
         """Second derivatives over the frames, responsibilities and directions of bones held."""
         t, d = y.shape
