@@ -48,7 +48,7 @@ class FileFormat:
                  or a SourceFile that gives out parts of it. A reader of shapes takes `gaps`, too:
                  whether landmarks may be unknown
     reader       of a format of ours that holds every dataset: takes a path and a layout, opens a
-                 StoredReader
+                 Hdf5Reader
     form         of such a format: takes a path, returns the layout that the file says it has
     writer       takes a path and the layout of the records, gives a RecordWriter in a `with`
     writes       the kinds that it can write
@@ -97,9 +97,9 @@ HDF5 = FileFormat(
     suffixes=(".h5", ".hdf5", ".hdf", ".he5"),
     begins=lambda head: head.bytes.startswith(HDF5_SIGNATURE),
     readers={**STORED, "dictionary": ".kinds.dictionaries:read_hdf5"},
-    reader=".hdf5.reading:Hdf5Reader",
-    form=".hdf5.reading:hdf5_form",
-    writer=".hdf5.writing:hdf5_output",
+    reader=".hdf5_records:Hdf5Reader",
+    form=".hdf5_records:layout_of",
+    writer=".hdf5_records:hdf5_output",
     writes=("landmarks", "shapes", "result", "dictionary"),
     points_only=False,
 )

@@ -135,7 +135,7 @@ def find_json_keys(data: bytes) -> JsonKeys:
 
 def find_hdf5_keys(path: Path) -> Hdf5Keys:
     """Open an HDF5 file, and return what its root holds."""
-    from shapefit.io.hdf5.opening import open_hdf5
+    from shapefit.io.hdf5_file import open_hdf5
 
     try:
         with open_hdf5(path) as file:

@@ -24,10 +24,10 @@ from shapefit.io import (
     read_dictionary,
 )
 from shapefit.io.formats import group_inputs
+from shapefit.io.hdf5_records import Hdf5Reader
 from shapefit.io.kinds.opening import open_proofs, proof_chunks
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.stored.files import read_rows
-from shapefit.io.stored.reader import StoredReader
 from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.pipelines.overlap import side_by_side
 from shapefit.stores.locations import files_in
@@ -220,9 +220,7 @@ def verify_file(part: Part, work: Work) -> Generator[Outcome, None, None]:
         yield Outcome(failures=tuple(Failure(*each) for each in false_items(part.entry, items)))
 
 
-def false_files(
-    part: Part, results: StoredReader, terms: Terms, work: Work
-) -> list[tuple[str, str]]:
+def false_files(part: Part, results: Hdf5Reader, terms: Terms, work: Work) -> list[tuple[str, str]]:
     """Return which files, by their digests and the manifest, are not those of the fit."""
     names = (terms.dictionary, *terms.landmarks)
     paths = (work.request.dictionary, *part.landmarks)
@@ -253,7 +251,7 @@ class Given:
 
 
 @contextmanager
-def open_given(part: Part, results: StoredReader, terms: Terms) -> Iterator[Given | None]:
+def open_given(part: Part, results: Hdf5Reader, terms: Terms) -> Iterator[Given | None]:
     """Open the landmarks of a part as its fit did; None where none are given.
 
     Raises InputError where there are not as many images as results.
@@ -293,7 +291,7 @@ def namer(
 
 
 def arrange_atoms(
-    results: StoredReader, file: Path, work: Work
+    results: Hdf5Reader, file: Path, work: Work
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     """Return the atoms (k, 3, p) with the landmarks of the result, in their order."""
     dictionary, path = work.dictionary, work.request.dictionary
@@ -306,7 +304,7 @@ def arrange_atoms(
     return np.ascontiguousarray(dictionary.atoms[:, :, columns])
 
 
-def read_chunks(results: StoredReader, atoms: np.ndarray, given: Given | None) -> Iterator[Chunk]:
+def read_chunks(results: Hdf5Reader, atoms: np.ndarray, given: Given | None) -> Iterator[Chunk]:
     """Give out the results, with the landmarks of the same images where they are given."""
     k, _, p = atoms.shape
     size = min(max(CHUNK_BYTES // (72 * k + 96 * p), FEWEST), MOST)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.io import (
+    hdf5_records,
     memory,
     open_landmarks,
     open_shapes,
@@ -15,10 +16,9 @@ from shapefit.io import (
     read_shapes,
     write_shapes,
 )
-from shapefit.io.hdf5.reading import Hdf5Reader
+from shapefit.io.hdf5_records import Hdf5Reader
 from shapefit.io.layout import SHAPES
 from shapefit.io.records import ShapeSet
-from shapefit.io.stored import reader
 
 MANY = 10**11
 
@@ -89,7 +89,7 @@ def test_shapes_can_be_read_in_chunks_where_they_do_not_fit_as_a_whole(
     monkeypatch.setattr(memory, "ALWAYS_FITS", 0)
     monkeypatch.setattr(memory, "free_memory", lambda: 300_000)
     problems(read_shapes, [tmp_path / "many.h5"])
-    monkeypatch.setattr(reader, "BLOCK_BYTES", 10_000)
+    monkeypatch.setattr(hdf5_records, "BLOCK_BYTES", 10_000)
     with open_shapes([tmp_path / "many.h5"]) as source:
         assert sum(map(len, source.chunks(100))) == 2000
 
@@ -100,7 +100,7 @@ def test_a_check_reads_as_many_rows_as_fit_in_a_block(tmp_path, monkeypatch):
         tmp_path / "many.h5",
         ShapeSet(np.zeros((rows, 3, 4)), tuple("abcd"), tuple(map(str, range(rows)))),
     )
-    monkeypatch.setattr(reader, "BLOCK_BYTES", 400_000)
+    monkeypatch.setattr(hdf5_records, "BLOCK_BYTES", 400_000)
     with Hdf5Reader(tmp_path / "many.h5", SHAPES) as file:
         sizes = [len(block) for block in file.read_blocks("shapes")]
         part = [len(block) for block in file.read_blocks("shapes", slice(1000, 1500))]

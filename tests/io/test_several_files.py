@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.io import open_landmarks, read_shapes, write_shapes
-from shapefit.io.hdf5.reading import Hdf5Reader
+from shapefit.io.hdf5_records import Hdf5Reader
 from shapefit.io.kinds import opening
 from shapefit.io.name_index import ItemList, check_unique_items
 from tests.io.files import save

@@ -1,14 +1,12 @@
 """Long streams: flat memory, full disks, killed writers, and quick starts."""
 
-import errno
 import os
 import signal
-from io import FileIO
 
 import pytest
 
 from shapefit.io import landmark_writer, read_results, result_writer
-from shapefit.io.hdf5.writing import PAGE, Spool
+from tests.io.files import save
 
 MAKE = """
 import os, resource, signal, sys
@@ -68,43 +66,6 @@ def test_the_disk_test_can_pass(tmp_path, run_python):
     assert len(read_results(tmp_path / "result.h5")) == 8000
 
 
-def test_after_an_error_the_spool_keeps_in_memory_what_hdf5_writes(tmp_path):
-    class Failing(FileIO):
-        full = False
-
-        def write(self, data):
-            if self.full:
-                raise OSError(errno.ENOSPC, "first")
-            return super().write(data)
-
-        def truncate(self, size=None):
-            raise OSError(errno.EIO, "second")
-
-    def content(spool, start, size):
-        spool.seek(start)
-        return spool.read(size)
-
-    with Failing(tmp_path / "file", "w+") as file:
-        spool = Spool(file)
-        assert spool.write(memoryview(b"abc")) == 3
-        assert spool.error is None
-        file.full = True
-        assert spool.write(memoryview(b"def")) == 3
-        file.full = False
-        assert spool.write(memoryview(b"ghi")) == 3
-        assert (spool.tell(), spool.seek(0, os.SEEK_END)) == (9, 9)
-        spool.seek(1)
-        assert spool.write(memoryview(b"B")) == 1
-        assert content(spool, 0, 20) == b"aBcdefghi"
-        spool.seek(3 * PAGE - 1)
-        assert spool.write(memoryview(b"xyz")) == 3
-        assert content(spool, 3 * PAGE - 2, 9) == b"\0xyz"
-        assert spool.truncate(2) == 2
-        assert content(spool, 0, 9) == b"aB"
-        assert spool.error.strerror == "first"
-    assert (tmp_path / "file").read_bytes() == b"abc"
-
-
 KILLED = """
 with result_writer(Path(sys.argv[1])) as writer:
     for start in range(0, 4000, 1000):
@@ -113,13 +74,13 @@ with result_writer(Path(sys.argv[1])) as writer:
 """
 
 
-@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="this system has no unnamed files")
 @pytest.mark.parametrize("name", ["result.h5", "result.csv"])
-def test_a_writer_that_is_killed(tmp_path, run_python, name):
+def test_what_a_killed_writer_leaves_is_swept_by_the_next(tmp_path, run_python, results, name):
     target = tmp_path / name
     target.write_text("old")
     assert run_python(MAKE + KILLED, target).returncode == -signal.SIGKILL
     assert target.read_text() == "old"
+    save(target, results)
     assert os.listdir(tmp_path) == [name]
 
 

@@ -128,8 +128,8 @@ class FitConfig(CommandConfig):
     default it is as large as the training shapes of the dictionary."""
     partition: int = Field(default=100_000, ge=1)
     """With a folder as output, images per part: of a large HDF5 file, rounded up to a
-    multiple of 64, or to whole sequences where those are lifted; of Parquet up to twice as many, to
-    the end of a row group; of small files together, guessed by their bytes."""
+    multiple of 64, or to whole sequences where those are lifted; of small files together, guessed
+    by their bytes."""
     part_format: PartFormat = "hdf5"
     """With a folder as output, the format of its results."""
     scheduler: str | None = Field(default=None, min_length=1)

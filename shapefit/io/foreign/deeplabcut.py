@@ -23,7 +23,7 @@ from shapefit.io.foreign.recording import (
     video_name,
 )
 from shapefit.io.foreign.trackers import TrackerFile, text
-from shapefit.io.hdf5.file import DAMAGED
+from shapefit.io.hdf5_file import DAMAGED
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.sources import is_stream
 from shapefit.stores.urls import UrlPath

@@ -25,7 +25,7 @@ from shapefit.io.foreign.recording import (
     video_name,
 )
 from shapefit.io.foreign.trackers import TrackerFile, text
-from shapefit.io.hdf5.file import DAMAGED
+from shapefit.io.hdf5_file import DAMAGED
 
 SLEAP_ORDER = ("track", "xy", "node", "frame")
 FRAMES_FIRST = ("frame", "track", "node", "xy")

@@ -22,7 +22,7 @@ from shapefit.io.foreign.recording import (
     take_instances,
     video_name,
 )
-from shapefit.io.hdf5.file import Hdf5File
+from shapefit.io.hdf5_file import Hdf5File
 
 MOST_TEXTS = 1_000_000
 """Names that a dataset of names can hold."""

@@ -19,7 +19,7 @@ from shapefit.io.stored.checks import Datasets, Given
 from shapefit.io.writing import record_writer
 
 if TYPE_CHECKING:
-    from shapefit.io.hdf5.reading import Hdf5Reader
+    from shapefit.io.hdf5_records import Hdf5Reader
 
 
 def read_dictionary(path: Path) -> Dictionary:
@@ -30,7 +30,7 @@ def read_dictionary(path: Path) -> Dictionary:
 
 def read_hdf5(path: Path) -> Dictionary:
     """Read a dictionary from HDF5."""
-    from shapefit.io.hdf5.reading import Hdf5Reader
+    from shapefit.io.hdf5_records import Hdf5Reader
 
     with Hdf5Reader(path, DICTIONARY) as reader:
         fields = reader.fields()
@@ -56,13 +56,9 @@ def read_provenance(path: Path) -> dict[str, str]:
 
     Only the attributes are read, and nothing is checked. Raises InputError as `open_hdf5` does.
     """
-    from shapefit.io.hdf5.opening import open_hdf5
+    from shapefit.io.hdf5_records import read_attributes
 
-    try:
-        with open_hdf5(path) as file:
-            return {name: str(value) for name, value in file.attrs.items()}
-    except OSError:
-        return {}
+    return read_attributes(path)
 
 
 def _read_prior(reader: Hdf5Reader, fields: dict[str, Any]) -> Mixture | None:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,8 +23,11 @@ from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet
 from shapefit.io.sources import source_name
 from shapefit.io.stored.checks import Given, check_values
 from shapefit.io.stored.files import open_stored, read_rows, stored_file
-from shapefit.io.stored.reader import StoredReader
 from shapefit.io.writing import record_writer
+
+if TYPE_CHECKING:
+    from shapefit.io.hdf5_records import Hdf5Reader
+
 
 PROOFS = PROOF + TREES
 """Datasets of results that stay in the file unless they are asked for."""
@@ -126,7 +129,7 @@ def read_results(path: Path, *, proofs: bool = False) -> ResultSet:
 
 
 @contextmanager
-def open_proofs(path: Path) -> Iterator[StoredReader]:
+def open_proofs(path: Path) -> Iterator[Hdf5Reader]:
     """Open a result for its proofs. Raises InputError where it is CSV, or not a result."""
     if detect_format(path).reader is None:
         found = "is not HDF5, and tables hold points only"
@@ -136,7 +139,7 @@ def open_proofs(path: Path) -> Iterator[StoredReader]:
         yield reader
 
 
-def proof_chunks(reader: StoredReader, size: int, *, sequences: bool = True) -> Iterator[ResultSet]:
+def proof_chunks(reader: Hdf5Reader, size: int, *, sequences: bool = True) -> Iterator[ResultSet]:
     """Give out results with their proofs, `size` at a time, with or without sequences."""
     without = UNNEEDED if sequences else (*UNNEEDED, "sequence")
     unneeded = [dataset for dataset in RESULTS.datasets if dataset.name in without]

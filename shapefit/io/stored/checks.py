@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,10 @@ from shapefit.errors import input_error
 from shapefit.geometry.normalisation import LARGEST
 from shapefit.io.layout import LANDMARKS, SHAPES, Layout, fit_axes
 from shapefit.io.problems import Problems
-from shapefit.io.stored.reader import StoredReader
+
+if TYPE_CHECKING:
+    from shapefit.io.hdf5_records import Hdf5Reader
+
 
 Blocks = Iterable[NDArray[np.float64]]
 Bad = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
@@ -59,7 +62,7 @@ class Given:
         return True
 
 
-Datasets = StoredReader | Given
+Datasets: TypeAlias = "Hdf5Reader | Given"
 """What is checked."""
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import FORMATS, detect_format, load
@@ -16,10 +16,12 @@ from shapefit.io.name_index import ItemList
 from shapefit.io.records import LandmarkSet, Records, ResultSet, ShapeSet
 from shapefit.io.sources import source_name
 from shapefit.io.stored.checks import check_values, named
-from shapefit.io.stored.reader import StoredReader
+
+if TYPE_CHECKING:
+    from shapefit.io.hdf5_records import Hdf5Reader
 
 
-def open_stored(path: Path, form: Layout, known: Any = None) -> StoredReader:
+def open_stored(path: Path, form: Layout, known: Any = None) -> Hdf5Reader:
     """Open a file of this layout, whose format may be known.
 
     Raises InputError where its format holds points only.
@@ -29,7 +31,7 @@ def open_stored(path: Path, form: Layout, known: Any = None) -> StoredReader:
         titles = listed(each.title for each in FORMATS.values() if each.reader is not None)
         found = f"is not {titles}" if path.is_file() else "is not a file on a disk"
         raise input_error(source_name(path), found, f"give a {form.name} file")
-    reader: StoredReader = load(known.reader)(path, form)
+    reader: Hdf5Reader = load(known.reader)(path, form)
     return reader
 
 
@@ -100,7 +102,7 @@ def stored_file(
 
 
 def read_rows(
-    reader: StoredReader,
+    reader: Hdf5Reader,
     rows: slice,
     without: Collection[Dataset] = (),
     *,

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isqrt
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from shapefit.config import FitConfig
 from shapefit.core import STRETCH
@@ -18,10 +18,13 @@ from shapefit.io.layout import LANDMARKS
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import HDF5_SIGNATURE, PARQUET_SIGNATURE, begins_with
 from shapefit.io.stored.files import open_stored
-from shapefit.io.stored.reader import StoredReader
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.plan import read_options
 from shapefit.stores.shelf import State, find_state, on_threads
+
+if TYPE_CHECKING:
+    from shapefit.io.hdf5_records import Hdf5Reader
+
 
 BATCH = 4096
 """Images that are read at a time for the names of their sequences."""
@@ -198,32 +201,19 @@ def _look_into(
     return pieces + on_threads(look, groups)
 
 
-def _between_stretches(reader: StoredReader, size: int) -> list[Rows]:
-    """Return row ranges of `size` images or more; where there are row groups, best of whole ones.
-
-    Between groups there is a part of up to twice that size rather than one that begins in the
-    middle of a group, which is decoded from its start.
-    """
-    count = reader.count
+def _between_stretches(reader: Hdf5Reader, size: int) -> list[Rows]:
+    """Return row ranges of `size` images, rounded up to whole stretches."""
     size = _whole_stretches(size)
-    cuts = [_whole_stretches(first) for first in reader.groups]
-    rows: list[Rows] = []
-    start = 0
-    while count - start > size:
-        near = (cut for cut in cuts if start + size <= cut <= start + 2 * size)
-        stop = min(next(near, start + size), count)
-        rows.append((start, stop))
-        start = stop
-    if not rows:
-        return [None]
-    return [*rows, (start, count)] if start < count else rows
+    starts = range(0, reader.count, size)
+    rows: list[Rows] = [(start, min(start + size, reader.count)) for start in starts]
+    return rows if len(rows) > 1 else [None]
 
 
 def _whole_stretches(images: int) -> int:
     return -(-images // STRETCH) * STRETCH
 
 
-def _cut_between_sequences(reader: StoredReader, size: int) -> Piece:
+def _cut_between_sequences(reader: Hdf5Reader, size: int) -> Piece:
     """Return a file in row ranges of whole sequences, at least `size` images each but the last."""
     starts = list(_sequence_starts(reader))
     rows: list[Rows] = []
@@ -262,7 +252,7 @@ def _named_sequences(paths: tuple[Path, ...], options: InputOptions) -> Iterator
     yield from names
 
 
-def _sequence_starts(reader: StoredReader) -> Iterator[tuple[str, int]]:
+def _sequence_starts(reader: Hdf5Reader) -> Iterator[tuple[str, int]]:
     """Yield the name and the first row of every run of images of one sequence."""
     row, last = 0, None
     blocks: Iterator[Sequence[str]] = (

@@ -282,7 +282,7 @@ def test_datasets_that_are_wrong(request, problems, edit, kind, datasets, lines)
 def test_faults_far_into_the_file_are_named_by_their_row(
     tmp_path, problems, monkeypatch, landmarks, edit
 ):
-    monkeypatch.setattr("shapefit.io.stored.reader.BLOCK", 2)
+    monkeypatch.setattr("shapefit.io.hdf5_records.BLOCK", 2)
     bad = landmarks.landmarks.copy()
     bad[4, 0, 3] = np.inf
     items = (*landmarks.items[:3], "", "image 1")

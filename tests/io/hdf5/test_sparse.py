@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.io import read_results, result_writer
-from shapefit.io.hdf5.writing import CHUNK_BYTES, deflated
+from shapefit.io.hdf5_records import CHUNK_BYTES, deflated, fletcher32
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 1.0])
@@ -15,6 +15,16 @@ def test_zlib_gets_back_what_went_in(rng, share):
     for count in (*range(70), 511, 513, 30_000):
         values = rng.standard_normal(count) * (rng.random(count) < share)
         assert zlib.decompress(deflated(values)) == values.tobytes()
+
+
+def test_checksums_are_those_of_hdf5(tmp_path, rng):
+    for number, size in enumerate((1, 2, 7, 4096, 100_001)):
+        data = rng.integers(0, 256, size).astype(np.uint8)
+        for values in (data, np.zeros_like(data), np.full_like(data, 255)):
+            with h5py.File(tmp_path / f"{number}.h5", "w") as file:
+                stored = file.create_dataset("a", data=values, chunks=(size,), fletcher32=True)
+                _, chunk = stored.id.read_direct_chunk((0,))
+            assert chunk[-4:] == fletcher32(values.tobytes())
 
 
 def test_every_byte_and_every_length_of_a_run():

@@ -2,25 +2,74 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import product
 from math import prod
 from pathlib import Path
 from typing import Any, Self
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.errors import InputError, input_error, printable
-from shapefit.io.hdf5.opening import open_hdf5
 from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
 
 DAMAGED = "the file may be cut off or damaged: copy or make it again"
 FILTERS = ("plugin", "required filter")
 """Words of HDF5 about a compression that it does not have."""
+
+
+def open_hdf5(path: Path, cache_bytes: int | None = None) -> h5py.File:
+    """Open a file to read, an object of a store as a copy on this machine.
+
+    cache_bytes is the room for chunks of a dataset, by default that of HDF5. Raises what h5py
+    raises, and InputError where a store does not answer, and for links as `refuse_links`.
+    """
+    file = h5py.File(os.fspath(path), "r", rdcc_nbytes=cache_bytes)
+    try:
+        refuse_links(file, path)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+COPY_FIX = "copy the values into this file (h5repack, or h5py's copy with expand_external)"
+
+
+def refuse_links(file: h5py.File, path: Path) -> None:
+    """Raise InputError where what a file holds lies elsewhere; nothing outside is touched.
+
+    Elsewhere are external and user-defined links, soft links to what the file does not hold,
+    external storage, and virtual datasets, which also can be made of themselves.
+    """
+    links: list[tuple[bytes, int]] = []
+    file.id.links.visit(lambda name, info: links.append((name, info.type)), info=True)
+
+    def refuse(name: bytes, found: str, fix: str = COPY_FIX) -> None:
+        raise input_error(f"{path}:/{printable(name.decode('utf-8', 'replace'))}", found, fix)
+
+    for name, kind in links:
+        if kind == h5py.h5l.TYPE_EXTERNAL:
+            refuse(name, "is a link to another file")
+        if kind not in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT):
+            refuse(name, "is a link of a kind that is not known here")
+    for name, kind in links:
+        try:
+            node = h5py.h5o.open(file.id, name)
+        except (KeyError, RuntimeError, OSError):
+            if kind == h5py.h5l.TYPE_SOFT:
+                refuse(name, "is a soft link to what this file does not hold", "remove it")
+            continue  # damaged: whoever reads it reports that
+        if not isinstance(node, h5py.h5d.DatasetID):
+            continue
+        creation = node.get_create_plist()
+        if creation.get_layout() == h5py.h5d.VIRTUAL:
+            refuse(name, "is a virtual dataset, made of others")
+        if creation.get_external_count():
+            refuse(name, "has its values in another file")
 
 
 class Hdf5File:
@@ -110,7 +159,8 @@ class Hdf5File:
         if size > ALWAYS_FITS:
             self.check_written(name)
         with self.damage(name):
-            return read_rows(stored, rows) if whole is rows else stored.dataset[rows]
+            values = stored.dataset[rows]
+            return _decoded(values) if stored.text else values
 
     def check_written(self, name: str) -> None:
         """Raise InputError for a large dataset that takes next to no place in the file."""
@@ -161,57 +211,10 @@ def size_in_memory(stored: Stored, rows: slice | tuple[()]) -> int:
     return prod(shape) * entry + chunk
 
 
-MOST_CHUNKS = 10_000
-"""That are read at once: HDF5 takes some 6 kB for each, whatever it holds."""
-
-MOST_AT_ONCE = 1_000_000
-"""Chunks of rows that are wanted together: more take HDF5 ten seconds and up."""
-
-Place = tuple[slice, ...]
-
-
-def read_rows(stored: Stored, rows: slice | tuple[()]) -> Any:
-    """Return these rows of a dataset, texts as str; `()` is all of it, a scalar too.
-
-    Raises InputError where they lie in more chunks than `MOST_AT_ONCE`.
-    """
-    source, chunks, shape = stored.dataset, stored.chunks, stored.shape
-    if not chunks or _count(shape, chunks) <= MOST_CHUNKS:
-        return _texts(source[rows]) if stored.text else source[rows]
-    start, stop, _ = (rows if isinstance(rows, slice) else slice(None)).indices(shape[0])
-    wanted = (max(stop - start, 0), *shape[1:])
-    if (count := _count(wanted, chunks)) > MOST_AT_ONCE:
-        place = f"{stored.dataset.file.filename}:{stored.dataset.name}"
-        raise input_error(place, f"lies in {count} chunks", "store it in larger ones")
-    values: NDArray[Any] = np.empty(wanted, object if stored.text else stored.dataset.dtype)
-    for piece in _pieces(wanted, chunks):
-        first = piece[0]
-        values[piece] = source[slice(start + first.start, start + first.stop), *piece[1:]]
-    return _texts(values) if stored.text else values
-
-
-def _texts(stored: Any) -> Any:
+def _decoded(stored: Any) -> Any:
     """Return bytes as str, an array of them as an array; in half the time of h5py's `asstr`."""
     if isinstance(stored, bytes):
         return stored.decode()
     texts = np.empty(stored.size, object)
     texts[:] = [*map(bytes.decode, stored.ravel().tolist())]
     return texts.reshape(stored.shape)
-
-
-def _count(shape: tuple[int, ...], chunks: tuple[int, ...]) -> int:
-    return prod(-(-size // chunk) for size, chunk in zip(shape, chunks, strict=True))
-
-
-def _pieces(shape: tuple[int, ...], chunks: tuple[int, ...]) -> Iterator[Place]:
-    """Divide an array into blocks of at most so many chunks each."""
-    steps = list(shape)
-    for axis, (size, chunk) in enumerate(zip(shape, chunks, strict=True)):
-        others = _count(tuple(steps[axis + 1 :]), chunks[axis + 1 :])
-        steps[axis] = min(size, chunk * max(MOST_CHUNKS // max(others, 1), 1))
-    ranges = [range(0, size, max(step, 1)) for size, step in zip(shape, steps, strict=True)]
-    for starts in product(*ranges):
-        yield tuple(
-            slice(start, min(start + step, size))
-            for start, step, size in zip(starts, steps, shape, strict=True)
-        )
