@@ -99,7 +99,7 @@ HDF5 = FileFormat(
     readers={**STORED, "dictionary": ".kinds.dictionaries:read_hdf5"},
     reader=".hdf5_records:Hdf5Reader",
     form=".hdf5_records:layout_of",
-    writer=".hdf5_records:hdf5_output",
+    writer=".hdf5_writer:hdf5_output",
     writes=("landmarks", "shapes", "result", "dictionary"),
     points_only=False,
 )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.io import read_results, result_writer
-from shapefit.io.hdf5_records import CHUNK_BYTES, deflated, fletcher32
+from shapefit.io.hdf5_writer import CHUNK_BYTES, deflated, fletcher32
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 1.0])
