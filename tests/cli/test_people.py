@@ -62,10 +62,12 @@ def test_people_stand_on_their_feet_where_y_is_what_it_was_said_to_be(
         )
 
 
-def test_a_file_that_says_where_y_points_wins(views, tmp_path, capsys):
+def test_a_file_that_says_where_y_points_is_not_overruled(views, tmp_path, capsys):
     assert run(["convert", views, "-o", "views.h5"]) == 0
-    line = ["fit", "views.h5", "-d", "people", "-o", "shapes.csv", "--set", "y_axis=up"]
-    assert run(line) == 0
+    line = ["fit", "views.h5", "-d", "people", "-o", "shapes.csv"]
+    assert run([*line, "--set", "y_axis=up"]) == 2
+    capsys.readouterr()
+    assert run([*line, "--set", "y_axis=down"]) == 0
     report = capsys.readouterr().err
     assert "y down in the images" in report
     assert "on their heads" not in report

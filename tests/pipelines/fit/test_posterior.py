@@ -103,9 +103,8 @@ def test_what_confidences_above_one_do_is_told(fit, with_prior, images, method):
 
 
 def test_implausible_images_are_reported_and_keep_their_status(fit, with_prior, images):
-    found, outcomes = fit(
-        with_prior, images, method="posterior", posterior={"implausible": 0.999999}
-    )
+    keys = {"posterior": {"implausible": 0.999999}, "camera": {"model": "weak-perspective"}}
+    found, outcomes = fit(with_prior, images, method="posterior", **keys)
     (doubt,) = [doubt for out in outcomes for doubt in out.doubts]
     assert doubt.text == "implausible landmarks"
     assert set(doubt.items) == set(found.items)
@@ -115,9 +114,8 @@ def test_implausible_images_are_reported_and_keep_their_status(fit, with_prior, 
 
 
 def test_images_are_trusted_unless_something_speaks_against_it(fit, with_prior, images):
-    found, outcomes = fit(with_prior, images, method="posterior",
-        posterior={"implausible": 0, "widest": 100},
-    )  # fmt: skip
+    keys = {"posterior": {"implausible": 0, "widest": 100}, "camera": {"model": "weak-perspective"}}
+    found, outcomes = fit(with_prior, images, method="posterior", **keys)
     assert found.columns["trusted"].all()
     assert not any(out.doubts for out in outcomes)
 

@@ -22,7 +22,7 @@ class TestInputsThatAreRefused:
             ("", "views.csv"),
             (LANDMARK_ROWS + "one,point0,abc,1\n", "views.csv:2"),
             (LANDMARK_ROWS + "one,point0,inf,1\n", "views.csv:2"),
-            (LANDMARK_ROWS + "one,poimt0,1,1\n", "point0"),
+            (LANDMARK_ROWS + "one,poimt0,10,10\n", "point0"),
             (LANDMARK_ROWS + "one,point0,1,1\none,point0,2,2\n", "views.csv:3"),
             ("item,landmark,x\none,point0,1\n", "y"),
         ],

@@ -24,7 +24,7 @@ def folder(tmp_path, monkeypatch) -> Path:
 def written(path: str, sequences: Sequence[str]) -> str:
     """Write images of these sequences, without landmarks of interest."""
     items = tuple(f"{path}-{n}" for n in range(len(sequences)))
-    points = np.ones((len(sequences), 2, len(NAMES)))
+    points = 9.0 * np.ones((len(sequences), 2, len(NAMES)))
     with landmark_writer(Path(path)) as writer:
         writer.append(
             LandmarkSet(
