@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.config import ConvertConfig
+from shapefit.config.commands.input import InputConfig
 from shapefit.errors import abbreviate, input_error
 from shapefit.io import LandmarkSource, ShapeSource, open_landmarks, open_shapes
 from shapefit.io.formats import find_target_format
@@ -35,6 +36,8 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
     if kind == "dictionary":
         found = "is a dictionary, which has no other format"
         raise input_error(config.files[0], found, "give landmarks, shapes or results")
+    if kind == "result":
+        _check_keys_of_results(config.input)
     placed = OutputOptions(
         height=config.height, unit=config.unit, up=config.up, world_unit=config.world_unit
     )
@@ -50,6 +53,20 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
         yield Outcome(total=count, warnings=warnings)
     said = writer.summary
     yield Outcome(warnings=said.warnings, note=said.note, written=said.written or (config.output,))
+
+
+OF_RESULTS = ("format", "individual")
+"""Keys of `input` that choose among the items of results, which stay what they are otherwise."""
+
+
+def _check_keys_of_results(section: InputConfig) -> None:
+    """Raise InputError for keys that would change the landmarks of a result."""
+    for key, field in InputConfig.model_fields.items():
+        if key not in OF_RESULTS and getattr(section, key) != field.get_default(
+            call_default_factory=True
+        ):
+            found = "has no effect on results, which are written as they are"
+            raise input_error(key, found, "leave it out")
 
 
 def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:

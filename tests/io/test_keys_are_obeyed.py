@@ -170,6 +170,12 @@ def test_one_individual_of_a_result(shapefit, tmp_path, two_people):
     assert (refused.code, "person 1" in refused.text) == (2, True)
 
 
+@pytest.mark.parametrize("key", ["landmarks=[a]", "y_axis=up", "rename={a: z}", "track=none"])
+def test_what_would_change_the_landmarks_of_a_result_is_refused(shapefit, two_people, key):
+    refused = shapefit("convert", "r.h5", "-o", "other.h5", "--set", key)
+    assert (refused.code, "has no effect on results" in refused.text) == (2, True)
+
+
 def test_every_second_item_of_each_sequence(shapefit, tmp_path, two_people):
     command = ("convert", "r.h5", "-o", "half.h5", "--set", "frame_rate=30", "--set", "every=2")
     assert shapefit(*command, "--set", "chunk=1").code == 0

@@ -121,7 +121,7 @@ class FitConfig(CommandConfig):
     input: InputConfig = section(InputConfig)
     output: OutputOrFolder
     """Result file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV if it ends in .csv
-    or is - (stdout), or TRC, C3D, BVH, GLB or JSON by its ending (docs/export.md). A name that ends
+    or is - (stdout), or TRC, C3D, BVH or GLB by its ending (docs/export.md). A name that ends
     in / is a folder: of one result file per part, and manifest.json."""
     height: Height = None
     """Height of the body or object in metres, for outputs in metres (TRC, C3D, BVH, GLB); by

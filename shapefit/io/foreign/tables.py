@@ -363,8 +363,6 @@ def read_any_table(paths: tuple[Path, ...]) -> Recording:
         points = points[..., :2]
         notes += ("z left out, the depth that a detector guesses beside its confidence",)
     points[np.isnan(points).any(axis=-1)] = np.nan
-    if confidence is not None:
-        confidence = np.where(np.isnan(confidence), 1.0, confidence)
     images, frames, sequences = (cells.get(role) for role in ("item", "frame", "sequence"))
     labels = images or frames
     videos = None
@@ -444,8 +442,6 @@ def _read_long(table: Table, columns: Columns) -> Taken:
         places[:, 1] = np.array(numbers, np.int64)[places[:, 1]]
     check_fits(str(table.path), 8 * len(wanted) * len(images) * len(landmarks), "what it holds")
     values = np.full((len(images), len(landmarks), len(wanted)), np.nan)
-    if "confidence" in wanted:
-        values[..., -1] = 0.0  # of landmarks that have no row
     values[places[:, 0], places[:, 1]] = found
     confidence = values[..., -1] if "confidence" in wanted else None
     points = values[..., : len(columns.axes)].copy()

@@ -151,6 +151,7 @@ def test_which_skeleton_an_array_has_must_be_said(tmp_path, rng):
     [
         (np.zeros((3, 4)), r"an array of float64 and the shape \(1, 3, 4\)"),
         (np.ones((3, 4, 3)) * 7, r"third numbers run from 7 to 7.*the first rows are 7 7 7; 7 7 7"),
+        (np.ones((3, 4, 3)) * 1.5, r"third numbers run from 1.5 to 1.5, so are they confidences"),
         (np.array([{"a": 1}], dtype=object), "without objects"),
     ],
 )
@@ -195,6 +196,22 @@ def test_lists_of_mediapipe(tmp_path, wrap):
     images, _ = read(path)
     assert images.landmarks.tolist() == [[[0, 10, 20], [7, 7, 7]]]
     assert images.landmark_names == ("a", "b", "c")
+
+
+@pytest.mark.parametrize(
+    ("said", "score"),
+    [
+        ({"presence": 0.9, "visibility": 0.2}, 0.2),
+        ({"presence": 0.9, "visibility": None}, 0.9),
+        ({"score": 0.4}, 0.4),
+        ({}, 1.0),
+    ],
+)
+def test_the_confidence_of_mediapipe(tmp_path, said, score):
+    """How visible a point is goes before whether it is in the image; without either it is 1."""
+    body = [{"x": 10 * n, "y": 7, "z": -1, **said} for n in range(3)]
+    images, _ = read(table(tmp_path / "walk.json", json.dumps([body])))
+    assert images.confidence.tolist() == [[score] * 3]
 
 
 def test_our_own_layout_stays_what_it_was(tmp_path):

@@ -1,5 +1,7 @@
 """BVH is read back by our reader: joints are where the landmarks of the result were."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -59,6 +61,13 @@ def test_a_result_is_in_metres_with_joints_that_are_known(tmp_path, scene):
     text = (tmp_path / "man.bvh").read_text(encoding="utf-8")
     for name in ("Spine", "Neck", "LeftShoulder", "RightShoulder", "LeftHipJoint"):
         assert f"JOINT {name}\n" in text
+
+
+@pytest.mark.parametrize("rate", [24.7, 59.94, 119.88])
+def test_the_time_of_a_frame_is_exact_to_ten_digits(tmp_path, shapes, rate):
+    save(tmp_path / "man.bvh", shapes.replaced(frame_rate=rate))
+    (line,) = re.findall(r"Frame Time: (\S+)", (tmp_path / "man.bvh").read_text())
+    assert 1 / float(line) == pytest.approx(rate, rel=1e-9)
 
 
 def test_bones_that_stretch_are_told(tmp_path, shapes):

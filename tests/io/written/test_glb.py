@@ -25,7 +25,11 @@ class File:
         content = path.read_bytes()
         magic, version, size = struct.unpack_from("<4sII", content)
         assert (magic, version, size) == (b"glTF", 2, len(content))
-        (length,) = struct.unpack_from("<I", content, 12)
+        length, kind = struct.unpack_from("<I4s", content, 12)
+        size, other = struct.unpack_from("<I4s", content, 20 + length)
+        assert (kind, other) == (b"JSON", b"BIN\0")
+        assert (length % 4, size % 4) == (0, 0)  # chunks begin at multiples of 4 bytes
+        assert len(content) == 28 + length + size
         self.parts = json.loads(content[20 : 20 + length])
         self.numbers = content[28 + length :]
 
@@ -136,3 +140,10 @@ def test_trimesh_shows_the_pose_at_rest(tmp_path, scene):
     extent = np.ptp(loaded.bounds, axis=0)
     assert extent[1] == pytest.approx(np.ptp(scene.y_up[0][1]), abs=0.06)
     assert all(geometry.is_watertight for geometry in loaded.geometry.values())
+
+
+@pytest.mark.parametrize("letters", range(4))
+def test_chunks_are_whole_words_however_long_the_names(tmp_path, throw, letters):
+    names = tuple(f"{name}{'x' * letters * (name == 'head')}" for name in throw.landmark_names)
+    save(tmp_path / "man.glb", throw.take(slice(0, 3)).replaced(landmark_names=names))
+    File(tmp_path / "man.glb")
