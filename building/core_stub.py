@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from shapefit.core import _core
+from shapefit import core
 
 HEAD = """\
 # ruff: noqa: E501
@@ -24,16 +24,14 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 States = NDArray[np.uint64]
 
-LEVEL: str
-LEVELS: tuple[str, ...]
 STRETCH: int
 """
 
 
 def stub() -> str:
     """Return the text of the stub."""
-    parts = (f"    @staticmethod\n    {line}" for line in functions(_core.parts))
-    return "\n".join([HEAD, "class parts:", *parts, "", *functions(_core), ""])
+    parts = (f"    @staticmethod\n    {line}" for line in functions(core.parts))
+    return "\n".join([HEAD, "class parts:", *parts, "", *functions(core._core), ""])
 
 
 def functions(module: Any) -> list[str]:

@@ -12,8 +12,6 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 States = NDArray[np.uint64]
 
-LEVEL: str
-LEVELS: tuple[str, ...]
 STRETCH: int
 
 class parts:
@@ -51,8 +49,6 @@ class parts:
     def moreau(M: Floats, N: Floats, step: float, dN: Floats, sigma: float, t: float, total: Floats) -> Any: ...
     @staticmethod
     def nearest_rotation(*values: Any) -> Any: ...
-    @staticmethod
-    def orthonormalise(*values: Any) -> Any: ...
     @staticmethod
     def polar_rotation(*values: Any) -> Any: ...
     @staticmethod

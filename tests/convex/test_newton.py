@@ -117,7 +117,7 @@ def test_overflow_is_a_numerical_failure_and_spares_the_next(
     problem = make_problem(3, loss=loss)
     landmarks = problem.landmarks.copy()
     landmarks[1] *= 1e200
-    found = solve_newton(problem.replaced(landmarks=landmarks))
+    found = solve_newton(replace(problem, landmarks=landmarks))
     assert found.status == (Status.OPTIMAL, Status.NUMERICAL_FAILURE, Status.OPTIMAL)
 
 
@@ -155,7 +155,7 @@ def test_garbage_under_the_mask_is_irrelevant(
     hidden = problem.weights[:, None, :] == 0
     assert hidden.any()
     dirty = np.where(hidden, garbage, problem.landmarks)
-    one, other = solve_newton(problem), solve_newton(problem.replaced(landmarks=dirty))
+    one, other = solve_newton(problem), solve_newton(replace(problem, landmarks=dirty))
     assert (one.transforms.dense() == other.transforms.dense()).all()
     assert (one.objective == other.objective).all()
     assert (one.translation == other.translation).all()
@@ -167,7 +167,7 @@ def test_garbage_under_the_mask_is_irrelevant(
 def test_rotation_in_the_image_plane(make_problem: Callable[..., Problem], loss: Loss) -> None:
     problem = make_problem(20, loss=loss)
     R = rotation_about(np.array([0, 0, 1.0]), np.array([0.7]))[0, :2, :2]
-    one, other = solve(problem), solve(problem.replaced(landmarks=R @ problem.landmarks))
+    one, other = solve(problem), solve(replace(problem, landmarks=R @ problem.landmarks))
     np.testing.assert_allclose(other.objective, one.objective, rtol=2 * FINE)
     assert_same_fit(problem, fitted(problem, other), R @ fitted(problem, one))
 
@@ -199,7 +199,7 @@ def test_permutations_of_landmarks_and_atoms(
 def test_translation(make_problem: Callable[..., Problem], loss: Loss) -> None:
     problem = make_problem(20, loss=loss)
     shift = np.array([[3.0], [-40.0]])
-    one, other = solve(problem), solve(problem.replaced(landmarks=problem.landmarks + shift))
+    one, other = solve(problem), solve(replace(problem, landmarks=problem.landmarks + shift))
     np.testing.assert_allclose(other.objective, one.objective, rtol=2 * FINE)
     if loss is not Loss.ABSOLUTE:
         moved = other.translation - one.translation

@@ -2,7 +2,7 @@
 
 #include "blocks.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 constexpr double RANK_ONE = 1e-14;  // s2 / s1, below which any direction orthogonal to v serves
@@ -256,4 +256,4 @@ void ActiveBlocks::subtract_fit(LaidAtoms& atoms, double* y0, double* y1, long q
     }
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

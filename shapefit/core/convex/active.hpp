@@ -9,10 +9,10 @@
 // so that a block whose singular values have become equal moves in four directions only.
 #pragma once
 
-#include "planes.hpp"
-#include "../algebra/shifted_gram.hpp"
+#include "../atoms/planes.hpp"
+#include "../base/shifted_gram.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 // What a direction with the eigenvalue d of D weighs: d itself, as in the Newton system of the
 // augmented dual, or d / (1 - d), at most MOST_WEIGHT, as in that of the optimality conditions.
@@ -76,4 +76,4 @@ struct ActiveBlocks {
     double* row_;  // (7, 6, room): the six numbers of each direction, and the right-hand side
 };
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

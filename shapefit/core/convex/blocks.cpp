@@ -1,6 +1,6 @@
 #include "blocks.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 double moreau(const double* M, const double* N, double step, const double* dN, double sigma,
               double t, double* total, long k) {
@@ -40,4 +40,4 @@ double largest_nuclear_norm(const double* N, long k) {
     return root(largest(found));
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

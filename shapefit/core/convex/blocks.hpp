@@ -6,9 +6,9 @@
 // a double or Lanes.
 #pragma once
 
-#include "../algebra/lanes.hpp"
+#include "../base/lanes.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 template <class Number>
 struct Invariants {
@@ -66,4 +66,4 @@ void sum_singular_values(const double* M, const double* N, double sigma, double*
 // max_i ||N_i||_*.
 double largest_nuclear_norm(const double* N, long k);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

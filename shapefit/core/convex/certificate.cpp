@@ -1,8 +1,9 @@
 #include "certificate.hpp"
 
+#include "../base/registry.hpp"
 #include "blocks.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 struct Sums {
@@ -139,4 +140,6 @@ void certify_images(const CertificateTask& task, Range range) {
         certifier.certify(image, task.transforms[image], task.point, task.proof);
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+const Exported<certify_images> certify_exported{"certify"};
+
+}  // namespace shapefit

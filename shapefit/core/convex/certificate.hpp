@@ -2,9 +2,9 @@
 #pragma once
 
 #include "data.hpp"
-#include "planes.hpp"
+#include "../atoms/planes.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 // Room for one image, and the atoms of the program turned.
 struct Certifier {
@@ -30,4 +30,4 @@ struct Certifier {
 
 void certify_images(const CertificateTask& task, Range range);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

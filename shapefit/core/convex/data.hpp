@@ -1,7 +1,7 @@
 // What the kernels of the convex program read and write, as Python lays it out.
 #pragma once
 
-#include "../arguments.hpp"
+#include "../base/arguments.hpp"
 
 namespace shapefit {
 
@@ -36,7 +36,7 @@ struct SparseTransforms {
     Vector<Index> atom = from("atom", "a");
     Tensor<Number> blocks = from("blocks", "a 2 3");
 
-    [[gnu::always_inline]] ImageTransforms operator[](long image) const {
+    ImageTransforms operator[](long image) const {
         const long at = first[image];
         return {atom.data + at, blocks.data + 6 * at, count[image]};
     }

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 double soft_squared(const double* E, const double* Y, double step, const double* D,
                     const double* rho, double threshold, long p) {
@@ -140,4 +140,4 @@ void SparseErrors::write_matrix(double shift, double* C) const {
     write_curved_matrix(*reduction_, curvature_, p_, shift, C);
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

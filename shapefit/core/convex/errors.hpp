@@ -8,7 +8,7 @@
 
 #include "reduced.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 // What a proximal point says of the errors.
 struct ErrorsPoint {
@@ -80,4 +80,4 @@ class SparseErrors {
     double *curvature_;        // (2, p), of the visible landmarks in turn
 };
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

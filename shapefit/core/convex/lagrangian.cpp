@@ -5,7 +5,7 @@
 #include "blocks.hpp"
 #include "primal_dual.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 // sigma starts at START / lambda, the step on which M can move by its own size where ||w|| = 1 and
@@ -213,4 +213,4 @@ long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, SparseErr
     return Lagrangian<SparseErrors>(program, iterate, errors, room).solve(taken);
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

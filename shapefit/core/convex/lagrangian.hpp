@@ -15,7 +15,7 @@
 
 #include "errors.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 // Solve from the iterate, which is overwritten, within most_steps - taken; returns Newton steps.
 long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors, Room& room,
@@ -23,4 +23,4 @@ long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors 
 long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, SparseErrors& errors,
                       Room& room, long taken);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

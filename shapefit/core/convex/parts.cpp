@@ -1,10 +1,11 @@
 #include "parts.hpp"
 
+#include "../base/registry.hpp"
 #include "active.hpp"
 #include "blocks.hpp"
 #include "errors.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 // Rows (r, k) with the width of whole vectors.
@@ -126,4 +127,14 @@ double soft_part(const SoftData& data) {
                         data.threshold, data.rho.size[0]);
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+const Exported<correlate_part> correlate_exported{"correlate", PART};
+const Exported<nuclear_part> largest_nuclear_norm_exported{"largest_nuclear_norm", PART};
+const Exported<moreau_part> moreau_exported{"moreau", PART};
+const Exported<derivative_part> derivative_exported{"derivative", PART};
+const Exported<gram_part> solve_gram_exported{"solve_gram", PART};
+const Exported<curvature_part> curvature_exported{"curvature", PART};
+const Exported<reduce_part> reduce_exported{"reduce", PART};
+const Exported<expand_part> expand_exported{"expand", PART};
+const Exported<soft_part> soft_squared_exported{"soft_squared", PART};
+
+}  // namespace shapefit

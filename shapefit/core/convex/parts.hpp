@@ -3,7 +3,7 @@
 
 #include "data.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 // N (6, k) = Y B_i^T of Y (2, q) and atoms B (k, 3, q).
 void correlate_part(Matrix<const double> Y, Tensor<const double> atoms, Matrix<double> N);
@@ -26,4 +26,4 @@ long expand_part(Matrix<const double> y, Vector<const double> omega, Matrix<doub
 // ||soft||^2 of the errors along a step, as SparseErrors::value takes it.
 double soft_part(const SoftData& data);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

@@ -4,7 +4,7 @@
 
 #include "blocks.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 // sigma lambda: the count of steps is flat from 0.3 to 4.
@@ -95,4 +95,4 @@ PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate,
     return {steps, false};
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

@@ -12,7 +12,7 @@
 
 #include "reduced.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 struct PrimalDualEnd {
     long steps;
@@ -23,4 +23,4 @@ struct PrimalDualEnd {
 // there the iterate is left as it was.
 PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate, Room& room);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

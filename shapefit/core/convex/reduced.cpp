@@ -1,6 +1,6 @@
 #include "reduced.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 Room::Room(Workspace& workspace, long padded_atoms, long q, long further_rows)
     : active(workspace, padded_atoms),
@@ -16,4 +16,4 @@ Room::Room(Workspace& workspace, long padded_atoms, long q, long further_rows)
       start_y(workspace.zeros<double>(2 * q)),
       matrix(further_rows > 0 ? workspace.zeros<double>(4 * q * q) : nullptr) {}
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

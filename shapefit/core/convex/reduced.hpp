@@ -6,10 +6,10 @@
 // the unit of the dual is free there.
 #pragma once
 
-#include "../algebra/vectors.hpp"
+#include "../base/vectors.hpp"
 #include "active.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 struct ReducedProgram {
     const Planes& planes;  // reduced B (3, q, padded)
@@ -44,4 +44,4 @@ struct Room {
     Room(Workspace& workspace, long padded_atoms, long q, long further_rows);
 };
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

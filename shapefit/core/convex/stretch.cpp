@@ -1,5 +1,6 @@
 #include "stretch.hpp"
 
+#include "../base/registry.hpp"
 #include <string.h>
 
 #include "blocks.hpp"
@@ -7,7 +8,7 @@
 #include "lagrangian.hpp"
 #include "primal_dual.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 enum Code : long { OPTIMAL, ITERATION_LIMIT, DEGENERATE, NUMERICAL_FAILURE };
@@ -318,4 +319,6 @@ void solve_convex(const ConvexTask& task, Range range) {
     }
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+const Exported<solve_convex> solve_convex_exported{"solve_convex"};
+
+}  // namespace shapefit

@@ -3,9 +3,9 @@
 
 #include "data.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 // Solve the images of the range in turn, stretch by stretch, and certify each.
 void solve_convex(const ConvexTask& task, Range range);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

@@ -1,7 +1,7 @@
 // What the refinement under perspective reads and writes, as Python lays it out.
 #pragma once
 
-#include "../arguments.hpp"
+#include "../base/arguments.hpp"
 
 namespace shapefit {
 

@@ -1,8 +1,8 @@
 #include "normal_equations.hpp"
 
-#include "../algebra/lanes.hpp"
+#include "../base/lanes.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 constexpr int TALL = 8;  // rows of a block of H: as many sums as hide the latency of one
@@ -76,4 +76,4 @@ void linearise(const Shapes& shapes, const Sight& sight, const Unknowns& at,
     sum_squares(equations, 2 * sight.count);
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

@@ -6,7 +6,7 @@
 
 #include "projection.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 constexpr int POSE = 6;      // omega, tau
 constexpr int RESIDUAL = 6;  // the column of r
@@ -24,4 +24,4 @@ NormalEquations room_for_equations(Workspace& workspace, long filled, long p);
 void linearise(const Shapes& shapes, const Sight& sight, const Unknowns& at,
                const Projection& seen, double softness, NormalEquations& equations);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

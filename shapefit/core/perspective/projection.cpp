@@ -1,10 +1,11 @@
 #include "projection.hpp"
 
-#include "../algebra/lanes.hpp"
-#include "../algebra/logarithm.hpp"
-#include "../algebra/vectors.hpp"
+#include "../base/registry.hpp"
+#include "../base/lanes.hpp"
+#include "../base/logarithm.hpp"
+#include "../base/vectors.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 // S (3, p) = sum_i c_i B_i
@@ -133,4 +134,6 @@ void project_alone(const ProjectionData& one) {
     }
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+const Exported<project_alone> project_perspective_exported{"project_perspective", PART};
+
+}  // namespace shapefit

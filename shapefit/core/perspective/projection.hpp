@@ -3,10 +3,10 @@
 //     X = R sum_i c_i B_i + t,    r_j = omega_j (centre + focal X_xy / (sign X_z) - w_j)
 #pragma once
 
-#include "../algebra/workspace.hpp"
+#include "../base/workspace.hpp"
 #include "data.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 // The atoms of all images, landmark after landmark, and atoms of zeros that fill up vectors: their
 // coefficients stay 0.
@@ -55,4 +55,4 @@ double evaluate(const Shapes& shapes, const Sight& sight, const Unknowns& at,
 // Project one image: X (3, p) and r (2, p) of the landmarks, all of them visible.
 void project_alone(const ProjectionData& one);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

@@ -1,9 +1,10 @@
 #include "refinement.hpp"
 
-#include "../lifting/data.hpp"
+#include "../base/registry.hpp"
+#include "../shared/data.hpp"
 #include "step.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 constexpr double FIRST_DAMPING = 1e-3, LEAST_DAMPING = 1e-9, MOST_DAMPING = 1e8;
@@ -115,4 +116,6 @@ void refine_perspective(const PerspectiveData& data, Range range) {
     }
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+const Exported<refine_perspective> refine_perspective_exported{"refine_perspective"};
+
+}  // namespace shapefit

@@ -1,8 +1,8 @@
 #include "step.hpp"
 
-#include "../algebra/vectors.hpp"
+#include "../base/vectors.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 // L, L^-1 of what stands beside it, and of the right-hand side -J^T r.
@@ -98,4 +98,4 @@ void take_step(const Shapes& shapes, const NormalEquations& equations, double da
     for (int a = 0; a < 3; ++a) next.t[a] = at.t[a] + pose[3 + a];
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

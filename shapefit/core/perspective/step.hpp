@@ -6,10 +6,10 @@
 // left is a small convex quadratic program in c.
 #pragma once
 
-#include "../lifting/scaled_coefficients.hpp"
+#include "../atoms/scaled_coefficients.hpp"
 #include "normal_equations.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 struct StepSpace {
     StepSpace(Workspace& workspace, long filled);
@@ -26,4 +26,4 @@ struct StepSpace {
 void take_step(const Shapes& shapes, const NormalEquations& equations, double damping,
                const Unknowns& at, Unknowns& next, StepSpace& space);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

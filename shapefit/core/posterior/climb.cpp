@@ -1,6 +1,6 @@
 #include "climb.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 constexpr double LONGEST = 0.5;    // step, in radians and log s
@@ -246,4 +246,4 @@ template void climb(const PosteriorData&, const Observed<double>&, const Pack<La
 template void finish(const PosteriorData&, const Observed<double>&, const Pack<Lanes>&,
                      ClimbSpace<Lanes>&, Climb<Lanes>&);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

@@ -3,7 +3,7 @@
 
 #include "likelihood.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 // Where the lanes of a block stand. A block is an array of Lanes, and lanes can move between blocks:
 // these, then the belief (m,) and the next one (m,).
@@ -55,4 +55,4 @@ template <class Lanes>
 void finish(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, ClimbSpace<Lanes>& space,
             Climb<Lanes>& at);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

@@ -1,8 +1,8 @@
 #include "likelihood.hpp"
 
-#include "logarithm_of_lanes.hpp"
+#include "../base/lane_functions.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 // N_j = v + V / s^2 as xx, xy, yy.
@@ -393,4 +393,4 @@ template void find_likelihood(const PosteriorData&, const Observed<float>&,
                               const LikelihoodSpace<SingleLanes>&, Likelihood<SingleLanes>&,
                               SingleLanes*);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

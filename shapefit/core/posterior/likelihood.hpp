@@ -19,12 +19,12 @@
 // and a landmark is believed by the odds of its expected Gaussian density beside g u.
 #pragma once
 
-#include "../algebra/lanes.hpp"
-#include "../algebra/workspace.hpp"
+#include "../base/lanes.hpp"
+#include "../base/workspace.hpp"
 #include "data.hpp"
-#include "triangle.hpp"
+#include "../base/lane_triangles.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 constexpr double LOG_TWO_PI = 1.8378770664093453;
 constexpr int VIEW = 4;             // numbers of theta
@@ -36,7 +36,7 @@ template <class Lanes>
 constexpr double LEAST_BELIEF = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-6;
 
 // Where row i of a lower triangle begins.
-[[gnu::always_inline]] inline long corner(long i) { return i * (i + 1) / 2; }
+inline long corner(long i) { return i * (i + 1) / 2; }
 
 // The m seen landmarks of an image.
 template <class Number>
@@ -102,4 +102,4 @@ void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& s
                      const LaneView<Lanes>& view, const Lanes* belief, bool by_others, bool derived,
                      const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

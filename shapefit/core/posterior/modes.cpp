@@ -1,10 +1,10 @@
 #include "modes.hpp"
 
-#include "../algebra/products.hpp"
-#include "../algebra/triangles.hpp"
-#include "../algebra/vectors.hpp"
+#include "../base/products.hpp"
+#include "../base/triangles.hpp"
+#include "../base/vectors.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 // (R x I) x for x (3, p).
@@ -216,4 +216,4 @@ void describe(const PosteriorData& data, const Observed<double>& seen, const Mod
     add_squares(1, space.J, VIEW, whole, space);
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

@@ -3,7 +3,7 @@
 
 #include "likelihood.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 struct Mode {
     long component;
@@ -36,4 +36,4 @@ struct ModeSpace {
 void describe(const PosteriorData& data, const Observed<double>& seen, const Mode& mode, ModeSpace& space,
               bool whole, double* mean);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

@@ -1,10 +1,11 @@
 #include "posterior.hpp"
 
-#include "../algebra/symmetric_eigen.hpp"
+#include "../base/registry.hpp"
+#include "../base/symmetric_eigen.hpp"
 #include "modes.hpp"
 #include "side_by_side.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 constexpr double SAME_VIEW = 1e-2;    // rotations as close are one mode (Frobenius norm)
@@ -202,4 +203,6 @@ void find_posterior(const PosteriorData& data, Range range) {
     }
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+const Exported<find_posterior> find_posterior_exported{"find_posterior"};
+
+}  // namespace shapefit

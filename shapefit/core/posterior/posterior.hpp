@@ -3,10 +3,10 @@
 
 #include "data.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 // Climb from every start under every component; weigh the maxima by their evidence, the view
 // integrated out by Laplace's approximation; mean and covariance of the mixture of those that count.
 void find_posterior(const PosteriorData& data, Range range);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

@@ -1,6 +1,6 @@
 #include "side_by_side.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 namespace {
 
 constexpr long ROUNDS = 2;  // after which ranks are closed
@@ -242,4 +242,4 @@ long climb_all(const PosteriorData& data, long image, double margin, Search& sea
     return steps;
 }
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

@@ -3,7 +3,7 @@
 
 #include "climb.hpp"
 
-namespace shapefit::SHAPEFIT_LEVEL {
+namespace shapefit {
 
 // The components as the lanes take them: mu (K, p, 3), and C_jk (3, 3) for k <= j.
 struct Components {
@@ -59,4 +59,4 @@ struct Search {
 // out of rounds. Returns the steps taken.
 long climb_all(const PosteriorData& data, long image, double margin, Search& search);
 
-}  // namespace shapefit::SHAPEFIT_LEVEL
+}  // namespace shapefit

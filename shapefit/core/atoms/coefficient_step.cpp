@@ -1,0 +1,90 @@
+#include "coefficient_step.hpp"
+
+namespace shapefit {
+namespace {
+
+constexpr double SLACK = 1e-9;  // by which an unused correlation may exceed lambda, as a share of it
+constexpr double DEPENDENT = 1e-11;  // share of an atom's square outside the span of the others
+
+}  // namespace
+
+CoefficientStep::CoefficientStep(Workspace& workspace, ReducedAtoms& atoms, long p)
+    : set(workspace, atoms.k),
+      atoms_(atoms),
+      projected_(workspace.zeros<double>(atoms.k * 2 * padded(p))),
+      along_(workspace.zeros<double>(atoms.k)),
+      residual_(workspace.zeros<double>(2 * padded(p))),
+      back_(workspace.zeros<double>(3 * p)),
+      correlation_(workspace.zeros<double>(atoms.padded_atoms)),
+      magnitudes_(workspace.zeros<double>(atoms.padded_atoms)) {}
+
+void CoefficientStep::aim(const double* w, double lam, bool is_signed) {
+    w_ = w;
+    lam_ = lam;
+    is_signed_ = is_signed;
+}
+
+double CoefficientStep::minimise_at(const double* R) {
+    R_ = R;
+    for (long e = 0; e < set.count; ++e) project(set.index[e]);
+    minimise(*this, set, DEPENDENT, 10 * atoms_.k + 100);
+    double objective = 0.5 * dot_padded(residual_, residual_, 2 * atoms_.row);
+    for (long e = 0; e < set.count; ++e) objective += lam_ * magnitude(set.x[e]);
+    return objective;
+}
+
+void CoefficientStep::overlaps(long i, const long* used, long m, double* out) const {
+    const double* V = projected(i);
+    for (long e = 0; e < m; ++e) out[e] = dot_padded(V, projected(used[e]), 2 * atoms_.row);
+}
+
+bool CoefficientStep::choose(const ActiveSet&, long& next, double& sign) {
+    find_residual();
+    correlate();
+    for (long e = 0; e < set.count; ++e) correlation_[set.index[e]] = 0;
+    const long k = atoms_.padded_atoms;
+    const double* score = correlation_;
+    if (is_signed_) {
+        for (long i = 0; i < k; ++i) magnitudes_[i] = magnitude(correlation_[i]);
+        score = magnitudes_;
+    }
+    const double best = largest_of(score, k);
+    if (!(best > lam_ * (1 + SLACK))) return false;
+    next = place_of(best, score, k);
+    sign = correlation_[next] > 0 ? 1 : -1;
+    project(next);
+    return true;
+}
+
+// V_i = Rbar B_i, row after row, and <V_i, w>.
+void CoefficientStep::project(long i) {
+    const long row = padded(atoms_.q);
+    const double* B = atoms_.atom(i);
+    double* __restrict V = projected(i);
+    const double *r = R_, *s = R_ + 3;
+    for (long j = 0; j < row; ++j) {
+        const double x = B[j], y = B[row + j], z = B[2 * row + j];
+        V[j] = r[0] * x + r[1] * y + r[2] * z;
+        V[row + j] = s[0] * x + s[1] * y + s[2] * z;
+    }
+    along_[i] = dot_padded(V, w_, 2 * row);
+}
+
+void CoefficientStep::find_residual() {
+    const long size = 2 * padded(atoms_.q);
+    for (long j = 0; j < size; ++j) residual_[j] = w_[j];
+    subtract_mixture(residual_, set.x, set.index, set.count, projected_, size, size);
+}
+
+// <Rbar B_i, residual> = <B_i, Rbar^T residual> for all atoms.
+void CoefficientStep::correlate() {
+    const long q = atoms_.q, k = atoms_.padded_atoms;
+    const double *u = residual_, *v = residual_ + atoms_.row;
+    for (int b = 0; b < 3; ++b) {
+        const double x = R_[b], y = R_[3 + b];
+        for (long j = 0; j < q; ++j) back_[b * q + j] = x * u[j] + y * v[j];
+    }
+    mix_rows(back_, 3 * q, atoms_.planes, k, k, correlation_);
+}
+
+}  // namespace shapefit

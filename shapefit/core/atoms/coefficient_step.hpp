@@ -1,0 +1,54 @@
+// The coefficient step: the lasso over the projected atoms Rbar B_i, solved exactly.
+#pragma once
+
+#include "../base/active_set.hpp"
+#include "reduced_atoms.hpp"
+
+namespace shapefit {
+
+// argmin_c 1/2 ||w - sum_i c_i Rbar B_i||_F^2 + lam ||c||_1, over c >= 0 unless signed.
+//
+// At the end used atoms have correlation sign(c_i) lam with the residual, others at most
+// lam (1 + SLACK). Also the `Terms` of the active-set method: V_i = Rbar B_i, h_i = <V_i, w>.
+class CoefficientStep {
+  public:
+    static constexpr bool scaled = false;
+
+    CoefficientStep(Workspace& workspace, ReducedAtoms& atoms, long p);
+
+    // The coefficients; the step starts from them.
+    ActiveSet set;
+
+    // The images (2, row) and conditions of the steps to come.
+    void aim(const double* w, double lam, bool is_signed);
+
+    // Take the step at R (3, 3); returns the minimum.
+    double minimise_at(const double* R);
+
+    // w - Rbar sum_i c_i B_i (2, row) at the end of the step.
+    const double* residual() const { return residual_; }
+
+    double square(long i) const { return dot_padded(projected(i), projected(i), 2 * atoms_.row); }
+    void overlaps(long i, const long* used, long m, double* out) const;
+    double pull(long i, double sign) const { return along_[i] - lam_ * sign; }
+    bool choose(const ActiveSet& used, long& next, double& sign);
+
+  private:
+    double* projected(long i) const { return projected_ + i * 2 * atoms_.row; }
+    void project(long i);
+    void find_residual();
+    void correlate();
+
+    ReducedAtoms& atoms_;
+    const double* w_ = nullptr;
+    const double* R_ = nullptr;
+    double lam_ = 0;
+    bool is_signed_ = false;
+    double* projected_;    // V (k, 2 row), of those that are or were used at R
+    double* along_;        // h (k,), of the same
+    double* residual_;     // (2 row,)
+    double* back_;         // Rbar^T residual (3 q,)
+    double *correlation_, *magnitudes_;  // (padded_atoms,)
+};
+
+}  // namespace shapefit

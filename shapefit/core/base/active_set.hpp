@@ -1,0 +1,193 @@
+// One active-set method for every small quadratic program with signs:
+//
+//   min_x 1/2 x^T Q x - h^T x + lambda ||x||_1   over x >= 0, or over all x,
+//
+// and where `Terms::scaled` over x >= 0 with a^T x = 1. Q = V V^T is a Gram matrix that need not be
+// regular, so that only used vectors, whose coefficient is not 0, are ever asked for.
+//
+// In the manner of Lawson and Hanson 1974, with signs as in Lee et al. 2007: minimise over the used
+// coefficients with their signs held, dropping each that reaches 0 on the way, then use the one
+// that `Terms` chooses too. A used vector that depends on those before it is exchanged: along
+// sum_e d_e V_e = 0 the quadratic stays, and one coefficient reaches 0. So the used vectors are
+// independent in the end, and no step raises the objective.
+//
+// `Terms` says what the program is, with sign = 1 or -1:
+//
+//   static constexpr bool scaled;                     whether a^T x = 1
+//   double square(long i)                             Q_ii
+//   void overlaps(long i, const long* used, long m, double* out)      Q_i,used_e for e < m
+//   double pull(long i, double sign)                  h_i - lambda sign
+//   double size(long i)                               a_i, where `scaled`
+//   bool choose(const ActiveSet& set, long& next, double& sign)
+//                                                     the best one that is not used; false for none
+#pragma once
+
+#include "cholesky.hpp"
+
+namespace shapefit {
+
+// The used coefficients x = x_e at places index_e, and room to work in.
+struct ActiveSet {
+    // For at most `room` coefficients that are not 0 at a time, those of the start included.
+    ActiveSet(Workspace& workspace, long room)
+        : room(room),
+          index(workspace.zeros<long>(room + 1)),
+          x(workspace.zeros<double>(room + 1)),
+          sign(workspace.zeros<double>(room + 1)),
+          goal(workspace.zeros<double>(padded(room + 1))),
+          column(workspace.zeros<double>(padded(room + 1))),
+          factor(workspace, room + 1) {}
+
+    void clear() {
+        count = 0;
+        factor.clear();
+    }
+
+    void use(long i, double value, double its_sign) {
+        index[count] = i;
+        x[count] = value;
+        sign[count++] = its_sign;
+    }
+
+    void drop(long at) {
+        if (at < factor.size()) factor.remove(at);
+        --count;
+        for (long e = at; e < count; ++e) {
+            index[e] = index[e + 1];
+            x[e] = x[e + 1];
+            sign[e] = sign[e + 1];
+        }
+    }
+
+    long count = 0, room;
+    long* index;
+    double *x, *sign, *goal, *column;
+    Cholesky factor;        // of the first of them; the others wait
+    double multiplier = 0;  // mu of a^T x = 1: h - Q x = mu a at the used ones
+};
+
+// How a minimisation ended: no coefficient is left to choose; the one chosen leaves at once, for it
+// promises a gain by rounding only; the number of rounds ran out.
+enum class Ending { OPTIMAL, ROUNDING, LIMIT };
+
+// A used coefficient that reached 0 (none: -1), and the way that was gone until then.
+struct Blocked {
+    long at = -1;
+    double length = 0;
+};
+
+// Take a step of up to `longest` along `direction` (count,), to the first coefficient that reaches 0.
+inline Blocked go_along(ActiveSet& set, const double* direction, long count, double longest) {
+    Blocked blocked{-1, longest};
+    for (long e = 0; e < count; ++e) {
+        if ((set.x[e] + blocked.length * direction[e]) * set.sign[e] < 0)
+            blocked = {e, -set.x[e] / direction[e]};
+    }
+    for (long e = 0; e < count; ++e) {
+        set.x[e] += blocked.length * direction[e];
+        if (set.x[e] * set.sign[e] < 0) set.x[e] = 0;  // by rounding
+    }
+    return blocked;
+}
+
+// Go towards the minimum over the used coefficients. All of them are in the factor.
+template <class Terms>
+Blocked improve(const Terms& terms, ActiveSet& set) {
+    const long m = set.count;
+    set.factor.solve(set.goal);
+    if constexpr (Terms::scaled) {
+        double excess = -1, unit = 0;
+        for (long e = 0; e < m; ++e) set.column[e] = terms.size(set.index[e]);
+        set.factor.solve_for(set.column);
+        for (long e = 0; e < m; ++e) {
+            excess += terms.size(set.index[e]) * set.goal[e];
+            unit += terms.size(set.index[e]) * set.column[e];
+        }
+        set.multiplier = excess / unit;
+        for (long e = 0; e < m; ++e) set.goal[e] -= set.multiplier * set.column[e];
+    }
+    double* direction = set.column;
+    for (long e = 0; e < m; ++e) direction[e] = set.goal[e] - set.x[e];
+    const Blocked blocked = go_along(set, direction, m, 1);
+    if (blocked.at < 0)
+        for (long e = 0; e < m; ++e) set.x[e] = set.goal[e];
+    return blocked;
+}
+
+// The vector after those of the factor depends on them: go along sum_e d_e V_e = 0 downhill.
+// `set.column` is what the factor left: d = (-W u, 1).
+template <class Terms>
+Blocked exchange(const Terms& terms, ActiveSet& set) {
+    const long last = set.factor.size();
+    double* d = set.column;
+    double fall = 0;
+    for (long e = 0; e <= last; ++e) fall += d[e] * terms.pull(set.index[e], set.sign[e]);
+    double way = fall < 0 ? -1 : 1;
+    bool ends = false;  // where a coefficient reaches 0; rounding alone can hide the end
+    for (long e = 0; e <= last; ++e) ends |= way * d[e] * set.sign[e] < 0;
+    if (!ends) way = -way;
+    for (long e = 0; e <= last; ++e) d[e] *= way;
+    return go_along(set, d, last + 1, INFINITE);
+}
+
+constexpr long MANY = 8;  // vectors from which on they join together
+
+// Bring all used vectors into the factor; false at the first that depends on those before it.
+template <class Terms>
+bool factorise(const Terms& terms, ActiveSet& set, double dependent) {
+    if (set.factor.size() == 0 && set.count >= MANY) {
+        for (long e = 0; e < set.count; ++e) {
+            double* row = set.factor.row(e);
+            terms.overlaps(set.index[e], set.index + e, set.count - e, row + e);
+            row[set.count] = terms.pull(set.index[e], set.sign[e]);
+        }
+        return set.factor.decompose(set.count, dependent, Terms::scaled, set.column);
+    }
+    while (set.factor.size() < set.count) {
+        const long m = set.factor.size(), i = set.index[m];
+        double* tail = set.column + padded(m + 1) - PADDING;
+        for (long e = 0; e < PADDING; ++e) tail[e] = 0;
+        terms.overlaps(i, set.index, m, set.column);
+        // Where the scale is fixed there is no way along which nothing changes: the pivot is lifted.
+        if (!set.factor.append(set.column, terms.square(i), terms.pull(i, set.sign[m]), dependent,
+                               Terms::scaled))
+            return false;
+    }
+    return true;
+}
+
+// Minimise over the used coefficients, with fewer of them in the end where they change sign.
+// `newest` says that the last one has just been chosen; returns whether that one left at once.
+template <class Terms>
+bool settle(const Terms& terms, ActiveSet& set, double dependent, bool newest) {
+    while (set.count > 0) {
+        const bool regular = factorise(terms, set, dependent);
+        const Blocked blocked = regular ? improve(terms, set) : exchange(terms, set);
+        if (blocked.at < 0) return false;
+        const bool rejected = newest && blocked.at == set.count - 1 && blocked.length == 0;
+        newest = newest && blocked.at < set.count - 1;
+        set.drop(blocked.at);
+        if (rejected) return true;
+    }
+    return false;
+}
+
+// Minimise from the coefficients in the set on, each in use with its sign. `dependent` is the share
+// of a vector's square outside the span of the others at which it depends on them.
+template <class Terms>
+Ending minimise(Terms& terms, ActiveSet& set, double dependent, long most_rounds) {
+    set.factor.clear();
+    bool newest = false;
+    for (long round = 0; round < most_rounds; ++round) {
+        const bool rejected = settle(terms, set, dependent, newest);
+        long next = -1;
+        double sign = 1;
+        if (!terms.choose(set, next, sign)) return Ending::OPTIMAL;
+        if (rejected || set.count == set.room) return Ending::ROUNDING;
+        set.use(next, 0, sign);
+        newest = true;
+    }
+    return Ending::LIMIT;
+}
+
+}  // namespace shapefit

@@ -1,0 +1,49 @@
+// The Newton system: (C + F^T F) x = r + F^T f, with F of few or of many rows.
+#pragma once
+
+#include "lanes.hpp"
+#include "workspace.hpp"
+
+namespace shapefit {
+
+// One factorisation L D L^T of C + F^T F, with r + F^T f as one more column.
+struct GramSystem {
+    const double* F;  // (rows, stride), f in column `columns`
+    long rows, stride, columns;
+    double* factor;   // C and r at first, then D L^T: (columns, factor_stride)
+    double* scaled;   // L^T
+    double* inverse;  // 1 / D
+    double* least;    // what pivots are lifted to; null where C >= I
+    long factor_stride;
+};
+
+// Room for a matrix F (rows, n) with a column for f, and for its factorisation.
+//
+// The matrix is taken apart four rows at a time, looking left: F^T F is summed into the registers
+// that hold the four rows, so that the Gram matrix is never stored.
+class ShiftedGram {
+  public:
+    ShiftedGram(Workspace& workspace, long most_rows, long most_unknowns);
+
+    void set_unknowns(long n);  // 1 .. most_unknowns; what the rows held is lost
+    long unknowns() const { return n_; }
+    long right_side() const { return tiled_; }  // the column of F that holds f
+    double* row(long f) { return F_ + f * stride_; }  // zero between the unknowns and f
+    long stride() const { return stride_; }
+
+    // C = shift I, shift > 0; x may be r. `by_rows` allows the inverse to be taken in the space of
+    // the rows where these are fewer (Woodbury), which loses digits where the shift is tiny.
+    void solve(long rows, double shift, bool by_rows, const double* r, double* x);
+
+    // C (n, n), row-major, positive definite together with F^T F.
+    void solve(long rows, const double* C, const double* r, double* x);
+
+  private:
+    GramSystem system(const double* F, long rows, long columns, bool lift) const;
+    void solve_by_rows(long rows, double shift, const double* r, double* x);
+
+    long n_, tiled_, stride_;
+    double *F_, *turned_, *factor_, *scaled_, *inverse_, *least_, *small_;
+};
+
+}  // namespace shapefit

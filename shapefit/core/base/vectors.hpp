@@ -1,0 +1,101 @@
+// Sums over rows of numbers, in vector instructions. Padded rows end in zeros up to a multiple of
+// PADDING.
+#pragma once
+
+#include "lanes.hpp"
+
+namespace shapefit {
+
+[[gnu::always_inline]] inline double dot(const double* a, const double* b, long n) {
+    double total = 0;
+    for (long i = 0; i < n; ++i) total += a[i] * b[i];
+    return total;
+}
+
+// y += factor x; x and y are disjoint.
+[[gnu::always_inline]] inline void add_to(double* __restrict y, double factor,
+                                          const double* __restrict x, long n) {
+    for (long i = 0; i < n; ++i) y[i] += factor * x[i];
+}
+
+// <a, b> of padded rows.
+[[gnu::always_inline]] inline double dot_padded(const double* a, const double* b, long n) {
+    Lanes even = {}, odd = {};
+    long i = 0;
+    for (; i + 2 * WIDTH <= n; i += 2 * WIDTH) {
+        even += load(a + i) * load(b + i);
+        odd += load(a + i + WIDTH) * load(b + i + WIDTH);
+    }
+    for (; i < n; i += WIDTH) even += load(a + i) * load(b + i);
+    return sum(even + odd);
+}
+
+// `count` vectors from `column` of sum_r x_r row_r; see mix_rows.
+template <int count>
+[[gnu::always_inline]] inline void mix_columns(const double* x, long m, const double* rows,
+                                               long stride, long column, double* out) {
+    Lanes sums[count] = {};
+    for (long r = 0; r < m; ++r)
+        for (int v = 0; v < count; ++v)
+            sums[v] += x[r] * load(rows + r * stride + column + v * WIDTH);
+    for (int v = 0; v < count; ++v) store(out + column + v * WIDTH, sums[v]);
+}
+
+// The last `left` vectors, at most `most`, all at once: each sum alone would wait for itself.
+template <int most>
+[[gnu::always_inline]] inline void mix_last_columns(long left, const double* x, long m,
+                                                    const double* rows, long stride, long column,
+                                                    double* out) {
+    if (left == most)
+        mix_columns<most>(x, m, rows, stride, column, out);
+    else if constexpr (most > 1)
+        mix_last_columns<most - 1>(left, x, m, rows, stride, column, out);
+}
+
+// out = sum_r x_r row_r for m padded rows of n numbers.
+inline void mix_rows(const double* x, long m, const double* rows, long stride, long n,
+                     double* out) {
+    constexpr int MOST = 8;  // as many sums as hide the latency
+    long column = 0;
+    for (; column + MOST * WIDTH <= n; column += MOST * WIDTH)
+        mix_columns<MOST>(x, m, rows, stride, column, out);
+    mix_last_columns<MOST - 1>((n - column) / WIDTH, x, m, rows, stride, column, out);
+}
+
+// y -= sum_e x_e row_(index_e) for m rows of n numbers.
+inline void subtract_mixture(double* __restrict y, const double* __restrict x,
+                             const long* __restrict index, long m, const double* __restrict rows,
+                             long stride, long n) {
+    long e = 0;
+    for (; e + 4 <= m; e += 4) {
+        const double *r0 = rows + index[e] * stride, *r1 = rows + index[e + 1] * stride;
+        const double *r2 = rows + index[e + 2] * stride, *r3 = rows + index[e + 3] * stride;
+        const double x0 = x[e], x1 = x[e + 1], x2 = x[e + 2], x3 = x[e + 3];
+        for (long i = 0; i < n; ++i) y[i] -= x0 * r0[i] + x1 * r1[i] + x2 * r2[i] + x3 * r3[i];
+    }
+    for (; e < m; ++e) {
+        const double* row = rows + index[e] * stride;
+        for (long i = 0; i < n; ++i) y[i] -= x[e] * row[i];
+    }
+}
+
+// The largest of n numbers, -infinity where there are none; nan never is.
+inline double largest_of(const double* x, long n) {
+    double best[PADDING];
+    for (long lane = 0; lane < PADDING; ++lane) best[lane] = -INFINITE;
+    long i = 0;
+    for (; i + PADDING <= n; i += PADDING)
+        for (long lane = 0; lane < PADDING; ++lane) best[lane] = larger(x[i + lane], best[lane]);
+    for (; i < n; ++i) best[0] = larger(x[i], best[0]);
+    for (long lane = 1; lane < PADDING; ++lane) best[0] = larger(best[lane], best[0]);
+    return best[0];
+}
+
+// The first place of `value` among n numbers; n where it is not there.
+inline long place_of(double value, const double* x, long n) {
+    long i = 0;
+    while (i < n && x[i] != value) ++i;
+    return i;
+}
+
+}  // namespace shapefit

@@ -1,0 +1,206 @@
+#include "call.hpp"
+
+#include "threads.hpp"
+
+namespace shapefit {
+namespace {
+
+struct Type {
+    const char *in_python, *in_numpy;
+};
+constexpr Type TYPES[] = {
+    {"Floats", "float64"}, {"Flags", "bool"}, {"Indices", "int64"}, {"States", "uint64"}};
+
+const Type& type_of(Element element) { return TYPES[static_cast<int>(element)]; }
+
+constexpr int NO_ARRAY = -1;
+
+// The array behind an object, or behind a copy of it; returns its rank.
+template <class T>
+int read(nb::handle given, AnyArray& array, std::vector<nb::ndarray<>>& kept) {
+    const auto look = [&](auto found) {
+        const int rank = static_cast<int>(found.ndim());
+        if (rank != array.rank) return rank;
+        array.data = const_cast<std::remove_const_t<T>*>(found.data());
+        for (int d = 0; d < array.rank; ++d) array.size[d] = static_cast<long>(found.shape(d));
+        kept.emplace_back(found);
+        return rank;
+    };
+    if (array.written) {
+        nb::ndarray<T, nb::c_contig, nb::device::cpu> found;
+        return nb::try_cast(given, found, false) ? look(found) : NO_ARRAY;
+    }
+    nb::ndarray<const T, nb::c_contig, nb::device::cpu> found;
+    return nb::try_cast(given, found) ? look(found) : NO_ARRAY;
+}
+
+std::string text_of(const nb::object& value) { return nb::str(nb::handle(value)).c_str(); }
+
+// The parts of a text between spaces.
+template <class Visit>
+void each_token(std::string_view text, const Visit& visit) {
+    while (!text.empty()) {
+        const size_t end = std::min(text.find(' '), text.size());
+        visit(text.substr(0, end));
+        text.remove_prefix(std::min(end + 1, text.size()));
+    }
+}
+
+}  // namespace
+
+Call::Call(const char* function, nb::args values, nb::kwargs keywords)
+    : function_(function), values_(std::move(values)), keywords_(std::move(keywords)) {}
+
+nb::handle Call::find(const Argument& argument) {
+    if (taken_ < values_.size()) return values_[taken_++];
+    if (!keywords_.contains(argument.name))
+        throw nb::type_error((std::string(function_) + ": no " + argument.name).c_str());
+    ++taken_;
+    return nb::handle(PyDict_GetItemString(keywords_.ptr(), argument.name));
+}
+
+void Call::take(const Argument& argument, AnyArray& array) {
+    const nb::handle given = find(argument);
+    int rank = NO_ARRAY;
+    switch (array.element) {
+        case Element::NUMBER: rank = read<double>(given, array, kept_); break;
+        case Element::FLAG: rank = read<bool>(given, array, kept_); break;
+        case Element::INDEX: rank = read<int64_t>(given, array, kept_); break;
+        case Element::STATE: rank = read<uint64_t>(given, array, kept_); break;
+    }
+    const bool is_array = rank != NO_ARRAY;
+    if (!is_array || rank != array.rank || !has_shape(argument, array)) {
+        const std::string kind = array.written ? "a writable, C-contiguous array of "
+                                               : "an array of ";
+        refuse(argument, kind + type_of(array.element).in_numpy + " (" + argument.shape + ")", given,
+               is_array);
+    }
+}
+
+double Call::take_number(const Argument& argument) {
+    const nb::handle given = find(argument);
+    double value = 0;
+    if (!nb::try_cast(given, value)) refuse(argument, "a number", given);
+    return value;
+}
+
+long Call::take_count(const Argument& argument) {
+    const nb::handle given = find(argument);
+    long value = 0;
+    if (!nb::try_cast(given, value)) refuse(argument, "an integer", given);
+    return value;
+}
+
+bool Call::take_flag(const Argument& argument) {
+    const nb::handle given = find(argument);
+    bool value = false;
+    if (!nb::try_cast(given, value)) refuse(argument, "True or False", given);
+    return value;
+}
+
+bool Call::begin() {
+    end();
+    released_.emplace();
+    return true;
+}
+
+void Call::run(void (*kernel)(const void* data, Range), const void* data) {
+    const int threads = static_cast<int>(take_count({*this, "threads", ""}));
+    end();
+    const nb::gil_scoped_release released;
+    run_stretches(size("n"), threads, [&](Range range) { kernel(data, range); });
+}
+
+nb::object Call::result() {
+    released_.reset();
+    nb::list all;
+    for (const Given& given : given_) {
+        if (given.kind == NUMBER) all.append(given.value);
+        if (given.kind == COUNT) all.append(static_cast<long>(given.value));
+        if (given.kind == FLAG) all.append(given.value != 0);
+    }
+    if (given_.empty()) return nb::none();
+    if (given_.size() == 1) return all[0];
+    return nb::tuple(all);
+}
+
+void Call::end() const {
+    const size_t given = values_.size() + keywords_.size();
+    if (taken_ == given) return;
+    const std::string text = std::to_string(given) + " arguments, " + std::to_string(taken_);
+    throw nb::type_error((std::string(function_) + ": " + text + " are known").c_str());
+}
+
+long Call::size(std::string_view name) const {
+    for (const Size& size : sizes_)
+        if (size.name == name) return size.value;
+    return 0;
+}
+
+bool Call::has_shape(const Argument& argument, const AnyArray& array) {
+    std::string_view shape = argument.shape;
+    if (shape.empty()) return true;
+    if (shape.back() == '?') {
+        for (int d = 0; d < array.rank; ++d)
+            if (array.size[d] == 0) return true;
+        shape.remove_suffix(1);
+    }
+    int d = 0;
+    bool fit = true;
+    each_token(shape, [&](std::string_view token) {
+        fit = fit && d < array.rank && fits(token, array.size[d]);
+        ++d;
+    });
+    return fit && d == array.rank;
+}
+
+// "3", "p", "3p" or "1+k": a name stands for the size that it met first.
+bool Call::fits(std::string_view token, long value) {
+    long number = 0;
+    bool leads = false;
+    for (; !token.empty() && token[0] >= '0' && token[0] <= '9'; token.remove_prefix(1)) {
+        number = 10 * number + (token[0] - '0');
+        leads = true;
+    }
+    if (token.empty()) return value == number;
+    if (token[0] == '+') {
+        token.remove_prefix(1);
+        value -= number;
+    } else if (leads) {
+        if (value % number != 0) return false;
+        value /= number;
+    }
+    for (const Size& size : sizes_)
+        if (size.name == token) return size.value == value;
+    sizes_.push_back({token, value});
+    return true;
+}
+
+void Call::refuse(const Argument& argument, const std::string& wanted, nb::handle given,
+                  bool is_array) {
+    std::string found = text_of(given.type().attr("__name__"));
+    if (nb::hasattr(given, "dtype") && nb::hasattr(given, "shape"))
+        found = text_of(given.attr("dtype")) + " " + text_of(given.attr("shape"));
+    std::string text = std::string(function_) + ": " + argument.name;
+    if (!*argument.name) text += "argument " + std::to_string(taken_);
+    text += " must be " + wanted;
+    for (const Size& size : sizes_)
+        text += std::string(&size == sizes_.data() ? " with " : ", ") + std::string(size.name) +
+                " = " + std::to_string(size.value);
+    text += ", not " + found;
+    if (is_array) throw nb::value_error(text.c_str());
+    throw nb::type_error(text.c_str());
+}
+
+void Signature::take(const Argument& argument, AnyArray& array) {
+    add(argument, type_of(array.element).in_python);
+}
+
+void Signature::add(const Argument& argument, const char* type) {
+    if (!*argument.name)
+        text = "*values: Any";
+    else
+        text += std::string(text.empty() ? "" : ", ") + argument.name + ": " + type;
+}
+
+}  // namespace shapefit

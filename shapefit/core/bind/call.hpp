@@ -1,0 +1,89 @@
+// The arguments of a call from Python, and what they are called.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "../base/registry.hpp"
+
+namespace shapefit {
+
+namespace nb = nanobind;
+
+// Arrays are C-contiguous and have their element type; those that are only read may be copies.
+// Raises TypeError for an argument that is missing, unknown or of another type, ValueError for an
+// array of another shape.
+class Call : public Arguments {
+  public:
+    Call(const char* function, nb::args values, nb::kwargs keywords);
+
+    void take(const Argument& argument, AnyArray& array) override;
+    double take_number(const Argument& argument) override;
+    long take_count(const Argument& argument) override;
+    bool take_flag(const Argument& argument) override;
+
+    bool begin() override;
+    void run(void (*kernel)(const void* data, Range), const void* data) override;
+    void give_number(double value) override { given_.push_back({NUMBER, value}); }
+    void give_count(long value) override { given_.push_back({COUNT, static_cast<double>(value)}); }
+    void give_flag(bool value) override { given_.push_back({FLAG, value ? 1.0 : 0.0}); }
+
+    // What was given, as Python has it: nothing, a number, or a tuple of numbers.
+    nb::object result();
+
+  private:
+    struct Size {
+        std::string_view name;
+        long value;
+    };
+
+    enum Kind { NUMBER, COUNT, FLAG };
+    struct Given {
+        Kind kind;
+        double value;  // counts are far below 2^53
+    };
+
+    void end() const;  // after the last argument
+    long size(std::string_view name) const;  // of a name in the shapes, 0 where it does not occur
+    nb::handle find(const Argument& argument);
+    bool fits(std::string_view token, long value);
+    bool has_shape(const Argument& argument, const AnyArray& array);
+    [[noreturn]] void refuse(const Argument& argument, const std::string& wanted, nb::handle given,
+                             bool is_array = false);
+
+    const char* function_;
+    nb::args values_;
+    nb::kwargs keywords_;
+    size_t taken_ = 0;
+    std::vector<Size> sizes_;
+    std::vector<nb::ndarray<>> kept_;
+    std::vector<Given> given_;
+    std::optional<nb::gil_scoped_release> released_;  // while the function runs
+};
+
+// The list of arguments as Python writes it.
+class Signature : public Arguments {
+  public:
+    void take(const Argument& argument, AnyArray& array) override;
+    double take_number(const Argument& argument) override { return add(argument, "float"), 0; }
+    long take_count(const Argument& argument) override { return add(argument, "int"), 0; }
+    bool take_flag(const Argument& argument) override { return add(argument, "bool"), false; }
+
+    bool begin() override { return false; }
+    void run(void (*)(const void* data, Range), const void*) override { add({*this, "threads", ""}, "int"); }
+    void give_number(double) override {}
+    void give_count(long) override {}
+    void give_flag(bool) override {}
+
+    std::string text;
+
+  private:
+    void add(const Argument& argument, const char* type);
+};
+
+}  // namespace shapefit

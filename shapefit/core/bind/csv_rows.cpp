@@ -1,0 +1,72 @@
+#include "csv_rows.hpp"
+
+#include "../base/registry.hpp"
+
+#include <charconv>
+#include <cmath>
+#include <cstring>
+
+namespace shapefit {
+
+namespace {
+
+// Numbers from here to there are written without an exponent.
+constexpr double LEAST_OF_PYTHON = 1e-4, LEAST_OF_JSON = 1e-5, MOST = 1e16;
+
+constexpr int ROOM = 25;  // for "-0.000012345678901234567"
+
+char* put_plain(char* out, double number) {
+    out = std::to_chars(out, out + ROOM, number, std::chars_format::fixed).ptr;
+    if (number == std::trunc(number)) {
+        *out++ = '.';
+        *out++ = '0';
+    }
+    return out;
+}
+
+char* put_with_exponent(char* out, double number, bool as_python) {
+    out = std::to_chars(out, out + ROOM, number, std::chars_format::scientific).ptr;
+    if (!as_python && out[-2] == '0' && out[-3] < '0') {  // a sign, then the 0 of e-07
+        out[-2] = out[-1];
+        --out;
+    }
+    return out;
+}
+
+char* put_number(char* out, double number, bool as_python) {
+    if (std::isnan(number) || (std::isinf(number) && !as_python)) return out;
+    const double size = std::abs(number), least = as_python ? LEAST_OF_PYTHON : LEAST_OF_JSON;
+    if (size == 0 || (size >= least && size < MOST)) return put_plain(out, number);
+    return put_with_exponent(out, number, as_python);
+}
+
+}  // namespace
+
+long write_csv_rows(const CsvRowsData& data) {
+    const char* letters = reinterpret_cast<const char*>(data.letters.data);
+    char* const start = reinterpret_cast<char*>(data.rows.data);
+    char* out = start;
+    const auto put_text = [&](int64_t text) {
+        const int64_t first = data.starts[text], count = data.starts[text + 1] - first;
+        std::memcpy(out, letters + first, count);
+        out += count;
+        *out++ = ',';
+    };
+    const long columns = data.texts.size[1];
+    for (long row = 0; row < data.texts.size[0]; ++row) {
+        const auto texts = data.texts[row];
+        const auto numbers = data.numbers[row];
+        for (long c = 0; c < data.leading; ++c) put_text(texts[c]);
+        for (long d = 0; d < numbers.size[0]; ++d) {
+            out = put_number(out, numbers[d], data.as_python);
+            *out++ = ',';
+        }
+        for (long c = data.leading; c < columns; ++c) put_text(texts[c]);
+        out[-1] = '\n';
+    }
+    return out - start;
+}
+
+const Exported<write_csv_rows> write_csv_rows_exported{"write_csv_rows"};
+
+}  // namespace shapefit

@@ -1,0 +1,51 @@
+// The functions of one instruction set as a Python module, named after it.
+#include <algorithm>
+#include <chrono>
+#include <cstring>
+#include <deque>
+#include <new>
+
+#include "../base/errors.hpp"
+#include "call.hpp"
+
+namespace shapefit {
+
+void raise_out_of_memory(long) { throw std::bad_alloc(); }
+
+double steady_seconds() {
+    const auto now = std::chrono::steady_clock::now().time_since_epoch();
+    return std::chrono::duration<double>(now).count();
+}
+
+namespace {
+
+void define(nb::module_& module, const Function& function) {
+    static std::deque<std::string> signatures;  // Python keeps the pointers
+    Signature list;
+    function.call(list);
+    const char* result = function.silent ? ") -> None" : ") -> Any";
+    signatures.push_back(std::string("def ") + function.name + "(" + list.text + result);
+    module.def(
+        function.name,
+        [&function](nb::args values, nb::kwargs keywords) {
+            Call call(function.name, std::move(values), std::move(keywords));
+            function.call(call);
+            return call.result();
+        },
+        nb::sig(signatures.back().c_str()));
+}
+
+}  // namespace
+}  // namespace shapefit
+
+NB_MODULE(SHAPEFIT_MODULE, module) {
+    using namespace shapefit;
+    nb::module_ parts = module.def_submodule("parts", "Single steps of the kernels, for tests.");
+    module.attr("STRETCH") = STRETCH;
+    std::vector<const Function*> functions;
+    for (const Function* each = Function::first; each; each = each->next) functions.push_back(each);
+    std::sort(functions.begin(), functions.end(), [](const Function* a, const Function* b) {
+        return std::strcmp(a->name, b->name) < 0;
+    });
+    for (const Function* each : functions) define(each->place == PART ? parts : module, *each);
+}

@@ -1,0 +1,145 @@
+#include "banded.hpp"
+
+#include "../base/products.hpp"
+#include "../base/triangles.hpp"
+
+namespace shapefit {
+namespace {
+
+// out = C^T of (n, n).
+void transpose(const double* C, long n, double* __restrict out) {
+    for (long i = 0; i < n; ++i)
+        for (long j = 0; j < n; ++j) out[j * n + i] = C[i * n + j];
+}
+
+void clear(double* x, long n) {
+    for (long e = 0; e < n; ++e) x[e] = 0;
+}
+
+}  // namespace
+
+Banded::Banded(Workspace& workspace, const SequenceData& data)
+    : t_(data.points.size[0]),
+      D_(padded(data.points.size[1])),
+      E_(padded(1 + data.lengths.size[0])),
+      V_(workspace.zeros<double>(t_ * D_ * D_)),
+      N_(workspace.zeros<double>(t_ * D_ * D_)),
+      F_(workspace.zeros<double>(t_ * D_ * E_)),
+      S_(workspace.zeros<double>(D_ * D_)),
+      R_(workspace.zeros<double>(D_ * E_)),
+      W_(workspace.zeros<double>(3 * D_ * D_)),
+      products_(workspace.zeros<double>(E_ * E_)),
+      mixed_(workspace.zeros<double>(E_)),
+      work_(workspace.zeros<double>(8 * D_ * D_)) {}
+
+void Banded::scales(const SequenceData& data, long f, long apart, double* out) const {
+    const long p = data.stiffness.size[0];
+    const double tied = tie(f, apart, t_);
+    for (long e = 0; e < D_; ++e) out[e] = e < 3 * p ? tied * data.stiffness[e % p] : 0.0;
+}
+
+bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones, double damping) {
+    const long d = data.points.size[1], D = D_, DD = D * D, DE = D * E_;
+    double* tied = work_;
+    log_det_ = 0;
+    clear(products_, E_ * E_);
+    for (long f = 0; f < t_; ++f) {
+        double *V = V_ + f * DD, *N = N_ + f * DD, *F = F_ + f * DE;
+        double* W = W_ + f % 3 * DD;
+        const double *W1 = W_ + (f + 2) % 3 * DD, *W2 = W_ + (f + 1) % 3 * DD;  // of f - 1, f - 2
+        derive(data, at, f, bones, S_, R_, E_);
+        scales(data, f, 0, tied);
+        for (long e = 0; e < d; ++e) S_[e * D + e] += tied[e] + damping;
+        if (f > 0) {
+            add_product(-1, transposed(N - DD, D), N - DD, S_, D, D, D, D, upper(D));
+            add_product(-1, transposed(N - DD, D), F - DE, R_, D, E_, E_, E_, every(D));
+        }
+        if (f > 1) {
+            add_product(-1, transposed(W2, D), W2, S_, D, D, D, D, upper_from_column(D));
+            add_product(-1, transposed(W2, D), F - 2 * DE, R_, D, E_, E_, E_, every(D));
+        }
+        const double log_det = factorise_block(S_, V, D, D);
+        if (!is_finite(log_det)) return false;
+        log_det_ += log_det;
+        clear(F, DE);
+        add_product(1, plain(V, D), R_, F, D, E_, E_, E_, up_to_row());
+        add_product(1, transposed(F, E_), F, products_, E_, E_, E_, E_, every(D));
+        if (f + 1 == t_) break;
+        clear(S_, DD);
+        scales(data, f, 1, tied);
+        for (long e = 0; e < D; ++e) S_[e * D + e] = tied[e];
+        if (f > 0) add_product(-1, transposed(N - DD, D), W1, S_, D, D, D, D, from_column(D));
+        clear(N, DD);
+        add_product(1, plain(V, D), S_, N, D, D, D, D, up_to_row());
+        scales(data, f, 2, tied);
+        for (long i = 0; i < D; ++i)
+            for (long j = 0; j < D; ++j) W[i * D + j] = V[i * D + j] * tied[j];
+    }
+    return true;
+}
+
+void Banded::solve(const SequenceData& data, const double* x, Matrix<double> out) const {
+    const long D = D_, e = data.lengths.size[0];
+    double *scaled = work_, *left = work_ + D;
+    for (long f = t_ - 1; f >= 0; --f) {
+        const double *V = V_ + f * D * D, *N = N_ + f * D * D, *F = F_ + f * D * E_;
+        for (long i = 0; i < D; ++i) left[i] = F[i * E_] + dot(F + i * E_ + 1, x, e);
+        if (f + 1 < t_)
+            for (long i = 0; i < D; ++i)
+                left[i] -= dot_padded(N + i * D, out[f + 1].data, D);
+        if (f + 2 < t_) {
+            scales(data, f, 2, scaled);
+            for (long i = 0; i < D; ++i) scaled[i] *= out[f + 2][i];
+            for (long i = 0; i < D; ++i) left[i] -= dot_padded(V + i * D, scaled, padded(i + 1));
+        }
+        mix_rows(left, D, V, D, D, out[f].data);
+    }
+}
+
+// The blocks of A^-1 from the last frame to the first, G_N = U_ff^-1 N_f and G_W = U_ff^-1 W_f:
+//
+//   Sigma_f,f+1 = -G_N Sigma_f+1,f+1 - G_W Sigma_f+2,f+1
+//   Sigma_f,f+2 = -G_N Sigma_f+1,f+2 - G_W Sigma_f+2,f+2
+//   Sigma_ff = V^T V - Sigma_f,f+1 G_N^T - Sigma_f,f+2 G_W^T
+void Banded::write_covariances(const SequenceData& data, const Place& at, Marginal& marginal) const {
+    const long D = D_, DD = D * D;
+    double* left = work_;
+    const auto take = [&] { return left += DD, left - DD; };
+    double *here = take(), *next = take(), *last = take();  // Sigma_ff of f, f + 1, f + 2
+    double *between = take();                               // Sigma_f+1,f+2
+    double *GN = take(), *GW = take(), *one = take(), *two = take();
+    double *turned = S_, *tied = R_;
+    clear(next, DD);
+    clear(last, DD);
+    clear(between, DD);
+    for (long f = t_ - 1; f >= 0; --f) {
+        const double *V = V_ + f * DD, *N = N_ + f * DD;
+        multiply_out(V, here, D, D);
+        mirror(here, D, D);
+        scales(data, f, 2, tied);
+        clear(GN, DD);
+        clear(one, DD);
+        clear(two, DD);
+        for (long i = 0; i < D; ++i)
+            for (long j = 0; j < D; ++j) GW[i * D + j] = here[i * D + j] * tied[j];
+        if (f + 1 < t_) add_product(1, transposed(V, D), N, GN, D, D, D, D, every(D));
+        transpose(between, D, turned);
+        add_product(-1, plain(GN, D), next, one, D, D, D, D, every(D));
+        add_product(-1, plain(GW, D), turned, one, D, D, D, D, every(D));
+        add_product(-1, plain(GN, D), between, two, D, D, D, D, every(D));
+        add_product(-1, plain(GW, D), last, two, D, D, D, D, every(D));
+        transpose(GN, D, turned);
+        add_product(-1, plain(one, D), turned, here, D, D, D, D, upper(D));
+        transpose(GW, D, turned);
+        add_product(-1, plain(two, D), turned, here, D, D, D, D, upper(D));
+        mirror(here, D, D);
+        marginal.write(data, at, f, here);
+        for (long e = 0; e < DD; ++e) between[e] = one[e];
+        double* free = last;
+        last = next;
+        next = here;
+        here = free;
+    }
+}
+
+}  // namespace shapefit

@@ -1,0 +1,129 @@
+#include "smoothing.hpp"
+
+#include "../base/registry.hpp"
+#include "banded.hpp"
+#include "../base/triangles.hpp"
+
+namespace shapefit {
+namespace {
+
+constexpr double LONGEST_STEP = 0.5;  // of a coordinate, in units of the size of the landmarks
+constexpr double FIRST_DAMPING = 1e-1, LEAST_DAMPING = 1e-2, MOST_DAMPING = 1e8;
+constexpr double DAMPED_MORE = 6, DAMPED_LESS = 5;
+
+struct Step {
+    Step(Workspace& workspace, const SequenceData& data)
+        : frames(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
+          lengths(workspace.vector<double>(data.lengths.size[0])),
+          schur(workspace.zeros<double>(square_of(data))),
+          inverse(workspace.zeros<double>(square_of(data))),
+          side(workspace.zeros<double>(padded(data.lengths.size[0]))) {}
+
+    static long square_of(const SequenceData& data) {
+        const long e = padded(data.lengths.size[0]);
+        return e * e;
+    }
+
+    Matrix<double> frames;
+    Vector<double> lengths;
+    double *schur, *inverse, *side;
+};
+
+// The lengths' step with the frames eliminated, and then the frames'. False where the system is not
+// positive definite.
+bool find_step(const SequenceData& data, const Place& at, const Banded& factor, Step& step) {
+    const long e = data.lengths.size[0], E = factor.columns(), n = padded(e);
+    const double* G = factor.products();
+    const double t = static_cast<double>(at.y.size[0]);
+    for (long a = 0; a < n; ++a) {
+        for (long b = 0; b < n; ++b)
+            step.schur[a * n + b] = a < e && b < e ? data.hold[a][b] - G[(1 + a) * E + 1 + b] : 0.0;
+        step.schur[a * n + a] += a < e ? t * data.rigidity[a] + 1e-9 : 1.0;
+        step.side[a] = 0;
+        if (a < e)
+            step.side[a] =
+                held_back(data, at, a) - data.rigidity[a] * at.too_long[a] - G[(1 + a) * E];
+    }
+    if (!is_finite(factorise_block(step.schur, step.inverse, n, n))) return false;
+    multiply_out(step.inverse, step.schur, n, n);
+    mirror(step.schur, n, n);
+    for (long a = 0; a < e; ++a) step.lengths[a] = -dot(step.schur + a * n, step.side, n);
+    factor.solve(data, step.lengths.data, step.frames);
+    return true;
+}
+
+// to = from - shrink * step, with `shrink` below 1 where a coordinate would move too far.
+void move(const Place& from, const Step& step, Place& to) {
+    const long count = from.y.size[0] * from.y.size[1];
+    double farthest = 0;
+    for (long i = 0; i < count; ++i)
+        farthest = larger(magnitude(step.frames.data[i]), farthest);
+    const double shrink = smaller(1.0, LONGEST_STEP / larger(farthest, TINY));
+    for (long i = 0; i < count; ++i)
+        to.y.data[i] = from.y.data[i] - shrink * step.frames.data[i];
+    for (long a = 0; a < from.lengths.size[0]; ++a)
+        to.lengths[a] = from.lengths[a] + shrink * step.lengths[a];
+}
+
+void copy_rows(Matrix<const double> from, Matrix<double> to, long width) {
+    for (long f = 0; f < from.size[0]; ++f)
+        for (long e = 0; e < width; ++e) to[f][e] = from[f][e];
+}
+
+}  // namespace
+
+void smooth_sequence(const SequenceData& data) {
+    const long t = data.points.size[0], d = data.points.size[1], e = data.lengths.size[0];
+    Workspace workspace;
+    Banded factor(workspace, data);
+    Step step(workspace, data);
+    Place one(workspace, data), other(workspace, data);
+    Place *at = &one, *tried = &other;
+    double* scratch = workspace.zeros<double>((1 + data.log_share.size[1]) * padded(d));
+    copy_rows(data.points, at->y, d);
+    for (long b = 0; b < e; ++b) at->lengths[b] = data.lengths[b];
+    measure(data, *at, scratch);
+    double damping = FIRST_DAMPING;
+    long rounds = 0;
+    while (rounds < data.most_rounds) {
+        bool lower = false;
+        for (; damping < MOST_DAMPING; damping *= DAMPED_MORE) {
+            if (!factor.factorise(data, *at, Bones::HELD, damping) || !find_step(data, *at, factor, step))
+                continue;
+            move(*at, step, *tried);
+            measure(data, *tried, scratch);
+            lower = tried->energy <= at->energy;
+            if (lower) break;
+        }
+        if (!lower) break;
+        ++rounds;
+        const double gain = at->energy - tried->energy;
+        Place* before = at;
+        at = tried;
+        tried = before;
+        damping = larger(damping / DAMPED_LESS, LEAST_DAMPING);
+        if (gain < data.still * static_cast<double>(t)) break;
+    }
+    copy_rows(at->y, data.points, d);
+    for (long b = 0; b < e; ++b) data.lengths[b] = at->lengths[b];
+    // the Hessian itself where deviations are wanted and it is positive definite, which Gauss and
+    // Newton's always is but for rounding
+    const bool wanted = data.deviation.size[0] > 0;
+    const bool definite = (wanted && factor.factorise(data, *at, Bones::WHOLE, 0)) ||
+                          factor.factorise(data, *at, Bones::HELD, 0);
+    data.end[0] = at->energy;
+    data.end[1] = definite ? factor.log_det() : INFINITE;
+    data.end[2] = static_cast<double>(rounds);
+    if (!wanted) return;
+    if (definite) {
+        Marginal marginal(workspace, data);
+        return factor.write_covariances(data, *at, marginal);
+    }
+    for (long i = 0; i < t * d; ++i)
+        data.deviation.data[i] = data.correlation.data[i] = NOT_A_NUMBER;
+    for (long i = 0; i < data.covariance.size[0] * d * d; ++i) data.covariance.data[i] = NOT_A_NUMBER;
+}
+
+const Exported<smooth_sequence> smooth_sequence_exported{"smooth_sequence"};
+
+}  // namespace shapefit
