@@ -94,7 +94,7 @@ def look(shapes: ShapeSet, method: str, folder: Path) -> tuple[Path, Path]:
 def thin(landmarks: Path, every: int) -> None:
     """Keep every so many images of a file."""
     with open_landmarks([landmarks]) as source:
-        (images,) = source.chunks(max(source.count, 1))
+        (images,) = source.batches(max(source.count, 1))
     with landmark_writer(landmarks) as writer:
         writer.append(images.take(np.arange(0, len(images), every)))
 

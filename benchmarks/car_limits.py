@@ -82,7 +82,7 @@ def read(folder: Path) -> Cars:
     """Read the cars with enough visible landmarks."""
     models = read_shapes([folder / "models.h5"])
     with open_landmarks([folder / "annotated_cars.h5"]) as source:
-        (images,) = source.chunks(source.count)
+        (images,) = source.batches(source.count)
     visible = np.isfinite(images.landmarks).all(axis=1).sum(axis=1)
     images = images.take(visible >= LEAST_VISIBLE).arrange(models.landmark_names)
     focal = np.asarray(images.columns["camera_matrix"], float)[[0, 1], [0, 1]]

@@ -79,7 +79,7 @@ def read_cars(folder: Path) -> tuple[LandmarkSet, Floats]:
     """Annotated cars, their landmarks in the order of the models, and the normalised models."""
     models = read_shapes([folder / "models.h5"])
     with open_landmarks([folder / "annotated_cars.h5"]) as source:
-        (images,) = source.chunks(source.count)
+        (images,) = source.batches(source.count)
     return images.arrange(models.landmark_names), normalise(models.shapes).points[:-1]
 
 

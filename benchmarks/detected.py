@@ -109,7 +109,7 @@ def split(case: Case, data: Path, folder: Path) -> tuple[Path, Path, Path]:
     """Write training shapes, judged landmarks and their truth into the folder."""
     truth = read_shapes([data / f"{case.truth}.h5"], gaps=True)
     with open_landmarks([data / f"{case.landmarks}.h5"]) as source:
-        (images,) = source.chunks(max(source.count, 1))
+        (images,) = source.batches(max(source.count, 1))
     n = len(truth)
     half, last = slice(0, n // 2), slice(n - round(JUDGED * n), n)
     known = np.asarray(np.isfinite(truth.shapes[half]).all(axis=1), dtype=bool)

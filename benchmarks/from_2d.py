@@ -89,7 +89,7 @@ def read(paths: list[Path]) -> LandmarkSet:
     parts = []
     for path in paths:
         with open_landmarks([path]) as source:
-            part = concatenate(list(source.chunks(4096)))
+            part = concatenate(list(source.batches(4096)))
         names = tuple(f"{path.stem}/{name}" for name in part.items)
         sequences = tuple(f"{path.stem}/{name}" for name in part.sequences or ("",) * len(part))
         parts.append(part.replaced(items=names, sequences=sequences, further={}))

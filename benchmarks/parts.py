@@ -38,7 +38,7 @@ def tile(path: Path, count: int, first: int = 0) -> None:
     """Write `count` images from the `first`: the people of the sample data again, with noise."""
     rng = np.random.default_rng(first)
     with open_landmarks((PROJECT / "sample_data/people_views.csv",)) as source:
-        (one,) = source.chunks(count)
+        (one,) = source.batches(count)
     block = len(one) * 1000
     with landmark_writer(path) as writer:
         for start in range(first, first + count, block):

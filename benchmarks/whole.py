@@ -239,7 +239,7 @@ def tile(source: Path, target: Path, times: int) -> Path:
         return target
     rng = np.random.default_rng(0)
     with open_landmarks((source,)) as file, landmark_writer(target) as writer:
-        (one,) = file.chunks(file.count)
+        (one,) = file.batches(file.count)
         noise = NOISE * np.nanstd(one.landmarks)
         for number in range(times):
             moved = noise * rng.standard_normal(one.landmarks.shape)

@@ -265,7 +265,7 @@ def test_two_people_walk_past_each_other(project, folder, tmp_path):
         assert path.read_bytes() == (tmp_path / "openpose" / path.name).read_bytes()
     options = InputOptions(keypoints="body_25", track="nearest")
     with open_landmarks([folder / "openpose"], options) as source:
-        (found,) = source.chunks(1000)
+        (found,) = source.batches(1000)
     assert len(found) == 2 * len(files) == 72
     hip = found.landmarks[:, 0, found.landmark_names.index("MidHip")]
     for number, direction in ((1, 1), (2, -1)):

@@ -16,7 +16,7 @@ from shapefit.errors import input_error
 from shapefit.evaluation.summary import Summary, summarise
 from shapefit.face.options import config_of, default
 from shapefit.face.records import Fit, Shapes, result_set, shape_set
-from shapefit.io.kinds.opening import given_source
+from shapefit.io.source import source_of
 from shapefit.pipelines.evaluate.judgement import find_grouping, image_errors, judge
 from shapefit.pipelines.evaluate.measurement import visible_enough
 
@@ -71,7 +71,7 @@ def evaluate(
         raise input_error(f"evaluate.{min(beyond)}", "is a key of reports only", fix)
     names = result.landmark_names if isinstance(result, Fit | Shapes) else None
     true_set = shape_set(truth, names)
-    true = given_source(true_set, "truth", config.input.rename, gaps=True).whole()
+    true = source_of(true_set, "truth", config.input.rename, gaps=True).whole()
     record = result_set(result, true.landmark_names)
     if not isinstance(truth, Shapes) or truth.items is None:
         if len(true) != len(record):

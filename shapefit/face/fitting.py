@@ -24,12 +24,12 @@ from shapefit.face.records import (
     fit_of,
     landmark_set,
 )
+from shapefit.io.dictionaries import check_given_dictionary
 from shapefit.io.foreign.arrays import of_array
 from shapefit.io.foreign.items import landmarks_of
-from shapefit.io.kinds.dictionaries import check_given_dictionary
-from shapefit.io.kinds.opening import given_source
 from shapefit.io.options import InputOptions, Track, input_options
 from shapefit.io.records import LandmarkSet, concatenate
+from shapefit.io.source import source_of
 from shapefit.pipelines.fit.plan import plan_fit
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
@@ -101,7 +101,7 @@ def fit(
     settle = plan_settling(wanted, atoms)
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
-    with given_source(images, "landmarks", wanted.input.rename) as source:
+    with source_of(images, "landmarks", wanted.input.rename) as source:
         wanted, _ = settle(source)
         plan = plan_fit(wanted, atoms, source.head.landmark_names)
         atoms = plan.dictionary

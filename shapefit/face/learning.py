@@ -12,8 +12,8 @@ from shapefit.config import LearnDictConfig
 from shapefit.errors import counted
 from shapefit.face.options import config_of, default
 from shapefit.face.records import Dictionary, Shapes, rows_of, shape_set
-from shapefit.io.kinds.opening import given_source
 from shapefit.io.layout import DICTIONARY
+from shapefit.io.source import source_of
 from shapefit.pipelines.learn_dict.run import make_dictionary, plan_training
 from shapefit.pipelines.learn_dict.training_shapes import find_training_shapes
 from shapefit.pipelines.outcome import Failure, Note, Outcome
@@ -38,7 +38,7 @@ def learn(
     # Those of another method do not know these keys: their defaults count as not given.
     given = {key: value for key, value in own.items() if value != default(LearnDictConfig, key)}
     config = config_of(LearnDictConfig, "learn", given, options, FILES)
-    given_set = given_source(shape_set(shapes), "shapes", config.input.rename).whole()
+    given_set = source_of(shape_set(shapes), "shapes", config.input.rename).whole()
     training = plan_training(config)
     making = make_dictionary(find_training_shapes(given_set, training), config, training, {})
     failures: list[Failure] = []

@@ -1,16 +1,17 @@
 """Files in and out; h5py is imported when the first HDF5 file is handled."""
 
-from shapefit.io.joined import LandmarkSource, ShapeSource
-from shapefit.io.kinds.dictionaries import read_dictionary, write_dictionary
-from shapefit.io.kinds.opening import (
+from shapefit.io.dictionaries import read_dictionary, write_dictionary
+from shapefit.io.landmark_names import match_landmarks
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.source import (
+    LandmarkSource,
+    ShapeSource,
     open_landmarks,
     open_shapes,
     read_results,
     read_shapes,
     write_shapes,
 )
-from shapefit.io.landmark_names import match_landmarks
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.whole.atomic import atomic_path, check_output, digest, digests
 from shapefit.io.writing import landmark_writer, result_writer
 

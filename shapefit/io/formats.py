@@ -89,14 +89,14 @@ class FileFormat:
         return path.name.lower().endswith(self.suffixes)
 
 
-STORED = dict.fromkeys(("landmarks", "shapes", "result"), ".stored.files:stored_file")
-"""Readers of the formats that hold every dataset, by kind."""
-
 HDF5 = FileFormat(
     title="an HDF5 file",
     suffixes=(".h5", ".hdf5", ".hdf", ".he5"),
     begins=lambda head: head.bytes.startswith(HDF5_SIGNATURE),
-    readers={**STORED, "dictionary": ".kinds.dictionaries:read_hdf5"},
+    readers={
+        **dict.fromkeys(("landmarks", "shapes", "result"), ".hdf5_records:Hdf5Reader"),
+        "dictionary": ".dictionaries:read_hdf5",
+    },
     reader=".hdf5_records:Hdf5Reader",
     form=".hdf5_records:layout_of",
     writer=".hdf5_writer:hdf5_output",

@@ -14,11 +14,10 @@ from shapefit.config.commands.input import InputConfig
 from shapefit.errors import abbreviate, input_error
 from shapefit.io import LandmarkSource, ShapeSource, open_landmarks, open_shapes
 from shapefit.io.formats import find_target_format
-from shapefit.io.joined import ResultSource
-from shapefit.io.kinds.listing import Kind, find_kind
-from shapefit.io.kinds.opening import open_results
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
+from shapefit.io.listing import Kind, find_kind
 from shapefit.io.options import InputOptions, OutputOptions, input_options
+from shapefit.io.source import ResultSource, open_results
 from shapefit.io.sources import is_stream
 from shapefit.io.writing import record_writer
 from shapefit.pipelines.outcome import Outcome, nothing_in
@@ -97,7 +96,7 @@ def _choose(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
     """
     wanted, every = config.input.individual, config.every
     if wanted is None and every == 1:
-        return source.chunks(config.chunk), source.count
+        return source.batches(config.chunk), source.count
     sequences = list(chain.from_iterable(source.sequences()))
     rows = np.arange(source.count)
     if wanted is not None:
@@ -115,7 +114,7 @@ def _choose(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
     place[order] = np.arange(len(rows)) - starts[number[order]]
     rows = rows[place % every == 0]
     parts = (source.take(rows[at : at + config.chunk]) for at in range(0, len(rows), config.chunk))
-    return parts if len(rows) else source.chunks(config.chunk), len(rows)
+    return parts if len(rows) else source.batches(config.chunk), len(rows)
 
 
 def _with_rate(records: Any, config: ConvertConfig) -> Any:

@@ -22,11 +22,11 @@ from shapefit.io import (
 )
 from shapefit.io.foreign.items import fitting_skeletons, peek_recording
 from shapefit.io.formats import FileFormat, detect_format, group_inputs
-from shapefit.io.kinds.listing import find_kind
-from shapefit.io.kinds.opening import read_results
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.listing import find_kind
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.skeletons import PEOPLE, SKELETONS, people_joints
+from shapefit.io.source import read_results
 from shapefit.io.sources import is_stream, source_name
 from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.pipelines.parts.manifest import Manifest, damage_of, find_folders, sum_up
@@ -138,7 +138,7 @@ def _told(
     opened = open_landmarks(paths, options) if kind == "landmarks" else None
     with opened or open_shapes(paths, options, gaps=True) as source:
         found = _Found()
-        for chunk in source.chunks(BATCH):
+        for chunk in source.batches(BATCH):
             found.add(chunk)
         lines = title + _of_records(source.head, found, source.count, kind)
         if isinstance(source.head, LandmarkSet):

@@ -82,7 +82,7 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
         landmark_writer(config.output) as writer,
     ):
         turntable = Turntable(sequence_lengths(source))
-        for batch, part in enumerate(source.chunks(BATCH)):
+        for batch, part in enumerate(source.batches(BATCH)):
             rotations = _rotations(config, turntable.turns(_sequences(part)), batch)
             writer.append(_images(part, rotations, config, batch))
             yield Outcome(done=len(part), total=source.count)

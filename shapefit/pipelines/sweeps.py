@@ -89,7 +89,7 @@ def choose_images(
         landmark_writer(chosen) as writer,
         landmark_writer(warm_up) as first_ones,
     ):
-        for batch, images in enumerate(source.chunks(BATCH)):
+        for batch, images in enumerate(source.batches(BATCH)):
             visible = images.seen().sum(axis=1)
             rows = np.flatnonzero(visible >= choice.least_visible)
             number = enough + np.arange(len(rows)) - choice.offset

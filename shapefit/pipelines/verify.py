@@ -23,11 +23,9 @@ from shapefit.io import (
     open_landmarks,
     read_dictionary,
 )
-from shapefit.io.formats import group_inputs
-from shapefit.io.hdf5_records import Hdf5Reader
-from shapefit.io.kinds.opening import open_proofs, proof_chunks
+from shapefit.io.formats import HDF5, detect_format, group_inputs
 from shapefit.io.options import AS_THEY_ARE, InputOptions
-from shapefit.io.stored.files import read_rows
+from shapefit.io.source import ResultSource, open_results
 from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.pipelines.overlap import side_by_side
 from shapefit.stores.locations import files_in
@@ -184,19 +182,20 @@ def verify_file(part: Part, work: Work) -> Generator[Outcome, None, None]:
     """Verify the images of one file, and what it states of them all."""
     file, coverage, items = part.file, work.coverage, PartItems()
     with open_proofs(file) as results:
-        terms = read_terms(results.attributes, file)
-        work = replace(work, dictionary=work.dictionary.marked(results.landmark_names))
+        head, names = results.head, results.head.landmark_names
+        terms = read_terms(head.attributes, file)
+        work = replace(work, dictionary=work.dictionary.marked(names))
         atoms, size = arrange_atoms(results, file, work), Size.of(work.dictionary)
         hung = dict(zip(work.dictionary.landmark_names, work.dictionary.hung >= 0, strict=True))
         looks = terms.method in LOOKING
-        aside = np.array([looks and hung.get(name, False) for name in results.landmark_names])
+        aside = np.array([looks and hung.get(name, False) for name in names])
         wrong = false_files(part, results, terms, work)
         with open_given(part, results, terms) as given:
-            head, carried = read_rows(results, slice(0)), set[str]()
+            carried = set[str]()
             if given is not None:
                 wrong += false_heads(head, given.head, terms)
                 carried = set(carried_by(given.head)[0])
-            wrong += coverage.begin(results.names, head, terms, carried)
+            wrong += coverage.begin(stored_names(head), head, terms, carried)
             yield Outcome(failures=tuple(Failure(*each) for each in wrong))
 
             def verify(chunk: Chunk) -> tuple[ResultSet, list[Check]]:
@@ -220,16 +219,32 @@ def verify_file(part: Part, work: Work) -> Generator[Outcome, None, None]:
         yield Outcome(failures=tuple(Failure(*each) for each in false_items(part.entry, items)))
 
 
-def false_files(part: Part, results: Hdf5Reader, terms: Terms, work: Work) -> list[tuple[str, str]]:
+def open_proofs(file: Path) -> ResultSource:
+    """Open a result with its proofs. Raises InputError where it is a table, or not a result."""
+    if detect_format(file) is not HDF5:
+        found = "is not HDF5, and tables hold points only"
+        fix = "give a result that `shapefit fit` wrote to a name in .h5"
+        raise input_error(file, found, fix)
+    return open_results([file], proofs=True, check=False)
+
+
+def stored_names(head: ResultSet) -> frozenset[str]:
+    """Return the names of what the root of the file holds: datasets and groups."""
+    return head.datasets | {name.partition("/")[0] for name in head.further}
+
+
+def false_files(
+    part: Part, results: ResultSource, terms: Terms, work: Work
+) -> list[tuple[str, str]]:
     """Return which files, by their digests and the manifest, are not those of the fit."""
     names = (terms.dictionary, *terms.landmarks)
     paths = (work.request.dictionary, *part.landmarks)
     given = [(path, name, work.digest(path)) for path, name in zip(paths, names, strict=False)]
-    wrong = false_inputs(results.attributes, terms, given)
-    if results.landmark_names != work.dictionary.landmark_names:
+    wrong = false_inputs(results.head.attributes, terms, given)
+    if results.head.landmark_names != work.dictionary.landmark_names:
         wrong.append(("landmark_names", "are not those of the dictionary, in its order"))
     by = Size.of(work.dictionary).by
-    if results.attributes.get("metres_from", by) != by:
+    if results.head.attributes.get("metres_from", by) != by:
         wrong.append(("metres_from", f"is not '{by}', by which the dictionary knows sizes"))
     if part.landmarks and len(paths) != len(names):
         found = f"the fit had {counted(len(names) - 1, 'file')} of landmarks"
@@ -237,7 +252,7 @@ def false_files(part: Part, results: Hdf5Reader, terms: Terms, work: Work) -> li
     if part.entry is not None and part.folder is not None:
         from shapefit.pipelines.parts.run import OF_THE_RUN
 
-        config = json.loads(str(results.attributes["config"]))
+        config = json.loads(str(results.head.attributes["config"]))
         wrong += false_terms(part.entry, part.folder, terms, config, OF_THE_RUN)
     return wrong
 
@@ -251,7 +266,7 @@ class Given:
 
 
 @contextmanager
-def open_given(part: Part, results: Hdf5Reader, terms: Terms) -> Iterator[Given | None]:
+def open_given(part: Part, results: ResultSource, terms: Terms) -> Iterator[Given | None]:
     """Open the landmarks of a part as its fit did; None where none are given.
 
     Raises InputError where there are not as many images as results.
@@ -269,12 +284,12 @@ def open_given(part: Part, results: Hdf5Reader, terms: Terms) -> Iterator[Given 
         if source.count != results.count:
             found = f"{counted(source.count, 'image')} for {counted(results.count, 'result')}"
             raise input_error(part.landmarks[0], found, f"give the landmarks of {part.file}")
-        named = namer(source.head.landmark_names, results.landmark_names, terms, place)
+        named = namer(source.head.landmark_names, results.head.landmark_names, terms, place)
 
         def arranged(images: LandmarkSet) -> LandmarkSet:
-            return named(images).arrange(results.landmark_names, place, leave_out=True)
+            return named(images).arrange(results.head.landmark_names, place, leave_out=True)
 
-        yield Given(arranged(source.head), lambda size: map(arranged, source.chunks(size)))
+        yield Given(arranged(source.head), lambda size: map(arranged, source.batches(size)))
 
 
 def namer(
@@ -291,24 +306,25 @@ def namer(
 
 
 def arrange_atoms(
-    results: Hdf5Reader, file: Path, work: Work
+    results: ResultSource, file: Path, work: Work
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     """Return the atoms (k, 3, p) with the landmarks of the result, in their order."""
     dictionary, path = work.dictionary, work.request.dictionary
     place = f"{path}: landmark names"
-    columns = match_landmarks(dictionary.landmark_names, results.landmark_names, place)
-    k = results.size("k")
+    columns = match_landmarks(dictionary.landmark_names, results.head.landmark_names, place)
+    coefficients = results.head.coefficients
+    k = None if coefficients is None else coefficients.shape[1]
     if k is not None and k != dictionary.k:
         found = f"has {counted(dictionary.k, 'atom')}, and {file} coefficients of {k}"
         raise input_error(path, found, "give the dictionary of the fit")
     return np.ascontiguousarray(dictionary.atoms[:, :, columns])
 
 
-def read_chunks(results: Hdf5Reader, atoms: np.ndarray, given: Given | None) -> Iterator[Chunk]:
+def read_chunks(results: ResultSource, atoms: np.ndarray, given: Given | None) -> Iterator[Chunk]:
     """Give out the results, with the landmarks of the same images where they are given."""
     k, _, p = atoms.shape
     size = min(max(CHUNK_BYTES // (72 * k + 96 * p), FEWEST), MOST)
-    chunks = proof_chunks(results, size, sequences=given is not None)
+    chunks = results.batches(size)
     if given is None:
         return ((result, None) for result in chunks)
     return zip(chunks, given.chunks(size), strict=False)

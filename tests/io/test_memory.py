@@ -91,7 +91,7 @@ def test_shapes_can_be_read_in_chunks_where_they_do_not_fit_as_a_whole(
     problems(read_shapes, [tmp_path / "many.h5"])
     monkeypatch.setattr(hdf5_records, "BLOCK_BYTES", 10_000)
     with open_shapes([tmp_path / "many.h5"]) as source:
-        assert sum(map(len, source.chunks(100))) == 2000
+        assert sum(map(len, source.batches(100))) == 2000
 
 
 def test_a_check_reads_as_many_rows_as_fit_in_a_block(tmp_path, monkeypatch):

@@ -6,7 +6,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import read_results
-from shapefit.io.kinds.opening import open_proofs, proof_chunks
+from shapefit.io.source import open_results
 from tests.io.files import save
 
 COUNTS = np.array([2, 0, 1, 3, 0])
@@ -33,12 +33,11 @@ def path(tmp_path, proved):
 
 @pytest.mark.parametrize("size", [1, 2, 3, 5, 9])
 def test_chunks_hold_the_transforms_of_their_images(path, proved, size):
-    with open_proofs(path) as results:
-        chunks = list(proof_chunks(results, size))
-        assert next(proof_chunks(results, size, sequences=False)).sequences is None
+    with open_results([path], proofs=True) as results:
+        chunks = list(results.batches(size))
         assert results.count == 5
-        assert results.landmark_names == proved.landmark_names
-        assert results.attributes["method"] == "convex"
+        assert results.head.landmark_names == proved.landmark_names
+        assert results.head.attributes["method"] == "convex"
     start = 0
     for chunk in chunks:
         part = proved.take(slice(start, start + len(chunk)))
@@ -65,8 +64,8 @@ def test_results_are_read_without_their_proofs(path, proved):
 
 def test_results_without_a_proof_are_read(tmp_path, results):
     save(tmp_path / "old.h5", results)
-    with open_proofs(tmp_path / "old.h5") as found:
-        (chunk,) = proof_chunks(found, 9)
+    with open_results([tmp_path / "old.h5"], proofs=True) as found:
+        (chunk,) = found.batches(9)
     assert chunk.dual is None
     assert chunk.transform_count is None
 
@@ -77,5 +76,5 @@ def test_results_without_a_proof_are_read(tmp_path, results):
 def test_counts_that_do_not_fit_are_refused(path, count, message):
     with h5py.File(path, "r+") as file:
         file["transform_count"][3] = count
-    with open_proofs(path) as results, pytest.raises(InputError, match=message):
-        list(proof_chunks(results, 2))
+    with pytest.raises(InputError, match=message), open_results([path], proofs=True) as results:
+        list(results.batches(2))

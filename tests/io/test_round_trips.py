@@ -184,7 +184,7 @@ def test_landmarks(folder, same, record, size):
             for start in range(0, max(len(record), 1), size):
                 writer.append(record.take(slice(start, start + size)))
         with open_landmarks([path]) as source:
-            found = concatenate(list(source.chunks(size)))
+            found = concatenate(list(source.batches(size)))
         if suffix == "h5":
             same(found, record)
         else:
@@ -224,12 +224,12 @@ def test_real_files_come_back_as_they_were(tmp_path, real_data, same):
     with open_landmarks([real_data / "cars/annotated_cars.h5"]) as source:
         assert source.count == 1195
         with landmark_writer(tmp_path / "cars.h5") as writer:
-            chunks = list(source.chunks(500))
+            chunks = list(source.batches(500))
             for chunk in chunks:
                 writer.append(chunk)
     assert {"true_model", "true_rotation", "camera_matrix"} <= set(chunks[0].further)
     with open_landmarks([tmp_path / "cars.h5"]) as source:
-        same(concatenate(list(source.chunks(200))), concatenate(chunks))
+        same(concatenate(list(source.batches(200))), concatenate(chunks))
     plain = shapes.replaced(edges=None, further={}, unit="unknown")
     write_shapes(tmp_path / "again.csv", shapes)
     same(read_shapes([tmp_path / "again.csv"]), plain)

@@ -5,8 +5,7 @@ import pytest
 
 from shapefit.io import open_landmarks, read_shapes, write_shapes
 from shapefit.io.hdf5_records import Hdf5Reader
-from shapefit.io.kinds import opening
-from shapefit.io.name_index import ItemList, check_unique_items
+from shapefit.io.name_index import check_unique
 from tests.io.files import save
 
 ORDER = [2, 0, 3, 1]
@@ -166,7 +165,7 @@ def test_chunks_run_over_the_ends_of_files(tmp_path, landmarks, same):
         assert source.head.landmark_names == landmarks.landmark_names
         assert (source.head.unit, source.head.y_axis) == ("px", "down")
         for size in (1, 2, 3, 5, 100):
-            chunks = list(source.chunks(size))
+            chunks = list(source.batches(size))
             assert [len(chunk) for chunk in chunks] == [size] * (5 // size) + [5 % size] * (
                 5 % size > 0
             )
@@ -183,7 +182,7 @@ def test_chunks_of_files_end_where_files_do(tmp_path, landmarks, same):
     ]
     with open_landmarks(paths) as source:
         for size in (1, 2, 3, 5, 100):
-            chunks = list(source.file_chunks(size))
+            chunks = list(source.batches(size, by_file=True))
             middle = [1, 1, 1] if size == 1 else [2, 1] if size == 2 else [3]
             assert [len(chunk) for chunk in chunks] == [1, *middle, 1]
             start = 0
@@ -264,7 +263,7 @@ from pathlib import Path
 resource.setrlimit(resource.RLIMIT_NOFILE, (50, 50))
 from shapefit.io import open_landmarks
 with open_landmarks(sorted(Path(sys.argv[1]).glob("*.h5"))) as source:
-    print(sum(len(chunk) for chunk in source.chunks(4)))
+    print(sum(len(chunk) for chunk in source.batches(4)))
 """
     assert run_python(script, tmp_path).stdout == "70\n"
 
@@ -272,7 +271,7 @@ with open_landmarks(sorted(Path(sys.argv[1]).glob("*.h5"))) as source:
 def test_leaving_the_source_closes_its_files(tmp_path, landmarks):
     path = views_file(tmp_path / "a.h5", landmarks)
     with open_landmarks([path]) as source:
-        chunks = source.chunks(2)
+        chunks = source.batches(2)
         next(chunks)
     assert list(chunks) == []
 
@@ -282,7 +281,7 @@ def test_a_chunk_has_at_least_one_image(tmp_path, landmarks):
         open_landmarks([views_file(tmp_path / "a.h5", landmarks)]) as source,
         pytest.raises(ValueError, match="at least 1"),
     ):
-        source.chunks(0)
+        source.batches(0)
 
 
 # Duplicates
@@ -291,16 +290,16 @@ def test_a_chunk_has_at_least_one_image(tmp_path, landmarks):
 def test_items_with_the_same_hash_are_compared(monkeypatch, problems):
     monkeypatch.setattr("shapefit.io.name_index.hash", len, raising=False)
     blocks = [("ab", "cd"), ("e",)]
-    check_unique_items([ItemList(lambda: blocks, str)])
+    check_unique([(lambda: blocks, str)])
     twice = [*blocks, ("cd",)]
-    assert problems(check_unique_items, [ItemList(lambda: twice, "row {}".format)]) == (
+    assert problems(check_unique, [(lambda: twice, "row {}".format)]) == (
         "row 3: item 'cd' is also at row 1; give every item a unique name",
     )
 
 
 def test_many_duplicates_are_counted(problems):
     items = [str(i % 100) for i in range(300)]
-    lines = problems(check_unique_items, [ItemList(lambda: [items], str)])
+    lines = problems(check_unique, [(lambda: [items], str)])
     assert len(lines) == 11
     assert lines[-1] == "... and 190 more"
 
@@ -337,9 +336,9 @@ def test_names_of_few_items_are_read_once(
         return values
 
     monkeypatch.setattr(Hdf5Reader, "_values", counted)
-    monkeypatch.setattr(opening, "MOST_HELD", most_held * len(one.landmark_names))
+    monkeypatch.setattr("shapefit.io.source.MOST_HELD", most_held * len(one.landmark_names))
     with open_landmarks(paths) as source:
-        first, second = source.file_chunks(4)
+        first, second = source.batches(4, by_file=True)
     assert found.count("item") == readings
     same(first, one)
     same(second, two)

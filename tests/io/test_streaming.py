@@ -111,7 +111,7 @@ def run(count):
             writer.append(views(start, 2000))
     with open_landmarks([Path(sys.argv[1]) / "views.h5"]) as source:
         with result_writer(Path(sys.argv[1]) / "result.h5") as writer:
-            for chunk in source.chunks(2000):
+            for chunk in source.batches(2000):
                 writer.append(results(chunk))
 
 run(60_000)
@@ -140,7 +140,7 @@ heavy = {"h5py", "orjson", "scipy", "numba", "trimesh", "matplotlib"}
 assert not heavy & set(sys.modules)
 path = Path(sys.argv[1])
 with open_landmarks([path]) as source, landmark_writer(path.with_stem("again")) as writer:
-    for chunk in source.chunks(10):
+    for chunk in source.batches(10):
         writer.append(chunk)
 print(*heavy & set(sys.modules))
 """

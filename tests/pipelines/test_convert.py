@@ -9,7 +9,7 @@ from shapefit.cli.main import run as shapefit
 from shapefit.config import load_config
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks, read_results, read_shapes, write_shapes
-from shapefit.io.kinds.listing import find_kind
+from shapefit.io.listing import find_kind
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.pipelines.convert import run
 from tests.io.files import load, save

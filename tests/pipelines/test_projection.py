@@ -8,9 +8,9 @@ import pytest
 
 from shapefit.config import ProjectConfig
 from shapefit.errors import InputError
+from shapefit.io import source as shape_files
 from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
-from shapefit.io.stored import files as shape_files
 from shapefit.pipelines.imperfections import BATCH
 from shapefit.pipelines.projection import run
 from tests.io.files import load
@@ -222,14 +222,14 @@ def test_what_came_with_the_shapes_is_no_truth_of_the_view(tmp_path, shapes):
 def test_shapes_are_read_block_by_block(tmp_path, many, monkeypatch):
     """What is held at a time is a block, however many shapes there are."""
     sizes = []
-    read = shape_files.read_rows
+    read = shape_files._read
 
-    def counted(reader, rows, without, **known):
+    def counted(reader, rows, without=(), **known):
         part = read(reader, rows, without, **known)
         sizes.extend([len(part)] if isinstance(part, ShapeSet) else [])
         return part
 
-    monkeypatch.setattr(shape_files, "read_rows", counted)
+    monkeypatch.setattr(shape_files, "_read", counted)
     _, outcomes = view(tmp_path, many)
     assert done(outcomes) == len(many)
     assert max(sizes) == BATCH

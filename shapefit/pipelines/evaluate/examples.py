@@ -18,7 +18,7 @@ from shapefit.evaluation.summary import Names
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io import ResultSet, ShapeSet, read_results
 from shapefit.io.columns import Column
-from shapefit.io.name_index import index_of
+from shapefit.io.name_index import NameIndex
 from shapefit.meshes.ellipses import covariances
 from shapefit.meshes.pictures import Pose, skeleton_picture
 from shapefit.pipelines.evaluate.judgement import Judgement, judge
@@ -158,13 +158,13 @@ def chosen_items(
 ) -> tuple[str, ...]:
     """Choose from the images that no method failed on; raises as `choose`."""
     first, *others = methods
-    indices = [(each, index_of(folder, each.items.blocks())) for each in others]
+    indices = [(each, NameIndex.of(each.items.blocks())) for each in others]
     common = Column(folder, np.int64)
     start = 0
     for items in first.items.blocks():
         shown = ~first.failed[start : start + len(items)]
         for other, index in indices:
-            rows = index.find(items, other.items)
+            rows = index.find(items)
             shown &= rows >= 0
             shown[shown] &= ~other.failed.take(rows[shown])
         common.append(start + np.flatnonzero(shown))

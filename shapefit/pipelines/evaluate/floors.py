@@ -77,21 +77,20 @@ class Floors:
         self._left_out: dict[str | None, None] = {}
         self._items, self._coder, self._codes = Texts(folder), Coder(), Column(folder, np.int32)
         self._errors: dict[tuple[str, str, str], Column] = {}
-        self._of_others = NameIndex(folder)
+        self._of_others = NameIndex.of([])
         self._folder = folder
 
     def begin_method(self) -> None:
         """Go on with another method: the images so far are not measured again."""
         self._flush()
-        for names in self._items.blocks(len(self._of_others)):
-            self._of_others.add(names)
+        self._of_others = NameIndex.of(self._items.blocks())
 
     def add(self, results: ResultSet, judgement: Judgement, truth: ShapeSet) -> None:
         """Add the images of a file. Raises as `named_items` and `errors`."""
         left_out: Sequence[str | None] = (None,) * len(results)
         if self._leave_out is not None:
             left_out = named_items(results, self._leave_out, judgement.file, KEY)
-        known = self._of_others.find(judgement.items, self._items) >= 0
+        known = self._of_others.find(judgement.items) >= 0
         for image in np.flatnonzero((judgement.truth_rows >= 0) & ~known).tolist():
             row = judgement.truth_rows[image]
             self._left_out[left_out[image]] = None

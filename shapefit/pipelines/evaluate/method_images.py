@@ -168,7 +168,7 @@ class MethodImages:
             file: partial(self.items.blocks, start, end)
             for file, start, end in zip(self.files, starts, self._ends, strict=False)
         }
-        for item, first, second in find_equal_names(blocks, self._folder).examples[:1]:
+        for item, first, second in find_equal_names(blocks).examples[:1]:
             found = f"has the item '{item}', which {first} has too"
             fix = "give each file a unique name in `results`, or leave one out"
             raise input_error(second, found, fix)

@@ -16,7 +16,7 @@ from shapefit.config.commands.evaluate import FloorsConfig
 from shapefit.errors import counted, input_error
 from shapefit.io import ShapeSource, open_shapes
 from shapefit.io.columns import Texts, nearest_folder
-from shapefit.io.name_index import NameIndex, index_of
+from shapefit.io.name_index import NameIndex
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import ShapeSet
 from shapefit.io.whole.folder import check_folder
@@ -152,7 +152,7 @@ class Truth:
         self._names = Texts(folder)
         self._next = 0
         shapes, landmarks = 0, 0
-        for part in source.file_chunks(AT_A_TIME):
+        for part in source.batches(AT_A_TIME, by_file=True):
             self._names.append(part.items)
             gaps = np.asarray(np.isnan(part.shapes).any(axis=1))
             shapes += int(gaps.any(axis=1).sum())
@@ -177,7 +177,7 @@ class Truth:
         """
         rows = self._in_order(items)
         if rows is None:
-            rows = np.unique(self._index.find(items, self._names))
+            rows = np.unique(self._index.find(items))
             rows = rows[rows >= 0]
         return self._source.take(rows if len(rows) else np.arange(min(1, self.count)))
 
@@ -196,7 +196,7 @@ class Truth:
 
     @cached_property
     def _index(self) -> NameIndex:
-        return index_of(self._folder, self._names.blocks())
+        return NameIndex.of(self._names.blocks())
 
 
 @contextmanager

@@ -76,7 +76,7 @@ def check_labels(
     """
     if not METHODS[config.method].has_prior:
         return ()
-    first = next(iter(source.chunks(LIMITS.first)), None)
+    first = next(iter(source.batches(LIMITS.first)), None)
     if first is None:
         return ()
     sample = choose_sample(straightened(first, find_calibrated(config.camera)))

@@ -55,8 +55,8 @@ def batches(source: LandmarkSource, size: int | None) -> Iterator[LandmarkSet]:
     stretches; with None they hold whole sequences, BATCH or more images at a time.
     """
     if size is None:
-        return whole_sequences(map(with_sequences, source.chunks(BATCH)))
-    return source.file_chunks(size)
+        return whole_sequences(map(with_sequences, source.batches(BATCH)))
+    return source.batches(size, by_file=True)
 
 
 def with_sequences(images: LandmarkSet) -> LandmarkSet:

@@ -115,7 +115,7 @@ def settle(
     Shapes that were learned of landmarks under weak perspective are seen so unless a camera is
     given.
     """
-    first = next(source.chunks(FIRST))
+    first = next(source.batches(FIRST))
     config, of_bars = with_calibration(config)
     if LEARNED_FROM in dictionary.provenance and config.camera.calibration is None:
         config = without_camera(config)

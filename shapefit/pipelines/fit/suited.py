@@ -15,7 +15,7 @@ from shapefit.config.paths import STANDARD_STREAM
 from shapefit.dictionary.model import SUITS
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks
-from shapefit.io.kinds.dictionaries import read_provenance
+from shapefit.io.dictionaries import read_provenance
 from shapefit.io.options import input_options
 
 ENOUGH = 10
@@ -68,7 +68,7 @@ def in_sequences(config: FitConfig) -> bool:
     options = replace(input_options(config.input, "motion"), rename={})
     try:
         with open_landmarks(config.landmarks, options) as source:
-            first = next(iter(source.chunks(LOOKED_AT)), None)
+            first = next(iter(source.batches(LOOKED_AT)), None)
     except InputError:  # no frames of a video; what is wrong with files the fit says itself
         return False
     return first is not None and are_long(first.sequences)

@@ -119,7 +119,7 @@ def read_batches(
 ) -> Iterator[tuple[ShapeSet, ShapeSet, Sequence[Failure]]]:
     """Read the shapes that can be normalised, those of them that are kept, and the failures."""
     seen: Counter[str] = Counter()
-    for given in source.chunks(options.batch):
+    for given in source.batches(options.batch):
         sequences = given.sequences or ("",) * len(given)
         kept = given.take(every_nth(sequences, options.every, seen))
         yield separate(given)[0], *separate(kept)

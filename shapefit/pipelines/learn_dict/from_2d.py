@@ -66,7 +66,7 @@ def learn_from_landmarks(
 
     Raises InputError with the verdict where depth cannot be learned from them.
     """
-    given = concatenate(list(source.chunks(4096))) if source.count else None
+    given = concatenate(list(source.batches(4096))) if source.count else None
     some = None if given is None else given.take(says_something(given))
     if some is None or len(some) < FEWEST_IMAGES:
         raise too_few(0 if some is None else len(some), source.count, place)

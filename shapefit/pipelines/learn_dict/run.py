@@ -32,8 +32,8 @@ from shapefit.io import (
     write_dictionary,
 )
 from shapefit.io.formats import find_writer
-from shapefit.io.kinds.listing import find_kind
 from shapefit.io.layout import DICTIONARY
+from shapefit.io.listing import find_kind
 from shapefit.io.memory import check_fits
 from shapefit.io.options import input_options
 from shapefit.io.sources import is_stream

@@ -13,9 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from shapefit.io.columns import nearest_folder
-from shapefit.io.kinds.opening import open_results
-from shapefit.io.name_index import Equal, NameIndex, find_equal_names, stable_hashes
+import numpy as np
+
+from shapefit.io.name_index import Equal, Hashes, find_equal_names, repeated, stable_hashes
+from shapefit.io.source import open_results
 
 Key = TypeVar("Key")
 Order = Callable[["Span"], tuple[Any, Any]]
@@ -77,7 +78,9 @@ def _split(group: Sequence[Key], spans: Mapping[Key, Span], order: Order) -> Ite
         yield together
 
 
-def find_equal_items(spans: Mapping[Path, Span], met: NameIndex, lifted: Collection[Path]) -> Equal:
+def find_equal_items(
+    spans: Mapping[Path, Span], met: list[Hashes], lifted: Collection[Path]
+) -> Equal:
     """Return the items that are in two or more results, all in one folder.
 
     met: the stable hashes of the names in the results that were just `lifted`. Of others they are
@@ -87,8 +90,8 @@ def find_equal_items(spans: Mapping[Path, Span], met: NameIndex, lifted: Collect
     groups = overlapping(spans) if lifted else []
     for part in (part for group in groups for part in group if part not in lifted):
         for block in _items(part):
-            met.add_hashes(stable_hashes(block))
-    if not groups or not any(map(len, met.repeated())):
+            met.append(stable_hashes(block))
+    if not groups or not met or not len(repeated(np.concatenate(met))):
         return Equal(0, ())
     return sum((find_equal(sorted(group)) for group in groups), Equal(0, ()))
 
@@ -96,7 +99,7 @@ def find_equal_items(spans: Mapping[Path, Span], met: NameIndex, lifted: Collect
 def find_equal(parts: Sequence[Path]) -> Equal:
     """Return the items that are in two or more of these results, which are read."""
     lists = {part: partial(_items, part) for part in parts}
-    return find_equal_names(lists, nearest_folder(parts[0]))
+    return find_equal_names(lists)
 
 
 def _items(part: Path) -> Iterator[Sequence[str]]:

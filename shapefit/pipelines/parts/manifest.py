@@ -14,8 +14,8 @@ from typing import Any
 from shapefit import __version__
 from shapefit.config.paths import MANIFEST, ResultFolder
 from shapefit.errors import InputError, counted, input_error
-from shapefit.io.kinds.opening import open_results
 from shapefit.io.memory import in_words
+from shapefit.io.source import open_results
 from shapefit.io.whole.atomic import atomic_path, storage_errors, write_all
 from shapefit.io.whole.folder import check_folder
 from shapefit.pipelines.parts.equal_items import Span, by_length
@@ -132,7 +132,7 @@ def damage_of(result: Path, entry: Mapping[str, Any]) -> InputError | None:
         return None
     try:
         with open_results([result], without=()) as source:
-            for _ in source.chunks(BATCH):
+            for _ in source.batches(BATCH):
                 pass
     except InputError as error:
         return error

@@ -17,7 +17,6 @@ from shapefit.io.formats import FORMATS, HDF5, FileFormat, group_inputs
 from shapefit.io.layout import LANDMARKS
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import HDF5_SIGNATURE, PARQUET_SIGNATURE, begins_with
-from shapefit.io.stored.files import open_stored
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.plan import read_options
 from shapefit.stores.shelf import State, find_state, on_threads
@@ -184,6 +183,8 @@ def _look_into(
     groups = group_inputs([path for path in paths if not small[path]], options)
 
     def look(group: tuple[FileFormat, tuple[Path, ...]]) -> Piece:
+        from shapefit.io.hdf5_records import Hdf5Reader
+
         known, inputs = group
         if known.reader is None:
             with one_at_a_time:  # files of text are read whole for their sequences
@@ -191,7 +192,7 @@ def _look_into(
             grows = known.together and not inputs[0].is_dir()
             return Piece(inputs, guess(inputs), sequences=sequences, grows=grows)
         try:
-            with open_stored(inputs[0], LANDMARKS) as reader:
+            with Hdf5Reader(inputs[0], LANDMARKS) as reader:
                 if whole:
                     return _cut_between_sequences(reader, config.partition)
                 return Piece(inputs, reader.count, _between_stretches(reader, config.partition))
@@ -245,7 +246,7 @@ def _named_sequences(paths: tuple[Path, ...], options: InputOptions) -> Iterator
     try:
         with open_landmarks(paths, options) as source:
             names: dict[str, None] = {}
-            for images in source.chunks(BATCH):
+            for images in source.batches(BATCH):
                 names.update(dict.fromkeys(images.sequences or ()))
     except InputError:  # whoever does the part reports it
         return

@@ -22,10 +22,9 @@ from shapefit.config.commands.fit import PartFormat
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError, abbreviate, counted, input_error, printable
 from shapefit.io import digest, open_landmarks, read_dictionary
-from shapefit.io.columns import nearest_folder
 from shapefit.io.formats import FORMATS, detect_format, find_writer, group_inputs
 from shapefit.io.layout import RESULTS
-from shapefit.io.name_index import Equal, NameIndex
+from shapefit.io.name_index import Equal, Hashes
 from shapefit.io.sources import is_stream
 from shapefit.pipelines.fit.plan import read_options
 from shapefit.pipelines.fit.settle import FIRST, plan_settling
@@ -168,7 +167,7 @@ def _run(
     yield Outcome(warnings=warnings, note=note)
     lost: list[Failure] = []
     images = 0
-    lifted, met = set[Path](), NameIndex(nearest_folder(folder.path))
+    lifted, met = set[Path](), list[Hashes]()
     began = time.monotonic()
 
     def pace() -> str:
@@ -190,7 +189,7 @@ def _run(
                 continue
             images += done.outcome.done
             lifted.add(folder.path / done.part.file)
-            met.add_hashes(np.frombuffer(done.hashes, np.uint64))
+            met.append(np.frombuffer(done.hashes, np.uint64))
             entry = done.part.describe() | done.entry()
             manifest.add(done.part.file, entry, folder.manifest)
             yield replace(done.outcome, note=pace())

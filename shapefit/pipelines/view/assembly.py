@@ -15,7 +15,7 @@ from shapefit.errors import counted
 from shapefit.io import read_dictionary
 from shapefit.io.formats import detect_format
 from shapefit.io.joined import agreed
-from shapefit.io.kinds.listing import Listing, list_file
+from shapefit.io.listing import Listing, list_file
 from shapefit.io.options import input_options
 from shapefit.io.skeletons import edges_of
 from shapefit.pipelines.export.origin import fit_dictionary

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from shapefit.config import ViewConfig
 from shapefit.errors import InputError, input_error
-from shapefit.io.kinds.listing import Listing, list_file
+from shapefit.io.listing import Listing, list_file
 from shapefit.io.options import InputOptions
 from shapefit.pipelines.items import ChosenItems
 from shapefit.pipelines.outcome import Failure, unread

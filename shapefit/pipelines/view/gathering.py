@@ -15,7 +15,7 @@ from shapefit.config import ViewConfig
 from shapefit.errors import input_error
 from shapefit.io import ShapeSource, open_shapes
 from shapefit.io.foreign.items import FRAME
-from shapefit.io.kinds.listing import AnyRecords, Listing, read_chunks
+from shapefit.io.listing import AnyRecords, Listing, read_chunks
 from shapefit.io.options import input_options
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.lifting.verdict import DOUBT

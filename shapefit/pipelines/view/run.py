@@ -11,7 +11,7 @@ import numpy as np
 
 from shapefit.config import ViewConfig
 from shapefit.errors import input_error, listed
-from shapefit.io.kinds.listing import Listing
+from shapefit.io.listing import Listing
 from shapefit.io.options import input_options
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_path, check_output

@@ -101,7 +101,7 @@ def test_it_equals_the_exact_kinematics(real_data, motions, exact, step, bound):
     mocap = real_data / "mocap"
     paths = [mocap / f"asfamc/{motion}.amc" for motion in motions]
     with open_shapes(paths, InputOptions(rename=CMU)) as source:
-        (found,) = source.chunks(source.count)
+        (found,) = source.batches(source.count)
     known = read_shapes([mocap / f"{exact}.h5"])
     columns = [found.landmark_names.index(name) for name in known.landmark_names]
     assert found.unit == "m"

@@ -74,7 +74,7 @@ def records(entry, path, options) -> Any:
     if entry["kind"] == "shapes":
         return read_shapes([path], options, gaps=True)
     with open_landmarks([path], options) as source:
-        (landmarks,) = source.chunks(max(source.count, 1))
+        (landmarks,) = source.batches(max(source.count, 1))
         return landmarks
 
 

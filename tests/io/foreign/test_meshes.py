@@ -15,7 +15,7 @@ FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 
 def read(*paths):
     with open_shapes(paths) as source:
-        (shapes,) = source.chunks(max(source.count, 1))
+        (shapes,) = source.batches(max(source.count, 1))
         return shapes, source.notes
 
 

@@ -111,7 +111,7 @@ def test_many_landmarks_at_zero_are_a_warning(tmp_path, points):
 def test_a_depth_beside_a_confidence_is_left_out_and_without_one_it_is_a_shape(tmp_path):
     text = "frame,a_x,a_y,a_z,b_x,b_y,b_z\n0,1,2,3,40,50,60\n"
     with open_shapes([table(tmp_path / "t.csv", text)]) as source:
-        (shapes,) = source.chunks(9)
+        (shapes,) = source.batches(9)
     assert shapes.shapes[0].T.tolist() == [[1, 2, 3], [40, 50, 60]]
     seen = text.replace("b_z", "b_z,a_visibility,b_visibility").replace("60", "60,0.5,1")
     images, (note,) = read(table(tmp_path / "t.csv", seen))
@@ -218,4 +218,4 @@ def test_our_own_layout_stays_what_it_was(tmp_path):
     path = table(tmp_path / "t.csv", "item,landmark,x,y\none,a,1,2\n")
     assert detect_format(path).title == "a CSV file"
     with open_landmarks([path]) as source:
-        assert next(iter(source.chunks(9))).items == ("one",)
+        assert next(iter(source.batches(9))).items == ("one",)

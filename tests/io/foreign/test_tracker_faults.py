@@ -31,7 +31,7 @@ def read_or_refuse(path) -> bool:
     """Whether a file can be read; False where it is refused in plain words."""
     try:
         with open_landmarks([path]) as source:
-            for _ in source.chunks(3):
+            for _ in source.batches(3):
                 pass
     except InputError:
         return False
@@ -356,7 +356,7 @@ def test_infinite_coordinates_are_hidden_and_counted(tmp_path, points, confidenc
     points[0, 0, 1, 0] = np.inf
     made.write_deeplabcut_hdf5(tmp_path / "t.h5", points, confidence)
     with open_landmarks([tmp_path / "t.h5"]) as source:
-        (found,) = source.chunks(100)
+        (found,) = source.batches(100)
         assert "1 landmarks hidden, whose coordinates are infinite" in source.notes[0]
     assert np.isnan(found.landmarks[0, :, 1]).all()
 

@@ -79,7 +79,7 @@ def test_files_with_and_without_edges_are_joined(tmp_path, points, confidence):
     for name, writer in (("a.csv", made.write_deeplabcut_csv), ("b.nwb", made.write_nwb)):
         writer(tmp_path / name, points, confidence)
     with open_landmarks([tmp_path / "a.csv", tmp_path / "b.nwb"]) as source:
-        parts = list(source.chunks(5))
+        parts = list(source.batches(5))
     assert len(parts) > 2
     for part in parts:
         np.testing.assert_array_equal(part.columns["edges"], parts[0].columns["edges"])
@@ -215,7 +215,7 @@ def test_what_a_user_placed_wins(tmp_path, points, confidence, by):
             table["track"][users] = -1
             file["instances"][...] = table
     with open_landmarks([path]) as source:
-        (found,) = source.chunks(100)
+        (found,) = source.batches(100)
         assert "2 predicted instances replaced by those that a user placed" in source.notes[0]
     assert len(found) == 14
     if by == "track":
@@ -317,7 +317,7 @@ def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
         "0,1,2,0.5,9,9\n1,-1,-1,-1,9,9\n2,3,4,1,9,9\n"
     )
     with open_landmarks([tmp_path / "t.csv"]) as source:
-        (found,) = source.chunks(10)
+        (found,) = source.batches(10)
         notes = "\n".join(source.notes)
     assert found.items == ("t/0", "t/2")
     assert found.landmarks[:, :, 0].tolist() == [[1, 2], [3, 4]]

@@ -13,7 +13,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks
-from shapefit.io.kinds.listing import find_kind
+from shapefit.io.listing import find_kind
 
 TEXT = b"scorer,a,a,a\nbodyparts,nose,nose,nose\ncoords,x,y,likelihood\n0,1,2,0.5\n"
 

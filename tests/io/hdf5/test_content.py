@@ -24,7 +24,7 @@ from tests.io.files import save
 
 def read_landmarks(*paths):
     with open_landmarks(paths) as source:
-        return list(source.chunks(3))
+        return list(source.batches(3))
 
 
 def test_files_are_laid_out_as_promised(shape_file, landmark_file, result_file, dictionary_file):

@@ -19,7 +19,7 @@ from tests.io.files import save
 
 def read_landmarks(*paths):
     with open_landmarks(paths) as source:
-        return list(source.chunks(3))
+        return list(source.batches(3))
 
 
 def open_landmarks_alone(path):

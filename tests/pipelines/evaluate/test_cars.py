@@ -17,7 +17,7 @@ pytestmark = pytest.mark.real_data
 @pytest.fixture
 def cars(real_data):
     with open_landmarks([real_data / "cars" / "annotated_cars.h5"]) as source:
-        return next(source.chunks(300))
+        return next(source.batches(300))
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ def fit(project, made_cars, tmp_path):
     """Fit three images of cars with these further datasets; returns the result and warnings."""
     write_dictionary(tmp_path / "dictionary.h5", made_cars)
     with open_landmarks([project / "sample_data" / "cars_views.h5"]) as source:
-        images = next(source.chunks(3))
+        images = next(source.batches(3))
 
     def fit(per_item=None, output="result.h5", edges=None, **keys):
         whole = {"camera_matrix": images.columns["camera_matrix"]}

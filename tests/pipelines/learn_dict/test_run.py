@@ -19,7 +19,7 @@ from shapefit.geometry.normalisation import centroid, normalise, spread
 from shapefit.geometry.procrustes import generalised_procrustes, rotation_onto
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import ShapeSet, digest, read_dictionary, read_shapes, write_shapes
-from shapefit.io.joined import Source
+from shapefit.io.source import Source
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict import training_shapes
 from shapefit.pipelines.learn_dict.prior import find_copies

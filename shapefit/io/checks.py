@@ -21,7 +21,7 @@ Blocks = Iterable[NDArray[np.float64]]
 Bad = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
-class Given:
+class InMemory:
     """Datasets in memory, with what the checks ask an open file for."""
 
     def __init__(self, name: str, record: Any, form: Layout) -> None:
@@ -62,7 +62,7 @@ class Given:
         return True
 
 
-Datasets: TypeAlias = "Hdf5Reader | Given"
+Datasets: TypeAlias = "Hdf5Reader | InMemory"
 """What is checked."""
 
 

@@ -12,10 +12,10 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
+from shapefit.io import checks
+from shapefit.io.checks import Datasets, InMemory
 from shapefit.io.formats import find_reader
 from shapefit.io.layout import DICTIONARY
-from shapefit.io.stored import checks
-from shapefit.io.stored.checks import Datasets, Given
 from shapefit.io.writing import record_writer
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def check_dictionary(reader: Datasets) -> None:
 
 def check_given_dictionary(dictionary: Dictionary, name: str) -> None:
     """Raise InputError for what `read_dictionary` would not read from a file."""
-    check_dictionary(Given(name, dictionary, DICTIONARY))
+    check_dictionary(InMemory(name, dictionary, DICTIONARY))
 
 
 def _check_mirror(reader: Datasets) -> None:

@@ -10,13 +10,12 @@ from typing import Any, Literal, get_args
 
 from shapefit.errors import input_error
 from shapefit.io.foreign.items import peek_recording
-from shapefit.io.formats import CSV, PARQUET, detect_format
-from shapefit.io.kinds.opening import open_landmarks, open_results, open_shapes
+from shapefit.io.formats import CSV, HDF5, PARQUET, detect_format
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT, Dataset
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.source import open_landmarks, open_results, open_shapes
 from shapefit.io.sources import is_stream
-from shapefit.io.stored.files import stored_form
 
 Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
@@ -39,8 +38,10 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
             return known.records[0]  # type: ignore[return-value]
         recording = peek_recording(known, (path,))
         return "landmarks" if recording.dimensions == 2 else "shapes"
-    if known.form is not None:
-        return stored_form(path).kind  # type: ignore[return-value]
+    if known is HDF5:
+        from shapefit.io.hdf5_records import layout_of
+
+        return layout_of(path).kind  # type: ignore[return-value]
     if known is CSV:
         return "shapes" if has_depth(path) else "landmarks"
     if known is PARQUET:
@@ -131,7 +132,7 @@ def read_chunks(listing: Listing, of_results: Collection[str]) -> Iterator[AnyRe
     """
     without = [dataset for dataset in OPTIONAL if dataset.name not in of_results]
     with _open(listing.path, listing.kind, listing.options, without) as source:
-        yield from source.chunks(BLOCK)
+        yield from source.batches(BLOCK)
 
 
 def _open(path: Path, kind: ListedKind, options: InputOptions, without: Collection[Dataset]) -> Any:

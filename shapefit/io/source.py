@@ -1,0 +1,505 @@
+"""Files of landmarks, shapes and results, in any format, as one source that gives out batches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.io.checks import InMemory, check_values, named
+from shapefit.io.foreign.items import are_fractions, keep_landmarks, size_needed
+from shapefit.io.formats import HDF5, FileFormat, detect_format, find_reader, group_inputs, mixture
+from shapefit.io.joined import common_head, conform
+from shapefit.io.landmark_names import check_known
+from shapefit.io.layout import (
+    LANDMARKS,
+    PROOF,
+    RESULTS,
+    SHAPES,
+    TREES,
+    Dataset,
+    Layout,
+)
+from shapefit.io.name_index import check_unique
+from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
+from shapefit.io.problems import Axis, check_magnitudes, warn_of_zeros
+from shapefit.io.records import LandmarkSet, Record, Records, ResultSet, ShapeSet, concatenate
+from shapefit.io.sources import source_name
+from shapefit.io.writing import record_writer
+
+if TYPE_CHECKING:
+    from shapefit.io.hdf5_records import Hdf5Reader
+
+PROOFS = PROOF + TREES
+"""Datasets of results that stay in the file unless they are asked for."""
+
+CENTRED = 0.1
+"""Share of coordinates below 0 from which on they are no fractions of an image, but points about
+a centre in a unit of their own."""
+
+MOST_HELD = 1 << 21
+"""Landmarks of all items and files together that are held, some 50 MB; more are read again."""
+
+GAP = 1 << 10
+"""Rows that are read and dropped rather than begun anew behind them."""
+
+KINDS: dict[str, type[Records]] = {
+    kind.LAYOUT.name: kind for kind in (LandmarkSet, ShapeSet, ResultSet)
+}
+
+
+def open_landmarks(
+    paths: Sequence[Path],
+    options: InputOptions = AS_THEY_ARE,
+    rows: slice | None = None,
+    *,
+    check: bool = True,
+) -> LandmarkSource:
+    """Open files of landmarks in any format (`-` is standard input) as one source.
+
+    Everything is checked before the first image is given out. Raises InputError for what is
+    wrong with a file, for items that occur twice, and for files that do not go together (other
+    units, directions of y, frame rates, or further datasets), and for names of landmarks to rename
+    that no file has. HDF5 is read a batch at a time, all else whole. `rows` are those of the one
+    HDF5 file that are given out: nothing else of it is read. Without `check` nothing but heads is
+    read of HDF5, and values and names are believed.
+    """
+    groups = group_inputs(paths, options)
+    held = MOST_HELD // len(groups)
+    files = [
+        _open(LANDMARKS, known, own, options, part=rows, most_held=held, check=check)
+        for known, own in groups
+    ]
+    files[0] = replace(files[0], notes=files[0].notes + mixture(groups))
+    return Source(_renamed(files, options), options.y_axis, check=check)
+
+
+def open_shapes(
+    paths: Sequence[Path],
+    options: InputOptions = AS_THEY_ARE,
+    *,
+    gaps: bool = False,
+    check: bool = True,
+) -> ShapeSource:
+    """Open files of shapes in any format (`-` is standard input) as one source.
+
+    Landmarks are matched by name and stand in the order of the first file, items in the order of
+    the files; where only some files have sequences, those of the others are empty texts.
+    Everything is checked before the first shape is given out. Raises InputError for what is wrong
+    with a file, for items that occur twice, and for files that do not go together (other
+    landmarks, units, meshes or further datasets). HDF5 is read a batch at a time, all else whole.
+
+    With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where it is in
+    one, and may lack its row in CSV. Without, that is wrong. `check` as in `open_landmarks`.
+    """
+    groups = group_inputs(paths, options)
+    files = [_open(SHAPES, known, own, options, gaps=gaps, check=check) for known, own in groups]
+    return Source(_renamed(files, options), check=check)
+
+
+def open_results(
+    paths: Sequence[Path],
+    without: Collection[Dataset] | None = None,
+    *,
+    proofs: bool = False,
+    check: bool = True,
+) -> ResultSource:
+    """Open results as one source; datasets in `without` are not read.
+
+    That is what proves the optimum, unless `proofs` asks for it. Of tables (CSV, Parquet) all but
+    shapes, names, items and sequences is None. HDF5 is read a batch at a time, tables whole. Raises
+    InputError for what is wrong with a file, for items that occur twice, and for files that do not
+    go together. `check` as in `open_landmarks`.
+    """
+    left = (() if proofs else PROOFS) if without is None else without
+    known = [(detect_format(path), (path,)) for path in paths]
+    files = [_open(RESULTS, *own, AS_THEY_ARE, without=left, check=check) for own in known]
+    return Source(files, check=check)
+
+
+def source_of(
+    records: Record, name: str, rename: Mapping[str, str], *, gaps: bool = False
+) -> Source[Record]:
+    """Return landmarks or shapes in memory as a source; `name` stands for a file in messages.
+
+    With `gaps` landmarks of shapes may be unknown. Raises InputError as for what a file holds.
+    """
+    memory = InMemory(name, records, records.LAYOUT)
+    check_values(memory, records.LAYOUT, gaps=gaps, items=records.items)
+    check_known(rename, [(name, records.landmark_names)])
+    records = records.with_whole_points().renamed(rename, name)
+    stated = records.y_axis if isinstance(records, LandmarkSet) else None
+    place = lambda row: memory.place("item", row)  # noqa: E731
+    return Source([SourceFile.held(name, records, place, y_axis=stated)])
+
+
+def read_shapes(
+    paths: Sequence[Path], options: InputOptions = AS_THEY_ARE, *, gaps: bool = False
+) -> ShapeSet:
+    """Read shapes from files of any format as one set, as `open_shapes` opens them."""
+    with open_shapes(paths, options, gaps=gaps) as source:
+        return source.whole()
+
+
+def read_results(path: Path, *, proofs: bool = False) -> ResultSet:
+    """Read a result from a file of any format that has one (`-` is standard input), as one.
+
+    What proves the optimum stays in the file unless `proofs` asks for it. Raises InputError as
+    `open_results`.
+    """
+    with open_results([path], proofs=proofs) as source:
+        return source.whole()
+
+
+def write_shapes(path: Path, shapes: ShapeSet) -> None:
+    """Write shapes to HDF5, or to a table where the name says so (without mesh and edges).
+
+    Raises InputError where the file cannot be written; the old one then stays as it was.
+    """
+    with record_writer(path, SHAPES) as writer:
+        writer.append(shapes)
+
+
+@dataclass(frozen=True)
+class SourceFile(Generic[Record]):
+    """One file of a source: `head` has all but the items, `open` gives a reader of rows.
+
+    items and sequences read those of all items anew, block by block; `place` names a row in
+    messages; notes are warnings about what was left out; y_axis is where y points, None where the
+    file does not say it.
+    """
+
+    name: str
+    head: Record
+    count: int
+    open: Callable[[], AbstractContextManager[Callable[[slice], Record]]]
+    items: Callable[[], Iterable[Sequence[str]]]
+    place: Callable[[int], str]
+    sequences: Callable[[], Iterable[Sequence[str]]] = tuple
+    notes: tuple[str, ...] = ()
+    y_axis: Direction | None = None
+
+    @classmethod
+    def held(
+        cls, name: str, records: Record, place: Callable[[int], str] | None = None, **said: Any
+    ) -> Self:
+        """Return records in memory as a file; without `place` messages name the file alone."""
+        return cls(
+            name,
+            records.take(slice(0)),
+            len(records),
+            lambda: nullcontext(records.take),
+            lambda: [records.items],
+            place or (lambda _: name),
+            lambda: [records.sequences or ()],
+            **said,
+        )
+
+    def changed(self, change: Callable[[Record], Record]) -> Self:
+        """Return a file that gives its records out changed, its head too."""
+
+        @contextmanager
+        def opened() -> Iterator[Callable[[slice], Record]]:
+            with self.open() as read:
+                yield lambda rows: change(read(rows))
+
+        return replace(self, head=change(self.head), open=opened)
+
+
+class Source(Generic[Record]):
+    """The items of one or more files; a context manager, which closes the files.
+
+    `head` has all but the items: their landmarks, unit, columns; `count` is how many items there
+    are. y_axis is where y points in files that do not say it.
+    """
+
+    def __init__(
+        self,
+        files: Sequence[SourceFile[Record]],
+        y_axis: Direction | None = None,
+        *,
+        check: bool = True,
+    ) -> None:
+        """Take files; raises InputError for files that differ, and, if `check`, equal items."""
+        self._files = files
+        self._running: list[Generator[Record, None, None]] = []
+        self.count = sum(file.count for file in files)
+        if check:
+            check_unique([(file.items, file.place) for file in files])
+        filled = [file for file in files if file.count] or files[
+            :1
+        ]  # files without items do not count
+        heads = [(file.name, file.head) for file in filled]
+        self.head: Record = common_head(heads, [(f.name, f.y_axis) for f in filled], y_axis)
+
+    @property
+    def states_y_axis(self) -> bool:
+        """Whether a file says where y points."""
+        return any(file.y_axis is not None for file in self._files)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Warnings about what was left out of the files."""
+        return tuple(note for file in self._files for note in file.notes)
+
+    def batches(self, size: int, *, by_file: bool = False) -> Iterator[Record]:
+        """Give out the items in order, `size` at a time (fewer in the last batch).
+
+        `by_file` gives none of two files together, so that what is made of a file does not depend
+        on those before it. A source without items gives one empty set, so that what is made of it
+        can be written.
+        """
+        if size < 1:
+            raise ValueError(f"size must be at least 1, not {size}")
+        batches = self._read_files(size) if by_file else self._read(size)
+        self._running.append(batches)
+        return batches
+
+    def first(self, count: int) -> Record:
+        """Return the first items, at most `count`."""
+        return next(self.batches(count))
+
+    def whole(self) -> Record:
+        """Return all items as one record."""
+        return concatenate(list(self.batches(max(self.count, 1))))
+
+    def names(self) -> Iterator[Sequence[str]]:
+        """Read the items, block by block."""
+        return chain.from_iterable(file.items() for file in self._files)
+
+    def sequences(self) -> Iterator[Sequence[str]]:
+        """Read the sequences of all items, block by block; an empty text where there is none."""
+        for file in self._files:
+            if file.head.sequences is None:
+                yield ("",) * file.count
+            else:
+                yield from file.sequences()
+
+    def take(self, rows: NDArray[np.intp]) -> Record:
+        """Return the items of these rows, which ascend, none twice; near ones are read together."""
+        parts: list[Record] = []
+        starts = np.cumsum([0, *(file.count for file in self._files)])
+        numbers = np.searchsorted(starts, rows, "right") - 1
+        for number in np.unique(numbers).tolist():
+            file, own = self._files[number], rows[numbers == number] - starts[number]
+            with file.open() as read:
+                for near in np.split(own, np.flatnonzero(np.diff(own) > GAP) + 1):
+                    first, last = int(near[0]), int(near[-1])
+                    part = read(slice(first, last + 1))
+                    part = part if len(part) == len(near) else part.take(near - first)
+                    parts.append(conform(part, self.head, file.name))
+        return concatenate(parts) if parts else self.head
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        for batches in self._running:
+            batches.close()
+
+    def _read(self, size: int) -> Generator[Record, None, None]:
+        parts: list[Record] = []
+        held = 0
+        for part in self._read_files(size):
+            while held + len(part) > size:
+                if room := size - held:
+                    parts.append(part.take(slice(0, room)))
+                    part = part.take(slice(room, None))
+                yield concatenate(parts)
+                parts, held = [], 0
+            parts.append(part)
+            held += len(part)
+        if parts:
+            yield concatenate(parts)
+
+    def _read_files(self, size: int) -> Generator[Record, None, None]:
+        if self.count == 0:
+            yield self.head
+        for file in self._files:
+            with file.open() as read:
+                for start in range(0, file.count, size):
+                    rows = slice(start, min(start + size, file.count))
+                    yield conform(read(rows), self.head, file.name)
+
+
+LandmarkSource = Source[LandmarkSet]
+ShapeSource = Source[ShapeSet]
+ResultSource = Source[ResultSet]
+
+
+def _open(
+    form: Layout,
+    known: FileFormat,
+    paths: tuple[Path, ...],
+    options: InputOptions,
+    *,
+    gaps: bool = False,
+    part: slice | None = None,
+    without: Collection[Dataset] = (),
+    most_held: int = 0,
+    check: bool = True,
+) -> SourceFile[Any]:
+    """Open a file of any format; one that is read whole gives out parts of what was read."""
+    path, name = paths[0], source_name(paths[0])
+    notes: tuple[str, ...] = ()
+    if known.recorder is not None and form is not RESULTS:
+        from shapefit.io.foreign.items import read_landmarks
+        from shapefit.io.foreign.items import read_shapes as read_foreign_shapes
+
+        if form is LANDMARKS:
+            images, notes = read_landmarks(known, paths, options)
+            stated = images.y_axis if known.states_y_axis else None
+            return SourceFile.held(name, images, notes=notes, y_axis=stated)
+        records, notes = read_foreign_shapes(known, paths, options, gaps=gaps)
+    else:
+        read = find_reader(path, form.kind, known)
+        if known is HDF5:
+            file = _open_hdf5(path, form, gaps, part, without, most_held, check)
+            return _hiding(file, options.likelihood_below)
+        further = {"gaps": gaps} if form is SHAPES else {}
+        records = read(*((paths,) if known.together else paths), **further)
+        if known.together:
+            records, notes = records
+    if form is SHAPES:
+        landmarks = Axis("landmark", records.landmark_names)
+        check_magnitudes(name, records.shapes, Axis("item", records.items), landmarks)
+    elif isinstance(records, LandmarkSet):
+        records = in_pixels(records, options, name)  # type: ignore[assignment]
+    if isinstance(records, LandmarkSet) and records.confidence is None:
+        found = warn_of_zeros(records.landmarks.swapaxes(1, 2))
+        notes += tuple(f"{name}: {text}" for text in found)
+    stated = getattr(records, "y_axis", None) if known.states_y_axis else None
+    file = SourceFile.held(name, records, notes=notes, y_axis=stated)
+    return _hiding(file, options.likelihood_below)
+
+
+def _open_hdf5(
+    path: Path,
+    form: Layout,
+    gaps: bool,
+    part: slice | None,
+    without: Collection[Dataset],
+    most_held: int,
+    check: bool,
+) -> SourceFile[Any]:
+    """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
+
+    Items of at most so many landmarks together are read once and held, others whenever they are
+    needed. Raises InputError for what is wrong with it.
+    """
+    from shapefit.io.hdf5_records import Hdf5Reader
+
+    @contextmanager
+    def opened() -> Iterator[Callable[[slice], Records]]:
+        with Hdf5Reader(path, form) as reader:
+            yield lambda rows: _read(reader, slice(start + rows.start, start + rows.stop), without)
+
+    def items_of() -> Iterator[Sequence[str]]:
+        with Hdf5Reader(path, form) as reader:
+            yield from named(reader, reader.read_blocks("item", part))
+
+    def sequences_of() -> Iterator[Sequence[str]]:
+        with Hdf5Reader(path, form) as reader:
+            yield from reader.read_blocks("sequence", part)
+
+    def place(row: int) -> str:
+        return f"{path}:/item[{start + row}]"
+
+    with Hdf5Reader(path, form) as reader:
+        start, stop, _ = (part or slice(None)).indices(reader.count)
+        if (stop - start) * len(reader.landmark_names) <= most_held and check:
+            items = tuple(chain.from_iterable(reader.read_blocks("item", part)))
+            check_values(reader, form, gaps=gaps, part=part, items=items)
+            records = _read(reader, slice(start, stop), without, items=items)
+            return SourceFile.held(str(path), records, place, y_axis=reader.y_axis)
+        if check:
+            check_values(reader, form, gaps=gaps, part=part)
+        return SourceFile(
+            name=str(path),
+            head=_read(reader, slice(0), without),
+            count=stop - start,
+            open=opened,
+            items=items_of,
+            place=place,
+            sequences=sequences_of,
+            y_axis=reader.y_axis,
+        )
+
+
+def _read(
+    reader: Hdf5Reader,
+    rows: slice,
+    without: Collection[Dataset] = (),
+    *,
+    items: tuple[str, ...] | None = None,
+) -> Any:
+    """Return the records of these items, but for some datasets; `items` are names at hand."""
+    kind = KINDS[reader.form.name]
+    said: dict[str, Any] = {"unit": reader.unit, "frame_rate": reader.frame_rate}
+    if kind is not ShapeSet:
+        said["y_axis"] = reader.y_axis or "down"
+    if kind is ResultSet:
+        said["attributes"] = reader.attributes
+    if items is not None:
+        said["items"] = items
+        without = [*without, *(known for known in reader.form.datasets if known.name == "item")]
+    further = reader.further(rows)
+    fields = reader.fields(rows, without=without)
+    found = kind(**fields, **further, **said)
+    return found if kind is ResultSet else found.with_whole_points()
+
+
+def _renamed(files: Sequence[SourceFile[Any]], options: InputOptions) -> list[SourceFile[Any]]:
+    """Return files whose landmarks have their new names; InputError for those that none has.
+
+    Of these the landmarks that are kept.
+    """
+    rename, kept = options.rename, options.landmarks
+    check_known(rename, [(file.name, file.head.landmark_names) for file in files])
+
+    def change(records: Any, place: str) -> Any:
+        records = records.renamed(rename, place) if rename else records
+        return records if kept is None else keep_landmarks(records, kept, place)
+
+    if not rename and kept is None:
+        return list(files)
+    return [
+        file.changed(lambda records, place=file.name: change(records, place))  # type: ignore[misc]
+        for file in files
+    ]
+
+
+def in_pixels(images: LandmarkSet, options: InputOptions, name: str) -> LandmarkSet:
+    """Return landmarks of a table of ours in pixels, where they are fractions of an image.
+
+    Raises InputError for fractions without `image_size`.
+    """
+    placed = images.landmarks[np.isfinite(images.landmarks)]
+    if not are_fractions(placed) or (placed < 0).mean() > CENTRED:
+        return images
+    if options.image_size is None:
+        raise size_needed(name)
+    size = np.array(options.image_size)[:, None]
+    return images.replaced(landmarks=images.landmarks * size, unit="px")
+
+
+def _hiding(file: SourceFile[Any], least: float) -> SourceFile[Any]:
+    """Return a file that hides landmarks whose confidence is below `least`."""
+    if not least or getattr(file.head, "confidence", None) is None:
+        return file
+
+    def hidden(images: LandmarkSet) -> LandmarkSet:
+        assert images.confidence is not None
+        doubtful = images.confidence < least
+        return images.replaced(
+            landmarks=np.where(doubtful[:, None], np.nan, images.landmarks),
+            confidence=np.where(doubtful, 0.0, images.confidence),
+        )
+
+    return file.changed(hidden)
